@@ -12,7 +12,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements.arrays import Array, LocalIndices
 
-__all__ = ["cell_nodes", "interpolation_points", "is_petsc_option_used", "single_entry_matrix"]
+__all__ = ["cell_nodes", "interpolation_points", "is_petsc_option_used", "matrix_with_single_entry_rows"]
 
 
 def cell_nodes(mesh: Mesh) -> LocalIndices:
@@ -34,7 +34,7 @@ def is_petsc_option_used(name: str) -> bool:
     return bool(is_used.value)
 
 
-def single_entry_matrix(
+def matrix_with_single_entry_rows(
     columns: npt.NDArray[np.integer],
     sizes: tuple[tuple[int, int], tuple[int, int]],
     comm: MPI.Comm | PETSc.Comm,

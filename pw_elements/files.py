@@ -31,21 +31,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-MARK_NAME = ".pw-elements"
+FOLDER_MARK_FILE_NAME = ".pw-elements"
 
-_CREATOR = "pw_elements"
+_MARK_CREATOR_NAME = "pw_elements"
 _UNFINISHED_SUFFIX = ".pw-elements-unfinished"
-_UNFINISHED_PATTERN = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(_UNFINISHED_SUFFIX)}")
+_UNFINISHED_NAME_PATTERN = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(_UNFINISHED_SUFFIX)}")
 # Name of the old folder during its replacement, on systems that cannot exchange two folders
-_REPLACED_NAME = ".replaced"
-_SCRATCH_NAME = ".scratch"
-_CONTAINER_KIND = "unfinished"  # kind of the temporary folder that holds the new folder
+_REPLACED_FOLDER_NAME = ".replaced"
+_SCRATCH_FOLDER_NAME = ".scratch"
+_TEMPORARY_FOLDER_KIND = "unfinished"  # kind of the temporary folder that holds the new folder
 # Attempts to create and lock a new file: another process may remove the file before it is locked
 _MAX_CREATION_ATTEMPTS = 10
 _MAX_NAMES_IN_MESSAGE = 3
 # Constants of Linux' renameat2(2)
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
-_EXCHANGE_UNSUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
+_EXCHANGE_UNSUPPORTED_ERROR_NUMBERS = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 class ForeignEntry(FileExistsError):
@@ -53,14 +53,14 @@ class ForeignEntry(FileExistsError):
 
 
 @contextmanager
-def replacing_file(
-    path: Path, is_ours: Callable[[Path], bool] | None = None
+def open_replacement_file(
+    path: Path, may_replace: Callable[[Path], bool] | None = None
 ) -> Iterator[IO[bytes]]:
     """Open a file that replaces the file at a path, or creates it, when the block ends.
 
     Args:
         path: Path of the file, in an existing folder. If it is a link, its target is replaced.
-        is_ours: Function that returns whether the existing file at a path may be replaced. By
+        may_replace: Function that returns whether the existing file at a path may be replaced. By
             default any regular file may be replaced.
 
     Raises:
@@ -68,16 +68,16 @@ def replacing_file(
         OSError: If the file cannot be written. The old file is unchanged in this case.
     """
     path = path.resolve()
-    check_file_replaceable(path, is_ours)
+    check_file_replaceable(path, may_replace)
     remove_unfinished(path.parent)
-    with _report_target_in_errors(path):
-        temporary, descriptor = _create_locked(path.parent)
+    with _name_final_path_in_errors(path):
+        temporary, descriptor = _create_locked_temporary_file(path.parent)
         try:
             with os.fdopen(descriptor, "wb") as stream:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
-                check_file_replaceable(path, is_ours)
+                check_file_replaceable(path, may_replace)
                 os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):
@@ -85,9 +85,9 @@ def replacing_file(
             raise
 
 
-def replace_file(path: Path, content: bytes, is_ours: Callable[[Path], bool] | None = None) -> None:
-    """Write a file completely or not at all; the arguments are those of `replacing_file`."""
-    with replacing_file(path, is_ours) as stream:
+def replace_file(path: Path, content: bytes, may_replace: Callable[[Path], bool] | None = None) -> None:
+    """Write a file completely or not at all; the arguments are those of `open_replacement_file`."""
+    with open_replacement_file(path, may_replace) as stream:
         stream.write(content)
 
 
@@ -128,10 +128,10 @@ class FolderReplacement:
         """
         check_folder_replaceable(self.path, self.kind)
         remove_unfinished(self.path.parent)
-        with _report_target_in_errors(self.path):
-            self._container = _make_container(self.path)
+        with _name_final_path_in_errors(self.path):
+            self._container = _create_locked_temporary_folder(self.path)
             container, _ = self._container
-            self.folder, self.scratch = container / self.path.name, container / _SCRATCH_NAME
+            self.folder, self.scratch = container / self.path.name, container / _SCRATCH_FOLDER_NAME
             try:
                 for folder in (self.folder, self.scratch):
                     os.mkdir(folder)
@@ -146,14 +146,14 @@ class FolderReplacement:
             ForeignEntry: If the path now holds something that must not be replaced.
             OSError: If the new folder cannot be moved. The old folder is unchanged in this case.
         """
-        with _report_target_in_errors(self.path):
-            entries = sorted(_list_entries(self.folder))
+        with _name_final_path_in_errors(self.path):
+            entries = sorted(_list_relative_paths(self.folder))
             if self.durable:
                 for entry in entries:
                     _sync_file(self.folder / entry)
-            _write_mark(self.folder, self.kind, entries)
+            _write_folder_mark(self.folder, self.kind, entries)
             check_folder_replaceable(self.path, self.kind)
-            if os.path.lexists(self.path) and not _list_entries(self.path):
+            if os.path.lexists(self.path) and not _list_relative_paths(self.path):
                 _remove_marked_folder(
                     self.path, []
                 )  # an exchange could move files that are being added at this moment
@@ -167,7 +167,7 @@ class FolderReplacement:
         """Exchange the new with the old folder; undo this if the old one must not be replaced."""
         replaced = self.folder
         if not _exchange_folders(self.folder, self.path):
-            replaced = self.folder.with_name(_REPLACED_NAME)
+            replaced = self.folder.with_name(_REPLACED_FOLDER_NAME)
             os.rename(self.path, replaced)
             try:
                 os.rename(self.folder, self.path)
@@ -194,7 +194,7 @@ class FolderReplacement:
         container, descriptor = self._container
         self._container = None
         with suppress(OSError):
-            _remove_container(container)
+            _remove_temporary_folder(container)
         with suppress(OSError):
             os.close(descriptor)
 
@@ -216,7 +216,7 @@ def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
         replacement.abandon()
 
 
-def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = None) -> None:
+def check_file_replaceable(path: Path, may_replace: Callable[[Path], bool] | None = None) -> None:
     """Check that a path is free or holds a regular file that may be replaced.
 
     Raises:
@@ -227,7 +227,7 @@ def check_file_replaceable(path: Path, is_ours: Callable[[Path], bool] | None = 
         return
     if not path.is_file():
         raise ForeignEntry(f"{path} is no regular file: it is not replaced")
-    if is_ours is not None and not is_ours(path):
+    if may_replace is not None and not may_replace(path):
         raise ForeignEntry(
             f"{path} is there, and was not written by pw_elements: it is not replaced. Move it "
             "away, or give another name"
@@ -248,8 +248,8 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
         return
     if not path.is_dir():
         raise ForeignEntry(f"{path} is there and is no folder: it is not replaced")
-    content = _list_entries(path)
-    mark = _read_mark(path)
+    content = _list_relative_paths(path)
+    mark = _read_folder_mark(path)
     if not mark and not content:
         return
     if mark.get("kind") != kind or not isinstance(mark.get("entries"), list):
@@ -259,20 +259,20 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
         )
     if foreign := sorted(content - {*mark["entries"]}):
         raise ForeignEntry(
-            f"{path} is not replaced: it holds {_format_names(foreign)}, not written with it. Move "
+            f"{path} is not replaced: it holds {_format_first_names(foreign)}, not written with it. Move "
             "that away, or give another name"
         )
 
 
 def claim_folder(
-    path: Path, kind: str, may_adopt: Callable[[Path], bool] = lambda _: False
+    path: Path, kind: str, may_mark_existing: Callable[[Path], bool] = lambda _: False
 ) -> None:
     """Create a marked folder for files that are replaced one by one, or accept an existing one.
 
     Args:
         path: Path of the folder. Missing parent folders are created.
         kind: Description of the folder, which is stored in its mark.
-        may_adopt: Function that returns whether an existing folder without a mark may be marked.
+        may_mark_existing: Function that returns whether an existing folder without a mark may be marked.
             Empty folders always are.
 
     Raises:
@@ -280,15 +280,15 @@ def claim_folder(
         OSError: If the folder cannot be created.
     """
     path.mkdir(parents=True, exist_ok=True)
-    mark = _read_mark(path)
+    mark = _read_folder_mark(path)
     if mark.get("kind") == kind:
         return
-    if mark or (_list_entries(path) and not may_adopt(path)):
+    if mark or (_list_relative_paths(path) and not may_mark_existing(path)):
         raise ForeignEntry(
             f"{path} is not empty, and does not say that it is {kind} of pw_elements: name a new "
             "folder, or an empty one"
         )
-    replace_file(path / MARK_NAME, _make_mark(kind, None))
+    replace_file(path / FOLDER_MARK_FILE_NAME, _encode_folder_mark(kind, None))
 
 
 def remove_unfinished(folder: Path) -> None:
@@ -300,16 +300,16 @@ def remove_unfinished(folder: Path) -> None:
     try:
         with os.scandir(folder) as entries:
             unfinished = [
-                Path(entry.path) for entry in entries if _UNFINISHED_PATTERN.fullmatch(entry.name)
+                Path(entry.path) for entry in entries if _UNFINISHED_NAME_PATTERN.fullmatch(entry.name)
             ]
     except OSError:  # the caller meets the same error when it writes
         return
     for path in unfinished:
         with suppress(OSError):
-            _remove_if_abandoned(path)
+            _remove_unless_locked(path)
 
 
-def _remove_if_abandoned(path: Path) -> None:
+def _remove_unless_locked(path: Path) -> None:
     """Remove an unfinished file or folder; raise OSError if a process holds its lock."""
     status = os.lstat(path)
     if status.st_uid != os.geteuid():
@@ -321,13 +321,13 @@ def _remove_if_abandoned(path: Path) -> None:
         with suppress(OSError):
             os.rmdir(path)  # its process was killed before it wrote the mark
             return
-        locked_file = path / MARK_NAME
+        locked_file = path / FOLDER_MARK_FILE_NAME
     descriptor = os.open(locked_file, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if path.is_dir():
-            _restore_replaced(path)
-            _remove_container(path)
+            _restore_replaced_folder(path)
+            _remove_temporary_folder(path)
         else:
             os.unlink(path)
     finally:
@@ -335,7 +335,7 @@ def _remove_if_abandoned(path: Path) -> None:
 
 
 @contextmanager
-def _report_target_in_errors(path: Path) -> Iterator[None]:
+def _name_final_path_in_errors(final_path: Path) -> Iterator[None]:
     """Replace the name of a temporary file in an OSError by the path of the final file."""
     try:
         yield
@@ -344,26 +344,26 @@ def _report_target_in_errors(path: Path) -> Iterator[None]:
             error.filename and _UNFINISHED_SUFFIX not in str(error.filename)
         ):
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        raise OSError(error.errno, error.strerror, str(final_path)) from error
 
 
-def _create_locked(folder: Path) -> tuple[Path, int]:
+def _create_locked_temporary_file(folder: Path) -> tuple[Path, int]:
     """Create an unfinished file in a folder; return its path and its locked descriptor."""
     for _ in range(_MAX_CREATION_ATTEMPTS):
         path = folder / f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}"
-        descriptor = _open_locked(path)
+        descriptor = _create_and_lock_file(path)
         if descriptor is not None:
             return path, descriptor
-    raise _removed_too_often(folder)
+    raise _removed_too_often_error(folder)
 
 
-def _make_container(path: Path) -> tuple[Path, int]:
+def _create_locked_temporary_folder(final_path: Path) -> tuple[Path, int]:
     """Make an unfinished folder beside a path; return its path and its mark's locked descriptor."""
     for _ in range(_MAX_CREATION_ATTEMPTS):
-        container = path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}")
+        container = final_path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}")
         os.mkdir(container)
         try:
-            descriptor = _open_locked(container / MARK_NAME)
+            descriptor = _create_and_lock_file(container / FOLDER_MARK_FILE_NAME)
         except FileNotFoundError:  # another process has removed the folder
             continue
         except BaseException:
@@ -373,25 +373,25 @@ def _make_container(path: Path) -> tuple[Path, int]:
         if descriptor is None:
             continue
         try:
-            _write_all(descriptor, _make_mark(_CONTAINER_KIND, None, path.name))
+            _write_all(descriptor, _encode_folder_mark(_TEMPORARY_FOLDER_KIND, None, final_path.name))
         except BaseException:
             with suppress(OSError):
-                _remove_container(container)
+                _remove_temporary_folder(container)
             os.close(descriptor)
             raise
         return container, descriptor
-    raise _removed_too_often(path.parent)
+    raise _removed_too_often_error(final_path.parent)
 
 
-def _removed_too_often(folder: Path) -> OSError:
+def _removed_too_often_error(folder: Path) -> OSError:
     return OSError(errno.EAGAIN, "another process removes what this one makes", str(folder))
 
 
-def _open_locked(path: Path) -> int | None:
+def _create_and_lock_file(path: Path) -> int | None:
     """Create and lock a file; return its descriptor, or None if another process has removed it."""
-    descriptor = _open_new(path)
+    descriptor = _create_new_file(path)
     try:
-        if _try_lock(descriptor):
+        if _try_lock_new_file(descriptor):
             return descriptor
     except BaseException:
         with suppress(OSError):
@@ -402,11 +402,11 @@ def _open_locked(path: Path) -> int | None:
     return None
 
 
-def _open_new(path: Path) -> int:
+def _create_new_file(path: Path) -> int:
     return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
 
-def _try_lock(descriptor: int) -> bool:
+def _try_lock_new_file(descriptor: int) -> bool:
     """Lock a new file; return whether this succeeded before another process locked or removed it.
 
     Also return True on file systems without locks.
@@ -442,50 +442,50 @@ def _exchange_folders(first: Path, second: Path) -> bool:
     if not rename(_AT_FDCWD, encoded_paths[0], _AT_FDCWD, encoded_paths[1], _RENAME_EXCHANGE):
         return True
     error_number = ctypes.get_errno()
-    if error_number in _EXCHANGE_UNSUPPORTED:
+    if error_number in _EXCHANGE_UNSUPPORTED_ERROR_NUMBERS:
         return False
     raise OSError(error_number, os.strerror(error_number), str(second))
 
 
-def _restore_replaced(container: Path) -> None:
+def _restore_replaced_folder(temporary_folder: Path) -> None:
     """Restore the old folder of an interrupted replacement, if its path is free."""
-    name, replaced = _read_mark(container).get("place"), container / _REPLACED_NAME
+    name, replaced = _read_folder_mark(temporary_folder).get("place"), temporary_folder / _REPLACED_FOLDER_NAME
     if isinstance(name, str) and name and os.path.lexists(replaced):
-        target = container.with_name(name)
+        target = temporary_folder.with_name(name)
         if not os.path.lexists(target):
             os.rename(replaced, target)
 
 
-def _remove_container(container: Path) -> None:
+def _remove_temporary_folder(temporary_folder: Path) -> None:
     """Remove an unfinished folder and the folder in it that is being written.
 
     Of a marked folder, only the entries that the mark lists are removed.
     """
-    with os.scandir(container) as entries:
-        paths = [Path(entry.path) for entry in entries if entry.name != MARK_NAME]
+    with os.scandir(temporary_folder) as entries:
+        paths = [Path(entry.path) for entry in entries if entry.name != FOLDER_MARK_FILE_NAME]
     for path in paths:
         if path.is_symlink() or not path.is_dir():
             os.unlink(path)
-        elif isinstance(listed := _read_mark(path).get("entries"), list):
+        elif isinstance(listed := _read_folder_mark(path).get("entries"), list):
             _remove_marked_folder(path, listed)
         else:
             shutil.rmtree(path)
-    os.unlink(container / MARK_NAME)
-    os.rmdir(container)
+    os.unlink(temporary_folder / FOLDER_MARK_FILE_NAME)
+    os.rmdir(temporary_folder)
 
 
-def _remove_marked_folder(folder: Path, entries: list[str]) -> None:
+def _remove_marked_folder(folder: Path, listed_entries: list[str]) -> None:
     """Remove the listed entries of a folder, then the folder; raise OSError if it is not empty."""
     for entry in sorted(
-        _list_entries(folder) & {*entries}, reverse=True
+        _list_relative_paths(folder) & {*listed_entries}, reverse=True
     ):  # the content of a folder before the folder
         (os.rmdir if entry.endswith("/") else os.unlink)(folder / entry)
-    if not _list_entries(folder):
-        remove_file(folder / MARK_NAME)
+    if not _list_relative_paths(folder):
+        remove_file(folder / FOLDER_MARK_FILE_NAME)
     os.rmdir(folder)
 
 
-def _list_entries(folder: Path, prefix: str = "") -> set[str]:
+def _list_relative_paths(folder: Path, prefix: str = "") -> set[str]:
     """Return the relative paths of a folder's content, except its mark.
 
     Paths of sub-folders end with a slash. Unfinished files are left out.
@@ -495,44 +495,44 @@ def _list_entries(folder: Path, prefix: str = "") -> set[str]:
         for entry in entries:
             relative_path = f"{prefix}{entry.name}"
             if entry.is_dir(follow_symlinks=False):
-                relative_paths |= {f"{relative_path}/"} | _list_entries(
+                relative_paths |= {f"{relative_path}/"} | _list_relative_paths(
                     Path(entry.path), f"{relative_path}/"
                 )
-            elif relative_path != MARK_NAME and not _UNFINISHED_PATTERN.fullmatch(relative_path):
+            elif relative_path != FOLDER_MARK_FILE_NAME and not _UNFINISHED_NAME_PATTERN.fullmatch(relative_path):
                 relative_paths.add(relative_path)
     return relative_paths
 
 
-def _make_mark(kind: str, entries: list[str] | None, target_name: str = "") -> bytes:
+def _encode_folder_mark(kind: str, entries: list[str] | None, target_name: str = "") -> bytes:
     """Return the content of a mark, as JSON."""
-    mark = {"made by": _CREATOR, "kind": kind, "entries": entries, "place": target_name}
+    mark = {"made by": _MARK_CREATOR_NAME, "kind": kind, "entries": entries, "place": target_name}
     return (json.dumps(mark, indent=1) + "\n").encode()
 
 
-def _write_mark(folder: Path, kind: str, entries: list[str]) -> None:
-    descriptor = _open_new(folder / MARK_NAME)
+def _write_folder_mark(folder: Path, kind: str, entries: list[str]) -> None:
+    descriptor = _create_new_file(folder / FOLDER_MARK_FILE_NAME)
     try:
-        _write_all(descriptor, _make_mark(kind, entries))
+        _write_all(descriptor, _encode_folder_mark(kind, entries))
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
-def _read_mark(folder: Path) -> dict[str, Any]:
+def _read_folder_mark(folder: Path) -> dict[str, Any]:
     """Return the mark of a folder as a mapping.
 
     It is empty if the folder has no mark. Its "kind" is None if the library did not write it.
     """
     try:
-        mark = json.loads((folder / MARK_NAME).read_bytes())
+        mark = json.loads((folder / FOLDER_MARK_FILE_NAME).read_bytes())
     except FileNotFoundError:
         return {}
     except (ValueError, RecursionError):
         return {"kind": None}
-    is_ours = isinstance(mark, dict) and mark.get("made by") == _CREATOR
+    is_ours = isinstance(mark, dict) and mark.get("made by") == _MARK_CREATOR_NAME
     return mark if is_ours else {"kind": None}
 
 
-def _format_names(names: list[str]) -> str:
+def _format_first_names(names: list[str]) -> str:
     n_more = len(names) - _MAX_NAMES_IN_MESSAGE
     return ", ".join(names[:_MAX_NAMES_IN_MESSAGE]) + (f" and {n_more} more" if n_more > 0 else "")

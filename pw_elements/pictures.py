@@ -24,15 +24,15 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.elasticity import locate_facets_in_cells
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.elasticity import locate_facet_nodes_in_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
 
 
-SUB_TRIANGLES = {
+SUB_TRIANGLE_NODES_BY_NODE_COUNT = {
     6: [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
     9: [
         *([0, 4, 8], [0, 8, 5], [4, 1, 6], [4, 6, 8]),
@@ -43,21 +43,21 @@ SUB_TRIANGLES = {
 
 Nodes are numbered in Basix' order.
 """
-_CELL_OF_FACET_NODES = {6: basix.CellType.triangle, 9: basix.CellType.quadrilateral}
-_OUTLINE_NODES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
+_FACET_TYPE_BY_NODE_COUNT = {6: basix.CellType.triangle, 9: basix.CellType.quadrilateral}
+_OUTLINE_NODES_BY_NODE_COUNT = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
 # Parts into which each edge of a facet of a solid is divided; each resulting triangle has one
 # colour
-_PARTS_PER_EDGE = 4
-_PLAIN_COLOUR = (0.78, 0.82, 0.86)
-_MAX_COORDINATE = 1e150  # areas of faces with larger coordinates overflow
+_DRAWN_PARTS_PER_FACET_EDGE = 4
+_BODY_COLOUR_WITHOUT_VALUES = (0.78, 0.82, 0.86)
+_MAX_DRAWN_COORDINATE = 1e150  # areas of faces with larger coordinates overflow
 # Smallest component towards the eye that the unit normal of a visible triangle has
-_MIN_FACING_COMPONENT = 1e-9
+_MIN_NORMAL_COMPONENT_TOWARDS_EYE = 1e-9
 # Direction to the light (right, up, towards the eye), and brightness of surfaces in shadow
 _LIGHT_DIRECTION = np.array([0.35, 0.5, 0.79])
 _SHADOW_BRIGHTNESS = 0.55
 
 
-class _Faces(NamedTuple):
+class _DrawnFaces(NamedTuple):
     """Visible faces of all processes, with k nodes each in the order of Basix."""
 
     x: Array  # deformed positions (f, k, dim) of the nodes
@@ -65,7 +65,7 @@ class _Faces(NamedTuple):
     cell_centres: Array  # centres (f, dim) of the cells to which the faces belong
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def draw(
     mesh: Mesh,
     values: Expr | None = None,
@@ -110,13 +110,13 @@ def draw(
             finite or have the wrong size; if a function belongs to another mesh; if the cells are
             not supported; or if the colour map is unknown.
     """
-    arguments.check_mesh_type(mesh)
-    with collective_errors(mesh.comm):
+    arguments.check_double_precision_mesh(mesh)
+    with raise_errors_on_all_processes(mesh.comm):
         _check_fields(mesh, values, displacement)
-        check_axes(axes)
+        check_matplotlib_axes(axes)
     import matplotlib.pyplot as plt
 
-    arguments.check_number("scale", scale)
+    arguments.check_finite_number("scale", scale)
     arguments.check_type("label", label, str, "it has to be a string")
     arguments.check_flag("edges", edges)
     if not (isinstance(colours, str) and colours in plt.colormaps()):
@@ -129,7 +129,7 @@ def draw(
 
     faces = _collect_faces(mesh, values, displacement, scale)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
-    palette = ListedColormap([_PLAIN_COLOUR]) if values is None else plt.get_cmap(colours)
+    palette = ListedColormap([_BODY_COLOUR_WITHOUT_VALUES]) if values is None else plt.get_cmap(colours)
     # thin lines if there are many cells
     line_width = float(np.clip(25 / np.sqrt(len(faces.x)), 0.1, 0.6)) if edges else 0.0
     colour_range = (
@@ -139,7 +139,7 @@ def draw(
     if mesh.geometry.dim == 2:
         _draw_plane_faces(axes, faces, colour_map, line_width)
     else:
-        _draw_space_faces(axes, faces, colour_map, line_width, view)
+        _draw_solid_faces(axes, faces, colour_map, line_width, view)
     axes.autoscale_view()
     axes.set_aspect("equal")
     if label:
@@ -147,7 +147,7 @@ def draw(
     return axes
 
 
-def check_axes(axes: object) -> None:
+def check_matplotlib_axes(axes: object) -> None:
     """Raise TypeError on this process unless `axes` is None or an instance of Matplotlib's Axes."""
     if axes is not None:
         from matplotlib.axes import Axes
@@ -182,7 +182,7 @@ def _check_fields(mesh: Mesh, values: Expr | None, displacement: fem.Function | 
 
 def _collect_faces(
     mesh: Mesh, values: Expr | None, displacement: fem.Function | None, scale: float
-) -> _Faces:
+) -> _DrawnFaces:
     """Return the cells of a plane body, or the exterior facets of a solid body.
 
     Collective: every process returns the faces of all processes.
@@ -191,12 +191,12 @@ def _collect_faces(
     position = ufl.SpatialCoordinate(mesh)
     if displacement is not None:
         position = position + fem.Constant(mesh, float(scale)) * displacement
-    coordinates = _evaluate_at_nodes(mesh, position, (dim,))
-    with collective_errors(mesh.comm):
-        if not np.all(np.abs(coordinates) < _MAX_COORDINATE):
+    coordinates = _evaluate_at_cell_nodes(mesh, position, (dim,))
+    with raise_errors_on_all_processes(mesh.comm):
+        if not np.all(np.abs(coordinates) < _MAX_DRAWN_COORDINATE):
             raise ValueError("the displacement times scale is not finite, or off any picture")
     node_values = (
-        np.zeros(coordinates.shape[:2]) if values is None else _evaluate_at_nodes(mesh, values, ())
+        np.zeros(coordinates.shape[:2]) if values is None else _evaluate_at_cell_nodes(mesh, values, ())
     )
     is_defined = np.isfinite(node_values)  # the hoop strain u_r / r is 0 / 0 at r = 0
     mean = np.where(is_defined, node_values, 0.0).sum(axis=1) / np.maximum(
@@ -209,7 +209,7 @@ def _collect_faces(
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
         mesh.topology.create_connectivity(2, 3)
-        facet_cells, nodes_in_cell = locate_facets_in_cells(
+        facet_cells, nodes_in_cell = locate_facet_nodes_in_cells(
             nodes, exterior_facet_indices(mesh.topology)
         )
         cells = facet_cells[:, None]
@@ -217,44 +217,44 @@ def _collect_faces(
     gathered = mesh.comm.allgather(
         (coordinates[cells, nodes_in_cell], node_values[cells, nodes_in_cell], cell_centres)
     )
-    return _Faces(*(np.concatenate(parts) for parts in zip(*gathered, strict=True)))
+    return _DrawnFaces(*(np.concatenate(parts) for parts in zip(*gathered, strict=True)))
 
 
-def _evaluate_at_nodes(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:
+def _evaluate_at_cell_nodes(mesh: Mesh, expression: Expr, value_shape: tuple[int, ...]) -> Array:
     """Evaluate an expression in each local cell (including ghosts) at the cell's nodes.
 
     Returns:
         Values (cells, nodes per cell, *shape).
     """
     cell = mesh.topology.cell_name()
-    element = basix.ufl.element("Lagrange", cell, 2, shape=shape, discontinuous=True)
+    element = basix.ufl.element("Lagrange", cell, 2, shape=value_shape, discontinuous=True)
     space = fem.functionspace(mesh, element)
     function = fem.Function(space)
     function.interpolate(fem.Expression(expression, interpolation_points(space)))
-    return function.x.array.reshape(-1, *shape)[space.dofmap.list]
+    return function.x.array.reshape(-1, *value_shape)[space.dofmap.list]
 
 
 def _draw_plane_faces(
-    axes: Axes, faces: _Faces, colour_map: ScalarMappable, line_width: float
+    axes: Axes, faces: _DrawnFaces, colour_map: ScalarMappable, line_width: float
 ) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.tri import Triangulation
 
     n_nodes = faces.x.shape[1]
     x, first_node = faces.x.reshape(-1, 2), n_nodes * np.arange(len(faces.x))
-    triangles = (np.array(SUB_TRIANGLES[n_nodes]) + first_node[:, None, None]).reshape(-1, 3)
+    triangles = (np.array(SUB_TRIANGLE_NODES_BY_NODE_COUNT[n_nodes]) + first_node[:, None, None]).reshape(-1, 3)
     values = faces.values.ravel()
     cells = Triangulation(x[:, 0], x[:, 1], triangles)
     axes.tripcolor(cells, values, shading="gouraud", cmap=colour_map.cmap, norm=colour_map.norm)
-    outlines = faces.x[:, [*_OUTLINE_NODES[n_nodes], 0]]
+    outlines = faces.x[:, [*_OUTLINE_NODES_BY_NODE_COUNT[n_nodes], 0]]
     axes.add_collection(
         LineCollection(list(outlines), colors="k", linewidths=line_width, alpha=0.6)
     )
 
 
-def _draw_space_faces(
+def _draw_solid_faces(
     axes: Axes,
-    faces: _Faces,
+    faces: _DrawnFaces,
     colour_map: ScalarMappable,
     line_width: float,
     view: tuple[float, float],
@@ -262,7 +262,7 @@ def _draw_space_faces(
     """Draw the faces that are turned towards the eye, from the farthest to the nearest."""
     from matplotlib.collections import PolyCollection
 
-    corners, outline, shape_values = _triangulate_facet(_CELL_OF_FACET_NODES[faces.x.shape[1]])
+    corners, outline, shape_values = _triangulate_facet(_FACET_TYPE_BY_NODE_COUNT[faces.x.shape[1]])
     # unit vectors to the right, upwards and towards the eye
     view_rotation = (
         Rotation.from_euler("ZX", [view[1] + 90, 90 - view[0]], degrees=True).as_matrix().T
@@ -284,7 +284,7 @@ def _draw_space_faces(
 
     polygons, face_colours, edge_colours = [], [], []
     for face in np.argsort(x[..., 2].mean(axis=1)):
-        (visible,) = np.nonzero(normals[face, :, 2] > _MIN_FACING_COMPONENT)
+        (visible,) = np.nonzero(normals[face, :, 2] > _MIN_NORMAL_COMPONENT_TOWARDS_EYE)
         if len(visible):
             polygons += [*triangles[face, visible, :, :2], x[face, outline, :2]]
             face_colours += [*colour[face, visible], np.zeros(4)]
@@ -299,7 +299,7 @@ def _draw_space_faces(
     axes.set_axis_off()
 
 
-def _triangulate_facet(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
+def _triangulate_facet(facet_type: basix.CellType) -> tuple[Indices, Indices, Array]:
     """Cut a quadratic facet into small triangles for drawing.
 
     Returns:
@@ -309,11 +309,11 @@ def _triangulate_facet(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
     from scipy.spatial import Delaunay
 
     points = basix.create_lattice(
-        cell, _PARTS_PER_EDGE, basix.LatticeType.equispaced, exterior=True
+        facet_type, _DRAWN_PARTS_PER_FACET_EDGE, basix.LatticeType.equispaced, exterior=True
     )
-    element = basix.create_element(basix.ElementFamily.P, cell, 2, basix.LagrangeVariant.gll_warped)
+    element = basix.create_element(basix.ElementFamily.P, facet_type, 2, basix.LagrangeVariant.gll_warped)
     hull_points = Delaunay(points).convex_hull.ravel()
     rim_points = np.unique(hull_points)
-    from_centre = points[rim_points] - basix.geometry(cell).mean(axis=0)
+    from_centre = points[rim_points] - basix.geometry(facet_type).mean(axis=0)
     outline = rim_points[np.argsort(np.arctan2(from_centre[:, 1], from_centre[:, 0]))]
     return Delaunay(points).simplices, outline, element.tabulate(0, points)[0, :, :, 0]

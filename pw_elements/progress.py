@@ -24,8 +24,8 @@ logger = logging.getLogger("pw_elements")
 
 # Current activities, the outermost first; minimum number of seconds between two reports; time of
 # the last report, or of the import of this module before the first report
-_activities: list[str] = []
-_MIN_PAUSE = 10.0
+_current_activities: list[str] = []
+_MIN_SECONDS_BETWEEN_REPORTS = 10.0
 _last_report = perf_counter()
 
 
@@ -38,14 +38,14 @@ def report_activity(comm: MPI.Comm, activity: str) -> Iterator[None]:
     global _last_report
     logs_info = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
     is_silent = comm.rank > 0 or logs_info or bool(logger.handlers) or logger.level > logging.INFO
-    _activities.append(activity)
-    if not is_silent and perf_counter() - _last_report >= _MIN_PAUSE:
+    _current_activities.append(activity)
+    if not is_silent and perf_counter() - _last_report >= _MIN_SECONDS_BETWEEN_REPORTS:
         _last_report = perf_counter()
-        print(", ".join(_activities), file=sys.stderr, flush=True)
+        print(", ".join(_current_activities), file=sys.stderr, flush=True)
     try:
         yield
     finally:
-        _activities.pop()
+        _current_activities.pop()
 
 
 def log_on_root(comm: MPI.Comm, level: int, message: str, subsystem: str = "") -> None:

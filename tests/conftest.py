@@ -31,14 +31,14 @@ def _limit_mortar_candidates(monkeypatch):
     """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
     if (overlap := sys.modules.get("pw_elements.contact.interface.overlap")) is None:
         return
-    candidates = overlap._find_candidate_pairs
+    candidates = overlap._find_sub_facet_pairs_with_intersecting_boxes
 
     def count_candidates(slave, master, along):
         pairs = candidates(slave, master, along)
         assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(len(slave), len(master))
         return pairs
 
-    monkeypatch.setattr(overlap, "_find_candidate_pairs", count_candidates)
+    monkeypatch.setattr(overlap, "_find_sub_facet_pairs_with_intersecting_boxes", count_candidates)
 
 
 def pytest_addoption(parser):

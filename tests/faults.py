@@ -158,7 +158,7 @@ class FolderCase:
             return "missing"
         state = {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(target / "one").read_bytes()]
         names = {str(path.relative_to(target)) for path in target.rglob("*")}
-        assert names == {files.MARK_NAME, "one", state, f"{state}/deep"}, names
+        assert names == {files.FOLDER_MARK_FILE_NAME, "one", state, f"{state}/deep"}, names
         assert (target / state / "deep").read_bytes() == (target / "one").read_bytes()
         return state
 
@@ -203,7 +203,7 @@ class ClaimCase:
         if not target.exists():
             return "missing"
         names = [path.name for path in target.iterdir()]
-        return "new" if names == [files.MARK_NAME] else "missing"
+        return "new" if names == [files.FOLDER_MARK_FILE_NAME] else "missing"
 
 
 class ResultCase:

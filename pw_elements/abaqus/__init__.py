@@ -5,6 +5,6 @@ The module `lines` reads text and numbers, `deck` collects tables of nodes, elem
 """
 
 from pw_elements.abaqus.lines import to_upper_ascii
-from pw_elements.abaqus.mesh import DeckMesh, read_deck
+from pw_elements.abaqus.mesh import AbaqusMeshArrays, read_abaqus_mesh
 
-__all__ = ["DeckMesh", "read_deck", "to_upper_ascii"]
+__all__ = ["AbaqusMeshArrays", "read_abaqus_mesh", "to_upper_ascii"]

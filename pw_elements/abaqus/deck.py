@@ -14,13 +14,13 @@ import numpy as np
 
 from pw_elements.abaqus.lines import (
     Block,
-    LocatedError,
+    ErrorWithFileAndLine,
     is_number,
     normalize_name,
-    parse_integers,
-    parse_node,
-    read_blocks,
-    split_entries,
+    parse_comma_separated_integers,
+    parse_node_row,
+    read_keyword_blocks,
+    split_at_unquoted_commas,
 )
 from pw_elements.abaqus.types import AbaqusElementType, abaqus_element_type
 from pw_elements.arrays import Indices
@@ -30,7 +30,7 @@ from pw_elements.checks import arguments
 UNSUPPORTED_KEYWORDS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
 UNSUPPORTED_KEYWORDS |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
 # Parameters that are read, or that may be ignored because they change neither nodes nor sets
-SUPPORTED_PARAMETERS = {
+ACCEPTED_PARAMETERS_BY_KEYWORD = {
     "NODE": {"NSET", "SYSTEM", "INTERNAL"},
     "ELEMENT": {"TYPE", "ELSET", "PARENT", "DLOAD", "SOLIDELEMENTNUMBERING", "INTERNAL"},
     "NSET": {"NSET", "GENERATE", "ELSET", "INSTANCE", "INTERNAL", "UNSORTED", "FREQUENCY"},
@@ -39,28 +39,28 @@ SUPPORTED_PARAMETERS = {
 }
 RELEVANT_KEYWORDS = (
     UNSUPPORTED_KEYWORDS
-    | SUPPORTED_PARAMETERS.keys()
+    | ACCEPTED_PARAMETERS_BY_KEYWORD.keys()
     | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
 )
 # Factor of keys: the key of a node or element is its number plus this factor times the part number
-KEYS_PER_PART = 2**32
+KEY_OFFSET_PER_PART = 2**32
 MAX_ELEMENT_TYPES = 1000
 # Limit of the total number of members of all sets, and of keys compared with ranges: the first
 # number plus the second number times the number of nodes and elements
 MAX_SET_MEMBERS, MAX_MEMBERS_PER_ENTITY = 2_000_000, 20
 
-SetName = tuple[int, str]  # number of the part, and name of the set in the part
+PartAndSetName = tuple[int, str]  # number of the part, and name of the set in the part
 
 
 class SetReference(NamedTuple):
     """Reference to a set in a row of another set; in surfaces, with a face of the elements."""
 
     set_kind: str
-    name: SetName
+    name: PartAndSetName
     face: str = ""
 
 
-class SetBlock(NamedTuple):
+class SetDefinition(NamedTuple):
     """Block of the input file that defines members of a set or surface.
 
     Args:
@@ -73,7 +73,7 @@ class SetBlock(NamedTuple):
         references: other sets that are part of the set.
     """
 
-    name: SetName
+    name: PartAndSetName
     location: str
     set_kind: str
     keys: array
@@ -82,7 +82,7 @@ class SetBlock(NamedTuple):
     references: list[SetReference]
 
 
-class SurfacePart(NamedTuple):
+class SurfaceMembers(NamedTuple):
     """Positions of nodes (kind "NSET") or of elements with a face (kind "ELSET") of a surface.
 
     The face is "" for nodes, and if all free faces of the elements belong to the surface.
@@ -119,8 +119,8 @@ class Deck:
         self.instance_names: dict[int, str] = {}
         self._part_of_instance: dict[str, int] = {}
         self.notes: list[str] = []
-        self.sets: dict[str, dict[SetName, Indices]] = {}
-        self.surfaces: dict[SetName, list[SurfacePart]] = {}
+        self.sets: dict[str, dict[PartAndSetName, Indices]] = {}
+        self.surfaces: dict[PartAndSetName, list[SurfaceMembers]] = {}
         self._part_numbers, self._current_part = {"": 0}, 0
         self._instance_offsets: dict[int, list[float]] = {}
         self._node_keys, self._coordinates = array("q"), array("d")
@@ -128,31 +128,31 @@ class Deck:
         self._element_keys, self._type_indices = array("q"), array("q")
         self._connectivity: list[array] = []
         self._overlong_rows: dict[str, int] = {}
-        self._blocks: dict[str, list[SetBlock]] = {"NSET": [], "ELSET": [], "SURFACE": []}
+        self._blocks: dict[str, list[SetDefinition]] = {"NSET": [], "ELSET": [], "SURFACE": []}
         # names of sets in blocks of nodes and elements, with the range of rows of the block
-        self._rows_of_named_blocks: dict[str, list[tuple[SetName, int, int]]] = {
+        self._rows_of_named_blocks: dict[str, list[tuple[PartAndSetName, int, int]]] = {
             "NSET": [],
             "ELSET": [],
         }
-        self._member_chunks: dict[str, dict[SetName, list[Indices]]] = {"NSET": {}, "ELSET": {}}
+        self._member_chunks: dict[str, dict[PartAndSetName, list[Indices]]] = {"NSET": {}, "ELSET": {}}
         self._sets_with_gaps: dict[str, None] = {}
-        for block in read_blocks(path, RELEVANT_KEYWORDS):
+        for block in read_keyword_blocks(path, RELEVANT_KEYWORDS):
             if block.keyword == "STEP":
                 break
             try:
-                self._add_block(block)
+                self._parse_block(block)
             except KeyError as error:
                 raise ValueError(f"{block.location}: {error.args[0]}=... is missing") from error
-            except LocatedError:
+            except ErrorWithFileAndLine:
                 raise
             except ValueError as error:
                 raise ValueError(
                     f"{block.current_location()}, *{block.keyword}: {error}"
                 ) from error
-        self._finish_tables()
-        self._resolve_sets("ELSET")
-        self._resolve_sets("NSET")
-        self._resolve_surfaces()
+        self._build_node_and_element_tables()
+        self._resolve_set_members("ELSET")
+        self._resolve_set_members("NSET")
+        self._resolve_surface_members()
         if self._sets_with_gaps:
             first_name, *other_names = self._sets_with_gaps
             suffix = f" and {len(other_names)} other sets" if other_names else ""
@@ -162,11 +162,11 @@ class Deck:
 
     # Blocks
 
-    def _add_block(self, block: Block) -> None:
+    def _parse_block(self, block: Block) -> None:
         keyword, parameters = block.keyword, block.parameters
         if keyword in UNSUPPORTED_KEYWORDS:
             raise ValueError("this is not read: write all nodes and elements out, in x, y, z")
-        if unknown_parameters := parameters.keys() - SUPPORTED_PARAMETERS.get(
+        if unknown_parameters := parameters.keys() - ACCEPTED_PARAMETERS_BY_KEYWORD.get(
             keyword, parameters.keys()
         ):
             raise ValueError(f"the parameter {min(unknown_parameters)} is not read")
@@ -213,19 +213,19 @@ class Deck:
         self._part_of_instance[name] = part_number
         self._current_part = part_number  # an instance may define nodes and elements, too
         offset_row = ",".join(["1", *offset_rows[0]]) if offset_rows else "1"
-        self._instance_offsets[part_number] = parse_node(offset_row)[1]
+        self._instance_offsets[part_number] = parse_node_row(offset_row)[1]
 
     def _add_nodes(self, block: Block) -> None:
         if block.parameters.get("SYSTEM", "R").upper() != "R":
             raise ValueError("SYSTEM is not read: write the nodes in x, y, z")
         if any(self._instance_offsets.get(self._current_part, ())):
             raise ValueError("nodes in an instance that is moved are not read")
-        start, key_offset = len(self._node_keys), KEYS_PER_PART * self._current_part
+        start, key_offset = len(self._node_keys), KEY_OFFSET_PER_PART * self._current_part
         for text in block.rows:
-            number, x = parse_node(text)
+            number, x = parse_node_row(text)
             self._node_keys.append(key_offset + number)
             self._coordinates.extend(x)
-        self._record_block_name("NSET", block, start, len(self._node_keys))
+        self._record_set_named_in_block("NSET", block, start, len(self._node_keys))
         largest = max(map(abs, self._coordinates[3 * start :]), default=0.0)
         if not largest <= arguments.MAX_MAGNITUDE:
             raise ValueError(
@@ -242,13 +242,13 @@ class Deck:
         if type_index == len(self._connectivity):
             self._connectivity.append(array("q"))
         connectivity = self._connectivity[type_index]
-        start, key_offset = len(self._element_keys), KEYS_PER_PART * self._current_part
+        start, key_offset = len(self._element_keys), KEY_OFFSET_PER_PART * self._current_part
         for key, *nodes in self._parse_element_rows(block.rows, element_type):
             self._element_keys.append(key_offset + key)
             connectivity.extend(key_offset + node for node in nodes)
         count = len(self._element_keys) - start
         self._type_indices.extend([type_index] * count)
-        self._record_block_name("ELSET", block, start, start + count)
+        self._record_set_named_in_block("ELSET", block, start, start + count)
 
     def _parse_element_rows(
         self, rows: Iterator[str], element_type: AbaqusElementType
@@ -260,7 +260,7 @@ class Deck:
         """
         minimum = 1 if element_type.dim else 0
         for text in rows:
-            row = parse_integers(text, minimum)
+            row = parse_comma_separated_integers(text, minimum)
             if not element_type.n_nodes:
                 while text.endswith(",") and (text := next(rows, "")):
                     pass
@@ -275,7 +275,7 @@ class Deck:
                         f"element {row[0]} ends after {len(row) - 1} of {element_type.n_nodes} "
                         "nodes"
                     )
-                row += parse_integers(text, minimum)
+                row += parse_comma_separated_integers(text, minimum)
             if len(row) > length and not fits_in_line:
                 raise ValueError(
                     f"{element_type.name} has {element_type.n_nodes} nodes: the lines of element "
@@ -287,63 +287,63 @@ class Deck:
                 )
             yield row[:length]
 
-    def _record_block_name(self, set_kind: str, block: Block, start: int, end: int) -> None:
+    def _record_set_named_in_block(self, set_kind: str, block: Block, first_row: int, end_row: int) -> None:
         if set_kind in block.parameters:
             self._rows_of_named_blocks[set_kind].append(
-                (self._set_name(block, set_kind), start, end)
+                (self._read_set_name(block, set_kind), first_row, end_row)
             )
 
-    def _set_name(self, block: Block, key: str) -> SetName:
-        name = normalize_name(block.parameters[key], block.location)
+    def _read_set_name(self, block: Block, parameter: str) -> PartAndSetName:
+        name = normalize_name(block.parameters[parameter], block.location)
         if not name:
-            raise KeyError(key)
+            raise KeyError(parameter)
         return self._current_part, name
 
     def _add_set(self, block: Block) -> None:
         keyword, parameters = block.keyword, block.parameters
         part = (
-            self._find_part(normalize_name(parameters["INSTANCE"], block.location))
+            self._find_part_number_of_instance(normalize_name(parameters["INSTANCE"], block.location))
             if "INSTANCE" in parameters
             else self._current_part
         )
-        name = self._set_name(block, keyword)
-        set_block = SetBlock(name, block.location, keyword, array("q"), [], [], [])
+        name = self._read_set_name(block, keyword)
+        set_block = SetDefinition(name, block.location, keyword, array("q"), [], [], [])
         if keyword == "NSET" and "ELSET" in parameters:
             elements = part, normalize_name(parameters["ELSET"], block.location)
             set_block.references.append(SetReference("ELSET", elements))
         for text in block.rows:
-            row_entries = split_entries(text, block.location)
+            row_entries = split_at_unquoted_commas(text, block.location)
             if "GENERATE" in parameters:
                 if len(row_entries) not in (2, 3) or not all(map(is_number, row_entries)):
                     raise ValueError("GENERATE takes the first number, the last, and the step")
-                range_start, range_end, step = [*parse_integers(text), 1][:3]
+                range_start, range_end, step = [*parse_comma_separated_integers(text), 1][:3]
                 if range_end < range_start:
                     raise ValueError(
                         f"GENERATE from {range_start} to {range_end}: the last is the smaller"
                     )
                 set_block.ranges.append(
-                    (part * KEYS_PER_PART + range_start, part * KEYS_PER_PART + range_end, step)
+                    (part * KEY_OFFSET_PER_PART + range_start, part * KEY_OFFSET_PER_PART + range_end, step)
                 )
                 continue
             for member in filter(None, row_entries):
-                self._add_member(set_block, member, part)
+                self._add_set_member(set_block, member, part)
         self._blocks[keyword].append(set_block)
 
-    def _add_member(self, block: SetBlock, member: str, part: int, face: str = "") -> None:
+    def _add_set_member(self, definition: SetDefinition, number_or_set: str, part_number: int, face: str = "") -> None:
         """Add the number of a node or element, or the name of a set, possibly after "INSTANCE."."""
-        if not is_number(member):
-            name = normalize_name(member, block.location)
+        if not is_number(number_or_set):
+            name = normalize_name(number_or_set, definition.location)
             instance, _, set_name = name.rpartition(".")
             if instance in self._part_of_instance:
-                part, name = self._find_part(instance), set_name
+                part_number, name = self._find_part_number_of_instance(instance), set_name
             if not is_number(name):
-                block.references.append(SetReference(block.set_kind, (part, name), face))
+                definition.references.append(SetReference(definition.set_kind, (part_number, name), face))
                 return
-            member = name
-        block.keys.append(part * KEYS_PER_PART + parse_integers(member)[0])
-        block.faces.append(face)
+            number_or_set = name
+        definition.keys.append(part_number * KEY_OFFSET_PER_PART + parse_comma_separated_integers(number_or_set)[0])
+        definition.faces.append(face)
 
-    def _find_part(self, instance: str) -> int:
+    def _find_part_number_of_instance(self, instance: str) -> int:
         """Return the number of the part that an instance places in the model."""
         if instance in self._part_of_instance:
             return self._part_of_instance[instance]
@@ -353,24 +353,24 @@ class Deck:
 
     def _add_surface(self, block: Block) -> None:
         parameters = block.parameters
-        name = self._set_name(block, "NAME")
+        name = self._read_set_name(block, "NAME")
         surface_type = normalize_name(parameters.get("TYPE", "ELEMENT"), block.location)
         if surface_type not in ("ELEMENT", "NODE"):
             self.notes.append(f"the surface {name[1]} of the type {surface_type} is left out")
             return
         set_kind = "NSET" if surface_type == "NODE" else "ELSET"
-        set_block = SetBlock(name, block.location, set_kind, array("q"), [], [], [])
+        set_block = SetDefinition(name, block.location, set_kind, array("q"), [], [], [])
         for text in block.rows:
-            member, *face = split_entries(text, block.location)
+            member, *face = split_at_unquoted_commas(text, block.location)
             face_name = (
                 normalize_name(face[0], block.location) if face and set_kind == "ELSET" else ""
             )
-            self._add_member(set_block, member, self._current_part, face_name)
+            self._add_set_member(set_block, member, self._current_part, face_name)
         self._blocks["SURFACE"].append(set_block)
 
     # Tables
 
-    def _finish_tables(self) -> None:
+    def _build_node_and_element_tables(self) -> None:
         """Sort nodes and elements by their keys, and create a table of elements for each type."""
         keys = np.array(self._node_keys, dtype=np.int64)
         self.node_keys, first_rows, self._node_position = np.unique(
@@ -380,11 +380,11 @@ class Deck:
         self.x = x[first_rows]
         conflicting = np.flatnonzero((self.x[self._node_position] != x).any(axis=1))
         if len(conflicting):
-            number = self.describe_key(keys[conflicting[0]])
+            number = self.format_instance_and_number(keys[conflicting[0]])
             raise ValueError(f"{self.path}: node {number} is given twice, at two places")
         for part, offset in self._instance_offsets.items():
             start, end = np.searchsorted(
-                self.node_keys, [part * KEYS_PER_PART, (part + 1) * KEYS_PER_PART]
+                self.node_keys, [part * KEY_OFFSET_PER_PART, (part + 1) * KEY_OFFSET_PER_PART]
             )
             self.x[start:end] += offset
 
@@ -393,7 +393,7 @@ class Deck:
         self.element_keys = keys[order]
         repeated = np.flatnonzero(np.diff(self.element_keys) == 0)
         if len(repeated):
-            number = self.describe_key(self.element_keys[repeated[0]])
+            number = self.format_instance_and_number(self.element_keys[repeated[0]])
             raise ValueError(f"{self.path}: element {number} is given twice")
         self._element_position = np.argsort(order, kind="stable")
         self.element_types = [abaqus_element_type(name) for name in self._type_index_by_name]
@@ -418,16 +418,16 @@ class Deck:
                 "the others are not read, as in CalculiX"
             )
 
-    def describe_key(self, key: int) -> str:
+    def format_instance_and_number(self, key: int) -> str:
         """Return the number of a node or element, such as "7", or "INSTANCE.7" in an instance."""
-        part, number = divmod(int(key), KEYS_PER_PART)
+        part, number = divmod(int(key), KEY_OFFSET_PER_PART)
         return (
             f"{self.instance_names[part]}.{number}" if part in self.instance_names else str(number)
         )
 
-    def _count_members(self, n_members: int, location: str) -> None:
+    def _spend_set_member_budget(self, n_new_members: int, location: str) -> None:
         """Add to the count of members of all sets; raise ValueError if the count is too large."""
-        self._members_left -= n_members
+        self._members_left -= n_new_members
         if self._members_left < 0:
             raise ValueError(
                 f"{location}: the sets up to here have more than {MAX_SET_MEMBERS:g} members and "
@@ -436,46 +436,46 @@ class Deck:
 
     # Sets
 
-    def _resolve_sets(self, set_kind: str) -> None:
+    def _resolve_set_members(self, set_kind: str) -> None:
         """Compute the positions of the nodes in all NSETs, or of the elements in all ELSETs."""
         sets = self._member_chunks[set_kind]
         are_nodes = set_kind == "NSET"
         position = self._node_position if are_nodes else self._element_position
         for name, start, end in self._rows_of_named_blocks[set_kind]:
-            self._extend_set(set_kind, name, np.unique(position[start:end]), str(self.path))
-        for block, members in self._locate_keys(self._blocks[set_kind]):
+            self._append_set_members(set_kind, name, np.unique(position[start:end]), str(self.path))
+        for block, members in self._find_indices_of_listed_keys(self._blocks[set_kind]):
             sets.setdefault(block.name, [])
-            chunks = [sort_distinct(members), self._members_in_ranges(block)]
+            chunks = [sort_distinct(members), self._find_members_in_ranges(block)]
             for reference in block.references:
-                chunk = self._collect_set(reference.set_kind, reference.name, block.location)
+                chunk = self._collect_set_members(reference.set_kind, reference.name, block.location)
                 chunks.append(
                     self._nodes_of_elements(chunk) if reference.set_kind != set_kind else chunk
                 )
             for chunk in chunks:
-                self._extend_set(set_kind, block.name, chunk, block.location)
-        self.sets[set_kind] = {name: self._collect_set(set_kind, name, "") for name in sets}
+                self._append_set_members(set_kind, block.name, chunk, block.location)
+        self.sets[set_kind] = {name: self._collect_set_members(set_kind, name, "") for name in sets}
 
-    def _extend_set(self, set_kind: str, name: SetName, members: Indices, location: str) -> None:
+    def _append_set_members(self, set_kind: str, name: PartAndSetName, members: Indices, location: str) -> None:
         chunks = self._member_chunks[set_kind].setdefault(name, [])
         if len(members) and not (len(chunks) == 1 and members is chunks[0]):
-            self._count_members(len(members), location)
+            self._spend_set_member_budget(len(members), location)
             chunks.append(members)
 
-    def _collect_set(self, set_kind: str, name: SetName, location: str) -> Indices:
+    def _collect_set_members(self, set_kind: str, name: PartAndSetName, location: str) -> Indices:
         """Return the positions of all members added to a set up to now, in ascending order."""
         chunks = self._member_chunks[set_kind].get(name)
         if chunks is None:
             raise ValueError(f"{location}: the {set_kind} {name[1]} is not defined before")
         if len(chunks) != 1:
             members = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *chunks]))
-            self._count_members(sum(map(len, chunks)), location)
+            self._spend_set_member_budget(sum(map(len, chunks)), location)
             chunks[:] = [members]
         return chunks[0]
 
-    def _locate_keys(self, blocks: list[SetBlock]) -> Iterator[tuple[SetBlock, Indices]]:
+    def _find_indices_of_listed_keys(self, definitions: list[SetDefinition]) -> Iterator[tuple[SetDefinition, Indices]]:
         """Yield each block and the positions of its keys; raise ValueError for an unknown key."""
         for set_kind, existing_keys in (("NSET", self.node_keys), ("ELSET", self.element_keys)):
-            selected_blocks = [block for block in blocks if block.set_kind == set_kind]
+            selected_blocks = [block for block in definitions if block.set_kind == set_kind]
             lengths = [len(block.keys) for block in selected_blocks]
             keys = np.fromiter(
                 chain.from_iterable(block.keys for block in selected_blocks), np.int64, sum(lengths)
@@ -488,7 +488,7 @@ class Deck:
                 of_block = slice(start, start + length)
                 start += length
                 if not exists[of_block].all():
-                    number = self.describe_key(keys[of_block][~exists[of_block]][0])
+                    number = self.format_instance_and_number(keys[of_block][~exists[of_block]][0])
                     noun = "node" if set_kind == "NSET" else "element"
                     raise ValueError(
                         f"{block.location}: {block.name[1]} has the {noun} {number}, which is not "
@@ -496,16 +496,16 @@ class Deck:
                     )
                 yield block, position[of_block]
 
-    def _members_in_ranges(self, block: SetBlock) -> Indices:
+    def _find_members_in_ranges(self, definition: SetDefinition) -> Indices:
         """Return positions of nodes or elements in a block's ranges; record gaps in ranges."""
-        existing_keys = self.node_keys if block.set_kind == "NSET" else self.element_keys
+        existing_keys = self.node_keys if definition.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
-        if not block.ranges:
+        if not definition.ranges:
             return chunks[0]
-        for range_start, range_end, step in merge_ranges(block.ranges):
+        for range_start, range_end, step in merge_overlapping_ranges(definition.ranges):
             start, end = np.searchsorted(existing_keys, [range_start, range_end + 1])
             count = (range_end - range_start) // step + 1
-            self._count_members(min(count, end - start) + 1, block.location)
+            self._spend_set_member_budget(min(count, end - start) + 1, definition.location)
             if count < end - start:
                 keys = np.arange(range_start, range_end + 1, step)
                 position = start + np.searchsorted(existing_keys[start:end], keys)
@@ -516,11 +516,11 @@ class Deck:
                 chunk = start + np.flatnonzero((existing_keys[start:end] - range_start) % step == 0)
             if not len(chunk):
                 raise ValueError(
-                    f"{block.location}: GENERATE from {self.describe_key(range_start)} to "
-                    f"{self.describe_key(range_end)} names nothing that is there"
+                    f"{definition.location}: GENERATE from {self.format_instance_and_number(range_start)} to "
+                    f"{self.format_instance_and_number(range_end)} names nothing that is there"
                 )
             if len(chunk) < count:
-                self._sets_with_gaps.setdefault(f"{block.set_kind} {block.name[1]}")
+                self._sets_with_gaps.setdefault(f"{definition.set_kind} {definition.name[1]}")
             chunks.append(chunk)
         return np.unique(np.concatenate(chunks))
 
@@ -533,38 +533,38 @@ class Deck:
             )
         return self.node_positions(np.unique(np.concatenate(keys)))
 
-    def node_positions(self, keys: Indices) -> Indices:
+    def node_positions(self, node_keys: Indices) -> Indices:
         """Return the positions of nodes that elements refer to by their keys.
 
         Raises:
             ValueError: if a node does not exist; the message names the first one.
         """
-        position = np.searchsorted(self.node_keys, keys)
+        position = np.searchsorted(self.node_keys, node_keys)
         exists = position < len(self.node_keys)
-        exists[exists] = self.node_keys[position[exists]] == keys[exists]
+        exists[exists] = self.node_keys[position[exists]] == node_keys[exists]
         if not exists.all():
-            missing = self.describe_key(keys[~exists].min())
+            missing = self.format_instance_and_number(node_keys[~exists].min())
             raise ValueError(f"{self.path}: elements have the node {missing}, which is not there")
         return position
 
-    def _resolve_surfaces(self) -> None:
+    def _resolve_surface_members(self) -> None:
         """Compute the parts of all surfaces."""
-        for block, members in self._locate_keys(self._blocks["SURFACE"]):
+        for block, members in self._find_indices_of_listed_keys(self._blocks["SURFACE"]):
             surface_parts = self.surfaces.setdefault(block.name, [])
             faces = np.array(block.faces, dtype=object)
             for face in dict.fromkeys(block.faces):
-                surface_parts.append(SurfacePart(block.set_kind, face, members[faces == face]))
+                surface_parts.append(SurfaceMembers(block.set_kind, face, members[faces == face]))
             for reference in block.references:
-                chunk = self._collect_set(reference.set_kind, reference.name, block.location)
-                self._count_members(len(chunk), block.location)
-                surface_parts.append(SurfacePart(block.set_kind, reference.face, chunk))
+                chunk = self._collect_set_members(reference.set_kind, reference.name, block.location)
+                self._spend_set_member_budget(len(chunk), block.location)
+                surface_parts.append(SurfaceMembers(block.set_kind, reference.face, chunk))
 
     @property
     def used_parts(self) -> Indices:
         """Numbers of the parts that are used; 0 stands for nodes and elements outside of parts."""
         if self.instance_names:
             return np.array([0, *self.instance_names])
-        used_parts = np.unique(self.node_keys // KEYS_PER_PART)
+        used_parts = np.unique(self.node_keys // KEY_OFFSET_PER_PART)
         if len(used_parts[used_parts > 0]) > 1:
             names = [
                 name
@@ -580,7 +580,7 @@ def sort_distinct(members: Indices) -> Indices:
     return np.unique(members) if len(members) > 1 else members
 
 
-def merge_ranges(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+def merge_overlapping_ranges(ranges: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
     """Merge overlapping ranges (first, last, step) with equal steps and equal remainders."""
     by_phase: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for range_start, range_end, step in set(ranges):

@@ -15,25 +15,25 @@ from typing import IO, NamedTuple
 
 # Largest depth of nested INCLUDEs, the limit of CalculiX
 MAX_INCLUDE_DEPTH = 9
-MAX_INCLUDES = 10_000
+MAX_INCLUDED_FILES = 10_000
 # Largest number of characters of a line
-MAX_LINE_LENGTH = 1_000_000
+MAX_CHARACTERS_PER_LINE = 1_000_000
 # Limit of the text that is read if files are included repeatedly: the first number times the sizes
 # of all files, plus the second number of characters
 MAX_REPETITION_FACTOR, MAX_REPEATED_CHARACTERS = 3, 1_000_000
 # Largest number of a node or element: the limit of CalculiX, which is higher than that of Abaqus
-MAX_LABEL = 2**31 - 1
+MAX_NODE_OR_ELEMENT_NUMBER = 2**31 - 1
 # Parameters without a value
-FLAG_PARAMETERS = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
+PARAMETERS_WITHOUT_VALUE = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
 
-_UPPER_ASCII = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
-_INTEGER_ROW = re.compile(r"[\d,+ \t]*", re.ASCII)
-_REAL_ROW = re.compile(r"[\d.,eEdD+\- \t]*", re.ASCII)
-_FIELD = re.compile(r'((?:"[^"]*"|[^,"])*)(?:,|$)')
-_QUOTED_OR_PLAIN = re.compile(r'"([^"]*)"|([^"]+)')
+_ASCII_TO_UPPER_CASE_TABLE = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
+_INTEGER_ROW_PATTERN = re.compile(r"[\d,+ \t]*", re.ASCII)
+_REAL_ROW_PATTERN = re.compile(r"[\d.,eEdD+\- \t]*", re.ASCII)
+_COMMA_SEPARATED_ENTRY_PATTERN = re.compile(r'((?:"[^"]*"|[^,"])*)(?:,|$)')
+_QUOTED_OR_UNQUOTED_PATTERN = re.compile(r'"([^"]*)"|([^"]+)')
 
 
-class LocatedError(ValueError):
+class ErrorWithFileAndLine(ValueError):
     """ValueError with a message that begins with the file and the line."""
 
 
@@ -55,7 +55,7 @@ class Block(NamedTuple):
     current_location: Callable[[], str]
 
 
-def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
+def read_keyword_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
     """Yield the blocks of a file, and of the files that it includes, that have given keywords.
 
     Args:
@@ -66,22 +66,22 @@ def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
         FileNotFoundError: if a file does not exist.
         ValueError: if a file is not text, includes itself, or includes other files too often.
     """
-    source = _LineSource(path)
+    source = _LineReaderWithIncludes(path)
     try:
-        for _ in _read_rows(source):  # rows before the first keyword are ignored
+        for _ in _read_rows_until_keyword(source):  # rows before the first keyword are ignored
             pass
         if not source.next_keyword:
-            raise LocatedError(f"{path} has no keyword, such as *NODE: it is no input file")
+            raise ErrorWithFileAndLine(f"{path} has no keyword, such as *NODE: it is no input file")
         while source.next_keyword:
             keyword, parameters, location = source.next_keyword
             source.next_keyword = None
             if keyword not in keywords:
-                for _ in _read_rows(source):
+                for _ in _read_rows_until_keyword(source):
                     pass
                 continue
             if keyword in ("NODE", "ELEMENT") and "INPUT" in parameters:
                 source.include(parameters.pop("INPUT"), location)
-            rows = _read_rows(source)
+            rows = _read_rows_until_keyword(source)
             yield Block(keyword, parameters, location, rows, lambda: source.location)
             for _ in rows:
                 pass
@@ -89,7 +89,7 @@ def read_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
         source.close()
 
 
-def _read_rows(source: "_LineSource") -> Iterator[str]:
+def _read_rows_until_keyword(source: "_LineReaderWithIncludes") -> Iterator[str]:
     """Yield the rows up to the next keyword line, which is stored in `source.next_keyword`.
 
     Included files are read in place of the lines that include them.
@@ -98,54 +98,54 @@ def _read_rows(source: "_LineSource") -> Iterator[str]:
         if not text.startswith("*"):
             yield text
             continue
-        keyword, parameters = _parse_keyword(text, source)
+        keyword, parameters = _parse_keyword_line(text, source)
         if keyword != "INCLUDE":
             source.next_keyword = keyword, parameters, f"{source.location}, *{keyword}"
             return
         source.include(parameters.get("INPUT", ""), f"{source.location}, *{keyword}")
 
 
-def _parse_keyword(text: str, source: "_LineSource") -> tuple[str, dict[str, str]]:
+def _parse_keyword_line(first_line: str, source: "_LineReaderWithIncludes") -> tuple[str, dict[str, str]]:
     """Return the keyword of a line and its parameters.
 
     If the line ends with a comma and the next line has a parameter, the next line is a continuation
     and its parameters are included.
     """
-    if "," not in text:
-        return normalize_name(text[1:], source.location), {}
-    keyword_lines = [text]
+    if "," not in first_line:
+        return normalize_name(first_line[1:], source.location), {}
+    keyword_lines = [first_line]
     while keyword_lines[-1].endswith(","):
         next_line = source.next_line()
         if next_line is None:
             break
         first_entry = next_line.partition(",")[0]
         if next_line.startswith("*") or not (
-            "=" in first_entry or to_upper_ascii(first_entry.strip()) in FLAG_PARAMETERS
+            "=" in first_entry or to_upper_ascii(first_entry.strip()) in PARAMETERS_WITHOUT_VALUE
         ):
             source.put_back(next_line)
             break
         keyword_lines.append(next_line)
     location = source.location
-    keyword, *pairs = split_entries("".join(keyword_lines), location)
+    keyword, *pairs = split_at_unquoted_commas("".join(keyword_lines), location)
     parameters: dict[str, str] = {}
     for pair in pairs:
         key, _, value = pair.partition("=")
         key = normalize_name(key, location)
         if key in parameters:
-            raise LocatedError(f"{location}: the parameter {key} is given twice")
+            raise ErrorWithFileAndLine(f"{location}: the parameter {key} is given twice")
         if key:
             parameters[key] = value.strip(" \t")
     return normalize_name(keyword[1:], location), parameters
 
 
-class _LineSource:
+class _LineReaderWithIncludes:
     """Stream of the stripped lines of a file and of the files that it includes.
 
     Comments and blank lines are left out.
     """
 
     def __init__(self, path: Path) -> None:
-        self._open_files: list[_OpenFile] = []
+        self._open_files: list[_TextFileReader] = []
         self._main_path, self._returned_lines = path, list[str]()
         self.next_keyword: tuple[str, dict[str, str], str] | None = None
         self._sizes: dict[Path, int] = {}
@@ -175,37 +175,37 @@ class _LineSource:
     def put_back(self, text: str) -> None:
         self._returned_lines.append(text)
 
-    def include(self, name: str, location: str) -> None:
+    def include(self, file_name: str, location: str) -> None:
         """Continue with the lines of another file.
 
         Args:
-            name: path of the file, relative to the folder of the including file or, if there is no
+            file_name: path of the file, relative to the folder of the including file or, if there is no
                 such file, relative to the folder of the main file.
             location: file and line of the include, used in error messages.
         """
-        if not name.strip('" \t'):
-            raise LocatedError(f"{location}: INPUT=... is missing, the name of a file")
-        name = name.strip('"')
-        relative_path = self._current_file.path.parent / name
-        path = relative_path if relative_path.is_file() else self._main_path.parent / name
+        if not file_name.strip('" \t'):
+            raise ErrorWithFileAndLine(f"{location}: INPUT=... is missing, the name of a file")
+        file_name = file_name.strip('"')
+        relative_path = self._current_file.path.parent / file_name
+        path = relative_path if relative_path.is_file() else self._main_path.parent / file_name
         if not path.is_file():
             raise FileNotFoundError(f"{location}: there is no file {relative_path}")
         self._n_includes += 1
         resolved = path.resolve()
         if any(resolved == file.resolved for file in self._open_files):
-            raise LocatedError(f"{location}: {path} includes itself")
+            raise ErrorWithFileAndLine(f"{location}: {path} includes itself")
         if len(self._open_files) > MAX_INCLUDE_DEPTH:
-            raise LocatedError(
+            raise ErrorWithFileAndLine(
                 f"{location}: files include each other over more than {MAX_INCLUDE_DEPTH} levels"
             )
-        if self._n_includes > MAX_INCLUDES:
-            raise LocatedError(f"{location}: more than {MAX_INCLUDES} files are included")
+        if self._n_includes > MAX_INCLUDED_FILES:
+            raise ErrorWithFileAndLine(f"{location}: more than {MAX_INCLUDED_FILES} files are included")
         self._open_file(path)
 
     def _open_file(self, path: Path) -> None:
         if not path.is_file():
             raise FileNotFoundError(f"there is no file {path}")
-        file = _OpenFile(path)
+        file = _TextFileReader(path)
         self._open_files.append(file)
         self._current_file = file
         self._n_characters += file.size
@@ -214,10 +214,10 @@ class _LineSource:
             self._n_characters
             > MAX_REPETITION_FACTOR * sum(self._sizes.values()) + MAX_REPEATED_CHARACTERS
         ):
-            raise LocatedError(f"{path} is included too often: its text would be read without end")
+            raise ErrorWithFileAndLine(f"{path} is included too often: its text would be read without end")
 
 
-class _OpenFile:
+class _TextFileReader:
     """Open text file with lines that end with a line feed, a carriage return, or both."""
 
     def __init__(self, path: Path) -> None:
@@ -236,28 +236,28 @@ class _OpenFile:
     def next_line(self) -> str | None:
         self.number += 1
         try:
-            text = self.text.readline(MAX_LINE_LENGTH)
+            text = self.text.readline(MAX_CHARACTERS_PER_LINE)
             if not text:
                 return None
             if not text.isascii() and not self._is_utf16:
-                text = _decode_utf8(text)
+                text = _redecode_as_utf8_if_valid(text)
         except UnicodeError as error:
-            raise LocatedError(f"{self.path}, line {self.number}: this is no text") from error
+            raise ErrorWithFileAndLine(f"{self.path}, line {self.number}: this is no text") from error
         if "\0" in text:
-            raise LocatedError(f"{self.path}, line {self.number}: this is no text")
-        if len(text) >= MAX_LINE_LENGTH and not text.endswith("\n"):
-            raise LocatedError(
-                f"{self.path}, line {self.number}: the line is longer than {MAX_LINE_LENGTH} "
+            raise ErrorWithFileAndLine(f"{self.path}, line {self.number}: this is no text")
+        if len(text) >= MAX_CHARACTERS_PER_LINE and not text.endswith("\n"):
+            raise ErrorWithFileAndLine(
+                f"{self.path}, line {self.number}: the line is longer than {MAX_CHARACTERS_PER_LINE} "
                 "characters"
             )
         return text.strip(" \t\n")
 
 
-def _decode_utf8(text: str) -> str:
+def _redecode_as_utf8_if_valid(latin1_text: str) -> str:
     try:
-        return text.encode("latin-1").decode("utf-8")
+        return latin1_text.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:
-        return text
+        return latin1_text
 
 
 def quote_shortened(text: str) -> str:
@@ -265,14 +265,14 @@ def quote_shortened(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:40] + "...")
 
 
-def split_entries(text: str, location: str) -> list[str]:
+def split_at_unquoted_commas(text: str, location: str) -> list[str]:
     """Split a row at commas outside of quotes, and drop empty entries at the end."""
     if '"' not in text:
         fields = [field.strip(" \t") for field in text.split(",")]
     elif text.count('"') % 2:
-        raise LocatedError(f"{location}: a quotation mark is missing in {quote_shortened(text)}")
+        raise ErrorWithFileAndLine(f"{location}: a quotation mark is missing in {quote_shortened(text)}")
     else:
-        fields = [field.strip(" \t") for field in _FIELD.findall(text)]
+        fields = [field.strip(" \t") for field in _COMMA_SEPARATED_ENTRY_PATTERN.findall(text)]
     while fields and not fields[-1]:
         fields.pop()
     return fields or [""]
@@ -282,12 +282,12 @@ def normalize_name(text: str, location: str) -> str:
     """Return a name in upper case without blanks; quoted parts are unchanged."""
     if '"' in text:
         if text.count('"') % 2:
-            raise LocatedError(
+            raise ErrorWithFileAndLine(
                 f"{location}: a quotation mark is missing in {quote_shortened(text)}"
             )
         return "".join(
             quoted or normalize_name(unquoted, location)
-            for quoted, unquoted in _QUOTED_OR_PLAIN.findall(text)
+            for quoted, unquoted in _QUOTED_OR_UNQUOTED_PATTERN.findall(text)
         )
     return to_upper_ascii(text.replace(" ", "").replace("\t", ""))
 
@@ -297,7 +297,7 @@ def to_upper_ascii(text: str) -> str:
 
     Other letters are unchanged, because Unicode's upper case could make different names equal.
     """
-    return text.upper() if text.isascii() else text.translate(_UPPER_ASCII)
+    return text.upper() if text.isascii() else text.translate(_ASCII_TO_UPPER_CASE_TABLE)
 
 
 def is_number(text: str) -> bool:
@@ -305,14 +305,14 @@ def is_number(text: str) -> bool:
     return text.isdigit() and text.isascii()
 
 
-def parse_integers(text: str, minimum: int = 1) -> list[int]:
+def parse_comma_separated_integers(text: str, minimum: int = 1) -> list[int]:
     """Parse a row of numbers of nodes or elements; commas at the end are ignored.
 
     Raises:
-        ValueError: for an entry that is not an integer from `minimum` to `MAX_LABEL`.
+        ValueError: for an entry that is not an integer from `minimum` to `MAX_NODE_OR_ELEMENT_NUMBER`.
     """
-    if not _INTEGER_ROW.fullmatch(text):
-        wrong_entry = next(field for field in text.split(",") if not _INTEGER_ROW.fullmatch(field))
+    if not _INTEGER_ROW_PATTERN.fullmatch(text):
+        wrong_entry = next(field for field in text.split(",") if not _INTEGER_ROW_PATTERN.fullmatch(field))
         raise ValueError(
             f"{quote_shortened(wrong_entry.strip())} is no number of a node or an element"
         )
@@ -323,14 +323,14 @@ def parse_integers(text: str, minimum: int = 1) -> list[int]:
         raise ValueError(
             f"{quote_shortened(text)} has an entry that is empty, or no number"
         ) from error
-    if min(numbers) < minimum or max(numbers) > MAX_LABEL:
+    if min(numbers) < minimum or max(numbers) > MAX_NODE_OR_ELEMENT_NUMBER:
         raise ValueError(
-            f"{quote_shortened(text)}: numbers have to be from {minimum} to {MAX_LABEL}"
+            f"{quote_shortened(text)}: numbers have to be from {minimum} to {MAX_NODE_OR_ELEMENT_NUMBER}"
         )
     return numbers
 
 
-def parse_node(text: str) -> tuple[int, list[float]]:
+def parse_node_row(text: str) -> tuple[int, list[float]]:
     """Parse a row with the number of a node and its coordinates.
 
     Empty or missing coordinates are 0. Up to three more entries, the components of a normal vector,
@@ -342,8 +342,8 @@ def parse_node(text: str) -> tuple[int, list[float]]:
     Raises:
         ValueError: if a coordinate is not a number, or there are too many entries.
     """
-    if not _REAL_ROW.fullmatch(text):
-        wrong_entry = next(field for field in text.split(",") if not _REAL_ROW.fullmatch(field))
+    if not _REAL_ROW_PATTERN.fullmatch(text):
+        wrong_entry = next(field for field in text.split(",") if not _REAL_ROW_PATTERN.fullmatch(field))
         raise ValueError(f"{quote_shortened(wrong_entry.strip())} is no number")
     number, *fields = text.rstrip(", \t").replace("D", "E").replace("d", "e").split(",")
     try:
@@ -352,4 +352,4 @@ def parse_node(text: str) -> tuple[int, list[float]]:
         raise ValueError(f"{quote_shortened(text)} has a coordinate that is no number") from error
     if len(fields) > 6 or not is_number(number.strip(" \t")):
         raise ValueError(f"{quote_shortened(text)} is no row of a node: number, x, y, z")
-    return parse_integers(number)[0], x + [0.0] * (3 - len(x))
+    return parse_comma_separated_integers(number)[0], x + [0.0] * (3 - len(x))

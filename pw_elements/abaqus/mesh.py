@@ -13,13 +13,13 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements.abaqus.deck import KEYS_PER_PART, Deck, SetName, SurfacePart, sort_distinct
+from pw_elements.abaqus.deck import KEY_OFFSET_PER_PART, Deck, PartAndSetName, SurfaceMembers, sort_distinct
 from pw_elements.abaqus.lines import to_upper_ascii
-from pw_elements.abaqus.types import EDGE_CORNERS, FACE_CORNERS, AbaqusElementType
+from pw_elements.abaqus.types import ABAQUS_EDGE_CORNERS, ABAQUS_FACE_CORNERS, AbaqusElementType
 from pw_elements.arrays import Array, Indices, Mask
 
 # Abaqus' numbers of the corners, in DOLFINx' order
-DOLFINX_CORNERS = {
+ABAQUS_CORNERS_IN_DOLFINX_ORDER = {
     "triangle": (0, 1, 2),
     "quadrilateral": (0, 1, 3, 2),
     "tetrahedron": (0, 1, 2, 3),
@@ -29,14 +29,14 @@ DOLFINX_CORNERS = {
 # of a shell are S3, S4 ...
 SHELL_SIDE_NAMES = ("SPOS", "SNEG", "S1", "S2")
 # Largest distance of nodes from their plane, relative to the extent of the nodes
-FLATNESS_TOLERANCE = 1e-9
+FLATNESS_TOLERANCE_OVER_EXTENT = 1e-9
 # Largest number of pairs of a node in a set and a facet at this node that are in memory at once
-MAX_PAIRS_IN_MEMORY = 2_000_000
+MAX_NODE_FACET_PAIRS_IN_MEMORY = 2_000_000
 
-TagsBySet = dict[str, tuple[int, ...]]  # tags of each set by its name
+TagsBySetName = dict[str, tuple[int, ...]]  # tags of each set by its name
 
 
-class DeckMesh(NamedTuple):
+class AbaqusMeshArrays(NamedTuple):
     """Arrays of the mesh and the named sets of an input file.
 
     Args:
@@ -55,16 +55,16 @@ class DeckMesh(NamedTuple):
     x: Array
     cells: Indices
     tags: dict[str, Indices]
-    names: dict[str, TagsBySet]
+    names: dict[str, TagsBySetName]
     notes: list[str]
 
 
-def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
+def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> AbaqusMeshArrays:
     """Read the cells and sets of an input file.
 
     Args:
         path: path of the file.
-        cells: names of the ELSETs whose elements become cells; by default all elements of the
+        cell_sets: names of the ELSETs whose elements become cells; by default all elements of the
             highest dimension.
 
     Raises:
@@ -72,36 +72,36 @@ def read_deck(path: Path, cells: Sequence[str] | None = None) -> DeckMesh:
         ValueError: if the file has no supported mesh; the message names file, line and reason.
     """
     deck = Deck(path)
-    set_labels = _label_sets(deck)
-    is_selected = _select_elements(deck, set_labels, cells)
-    cell_table = _CellTable(deck, is_selected)
+    set_labels = _make_unique_set_labels(deck)
+    is_selected = _select_elements(deck, set_labels, cell_sets)
+    cell_table = _AbaqusCellTable(deck, is_selected)
     facets = _FacetTable(cell_table)
-    facets.find_facet_elements(np.isin(deck.element_keys // KEYS_PER_PART, deck.used_parts))
+    facets.match_elements_to_facets(np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_parts))
     notes = [*deck.notes]
-    if cells is None:
-        notes += _describe_omitted(
+    if cell_sets is None:
+        notes += _describe_omitted_elements(
             deck, is_selected & (cell_table.cell_of_element < 0) & (facets.facet_of_element < 0)
         )
-    named_sets = _NamedSets(deck, set_labels, cell_table, facets)
-    coordinates, nodes = cell_table.complete_nodes(facets, notes)
-    cell_tags, cell_set_tags = _number_set_combinations(named_sets.cells, len(cell_table.nodes))
-    facet_tags, facet_set_tags = _number_set_combinations(named_sets.facets, len(facets.corners))
-    node_order, facet_order = _dolfinx_order(cell_table.cell, cell_table.degree)
+    named_sets = _NamedCellAndFacetSets(deck, set_labels, cell_table, facets)
+    coordinates, nodes = cell_table.add_face_and_cell_centre_nodes(facets, notes)
+    cell_tags, cell_set_tags = _assign_tags_to_set_combinations(named_sets.cells, len(cell_table.nodes))
+    facet_tags, facet_set_tags = _assign_tags_to_set_combinations(named_sets.facets, len(facets.corners))
+    node_order, facet_order = _abaqus_nodes_and_facets_in_dolfinx_order(cell_table.cell, cell_table.degree)
     tags = {
         "cells": cell_tags[:, None],
         "facets": facet_tags[facets.facets_of_cell[:, facet_order]],
     }
     names = {"cells": cell_set_tags, "facets": facet_set_tags}
     notes += named_sets.notes
-    return DeckMesh(
+    return AbaqusMeshArrays(
         cell_table.cell, cell_table.degree, coordinates, nodes[:, node_order], tags, names, notes
     )
 
 
-def _label_sets(deck: Deck) -> dict[str, dict[SetName, str]]:
+def _make_unique_set_labels(deck: Deck) -> dict[str, dict[PartAndSetName, str]]:
     """Return the label of each set, by kind: its name, or "INSTANCE.NAME" if it is not unique."""
     used_parts = set(map(int, deck.used_parts))
-    labels: dict[str, dict[SetName, str]] = {}
+    labels: dict[str, dict[PartAndSetName, str]] = {}
     names_by_kind = {set_kind: dict.fromkeys(names) for set_kind, names in deck.sets.items()}
     for set_kind, names in {**names_by_kind, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
         labels[set_kind] = {}
@@ -117,14 +117,14 @@ def _label_sets(deck: Deck) -> dict[str, dict[SetName, str]]:
 
 
 def _select_elements(
-    deck: Deck, set_labels: dict[str, dict[SetName, str]], cells: Sequence[str] | None
+    deck: Deck, set_labels: dict[str, dict[PartAndSetName, str]], cell_sets: Sequence[str] | None
 ) -> Mask:
-    """Return a mask of the elements in the ELSETs `cells`, or by default of all used parts."""
-    if cells is None:
-        return np.isin(deck.element_keys // KEYS_PER_PART, deck.used_parts)
+    """Return a mask of the elements in the ELSETs `cell_sets`, or by default of all used parts."""
+    if cell_sets is None:
+        return np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_parts)
     is_selected = np.zeros(len(deck.element_keys), dtype=bool)
     by_label = {label: name for name, label in set_labels["ELSET"].items()}
-    for cell_set in cells:
+    for cell_set in cell_sets:
         name = by_label.get(cell_set, by_label.get(to_upper_ascii(cell_set)))
         if name is None:
             known_labels = ", ".join(by_label) or "none"
@@ -135,7 +135,7 @@ def _select_elements(
     return is_selected
 
 
-def _describe_omitted(deck: Deck, is_omitted: Mask) -> list[str]:
+def _describe_omitted_elements(deck: Deck, is_omitted: Mask) -> list[str]:
     counts = np.bincount(deck.type_index[is_omitted], minlength=len(deck.element_types))
     description = ", ".join(
         f"{n} {kind.name}" for kind, n in zip(deck.element_types, counts, strict=True) if n
@@ -147,7 +147,7 @@ def _describe_omitted(deck: Deck, is_omitted: Mask) -> list[str]:
     )
 
 
-class _CellTable:
+class _AbaqusCellTable:
     """Cells of an input file, with nodes in Abaqus' order.
 
     Attributes:
@@ -170,9 +170,9 @@ class _CellTable:
             for element_type, is_present in zip(deck.element_types, has_elements, strict=True)
             if is_present
         ]
-        self.cell, self.degree, self.dim = self._common_cell(element_types)
-        n_nodes = len(DOLFINX_CORNERS[self.cell]) + (
-            len(EDGE_CORNERS[self.cell]) if self.degree > 1 else 0
+        self.cell, self.degree, self.dim = self._common_cell_type_degree_and_dim(element_types)
+        n_nodes = len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell]) + (
+            len(ABAQUS_EDGE_CORNERS[self.cell]) if self.degree > 1 else 0
         )
         if self.degree > 1 and self.cell == "quadrilateral":
             n_nodes += 1
@@ -196,12 +196,12 @@ class _CellTable:
         self.row_of_node[used_positions] = np.arange(len(used_positions))
         self.nodes = self.row_of_node[table]  # index -1 refers to the last entry, -1
         self._keys = deck.node_keys[used_positions]
-        self._check_nodes()
+        self._check_connectivity()
         self.x = np.ascontiguousarray(
-            deck.x[used_positions][:, self._choose_axes(deck.x[used_positions])]
+            deck.x[used_positions][:, self._choose_coordinate_axes(deck.x[used_positions])]
         )
 
-    def _common_cell(self, element_types: list[AbaqusElementType]) -> tuple[str, int, int]:
+    def _common_cell_type_degree_and_dim(self, element_types: list[AbaqusElementType]) -> tuple[str, int, int]:
         """Return the type, degree and dimension of all cells; raise ValueError if cells differ."""
         path = self.deck.path
         unsupported = sorted(
@@ -238,21 +238,21 @@ class _CellTable:
         ((cell, degree),) = cells_and_degrees
         return cell, degree, dim
 
-    def _element_name(self, cell: int) -> str:
-        return self.deck.describe_key(self.deck.element_keys[self.element_of_cell[cell]])
+    def _element_label_in_file(self, cell: int) -> str:
+        return self.deck.format_instance_and_number(self.deck.element_keys[self.element_of_cell[cell]])
 
-    def _node_name(self, node: int) -> str:
-        return self.deck.describe_key(self._keys[node])
+    def _node_label_in_file(self, node: int) -> str:
+        return self.deck.format_instance_and_number(self._keys[node])
 
-    def _check_nodes(self) -> None:
+    def _check_connectivity(self) -> None:
         """Raise ValueError for repeated nodes or cells, or different mid-side nodes of an edge."""
-        path, corners = self.deck.path, len(DOLFINX_CORNERS[self.cell])
+        path, corners = self.deck.path, len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell])
         rows = np.sort(self.nodes, axis=1)
         cell, column = np.nonzero((np.diff(rows, axis=1) == 0) & (rows[:, 1:] >= 0))
         if len(cell):
-            node = self._node_name(rows[cell[0], column[0]])
+            node = self._node_label_in_file(rows[cell[0], column[0]])
             raise ValueError(
-                f"{path}: element {self._element_name(cell[0])} has the node {node} twice: "
+                f"{path}: element {self._element_label_in_file(cell[0])} has the node {node} twice: "
                 "collapsed cells are not read"
             )
         rows = np.sort(self.nodes[:, :corners], axis=1)
@@ -261,26 +261,26 @@ class _CellTable:
         if len(equal_rows):
             first_cell, second_cell = sorted(ordering[equal_rows[0] : equal_rows[0] + 2])
             raise ValueError(
-                f"{path}: elements {self._element_name(first_cell)} and "
-                f"{self._element_name(second_cell)} have the same corners: one cell is given twice"
+                f"{path}: elements {self._element_label_in_file(first_cell)} and "
+                f"{self._element_label_in_file(second_cell)} have the same corners: one cell is given twice"
             )
         if self.degree == 1:
             return
-        middles = self.nodes[:, corners : corners + len(EDGE_CORNERS[self.cell])]
+        middles = self.nodes[:, corners : corners + len(ABAQUS_EDGE_CORNERS[self.cell])]
         contradictory = np.intersect1d(middles, self.nodes[:, :corners])
         if len(contradictory):
             raise ValueError(
-                f"{path}: node {self._node_name(contradictory[0])} is a corner of one element and "
+                f"{path}: node {self._node_label_in_file(contradictory[0])} is a corner of one element and "
                 "in the middle of another's edge"
             )
-        edge_ends = np.array([[int(c) for c in edge] for edge in EDGE_CORNERS[self.cell]])
+        edge_ends = np.array([[int(c) for c in edge] for edge in ABAQUS_EDGE_CORNERS[self.cell]])
         pairs = np.sort(self.nodes[:, edge_ends], axis=2).reshape(-1, 2)
         ordering = np.lexsort(pairs.T)
         pairs, middle_nodes = pairs[ordering], middles.ravel()[ordering]
         is_torn = (np.diff(pairs, axis=0) == 0).all(axis=1) & (np.diff(middle_nodes) != 0)
         if is_torn.any():
             k = int(np.flatnonzero(is_torn)[0])
-            a, b, c, d = (self._node_name(n) for n in (*pairs[k], *middle_nodes[k : k + 2]))
+            a, b, c, d = (self._node_label_in_file(n) for n in (*pairs[k], *middle_nodes[k : k + 2]))
             raise ValueError(
                 f"{path}: the edge between nodes {a} and {b} has the node {c} in one element and "
                 f"{d} in another"
@@ -289,15 +289,15 @@ class _CellTable:
         pairs, middle_nodes = pairs[ordering], middle_nodes[ordering]
         is_shared = (np.diff(middle_nodes) == 0) & (np.diff(pairs, axis=0) != 0).any(axis=1)
         if is_shared.any():
-            node = self._node_name(middle_nodes[np.flatnonzero(is_shared)[0]])
+            node = self._node_label_in_file(middle_nodes[np.flatnonzero(is_shared)[0]])
             raise ValueError(f"{path}: node {node} is in the middle of two edges")
 
-    def _choose_axes(self, x: Array) -> list[int]:
+    def _choose_coordinate_axes(self, x: Array) -> list[int]:
         """Return the indices of the coordinate axes (0, 1, 2) that the mesh keeps."""
         if self.dim == 3:
             return [0, 1, 2]
         extent = np.ptp(x, axis=0)
-        is_flat = extent <= FLATNESS_TOLERANCE * extent.max()
+        is_flat = extent <= FLATNESS_TOLERANCE_OVER_EXTENT * extent.max()
         all_shells = all(element_type.is_shell for element_type in set(self.element_types))
         for normal_axis, axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
             if is_flat[normal_axis] and (all_shells or normal_axis == 2):
@@ -313,10 +313,10 @@ class _CellTable:
             "may lie in a plane x, y or z = constant: turn the nodes into one"
         )
 
-    def complete_nodes(self, facets: "_FacetTable", notes: list[str]) -> tuple[Array, Indices]:
+    def add_face_and_cell_centre_nodes(self, facets: "_FacetTable", notes: list[str]) -> tuple[Array, Indices]:
         """Add nodes in the middle of faces and cells; return coordinates and nodes of all cells."""
         x, nodes = self.x, self.nodes
-        if self.degree == 1 or len(DOLFINX_CORNERS[self.cell]) == self.dim + 1:
+        if self.degree == 1 or len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell]) == self.dim + 1:
             return x, nodes
         if self.cell == "quadrilateral":
             incomplete_cells = np.flatnonzero(nodes[:, 8] < 0)
@@ -326,7 +326,7 @@ class _CellTable:
                 x = np.concatenate(
                     [
                         x,
-                        self._face_centres(
+                        self._serendipity_face_centres(
                             nodes[incomplete_cells, :4], nodes[incomplete_cells, 4:8]
                         ),
                     ]
@@ -337,7 +337,7 @@ class _CellTable:
             return x, nodes
         corners = self.nodes[facets.first_cell[:, None], facets.face_corners[facets.first_side]]
         middles = self.nodes[facets.first_cell[:, None], facets.face_middles[facets.first_side]]
-        face_centres = self._face_centres(corners, middles)
+        face_centres = self._serendipity_face_centres(corners, middles)
         cell_centres = x[nodes[:, 8:]].sum(axis=1) / 4 - x[nodes[:, :8]].sum(axis=1) / 4
         face_nodes = len(x) + facets.facets_of_cell
         centre_nodes = len(x) + len(face_centres) + np.arange(len(nodes))
@@ -348,9 +348,9 @@ class _CellTable:
             [nodes, face_nodes, centre_nodes[:, None]]
         )
 
-    def _face_centres(self, corners: Indices, middles: Indices) -> Array:
+    def _serendipity_face_centres(self, corner_nodes: Indices, mid_side_nodes: Indices) -> Array:
         """Return the centres (n, dim) of faces with 8 nodes, according to their shape functions."""
-        return self.x[middles].sum(axis=1) / 2 - self.x[corners].sum(axis=1) / 4
+        return self.x[mid_side_nodes].sum(axis=1) / 2 - self.x[corner_nodes].sum(axis=1) / 4
 
 
 class _FacetTable:
@@ -366,15 +366,15 @@ class _FacetTable:
         facet_of_element: facet that is equal to each element of the file, or -1.
     """
 
-    def __init__(self, cells: _CellTable) -> None:
+    def __init__(self, cells: _AbaqusCellTable) -> None:
         self._cells = cells
         cell, n_cells = cells.cell, len(cells.nodes)
-        self.face_corners = np.array([[int(c) for c in face] for face in FACE_CORNERS[cell]])
-        edges = [set(edge) for edge in EDGE_CORNERS[cell]]
-        self.face_middles = len(DOLFINX_CORNERS[cell]) + np.array(
+        self.face_corners = np.array([[int(c) for c in face] for face in ABAQUS_FACE_CORNERS[cell]])
+        edges = [set(edge) for edge in ABAQUS_EDGE_CORNERS[cell]]
+        self.face_middles = len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[cell]) + np.array(
             [
                 [k for k, edge in enumerate(edges) if edge <= set(face)]
-                for face in FACE_CORNERS[cell]
+                for face in ABAQUS_FACE_CORNERS[cell]
             ]
         )
         rows = np.sort(cells.nodes[:, self.face_corners], axis=2)
@@ -391,19 +391,19 @@ class _FacetTable:
         self.nodes = cells.nodes[self.first_cell[:, None], columns[self.first_side]]
         self.facet_of_element = np.full(len(cells.deck.element_keys), -1, dtype=np.int64)
 
-    def find_facet_elements(self, is_placed: Mask) -> None:
+    def match_elements_to_facets(self, is_in_used_part: Mask) -> None:
         """Set `facet_of_element` for placed elements of one dimension less than the cells."""
         cells, deck = self._cells, self._cells.deck
         is_corner = np.zeros(len(cells.x) + 1, dtype=bool)
-        is_corner[cells.nodes[:, : len(DOLFINX_CORNERS[cells.cell])]] = True
+        is_corner[cells.nodes[:, : len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[cells.cell])]] = True
         n_corners = self.corners.shape[1]
         for element_type, members, keys in zip(
             deck.element_types, deck.members, deck.nodes, strict=True
         ):
-            if element_type.dim != cells.dim - 1 or not is_placed[members].any():
+            if element_type.dim != cells.dim - 1 or not is_in_used_part[members].any():
                 continue
-            elements = members[is_placed[members]]
-            nodes = cells.row_of_node[deck.node_positions(keys[is_placed[members]])]
+            elements = members[is_in_used_part[members]]
+            nodes = cells.row_of_node[deck.node_positions(keys[is_in_used_part[members]])]
             node_is_corner = is_corner[nodes] & (nodes >= 0)
             has_all_corners = node_is_corner.sum(axis=1) == n_corners
             elements, nodes, node_is_corner = (
@@ -424,7 +424,7 @@ class _FacetTable:
             )
             self.facet_of_element[elements] = np.where(has_same_nodes & (facet >= 0), facet, -1)
 
-    def facets_within_node_sets(self, sets: list[Indices]) -> list[Indices]:
+    def find_outer_facets_in_node_sets(self, node_sets: list[Indices]) -> list[Indices]:
         """Return, for each set of nodes, the outer facets with all nodes in the set."""
         outer_facets = np.flatnonzero(self.is_outer)
         n_nodes = self.nodes.shape[1]
@@ -433,11 +433,11 @@ class _FacetTable:
         ones = np.ones(len(columns), dtype=np.int32)
         facets_at_node = sp.csr_matrix((ones, (self.nodes[outer_facets].ravel(), columns)), shape)
         n_facets_at_node = np.diff(facets_at_node.indptr)
-        n_pairs = np.cumsum([int(n_facets_at_node[members].sum()) for members in sets])
-        batch = n_pairs // MAX_PAIRS_IN_MEMORY
+        n_pairs = np.cumsum([int(n_facets_at_node[members].sum()) for members in node_sets])
+        batch = n_pairs // MAX_NODE_FACET_PAIRS_IN_MEMORY
         facets_of_set: list[Indices] = []
         for number in np.unique(batch):
-            batch_sets = [sets[k] for k in np.flatnonzero(batch == number)]
+            batch_sets = [node_sets[k] for k in np.flatnonzero(batch == number)]
             pointers = np.concatenate([[0], np.cumsum([len(members) for members in batch_sets])])
             members = np.concatenate(batch_sets)
             ones = np.ones(len(members), dtype=np.int32)
@@ -449,7 +449,7 @@ class _FacetTable:
         return facets_of_set
 
 
-class _NamedSets:
+class _NamedCellAndFacetSets:
     """Cells and facets of each named set.
 
     Empty sets, and sets with names that begin with "_", are left out.
@@ -464,8 +464,8 @@ class _NamedSets:
     def __init__(
         self,
         deck: Deck,
-        set_labels: dict[str, dict[SetName, str]],
-        cells: _CellTable,
+        set_labels: dict[str, dict[PartAndSetName, str]],
+        cells: _AbaqusCellTable,
         facets: _FacetTable,
     ) -> None:
         self._deck, self._cells, self._facets = deck, cells, facets
@@ -484,20 +484,20 @@ class _NamedSets:
             ]:
                 node_sets["SURFACE", name] = np.unique(np.concatenate(node_parts))
         rows = [cells.row_of_node[members] for members in node_sets.values()]
-        node_set_facets = facets.facets_within_node_sets([row[row >= 0] for row in rows])
+        node_set_facets = facets.find_outer_facets_in_node_sets([row[row >= 0] for row in rows])
         facets_of_nodes = dict(zip(node_sets, node_set_facets, strict=True))
         for name, label in visible_sets["NSET"].items():
-            self._store_set(self.facets, label, facets_of_nodes["NSET", name])
+            self._store_nonempty_set(self.facets, label, facets_of_nodes["NSET", name])
         for name, label in visible_sets["ELSET"].items():
-            self._store_set(self.cells, label, cells.cell_of_element[deck.sets["ELSET"][name]])
-            self._store_set(self.facets, label, facets.facet_of_element[deck.sets["ELSET"][name]])
+            self._store_nonempty_set(self.cells, label, cells.cell_of_element[deck.sets["ELSET"][name]])
+            self._store_nonempty_set(self.facets, label, facets.facet_of_element[deck.sets["ELSET"][name]])
         for name, label in visible_sets["SURFACE"].items():
             parts = [part for part in deck.surfaces[name] if part.set_kind == "ELSET"]
-            chunks = [self._facets_of_surface_part(part, label) for part in parts]
+            chunks = [self._find_facets_of_surface_members(part, label) for part in parts]
             chunks += [
                 facets_of_nodes[key] for key in [("SURFACE", name)] if key in facets_of_nodes
             ]
-            self._store_set(
+            self._store_nonempty_set(
                 self.facets, label, np.concatenate([facets.facets_of_cell[:0, 0], *chunks])
             )
         self.notes = [
@@ -505,69 +505,69 @@ class _NamedSets:
             for name in self._sets_with_shell_sides
         ]
 
-    def _store_set(self, sets: dict[str, Indices], label: str, members: Indices) -> None:
+    def _store_nonempty_set(self, sets: dict[str, Indices], label: str, members: Indices) -> None:
         members = sort_distinct(members[members >= 0])
         if len(members):
             sets[label] = members
 
-    def _facets_of_surface_part(self, part: SurfacePart, label: str) -> Indices:
+    def _find_facets_of_surface_members(self, surface_members: SurfaceMembers, label: str) -> Indices:
         """Return the facets of a part of a surface.
 
         They are the elements of the part that are facets, and the given face of each cell.
         """
-        facets, cell_numbers = self._facets, self._cells.cell_of_element[part.members]
-        chunks = [facets.facet_of_element[part.members]]
+        facets, cell_numbers = self._facets, self._cells.cell_of_element[surface_members.members]
+        chunks = [facets.facet_of_element[surface_members.members]]
         for is_shell in (False, True):
             cells = cell_numbers[(cell_numbers >= 0) & (self._is_shell[cell_numbers] == is_shell)]
             if not len(cells):
                 continue
-            face_numbers = _face_numbers(self._cells.cell, is_shell)
-            if not part.face:
+            face_numbers = _face_number_by_name(self._cells.cell, is_shell)
+            if not surface_members.face:
                 cell_facets = facets.facets_of_cell[cells]
                 chunks.append(cell_facets[facets.is_outer[cell_facets]])
-            elif part.face in face_numbers:
-                chunks.append(facets.facets_of_cell[cells, face_numbers[part.face]])
-            elif is_shell and part.face in SHELL_SIDE_NAMES:
+            elif surface_members.face in face_numbers:
+                chunks.append(facets.facets_of_cell[cells, face_numbers[surface_members.face]])
+            elif is_shell and surface_members.face in SHELL_SIDE_NAMES:
                 self._sets_with_shell_sides.setdefault(label)
             else:
                 raise ValueError(
-                    f"{self._deck.path}: a surface has faces {part.face}; a {self._cells.cell} "
+                    f"{self._deck.path}: a surface has faces {surface_members.face}; a {self._cells.cell} "
                     f"has {[*face_numbers]}"
                 )
         return np.concatenate(chunks)
 
 
-def _face_numbers(cell: str, is_shell: bool) -> dict[str, int]:
+def _face_number_by_name(cell_type: str, is_shell: bool) -> dict[str, int]:
     """Return the number of each face of a cell by its name; edges of shells have two names."""
-    count = len(FACE_CORNERS[cell])
+    count = len(ABAQUS_FACE_CORNERS[cell_type])
     if not is_shell:
         return {f"S{k + 1}": k for k in range(count)}
     return {f"E{k + 1}": k for k in range(count)} | {f"S{k + 3}": k for k in range(count)}
 
 
-def _dolfinx_order(cell: str, degree: int) -> tuple[list[int], list[int]]:
+def _abaqus_nodes_and_facets_in_dolfinx_order(cell_type: str, degree: int) -> tuple[list[int], list[int]]:
     """Return Abaqus' numbers of the nodes and of the facets of a cell, both in DOLFINx' order."""
-    corners = DOLFINX_CORNERS[cell]
-    dim = 2 if cell in ("triangle", "quadrilateral") else 3
-    topology = basix.topology(basix.CellType[cell])
-    face_corners = [set(map(int, face)) for face in FACE_CORNERS[cell]]
+    corners = ABAQUS_CORNERS_IN_DOLFINX_ORDER[cell_type]
+    dim = 2 if cell_type in ("triangle", "quadrilateral") else 3
+    topology = basix.topology(basix.CellType[cell_type])
+    face_corners = [set(map(int, face)) for face in ABAQUS_FACE_CORNERS[cell_type]]
     facet_order = [face_corners.index({corners[k] for k in facet}) for facet in topology[dim - 1]]
     node_order = [*corners]
     if degree > 1:
-        edge_corners = [set(map(int, edge)) for edge in EDGE_CORNERS[cell]]
+        edge_corners = [set(map(int, edge)) for edge in ABAQUS_EDGE_CORNERS[cell_type]]
         node_order += [
             len(node_order) + edge_corners.index({corners[k] for k in edge}) for edge in topology[1]
         ]
-        if cell == "hexahedron":
+        if cell_type == "hexahedron":
             node_order += [len(node_order) + side for side in facet_order]
         if len(corners) != dim + 1:
             node_order.append(len(node_order))
     return node_order, facet_order
 
 
-def _number_set_combinations(
+def _assign_tags_to_set_combinations(
     members_of_set: dict[str, Indices], n_entities: int
-) -> tuple[Indices, TagsBySet]:
+) -> tuple[Indices, TagsBySetName]:
     """Give a tag to each combination of sets to which an entity belongs.
 
     Args:

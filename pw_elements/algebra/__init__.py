@@ -20,10 +20,10 @@ from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, ResidualSystem
 from pw_elements.algebra.problem_checks import check_load, check_problem, is_finite
 from pw_elements.algebra.reduction import (
     Reduction,
-    constrained_operator,
-    evaluate_conditions,
-    full_size_reduction,
-    reduce_load,
+    matrix_free_constrained_operator,
+    free_dofs_and_prescribed_values,
+    full_size_masking_reduction,
+    reduce_load_and_update_offset,
     reduce_matrix,
-    scale_pressures,
+    scale_pressures_to_displacements,
 )

@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.linear import explain_singular_system, factorise, symmetric_part
-from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace
-from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
+from pw_elements.algebra.linear import reraise_singular_system_with_cause, factorise, symmetric_part
+from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace_of_displacements
+from pw_elements.algebra.reduction import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
@@ -34,7 +34,7 @@ from pw_elements.solvers import (
     Solver,
     SolverReport,
     choose_solver,
-    compute_with_fallback,
+    compute_with_direct_fallback,
     is_matrix_free,
     to_aij,
 )
@@ -42,47 +42,47 @@ from pw_elements.spaces import AssemblyRecord, SubSpace, is_hybrid
 
 T = TypeVar("T")
 
-_EIGENVALUE_TOLERANCE = 1e-12
+_EIGENSOLVER_RELATIVE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
 # Number of eigenvalues that have to converge in addition to those requested, except if a single
 # buckling factor is requested. The iteration finds further copies of a multiple eigenvalue late,
 # since they arise from round-off alone. A free body has six rigid modes. The search space has room
 # for all of them in any case: without it, the iteration fails if the load pulls
-_SPARE_EIGENVALUES = 6
+_N_EXTRA_CONVERGED_EIGENVALUES = 6
 # Size of the negative shift, relative to the estimated lowest elastic eigenvalue of a compact body.
 # It is so close to zero that each copy of a multiple rigid mode outgrows the elastic modes within a
 # few steps
-_RELATIVE_SHIFT = 1e-2
+_SHIFT_OVER_LOWEST_ELASTIC_EIGENVALUE = 1e-2
 # Ratio of the lowest eigenvalue to the shift below which the body is slender. Copies of multiple
 # eigenvalues may then be missed, and the shift is reduced to this eigenvalue
-_SLENDER_EIGENVALUE = 1e-3
+_SLENDER_BODY_EIGENVALUE_OVER_SHIFT = 1e-3
 # Eigenvalue, relative to that of a mode as short as an element, below which a mode is rigid. Rigid
 # modes of free bars, even slender ones, are below 1e-16. The first elastic mode of a clamped bar
 # that is 500 times as long as high, with elements as long as high, is at 7e-13
-_RIGID_EIGENVALUE = 2e-15
+_MAX_RIGID_OVER_ELEMENT_EIGENVALUE = 2e-15
 # Asymmetry |x.A y - y.A x| / (|A y| |x|) of a matrix A, with random vectors x and y. First, the
 # value below which LDL^T factorises a matrix as accurately as LU does. Second, the value below
 # which the asymmetry is round-off of the assembly
-_LDL_ASYMMETRY = 1e-14
-_ASSEMBLY_ASYMMETRY = 1e-10
+_MAX_RELATIVE_ASYMMETRY_FOR_LDL = 1e-14
+_MAX_RELATIVE_ASYMMETRY_FROM_ASSEMBLY = 1e-10
 # Largest residual of a mode computed with an iterative solver
-_MAX_MODE_RESIDUAL = 1e-8
+_MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES = 1e-8
 # Eigenvalue mu of the buckling problem below which the initial stress does not act on a mode
-_MIN_BUCKLING_EIGENVALUE = 1e-10
+_MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR = 1e-10
 # Values of `BucklingModes.prestress_ratios` above which a factor is refused, and above which a
 # warning is logged. No body buckles at prestresses nearly as large as the stiffness. Such factors
 # belong to a few cells around a clamp, and exist even if the load pulls. Columns as wide as high
 # have a ratio of 0.1, and their fourth modes have ratios up to 0.3
-MAX_PRESTRESS_RATIO = 0.6
-WARNING_PRESTRESS_RATIO = 0.4
+MAX_PRESTRESS_OVER_STIFFNESS = 0.6
+WARNING_PRESTRESS_OVER_STIFFNESS = 0.4
 
 # Relative residual of the largest eigenvalue; the eigenvalue's error is about its square
-_LARGEST_TOLERANCE = 1e-8
+_LARGEST_EIGENVALUE_RELATIVE_TOLERANCE = 1e-8
 _MAX_LANCZOS_STEPS = 1000
 # Tolerance of the smallest eigenvalue, relative to the norm of the matrix
-_SMALLEST_TOLERANCE = 1e-3
+_SMALLEST_EIGENVALUE_TOLERANCE_OVER_NORM = 1e-3
 # Size of a negative eigenvalue, relative to the largest eigenvalue, that counts as round-off
-_NEGATIVE_ROUND_OFF = 1e-9
+_ROUND_OFF_OVER_LARGEST_EIGENVALUE = 1e-9
 
 
 class NoModes(RuntimeError):
@@ -143,7 +143,7 @@ class VibrationModes:
     report: SolverReport
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -173,19 +173,19 @@ def vibration_modes(
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             for symmetrised matrices, if an eigenvalue lies below the shift.
     """
-    request = _ModesRequest(reduction, count, symmetrised, solver)
+    request = _EigenmodeRequest(reduction, count, symmetrised, solver)
     request.check(K, "the mass", M)
-    refuse_negative_trace("the mass", M, reduction.space)
+    refuse_negative_trace_of_displacements("the mass", M, reduction.space)
     K, M = to_aij(K), to_aij(M)
-    return request.compute(lambda choice: _compute_vibrations(K, M, request, choice))
+    return request.compute(lambda choice: _compute_vibration_modes(K, M, request, choice))
 
 
-def _compute_vibrations(
+def _compute_vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
-    request: "_ModesRequest",
+    request: "_EigenmodeRequest",
     solver: LinearSolver,
-    lowest: float | None = None,
+    known_lowest_eigenvalue: float | None = None,
 ) -> VibrationModes:
     """Return vibration modes of a checked request.
 
@@ -194,15 +194,15 @@ def _compute_vibrations(
         M: mass (n, n).
         request: supports, number of modes, and whether the matrices are symmetrised.
         solver: linear solver.
-        lowest: lowest eigenvalue, if it is known from an earlier attempt.
+        known_lowest_eigenvalue: lowest eigenvalue, if it is known from an earlier attempt.
     """
-    A, B, reduction = request.reduce_pair(M, K, solver)
+    A, B, reduction = request.reduce_matrix_pair(M, K, solver)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
         raise NoModes("the mass or stiffness matrix is zero or not finite")
     shortest_eigenvalue = stiffness / mass  # of a mode as short as an element
-    compact_shift = -_RELATIVE_SHIFT * shortest_eigenvalue / B.getSize()[0]
-    shift = compact_shift if lowest is None else -lowest
+    compact_shift = -_SHIFT_OVER_LOWEST_ELASTIC_EIGENVALUE * shortest_eigenvalue / B.getSize()[0]
+    shift = compact_shift if known_lowest_eigenvalue is None else -known_lowest_eigenvalue
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest
     # eigenvalue. `axpy` would lose the record of B, but never free the record and its mesh
     AssemblyRecord().attach(B)
@@ -210,9 +210,9 @@ def _compute_vibrations(
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(shortest_eigenvalue)
     if is_matrix_free(solver):  # the solver scales pressures according to B
-        reduction = scale_pressures(full_size_reduction(request.reduction), B)
-    mu, shapes, residuals, report = _compute_largest_eigenvalues(
-        A, B, reduction, request, solver, shifted=True
+        reduction = scale_pressures_to_displacements(full_size_masking_reduction(request.reduction), B)
+    mu, shapes, residuals, report = _compute_modes_of_largest_eigenvalues(
+        A, B, reduction, request, solver, is_B_shifted=True
     )
     if mu.real.min() <= 0:
         raise NoModes(
@@ -220,18 +220,18 @@ def _compute_vibrations(
             f"{shift:.6g}"
         )
     values = shift + shortest_eigenvalue / mu
-    is_rigid = np.abs(values) < _RIGID_EIGENVALUE * shortest_eigenvalue
+    is_rigid = np.abs(values) < _MAX_RIGID_OVER_ELEMENT_EIGENVALUE * shortest_eigenvalue
     elastic = values[~is_rigid]
     slowest = elastic.real.min(initial=np.inf)
-    if lowest is None and 0 < slowest < -_SLENDER_EIGENVALUE * shift:
-        modes = _compute_vibrations(K, M, request, solver, slowest)
+    if known_lowest_eigenvalue is None and 0 < slowest < -_SLENDER_BODY_EIGENVALUE_OVER_SHIFT * shift:
+        modes = _compute_vibration_modes(K, M, request, solver, slowest)
         return replace(modes, report=modes.report.plus(report))
     imaginary = float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0))
     n_rigid = int(is_rigid.sum())
     return VibrationModes(values.real, shapes, residuals, imaginary, n_rigid, report)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def buckling(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
@@ -261,16 +261,16 @@ def buckling(
             case up to a prestress of 0.6 times the stiffness (`BucklingModes.prestress_ratios`); or
             if some factors did not converge.
     """
-    request = _ModesRequest(reduction, count, symmetrised, solver)
+    request = _EigenmodeRequest(reduction, count, symmetrised, solver)
     request.check(K, "the initial stress", K_sigma)
     K, K_sigma = to_aij(K), to_aij(K_sigma)
-    return request.compute(lambda choice: _compute_buckling(K, K_sigma, request, choice))
+    return request.compute(lambda choice: _compute_buckling_modes(K, K_sigma, request, choice))
 
 
-def _compute_buckling(
-    K: PETSc.Mat, K_sigma: PETSc.Mat, request: "_ModesRequest", solver: LinearSolver
+def _compute_buckling_modes(
+    K: PETSc.Mat, K_sigma: PETSc.Mat, request: "_EigenmodeRequest", solver: LinearSolver
 ) -> BucklingModes:
-    A, B, reduction = request.reduce_pair(K_sigma, K, solver)
+    A, B, reduction = request.reduce_matrix_pair(K_sigma, K, solver)
     size = A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
         raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
@@ -278,26 +278,26 @@ def _compute_buckling(
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
-    mu, shapes, residuals, report = _compute_largest_eigenvalues(
-        A, B, reduction, request, solver, shifted=False
+    mu, shapes, residuals, report = _compute_modes_of_largest_eigenvalues(
+        A, B, reduction, request, solver, is_B_shifted=False
     )
-    n_positive = np.sum(mu.real > _MIN_BUCKLING_EIGENVALUE)
-    if mu.real.min() <= _MIN_BUCKLING_EIGENVALUE:
+    n_positive = np.sum(mu.real > _MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR)
+    if mu.real.min() <= _MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR:
         raise NoModes(
             f"only {n_positive} of {request.count} factors are positive: "
             "the load pulls where it should press"
         )
     imaginary = float(np.max(np.abs(mu.imag) / mu.real))
     factors = scale / mu.real
-    prestress = factors * _prestress_over_stiffness(K, K_sigma, shapes, request.reduction.space)
-    _check_prestress(factors, prestress, K.comm.tompi4py())
+    prestress = factors * _prestress_over_stiffness_at_unit_factor(K, K_sigma, shapes, request.reduction.space)
+    _check_prestress_ratios(factors, prestress, K.comm.tompi4py())
     return BucklingModes(factors, prestress, shapes, residuals, imaginary, report)
 
 
-def _prestress_over_stiffness(
+def _prestress_over_stiffness_at_unit_factor(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
-    shapes: Sequence[PETSc.Vec],
+    mode_shapes: Sequence[PETSc.Vec],
     space: fem.FunctionSpace | None,
 ) -> Array:
     """Return the ratio of prestress to stiffness of each mode for a factor of one.
@@ -313,26 +313,26 @@ def _prestress_over_stiffness(
     if space is not None:
         dofs = SubSpace.displacements(space).owned_unknowns.ravel()
     sums = np.array(
-        [[np.sum((d.array_r**2 * w)[dofs]) for d in shapes] for w in (prestress, stiffness)]
+        [[np.sum((d.array_r**2 * w)[dofs]) for d in mode_shapes] for w in (prestress, stiffness)]
     )
     K.comm.tompi4py().Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
     return np.asarray(sums[0] / sums[1], dtype=float)
 
 
-def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
+def _check_prestress_ratios(buckling_factors: Array, prestress_ratios: Array, comm: MPI.Comm) -> None:
     """Raise NoModes if a ratio of prestress to stiffness is too large; warn if one is large."""
-    too_large = prestress > MAX_PRESTRESS_RATIO
+    too_large = prestress_ratios > MAX_PRESTRESS_OVER_STIFFNESS
     if too_large.any():
         raise NoModes(
-            f"only {np.sum(~too_large)} of {len(factors)} factors are of buckling: at the factor "
-            f"{factors[too_large][0]:.4g} the prestress is {prestress[too_large][0]:.3g} times the "
+            f"only {np.sum(~too_large)} of {len(buckling_factors)} factors are of buckling: at the factor "
+            f"{buckling_factors[too_large][0]:.4g} the prestress is {prestress_ratios[too_large][0]:.3g} times the "
             "stiffness, and no body is elastic there. Either the load pulls where it should press "
             "(then reverse it), or fewer modes have to be asked for"
         )
-    if prestress.max() > WARNING_PRESTRESS_RATIO:
-        worst = int(np.argmax(prestress))
+    if prestress_ratios.max() > WARNING_PRESTRESS_OVER_STIFFNESS:
+        worst = int(np.argmax(prestress_ratios))
         warning = (
-            f"at the buckling factor {factors[worst]:.4g} the prestress is {prestress[worst]:.2g} "
+            f"at the buckling factor {buckling_factors[worst]:.4g} the prestress is {prestress_ratios[worst]:.2g} "
             "times the stiffness: strains are far from small, and the factor means little. Look "
             "at the sign of the load"
         )
@@ -340,7 +340,7 @@ def _check_prestress(factors: Array, prestress: Array, comm: MPI.Comm) -> None:
 
 
 @dataclass(frozen=True)
-class _ModesRequest:
+class _EigenmodeRequest:
     """Arguments that `vibration_modes` and `buckling` have in common."""
 
     reduction: Reduction
@@ -348,21 +348,21 @@ class _ModesRequest:
     symmetrised: bool
     solver: Solver
 
-    def check(self, K: PETSc.Mat, name: str, matrix: PETSc.Mat) -> None:
+    def check(self, K: PETSc.Mat, other_name: str, other_matrix: PETSc.Mat) -> None:
         """Raise an error for arguments that make no eigenvalue problem.
 
         Args:
             K: stiffness.
-            name: name of the other matrix, used in error messages.
-            matrix: the other matrix, mass or initial stress.
+            other_name: name of the other matrix, used in error messages.
+            other_matrix: the other matrix, mass or initial stress.
         """
-        pair, reductions = {"the stiffness": K, name: matrix}, (self.reduction,)
+        pair, reductions = {"the stiffness": K, other_name: other_matrix}, (self.reduction,)
         check_problem(pair, reductions=reductions, solver=self.solver)
         arguments.check_integer("count", self.count, 1)
         arguments.check_flag("symmetrised", self.symmetrised)
-        refuse_negative_trace("the stiffness", K, self.reduction.space)
+        refuse_negative_trace_of_displacements("the stiffness", K, self.reduction.space)
 
-    def compute(self, modes: Callable[[LinearSolver], T]) -> T:
+    def compute(self, compute_modes: Callable[[LinearSolver], T]) -> T:
         """Return `modes(solver)` with the requested solver, or with the one that "auto" chooses."""
         reason = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
         space, supports = self.reduction.space, self.reduction.supports
@@ -371,9 +371,9 @@ class _ModesRequest:
                 "a pair of hybrid spaces has no symmetrised twin: it is never definite"
             )
         choice = choose_solver(self.solver, supports, reason, for_modes=True)
-        return compute_with_fallback(choice, self.solver, supports, modes)
+        return compute_with_direct_fallback(choice, self.solver, supports, compute_modes)
 
-    def reduce_pair(
+    def reduce_matrix_pair(
         self, A: PETSc.Mat, B: PETSc.Mat, solver: LinearSolver
     ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction]:
         """Return the matrices A and B of A d = mu B d under the supports, and their reduction.
@@ -381,9 +381,9 @@ class _ModesRequest:
         For a matrix-free solver, A keeps its size and has zeros for prescribed unknowns, and B is a
         copy without supports.
         """
-        reduction = scale_pressures(self.reduction, B)
+        reduction = scale_pressures_to_displacements(self.reduction, B)
         if is_matrix_free(solver):
-            reduction = full_size_reduction(reduction)
+            reduction = full_size_masking_reduction(reduction)
             return reduction.matrix(A), B.copy(), reduction
         A, B = reduction.matrix(A), reduction.matrix(B)
         if self.symmetrised:
@@ -391,13 +391,13 @@ class _ModesRequest:
         return A, B, reduction
 
 
-def _compute_largest_eigenvalues(
+def _compute_modes_of_largest_eigenvalues(
     A: PETSc.Mat,
     B: PETSc.Mat,
     reduction: Reduction,
-    request: _ModesRequest,
+    request: _EigenmodeRequest,
     solver: LinearSolver,
-    shifted: bool,
+    is_B_shifted: bool,
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], Array, SolverReport]:
     """Compute the eigenvalues mu of A d = mu B d with the largest real parts.
 
@@ -407,7 +407,7 @@ def _compute_largest_eigenvalues(
         reduction: reduction of both matrices.
         request: number of modes, and whether the matrices are symmetrised.
         solver: solver of systems with B.
-        shifted: whether B contains a shift, so that it is regular even if rigid motions are free.
+        is_B_shifted: whether B contains a shift, so that it is regular even if rigid motions are free.
 
     Returns:
         The eigenvalues mu (count,); the modes d as vectors of all unknowns; the relative residuals
@@ -420,29 +420,29 @@ def _compute_largest_eigenvalues(
     inverse: PreparedSolver
     if isinstance(solver, Iterative):
         inverse = krylov = solver.prepare(B, request.symmetrised, reduction.supports)
-        if shifted:
+        if is_B_shifted:
             krylov.preconditioner.set_up_levels()
         else:
-            with explain_singular_system():
+            with reraise_singular_system_with_cause():
                 krylov.set_up()
         B = krylov.operator
     else:
         option_names = {name.lstrip("-") for name in getattr(solver, "options", ())}
         uses_mumps = isinstance(solver, Direct) and "pc_factor_mat_solver_type" not in option_names
-        use_ldl = request.symmetrised or (uses_mumps and _is_symmetric(B))
+        use_ldl = request.symmetrised or (uses_mumps and _is_nearly_symmetric(B))
         inverse = factorise(B, use_ldl, solver, reduction)
     if request.symmetrised:
-        _refuse_indefinite(inverse)
+        _require_positive_definite(inverse)
     eigensolver = SLEPc.EPS().create(A.comm)
     eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
     eigensolver.setProblemType(kind.GHEP if request.symmetrised else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    with_spares, size = count + _SPARE_EIGENVALUES, A.getSize()[0]
-    n_converged = with_spares if shifted or count > 1 else count
+    with_spares, size = count + _N_EXTRA_CONVERGED_EIGENVALUES, A.getSize()[0]
+    n_converged = with_spares if is_B_shifted or count > 1 else count
     n_vectors = max(2 * with_spares, with_spares + 15)
     eigensolver.setDimensions(nev=min(n_converged, size), ncv=min(n_vectors, size))
-    eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
+    eigensolver.setTolerances(_EIGENSOLVER_RELATIVE_TOLERANCE, _MAX_ITERATIONS)
     start, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)
     task = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
@@ -464,9 +464,9 @@ def _compute_largest_eigenvalues(
         real, imaginary = B.createVecRight(), B.createVecRight()
         values[i] = eigensolver.getEigenpair(i, real, imaginary)
         residuals[i] = _residual(A, B, values[i], real, imaginary)
-        modes.append(_full_mode(reduction, imaginary if values[i].imag < 0 else real))
+        modes.append(_expand_and_normalise_mode(reduction, imaginary if values[i].imag < 0 else real))
     eigensolver.destroy()
-    if is_matrix_free(solver) and not residuals.max() <= _MAX_MODE_RESIDUAL:
+    if is_matrix_free(solver) and not residuals.max() <= _MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES:
         raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), or raise ksp_max_it"
@@ -474,7 +474,7 @@ def _compute_largest_eigenvalues(
     return values, modes, residuals, inverse.report
 
 
-def _is_symmetric(matrix: PETSc.Mat, tolerance: float = _LDL_ASYMMETRY) -> bool:
+def _is_nearly_symmetric(matrix: PETSc.Mat, relative_tolerance: float = _MAX_RELATIVE_ASYMMETRY_FOR_LDL) -> bool:
     """Return whether x.A y equals y.A x to a relative tolerance for random vectors x and y."""
     x, y, A_x, A_y = (matrix.createVecRight() for _ in range(4))
     begin, end = x.getOwnershipRange()
@@ -482,16 +482,16 @@ def _is_symmetric(matrix: PETSc.Mat, tolerance: float = _LDL_ASYMMETRY) -> bool:
     for vector, image in ((x, A_x), (y, A_y)):
         vector.setArray(random.normal(size=end - begin))
         matrix.mult(vector, image)
-    return bool(abs(x.dot(A_y) - y.dot(A_x)) <= tolerance * A_y.norm() * x.norm())
+    return bool(abs(x.dot(A_y) - y.dot(A_x)) <= relative_tolerance * A_y.norm() * x.norm())
 
 
-def _refuse_indefinite(inverse: PreparedSolver) -> None:
-    if inverse.negative_pivots is None:
+def _require_positive_definite(factorisation: PreparedSolver) -> None:
+    if factorisation.negative_pivots is None:
         raise ValueError(
-            f"{inverse.report.method} does not count negative pivots, without which a symmetrised "
+            f"{factorisation.report.method} does not count negative pivots, without which a symmetrised "
             "pair is not known to be positive definite: use Direct() with MUMPS"
         )
-    if inverse.negative_pivots > 0:
+    if factorisation.negative_pivots > 0:
         raise NoModes(
             "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
             "the symmetrised element is no stable one; refine the mesh"
@@ -499,25 +499,25 @@ def _refuse_indefinite(inverse: PreparedSolver) -> None:
 
 
 def _residual(
-    A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
+    A: PETSc.Mat, B: PETSc.Mat, mu: complex, real_part: PETSc.Vec, imaginary_part: PETSc.Vec
 ) -> float:
     """Return |A d - mu B d| / |mu B d|, the residual of the mode d = real + i imaginary."""
-    A_d, B_d = ((X * real).array_r + 1j * (X * imaginary).array_r for X in (A, B))
+    A_d, B_d = ((X * real_part).array_r + 1j * (X * imaginary_part).array_r for X in (A, B))
     squares = np.array([np.sum(np.abs(x) ** 2) for x in (A_d - mu * B_d, mu * B_d)])
     difference, size = A.comm.tompi4py().allreduce(squares)
     return float(np.sqrt(difference / size))
 
 
-def _full_mode(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
+def _expand_and_normalise_mode(reduction: Reduction, reduced_mode: PETSc.Vec) -> PETSc.Vec:
     """Return a mode as a vector of all unknowns, scaled so that its largest entry is 1."""
     mode = reduction.offset.duplicate()
-    reduction.right.mult(reduced, mode)  # prescribed displacements are zero in a mode
+    reduction.right.mult(reduced_mode, mode)  # prescribed displacements are zero in a mode
     lowest, highest = mode.min()[1], mode.max()[1]
     mode.scale(1 / (highest if abs(highest) >= abs(lowest) else lowest))
     return mode
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Return the largest stable time step of central differences.
 
@@ -535,7 +535,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
         NoModes: if the highest frequency is not found.
     """
     check_problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
-    if not _is_symmetric(K, _ASSEMBLY_ASYMMETRY):
+    if not _is_nearly_symmetric(K, _MAX_RELATIVE_ASYMMETRY_FROM_ASSEMBLY):
         raise ValueError(
             "the stiffness is not symmetric: some of its upper eigenvalues are complex, and "
             "undamped motions would grow whatever the time step; use the symmetric sibling, "
@@ -552,19 +552,19 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     eigensolver.setOperators(scaled)
     eigensolver.setProblemType(SLEPc.EPS.ProblemType.HEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    eigensolver.setTolerances(_LARGEST_TOLERANCE, _MAX_LANCZOS_STEPS)
+    eigensolver.setTolerances(_LARGEST_EIGENVALUE_RELATIVE_TOLERANCE, _MAX_LANCZOS_STEPS)
     eigensolver.solve()
     if eigensolver.getConverged() < 1:
         raise NoModes("the highest frequency, and with it the critical step, was not found")
     largest = eigensolver.getEigenvalue(0).real
     # a rough smallest eigenvalue suffices: a Ritz value is never below the exact one
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
-    eigensolver.setTolerances(_SMALLEST_TOLERANCE, _MAX_LANCZOS_STEPS)
+    eigensolver.setTolerances(_SMALLEST_EIGENVALUE_TOLERANCE_OVER_NORM, _MAX_LANCZOS_STEPS)
     eigensolver.setConvergenceTest(SLEPc.EPS.Conv.NORM)
     eigensolver.solve()
     least = eigensolver.getEigenvalue(0).real if eigensolver.getConverged() else 0.0
     eigensolver.destroy()
-    if least < -_NEGATIVE_ROUND_OFF * abs(largest):
+    if least < -_ROUND_OFF_OVER_LARGEST_EIGENVALUE * abs(largest):
         raise ValueError(
             f"the stiffness over the mass has the eigenvalue {least:.3g}, the largest being "
             f"{largest:.3g}: a body's are not negative; look at the sign of its form"
@@ -586,7 +586,7 @@ def extract_diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
     mass = M.getDiagonal()
     indptr, column, value = M.getValuesCSR()
     row = np.repeat(np.arange(*M.getOwnershipRange()), np.diff(indptr))
-    with collective_errors(M.comm.tompi4py()):
+    with raise_errors_on_all_processes(M.comm.tompi4py()):
         if np.any(value[row != column] != 0):
             raise ValueError(
                 "the mass is not diagonal, as explicit dynamics needs it: lumped_mass makes one"

@@ -14,25 +14,25 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
-from pw_elements.algebra.reduction import Reduction, full_size_reduction, scale_pressures
-from pw_elements.checks import check_same_arguments
+from pw_elements.algebra.reduction import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
+from pw_elements.checks import check_same_arguments_on_all_processes
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
-    FreePressure,
+    FreeConstantPressure,
     LinearSolver,
     PreparedSolver,
     SingularSystem,
     Solver,
     choose_solver,
     collect_garbage,
-    compute_with_fallback,
+    compute_with_direct_fallback,
     is_matrix_free,
 )
-from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, is_hybrid, read_record
+from pw_elements.spaces import MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS, SubSpace, is_hybrid, read_record
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Solve K a = f under a reduction, and return the displacements a (n,).
 
@@ -54,25 +54,25 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
     """
     check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
     choice = choose_solver(solver, reduction.supports)
-    compute = partial(_solve_with, K, f, reduction)
-    return compute_with_fallback(choice, solver, reduction.supports, compute)
+    compute = partial(_solve_reduced_system, K, f, reduction)
+    return compute_with_direct_fallback(choice, solver, reduction.supports, compute)
 
 
-def _solve_with(
+def _solve_reduced_system(
     K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver
 ) -> PETSc.Vec:
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
     if is_matrix_free(solver):
-        reduction = scale_pressures(full_size_reduction(reduction), K).for_load(K, f)
+        reduction = scale_pressures_to_displacements(full_size_masking_reduction(reduction), K).for_load(K, f)
         prepared = solver.prepare(K, supports=reduction.supports)
     else:
-        reduction = scale_pressures(reduction, K).for_load(K, f)
+        reduction = scale_pressures_to_displacements(reduction, K).for_load(K, f)
         matrix = reduction.matrix(K)
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
     try:
-        with explain_singular_system(matrix, reduction), _log_solver(prepared, K):
+        with reraise_singular_system_with_cause(matrix, reduction), _report_solver_activity(prepared, K):
             solution, report = prepared.solve(load), prepared.report
     finally:
         prepared.release()
@@ -84,7 +84,7 @@ def _solve_with(
     return full
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Return the nodal forces r = K a - f (n,) that supports exert on the body.
 
@@ -101,14 +101,14 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 
 
 def has_free_constant_pressure(
-    matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
+    reduced_matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
 ) -> bool:
     """Return whether a reduced matrix maps a constant pressure to zero.
 
     Such a matrix is singular: the pressure of a hybrid body is determined up to a constant.
 
     Args:
-        matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r unknowns.
+        reduced_matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r unknowns.
         reduction: reduction of the matrix.
         ignored_rows: local numbers of rows that need not be zero.
     """
@@ -117,15 +117,15 @@ def has_free_constant_pressure(
     pressure = SubSpace.pressure(reduction.space)
     constant = reduction.offset.duplicate()
     constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
-    unknown = matrix.createVecRight()
+    unknown = reduced_matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
     unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some pressures share one
-    effect = matrix * unknown
+    effect = reduced_matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0
     infinity = PETSc.NormType.INFINITY
-    size = matrix.norm(infinity) * unknown.norm(infinity)
-    return bool(size > 0 and effect.norm(infinity) <= PRESSURE_MODE_TOLERANCE * size)
+    size = reduced_matrix.norm(infinity) * unknown.norm(infinity)
+    return bool(size > 0 and effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * size)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -155,7 +155,7 @@ def factorise(
     """
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
-        with explain_singular_system(matrix, reduction), _log_solver(prepared, matrix):
+        with reraise_singular_system_with_cause(matrix, reduction), _report_solver_activity(prepared, matrix):
             prepared.set_up()
     except SingularSystem:
         prepared.release()
@@ -164,7 +164,7 @@ def factorise(
 
 
 @contextmanager
-def explain_singular_system(
+def reraise_singular_system_with_cause(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
     """Add the likely cause to a `SingularSystem` error that is raised within a `with` block.
@@ -175,7 +175,7 @@ def explain_singular_system(
     """
     try:
         yield
-    except FreePressure:
+    except FreeConstantPressure:
         raise
     except SingularSystem as error:
         if (
@@ -183,13 +183,13 @@ def explain_singular_system(
             and reduction is not None
             and has_free_constant_pressure(matrix, reduction)
         ):
-            raise FreePressure from None
+            raise FreeConstantPressure from None
         raise SingularSystem(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
             "body is far too slender; add Dirichlet conditions"
         ) from None
 
 
-def _log_solver(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
+def _report_solver_activity(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
     task = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     return report_activity(matrix.comm.tompi4py(), task)

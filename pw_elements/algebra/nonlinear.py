@@ -23,52 +23,52 @@ from dolfinx.fem import petsc
 from ufl.algorithms import compute_form_data, expand_derivatives
 from ufl.algorithms.check_arities import ArityMismatch
 
-from pw_elements.algebra.problem_checks import check_solver, is_finite
-from pw_elements.algebra.reduction import evaluate_conditions
+from pw_elements.algebra.problem_checks import check_solver_type, is_finite
+from pw_elements.algebra.reduction import free_dofs_and_prescribed_values
 from pw_elements.arrays import Array
 from pw_elements.checks import (
     arguments,
     call_user_function,
-    check_same_arguments,
-    collective_errors,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
 )
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
     AssemblyRecord,
     Spaces,
-    add_estimated_degrees,
-    add_sub_cell_rules,
+    add_estimated_quadrature_degrees,
+    add_sub_cell_quadrature_rules,
     compile_form,
-    equilibration_scale,
-    has_split_pressure,
+    pressure_equilibration_scales,
+    has_discontinuous_pressure,
     is_hybrid,
 )
 
 # Correction, relative to the largest value of u, at which Newton's method has converged. Since
 # convergence is quadratic, the next correction would be round-off
-_CORRECTION_TOLERANCE = 1e-8
+_NEWTON_RELATIVE_CORRECTION_TOLERANCE = 1e-8
 # Largest residual of a solution, relative to the norm of the tangent times that of u; and residual
 # below which a line search counts as successful even if it finds no better point
-_RESIDUAL_TOLERANCE = 1e-10
+_RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U = 1e-10
 _RESIDUAL_ROUND_OFF = 1e-14
 _MAX_ITERATIONS = 25
 
 # Values of PETSc's SNESConvergedReason, one of which has different names in different versions
-_LINE_SEARCH_FAILED = -6
-_NOT_FINITE = "the residual is not finite"
-_FAILURE_MESSAGES = {
-    -1: _NOT_FINITE,
+_SNES_REASON_LINE_SEARCH_FAILED = -6
+_RESIDUAL_NOT_FINITE_MESSAGE = "the residual is not finite"
+_FAILURE_MESSAGE_BY_SNES_REASON = {
+    -1: _RESIDUAL_NOT_FINITE_MESSAGE,
     -3: "the linear solver did not converge",
-    -4: _NOT_FINITE,
+    -4: _RESIDUAL_NOT_FINITE_MESSAGE,
     -5: f"no convergence in {_MAX_ITERATIONS} iterations",
-    _LINE_SEARCH_FAILED: "no step along Newton's direction helps",
+    _SNES_REASON_LINE_SEARCH_FAILED: "no step along Newton's direction helps",
 }
 
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # Largest number of parts into which an increment is divided
-_MAX_PARTS = 16
+_MAX_SUBSTEPS_PER_INCREMENT = 16
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class NewtonSolver:
             norm = values.norm(PETSc.NormType.INFINITY)
             if np.isfinite(norm):  # otherwise the iteration reports where it is infinite
                 arguments.check_magnitude(f"{name} at the start", norm)
-        self._scale = equilibration_scale(system.u.function_space, system.tangent)
+        self._scale = pressure_equilibration_scales(system.u.function_space, system.tangent)
         system.tangent.diagonalScale(self._scale, self._scale)
         self._x.pointwiseDivide(self._x, self._scale)
         self._prescribed = prescribed.duplicate()
@@ -168,16 +168,16 @@ class NewtonSolver:
             SingularSystem: if a tangent is singular.
         """
         snes = PETSc.SNES().create(self._prescribed.comm)
-        snes.setFunction(self._evaluate_equations, self._prescribed.duplicate())
-        snes.setJacobian(self._set_up_tangent, self._system.tangent)
+        snes.setFunction(self._evaluate_scaled_equations, self._prescribed.duplicate())
+        snes.setJacobian(self._assemble_and_factorise_tangent, self._system.tangent)
         snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
         snes.setTolerances(max_it=_MAX_ITERATIONS)
         snes.setConvergenceTest(self._test_convergence)
         try:
             snes.solve(None, self._x)
-            self._set_unknowns(self._x)
-            self._check_converged(snes)
+            self._set_unscaled_unknowns(self._x)
+            self._raise_unless_converged(snes)
         except PETSc.Error:
             if self._singular_tangent:
                 raise self._singular_tangent from None
@@ -186,20 +186,20 @@ class NewtonSolver:
             snes.destroy()  # this also resets the KSP
             self._prepared.release()
 
-    def _set_unknowns(self, x: PETSc.Vec) -> None:
-        values = x.duplicate()
-        values.pointwiseMult(x, self._scale)
+    def _set_unscaled_unknowns(self, scaled_x: PETSc.Vec) -> None:
+        values = scaled_x.duplicate()
+        values.pointwiseMult(scaled_x, self._scale)
         self._system.set_unknowns(values)
 
-    def _evaluate_equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        self._set_unknowns(x)
+    def _evaluate_scaled_equations(self, _: PETSc.SNES, scaled_x: PETSc.Vec, out: PETSc.Vec) -> None:
+        self._set_unscaled_unknowns(scaled_x)
         forces = self._system.assemble_residual().array_r * self._scale.array_r
-        deviation = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
+        deviation = scaled_x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._mean_stiffness * deviation
         out.setArray(forces)
 
-    def _set_up_tangent(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
-        self._set_unknowns(x)
+    def _assemble_and_factorise_tangent(self, _: PETSc.SNES, scaled_x: PETSc.Vec, *__: PETSc.Mat) -> None:
+        self._set_unscaled_unknowns(scaled_x)
         self._system.assemble_tangent()
         self._system.tangent.diagonalScale(self._scale, self._scale)
         self._system.tangent.zeroRows(self._fixed_rows, diag=self._mean_stiffness)
@@ -216,33 +216,33 @@ class NewtonSolver:
         x, residual = snes.getSolution(), norms[2]
         if iteration:
             self._previous_x.aypx(-1.0, x)
-            relative = _max_norm(self._previous_x) / (_max_norm(x) or 1.0)
+            relative = _max_norm_or_nan(self._previous_x) / (_max_norm_or_nan(x) or 1.0)
             self.relative_corrections.append(relative)
             words = f"iteration {iteration}: correction {relative:.1e}, residual {residual:.1e}"
             log_on_root(x.comm, logging.DEBUG, words, ".problems")
         x.copy(self._previous_x)
         is_small = iteration and (
-            self._is_linear or self.relative_corrections[-1] <= _CORRECTION_TOLERANCE
+            self._is_linear or self.relative_corrections[-1] <= _NEWTON_RELATIVE_CORRECTION_TOLERANCE
         )
-        if residual == 0 or (is_small and self._relative_residual(snes) <= _RESIDUAL_TOLERANCE):
+        if residual == 0 or (is_small and self._relative_residual(snes) <= _RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U):
             return PETSc.SNES.ConvergedReason.CONVERGED_SNORM_RELATIVE
         return None
 
-    def _check_converged(self, snes: PETSc.SNES) -> None:
+    def _raise_unless_converged(self, snes: PETSc.SNES) -> None:
         reason = snes.getConvergedReason()
-        if reason == _LINE_SEARCH_FAILED and self._relative_residual(snes) <= _RESIDUAL_ROUND_OFF:
+        if reason == _SNES_REASON_LINE_SEARCH_FAILED and self._relative_residual(snes) <= _RESIDUAL_ROUND_OFF:
             return
         if reason <= 0:
-            message = _FAILURE_MESSAGES.get(reason, f"SNES stopped with the reason {reason}")
+            message = _FAILURE_MESSAGE_BY_SNES_REASON.get(reason, f"SNES stopped with the reason {reason}")
             raise NotConverged(message)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
-        residual = _max_norm(snes.getFunction()[0])
-        scale = self._tangent_norm * _max_norm(snes.getSolution())
+        residual = _max_norm_or_nan(snes.getFunction()[0])
+        scale = self._tangent_norm * _max_norm_or_nan(snes.getSolution())
         return 0.0 if residual == 0 else residual / (scale or np.nan)
 
 
-def _max_norm(x: PETSc.Vec) -> float:
+def _max_norm_or_nan(x: PETSc.Vec) -> float:
     """Return the largest absolute value of a vector.
 
     The result is NaN if a value is not finite, which PETSc's maximum norm may miss.
@@ -292,10 +292,10 @@ class PetrovGalerkinProblem:
         ValueError: for a form that has no test function, does not contain u, is not linear in its
             test function, is defined on several meshes or cannot be compiled; for an iterative
             solver; and for a split pressure.
-        NumberingError: if trial and test space number their nodes differently.
+        DifferentNodeNumbering: if trial and test space number their nodes differently.
     """
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def __init__(
         self,
         residual: ufl.Form,
@@ -305,7 +305,7 @@ class PetrovGalerkinProblem:
     ) -> None:
         arguments.check_type("u", u, fem.Function, "fem.Function(V) is an unknown")
         arguments.check_type("the residual", residual, ufl.Form, "an integrand times a measure")
-        check_solver(solver)
+        check_solver_type(solver)
         if isinstance(solver, str) or is_matrix_free(solver):
             raise ValueError(
                 'Iterative() and "auto" solve with one free matrix under supports, not with '
@@ -314,7 +314,7 @@ class PetrovGalerkinProblem:
         self.u, self.increments = u, tuple[SolvedIncrement, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
-        if has_split_pressure(self._space):
+        if has_discontinuous_pressure(self._space):
             raise ValueError(
                 "the pressure of this space is split, and no residual ties it: use "
                 "Spaces.hybrid(mesh) without parts"
@@ -327,7 +327,7 @@ class PetrovGalerkinProblem:
             )
         Spaces(self._space, weights[0].ufl_function_space())
         try:
-            form = add_estimated_degrees(add_sub_cell_rules(residual))
+            form = add_estimated_quadrature_degrees(add_sub_cell_quadrature_rules(residual))
             compute_form_data(form)  # UFL checks here that all terms contain the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
         except (Exception, ArityMismatch) as error:  # UFL's error is not an Exception
@@ -335,14 +335,14 @@ class PetrovGalerkinProblem:
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        evaluate_conditions(self._space, conditions)  # raises an error for invalid conditions
+        free_dofs_and_prescribed_values(self._space, conditions)  # raises an error for invalid conditions
         self.system = ResidualSystem(
             u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
         """Solve for u, starting from the present values of u.
 
@@ -365,8 +365,8 @@ class PetrovGalerkinProblem:
                 other or are not finite.
         """
         arguments.check_integer("increments", increments, 1)
-        set_load = self._load_setter(load)
-        n_parts, step, done = increments * _MAX_PARTS, _MAX_PARTS, 0
+        set_load = self._make_load_setter(load)
+        n_parts, step, done = increments * _MAX_SUBSTEPS_PER_INCREMENT, _MAX_SUBSTEPS_PER_INCREMENT, 0
         self.increments = ()
         while done < n_parts:
             step = min(step, n_parts - done)
@@ -384,18 +384,18 @@ class PetrovGalerkinProblem:
                 self.u.x.array[:] = start_values
                 self._apply_load(set_load, done / n_parts)
                 if load is None or step == 1:
-                    self._store_loads(load)
+                    self._store_solved_load_values(load)
                     range_failed = done / n_parts, load_factor
-                    message = _failure_message(error, load, range_failed, is_hybrid(self._space))
+                    message = _increment_failure_message(error, load, range_failed, is_hybrid(self._space))
                     raise type(error)(message) from None
                 step //= 2
                 continue
             done += step
-            step = min(2 * step, _MAX_PARTS)
-        self._store_loads(load)
+            step = min(2 * step, _MAX_SUBSTEPS_PER_INCREMENT)
+        self._store_solved_load_values(load)
         return self.u
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def reactions(self) -> PETSc.Vec:
         """Return the residual (n,), which has the supports' forces on the body at prescribed nodes.
 
@@ -409,12 +409,12 @@ class PetrovGalerkinProblem:
         """
         return self.system.assemble_residual()
 
-    def _load_setter(self, load: Load | None) -> Callable[[float], None]:
+    def _make_load_setter(self, load: Load | None) -> Callable[[float], None]:
         """Return a function that sets the load for a load factor, without communication."""
         if arguments.is_user_function(load):
             return load
         ranges = []
-        for constant in _load_constants(load):
+        for constant in _list_load_constants(load):
             end = np.array(constant.value)
             start = self._solved_loads.get(constant, np.zeros_like(end))
             ranges.append((constant, start, end))
@@ -426,20 +426,20 @@ class PetrovGalerkinProblem:
         return interpolate
 
     def _apply_load(self, set_load: Callable[[float], None], load_factor: float) -> None:
-        with collective_errors(self._comm) as same:
+        with raise_errors_on_all_processes(self._comm) as same:
             call_user_function(self._comm, "the load", set_load, load_factor)
             same["what the residual and the conditions hold"] = (
                 self.form.constants(),
                 self._conditions,
             )
 
-    def _store_loads(self, load: Load | None) -> None:
-        constants = _load_constants(load)
+    def _store_solved_load_values(self, load: Load | None) -> None:
+        constants = _list_load_constants(load)
         self._solved_loads |= {constant: np.array(constant.value) for constant in constants}
 
     def _solve_increment(self, load_factor: float) -> None:
         """Solve for u under the present load; values of u are undefined after an error."""
-        free, values = evaluate_conditions(self._space, self._conditions)
+        free, values = free_dofs_and_prescribed_values(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = NewtonSolver(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
@@ -449,7 +449,7 @@ class PetrovGalerkinProblem:
         log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
-def _load_constants(load: Load | None) -> Sequence[fem.Constant]:
+def _list_load_constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
     if load is None or arguments.is_user_function(load):
@@ -462,21 +462,21 @@ def _load_constants(load: Load | None) -> Sequence[fem.Constant]:
     return load
 
 
-def _failure_message(
-    error: Exception, load: Load | None, load_factors: tuple[float, float], hybrid: bool
+def _increment_failure_message(
+    error: Exception, load: Load | None, load_factor_range: tuple[float, float], has_pressure: bool
 ) -> str:
     """Return the error message for an increment that fails and cannot be divided further.
 
     Args:
         error: error of the increment.
         load: load of the user.
-        load_factors: load factors at the start and at the end of the increment.
-        hybrid: whether the trial space has pressure unknowns.
+        load_factor_range: load factors at the start and at the end of the increment.
+        has_pressure: whether the trial space has pressure unknowns.
     """
     message = str(error)
     if isinstance(error, SingularSystem):
         message += ": conditions leave a motion free, or the solution branches here"
-        if hybrid:
+        if has_pressure:
             message += (
                 ", or a body that they enclose has a pressure that is known up to a constant: "
                 'prescribe(space, "pressure", where)'
@@ -486,5 +486,5 @@ def _failure_message(
             f"{message}; u is as before: start nearer to the solution, or give what makes the load "
             "as `load`, so that it can grow"
         )
-    start, end = load_factors
+    start, end = load_factor_range
     return f"{message}, from {start:.4g} to {end:.4g} of the load; u is the solution at {start:.4g}"

@@ -14,13 +14,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.checks import arguments, collective_errors
+from pw_elements.checks import arguments, raise_errors_on_all_processes
 from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
-_STIFFNESS_NAME = "the stiffness"
+_STIFFNESS_NAME_IN_MESSAGES = "the stiffness"
 _FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
 # Row sum of a matrix above which its sum of squares may overflow although all entries are finite
-_OVERFLOW_ROW_SUM = 1e100
+_ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW = 1e100
 
 
 def check_problem(
@@ -48,38 +48,38 @@ def check_problem(
     loads = loads or {}
     all_vectors = {**(vectors or {}), **loads}
     K_name, K = next(iter(matrices.items()))
-    comm = arguments.find_communicator(
+    comm = arguments.find_largest_communicator(
         *all_vectors.values(), *matrices.values(), *reductions, space
     )
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         for name, matrix in matrices.items():
-            arguments.check_matrix(name, matrix)
+            arguments.check_assembled_square_matrix(name, matrix)
         for name, vector in all_vectors.items():
             arguments.check_petsc_vector(name, vector)
-        check_solver(solver)
+        check_solver_type(solver)
         tensors, spaces, K_record = {**matrices, **all_vectors}, {}, read_record(K)
         for reduction in reductions:
-            check_reduction(reduction)
+            check_reduction_type(reduction)
             tensors["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
         for name, tensor in tensors.items():
             processes = MPI.Comm.Compare(tensor.comm.tompi4py(), K.comm.tompi4py())
             if processes not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {K_name}")
             sizes = tensor.getSizes()[0] if name in matrices else tensor.getSizes()
-            arguments.check_vector_sizes(name, sizes, K_name, K.getSizes()[0])
+            arguments.check_equal_vector_sizes(name, sizes, K_name, K.getSizes()[0])
             _check_same_mesh(name, read_record(tensor).mesh, K_record)
         if space is not None:
-            arguments.check_space(space)
-            arguments.check_vector_sizes(K_name, K.getSizes()[0], "the space", space)
+            arguments.check_function_space(space)
+            arguments.check_equal_vector_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, V in spaces.items():
             _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K_record)
         for name, tensor in {**matrices, **loads}.items():
-            _check_same_weights(name, read_record(tensor), K_record)
+            _check_same_weights_and_stress_state(name, read_record(tensor), K_record)
     for name, matrix in matrices.items():
         # a sum of squares is NaN if any process has NaN; a largest value may lose it
         frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
-        if not np.isfinite(frobenius) and not _OVERFLOW_ROW_SUM < largest_sum < np.inf:
+        if not np.isfinite(frobenius) and not _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW < largest_sum < np.inf:
             raise ValueError(f"{name} has entries that are not finite")
         arguments.check_magnitude(name, largest_sum)
     for name, vector in all_vectors.items():
@@ -98,11 +98,11 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
         load: load vector (n,).
         K: stiffness (n, n).
     """
-    with collective_errors(K.comm.tompi4py()):
-        arguments.check_petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
+    with raise_errors_on_all_processes(K.comm.tompi4py()):
+        arguments.check_petsc_vector(name, load, _STIFFNESS_NAME_IN_MESSAGES, K.getSizes()[0])
         record, K_record = read_record(load), read_record(K)
         _check_same_mesh(name, record.mesh, K_record)
-        _check_same_weights(name, record, K_record)
+        _check_same_weights_and_stress_state(name, record, K_record)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
     arguments.check_magnitude(name, load.norm(_INFINITY))
@@ -111,47 +111,47 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
 def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  # noqa: ANN401
     if None not in (K_record.mesh, mesh) and mesh is not K_record.mesh:
         raise ValueError(
-            f"{name} belongs to another mesh than {_STIFFNESS_NAME}: their nodes have other "
+            f"{name} belongs to another mesh than {_STIFFNESS_NAME_IN_MESSAGES}: their nodes have other "
             "numbers, even where there are as many"
         )
 
 
-def _check_same_weights(name: str, record: AssemblyRecord, K_record: AssemblyRecord) -> None:
+def _check_same_weights_and_stress_state(name: str, record: AssemblyRecord, K_record: AssemblyRecord) -> None:
     """Raise ValueError, on this process, if weight functions or state of stress differ from K's."""
     states, K_states = record.stress_states, K_record.stress_states
     if states and K_states and states != K_states:
         state_names, K_state_names = (" and ".join(sorted(names)) for names in (states, K_states))
-        raise ValueError(f"{name} is one in {state_names}, {_STIFFNESS_NAME} in {K_state_names}")
+        raise ValueError(f"{name} is one in {state_names}, {_STIFFNESS_NAME_IN_MESSAGES} in {K_state_names}")
     if K_record.form is None or K_record.test_space is None or record.test_space is None:
         return
     if (K_record.sibling is None) != (record.sibling is None):
         raise ValueError(
-            f"one of {name} and {_STIFFNESS_NAME} belongs to the symmetric sibling, whose unknowns "
+            f"one of {name} and {_STIFFNESS_NAME_IN_MESSAGES} belongs to the symmetric sibling, whose unknowns "
             "are coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
     test, trial = K_record.form.function_spaces
     if not _have_same_element(record.test_space, test):
         constructor = "galerkin" if _have_same_element(test, trial) else "petrov_galerkin"
         raise ValueError(
-            f"{name} was made with other weight functions than {_STIFFNESS_NAME}: nodal forces "
+            f"{name} was made with other weight functions than {_STIFFNESS_NAME_IN_MESSAGES}: nodal forces "
             f"differ by some per cent; use the test space of Spaces.{constructor} in both"
         )
 
 
-def _have_same_element(a: Any, b: Any) -> bool:  # noqa: ANN401
+def _have_same_element(space: Any, other_space: Any) -> bool:  # noqa: ANN401
     """Return whether two C++ spaces have the same element.
 
     DOLFINx's own comparison does not work for mixed elements.
     """
-    n_parts = a.element.num_sub_elements
-    if n_parts != b.element.num_sub_elements:
+    n_parts = space.element.num_sub_elements
+    if n_parts != other_space.element.num_sub_elements:
         return False
     if n_parts == 0:
-        return bool(a.element == b.element)
-    return all(_have_same_element(a.sub([k]), b.sub([k])) for k in range(n_parts))
+        return bool(space.element == other_space.element)
+    return all(_have_same_element(space.sub([k]), other_space.sub([k])) for k in range(n_parts))
 
 
-def check_reduction(reduction: object) -> None:
+def check_reduction_type(reduction: object) -> None:
     parts = ("left", "right", "offset", "space")
     if isinstance(reduction, type) or not all(hasattr(reduction, part) for part in parts):
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
@@ -162,7 +162,7 @@ def check_reduction(reduction: object) -> None:
         )
 
 
-def check_solver(solver: object) -> None:
+def check_solver_type(solver: object) -> None:
     if solver is None or arguments.is_one_of(solver, ("auto",)):
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
@@ -178,7 +178,7 @@ def is_finite(vector: PETSc.Vec) -> bool:
     return bool(vector.comm.tompi4py().allreduce(is_local_part_finite, MPI.LAND))
 
 
-def refuse_negative_trace(
+def refuse_negative_trace_of_displacements(
     name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
 ) -> None:
     """Raise ValueError if the diagonal entries of the displacements have a negative sum.

@@ -18,9 +18,9 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, check_same_arguments, collective_errors, format_points
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes, format_points
 from pw_elements.solvers import (
-    NO_SUPPORTS_MESSAGE,
+    ITERATIVE_NEEDS_SUPPORTS_MESSAGE,
     ConstrainedOperator,
     ConstraintProjection,
     SingularSystem,
@@ -28,30 +28,30 @@ from pw_elements.solvers import (
     add_scaled,
     block_diagonal_matrix,
     diagonal_blocks,
-    python_matrix,
+    matrix_from_python_context,
     selection_matrix,
     to_aij,
 )
 from pw_elements.spaces import (
     Spaces,
-    equilibration_scale,
-    has_split_pressure,
+    pressure_equilibration_scales,
+    has_discontinuous_pressure,
     is_hybrid,
     list_fields,
-    local_numbers,
+    selected_local_numbers,
     read_record,
-    tie_pressures,
+    pressure_continuity_matrix,
 )
 
 # Difference between values prescribed at one degree of freedom, relative to the largest prescribed
 # value, that counts as round-off
-_VALUE_TOLERANCE = 1e-9
+_PRESCRIBED_VALUE_TOLERANCE_OVER_LARGEST = 1e-9
 
 # Size of a matrix entry, relative to the largest entry, that counts as round-off
-_ENTRY_ROUND_OFF = 1e-13
+_ROUND_OFF_OVER_LARGEST_ENTRY = 1e-13
 
 
-def evaluate_conditions(
+def free_dofs_and_prescribed_values(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
     """Return the mask of this process' free degrees of freedom, and the prescribed values (n,).
@@ -67,14 +67,14 @@ def evaluate_conditions(
         ValueError: if conditions contradict each other, a value is not finite, or a condition was
             made on another space.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     condition_list = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         arguments.check_type(
             "the list of conditions", condition_list, Sequence, "`prescribe` makes its items"
         )
@@ -92,11 +92,11 @@ def evaluate_conditions(
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
         largest = np.abs(values[:owned]).max(initial=0.0)
-        arguments.check_magnitude("the largest prescribed value", float(largest), minimum=0.0)
+        arguments.check_magnitude("the largest prescribed value", float(largest), min_nonzero=0.0)
     contradictions = np.zeros((0, space.mesh.geometry.dim))
     for field in list_fields(space):
         largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
-        differs = (difference[field.owned_unknowns] > _VALUE_TOLERANCE * largest).any(axis=1)
+        differs = (difference[field.owned_unknowns] > _PRESCRIBED_VALUE_TOLERANCE_OVER_LARGEST * largest).any(axis=1)
         if differs.any():
             x = field.space.tabulate_dof_coordinates()[: len(differs)][differs]
             contradictions = np.vstack([contradictions, x[:, : contradictions.shape[1]]])
@@ -130,34 +130,34 @@ def require_any_dof(mask: Mask, space: fem.FunctionSpace, message: str) -> None:
         raise ValueError(message)
 
 
-def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
+def _invert_inner_stiffness(K: PETSc.Mat, is_inner: Mask, dofs_per_node: int) -> PETSc.Mat:
     """Return a matrix (n, n) with the inverse stiffness of inner unknowns, and zeros elsewhere.
 
     Args:
         K: stiffness (n, n).
-        inner: mask (owned dofs,) of the inner unknowns.
-        block: number of unknowns of a node.
+        is_inner: mask (owned dofs,) of the inner unknowns.
+        dofs_per_node: number of unknowns of a node.
 
     Raises:
         ValueError: if the stiffness couples inner nodes.
         SingularSystem: if an inner node has no stiffness.
     """
-    select = selection_matrix(inner, K.createVecLeft())
+    select = selection_matrix(is_inner, K.createVecLeft())
     K_ii = select.transposeMatMult(K.matMult(select))
-    (nodes, nonzero_blocks), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
-    blocks = np.zeros((sizes[0] // block, block, block))
+    (nodes, nonzero_blocks), (sizes, _) = diagonal_blocks(K_ii, dofs_per_node), K_ii.getSizes()
+    blocks = np.zeros((sizes[0] // dofs_per_node, dofs_per_node, dofs_per_node))
     blocks[nodes] = nonzero_blocks
     infinity = PETSc.NormType.INFINITY
     stiffness = K_ii.norm(infinity)
     add_scaled(K_ii, -1.0, block_diagonal_matrix(blocks, sizes, K.comm))
-    are_coupled = K_ii.norm(infinity) > _ENTRY_ROUND_OFF * stiffness
-    with collective_errors(K.comm.tompi4py()):
+    are_coupled = K_ii.norm(infinity) > _ROUND_OFF_OVER_LARGEST_ENTRY * stiffness
+    with raise_errors_on_all_processes(K.comm.tompi4py()):
         if are_coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
                 "cell"
             )
-        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ENTRY_ROUND_OFF):
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF_OVER_LARGEST_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = block_diagonal_matrix(np.linalg.inv(blocks), sizes, K.comm)
     return select.matMult(inverse).matMult(select.transpose(PETSc.Mat()))
@@ -200,15 +200,15 @@ class Reduction:
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def __post_init__(self) -> None:
-        with collective_errors(arguments.find_communicator(self.offset, self.space)):
+        with raise_errors_on_all_processes(arguments.find_largest_communicator(self.offset, self.space)):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
                 part = getattr(self, name)
                 arguments.check_type(f"its part `{name}`", part, kind, remedy)
                 if isinstance(part, PETSc.Object):
-                    arguments.check_petsc_object(f"its part `{name}`", part)
+                    arguments.refuse_empty_petsc_object(f"its part `{name}`", part)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(
@@ -216,7 +216,7 @@ class Reduction:
                 )
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -237,16 +237,16 @@ class Reduction:
         parts = None
         if isinstance(space, Spaces):
             space, parts = space.trial, space.parts
-        free, offset = evaluate_conditions(space, conditions)
+        free, offset = free_dofs_and_prescribed_values(space, conditions)
         require_any_dof(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        if has_split_pressure(space):
-            tied = tie_pressures(space, parts, free)
+        if has_discontinuous_pressure(space):
+            tied = pressure_continuity_matrix(space, parts, free)
             return cls(tied, tied, offset, space=space)
         select = selection_matrix(free, offset)
         return cls(select, select, offset, space=space, supports=Supports(space, free))
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -272,23 +272,23 @@ class Reduction:
                 is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        arguments.check_space(space)
+        arguments.check_function_space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
         K = to_aij(K)
-        free, offset = evaluate_conditions(space, conditions)
+        free, offset = free_dofs_and_prescribed_values(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
-        with collective_errors(comm):
+        with raise_errors_on_all_processes(comm):
             n_nodes = index_map.size_local + index_map.num_ghosts
-            numbers = local_numbers(comm, "the nodes to be condensed", nodes, n_nodes)
+            numbers = selected_local_numbers(comm, "the nodes to be condensed", nodes, n_nodes)
             inner.reshape(-1, block)[numbers[numbers < index_map.size_local]] = True
             if np.any(inner & ~free):
                 raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
         require_any_dof(free & ~inner, space, "there is nothing but inner and prescribed nodes")
-        Q = _inner_flexibility(K, inner, block)
+        Q = _invert_inner_stiffness(K, inner, block)
         select = selection_matrix(free & ~inner, offset)
         right, left = select.copy(), select.copy()
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
@@ -296,7 +296,7 @@ class Reduction:
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(select)), different)
         return cls(left, right, offset, Q, space)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Return the reduction for a load f (n,), which may act on inner nodes.
 
@@ -309,10 +309,10 @@ class Reduction:
         Raises:
             TypeError, ValueError: if K and f do not match the reduction.
         """
-        self._check_system(K, f)
-        return _reduction_for_load(self, K, f)
+        self._check_matrix_and_load_sizes(K, f)
+        return _update_offset_for_load(self, K, f)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Return the reduced matrix L^T K R (n_r, n_r).
 
@@ -322,10 +322,10 @@ class Reduction:
         Raises:
             TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
-        self._check_system(K)
+        self._check_matrix_and_load_sizes(K)
         return reduce_matrix(self, K)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Return the reduced load L^T (f - K a_0), a vector (n_r,).
 
@@ -336,10 +336,10 @@ class Reduction:
         Raises:
             TypeError, ValueError: if K and f do not match the reduction.
         """
-        self._check_system(K, f)
+        self._check_matrix_and_load_sizes(K, f)
         return _reduced_load(self, K, f)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """Return all unknowns R a_r + a_0, a vector (n,).
 
@@ -353,10 +353,10 @@ class Reduction:
         arguments.check_petsc_vector("the reduced vector", reduced, "the reduced system", expected)
         return self.right * reduced + self.offset
 
-    def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
+    def _check_matrix_and_load_sizes(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
-        with collective_errors(self.offset.comm.tompi4py()):
-            arguments.check_matrix("the matrix", K, "the reduction", sizes)
+        with raise_errors_on_all_processes(self.offset.comm.tompi4py()):
+            arguments.check_assembled_square_matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
                 arguments.check_petsc_vector("the load", f, "the reduction", sizes)
 
@@ -372,7 +372,7 @@ def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
     return read_record(K).attach(reduced)
 
 
-def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
+def reduce_load_and_update_offset(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
     """Return the reduction for a load, and the reduced load (n_r,), without checks.
 
     Args:
@@ -380,11 +380,11 @@ def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduc
         K: matrix (n, n) that is known to match the reduction.
         f: load (n,) that is known to match the reduction.
     """
-    reduction = _reduction_for_load(reduction, K, f)
+    reduction = _update_offset_for_load(reduction, K, f)
     return reduction, _reduced_load(reduction, K, f)
 
 
-def _reduction_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
+def _update_offset_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
     """Return the reduction for a load f, whose offset includes displacements of inner nodes."""
     if reduction.inner_flexibility is None:
         return reduction
@@ -398,14 +398,14 @@ def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec
     return reduced
 
 
-def full_size_reduction(reduction: Reduction) -> Reduction:
+def full_size_masking_reduction(reduction: Reduction) -> Reduction:
     """Return a reduction to n unknowns, of which the prescribed ones are zero.
 
     Raises:
         ValueError: unless the reduction is one of `Reduction.dirichlet`.
     """
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS_MESSAGE)
+        raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
     if free == unknowns:  # nothing is prescribed, and contact alone holds the body
         return reduction
@@ -413,7 +413,7 @@ def full_size_reduction(reduction: Reduction) -> Reduction:
     return replace(reduction, left=mask, right=mask)
 
 
-def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+def matrix_free_constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
     """Return the operator of a matrix K (n, n) under supports, without assembling it.
 
     The rows of prescribed unknowns are those of the identity.
@@ -422,14 +422,14 @@ def constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
         ValueError: unless the reduction is one of `Reduction.dirichlet`.
     """
     if reduction.supports is None:
-        raise ValueError(NO_SUPPORTS_MESSAGE)
+        raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
     space = reduction.supports.space
     projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
-    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `scale_pressures`
-    return python_matrix(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
+    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `scale_pressures_to_displacements`
+    return matrix_from_python_context(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
 
 
-def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
+def scale_pressures_to_displacements(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """Return a reduction whose reduced pressures are scaled to the size of displacements.
 
     Only hybrid spaces have pressures. In consistent units, displacement and pressure may differ by
@@ -438,7 +438,7 @@ def scale_pressures(reduction: Reduction, K: PETSc.Mat) -> Reduction:
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction
-    scale = equilibration_scale(reduction.space, K)
+    scale = pressure_equilibration_scales(reduction.space, K)
     left, right = reduction.left.copy(), reduction.right.copy()
     for side in (left, right):
         side.diagonalScale(scale)

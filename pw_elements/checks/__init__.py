@@ -3,24 +3,24 @@
 Public functions make these checks once, before any computation.
 """
 
-from pw_elements.checks.arguments import vector_sizes
+from pw_elements.checks.arguments import count_local_and_global_dofs
 from pw_elements.checks.guard import (
-    RANK_DIFFERENCE_TOLERANCE,
+    MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS,
     call_user_function,
-    check_same_arguments,
+    check_same_arguments_on_all_processes,
     check_same_function,
     check_same_values,
-    collective_errors,
+    raise_errors_on_all_processes,
     defer_errors_if_parallel,
     evenly_spaced_rows,
-    find_communicator,
+    find_largest_communicator,
     relative_difference,
 )
 from pw_elements.checks.meshes import (
     MAX_COORDINATE,
     DegenerateMesh,
-    check_cells,
+    check_cell_shapes_and_facets,
     check_mesh,
-    connected_components,
+    label_connected_components,
     format_points,
 )

@@ -22,9 +22,9 @@ from ufl.core.expr import Expr
 from ufl.form import BaseForm
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks.guard import collective_errors, find_communicator
+from pw_elements.checks.guard import raise_errors_on_all_processes, find_largest_communicator
 
-VectorSizes = tuple[int, int]  # local and global size of a distributed vector
+LocalAndGlobalSize = tuple[int, int]  # local and global size of a distributed vector
 
 # Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside of it,
 # norms become zero or infinite, and results lose digits without a warning
@@ -68,9 +68,9 @@ def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
     return callable(value) and not isinstance(value, other_callables)
 
 
-def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE) -> None:
-    """Raise ValueError unless a magnitude is zero or from `minimum` to `MAX_MAGNITUDE`."""
-    if magnitude > MAX_MAGNITUDE or 0 < magnitude < minimum:
+def check_magnitude(name: str, magnitude: float, min_nonzero: float = MIN_MAGNITUDE) -> None:
+    """Raise ValueError unless a magnitude is zero or from `min_nonzero` to `MAX_MAGNITUDE`."""
+    if magnitude > MAX_MAGNITUDE or 0 < magnitude < min_nonzero:
         raise ValueError(
             f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to "
             f"{MAX_MAGNITUDE:g} in which numbers keep their digits: choose units in which it is "
@@ -78,17 +78,17 @@ def check_magnitude(name: str, magnitude: float, minimum: float = MIN_MAGNITUDE)
         )
 
 
-def check_number(name: str, value: Any) -> float:  # noqa: ANN401
+def check_finite_number(name: str, value: Any) -> float:  # noqa: ANN401
     """Return a finite real number as a float; raise ValueError for other values."""
     if not (is_number(value) and np.isfinite(value)):
         raise ValueError(f"{name} = {value!r}: has to be a finite number")
-    check_magnitude(name, abs(float(value)), minimum=0.0)
+    check_magnitude(name, abs(float(value)), min_nonzero=0.0)
     return float(value)
 
 
 def check_positive(name: str, value: Any) -> float:  # noqa: ANN401
     """Return a positive real number as a float; raise ValueError for other values."""
-    if not check_number(name, value) > 0:
+    if not check_finite_number(name, value) > 0:
         raise ValueError(f"{name} = {value!r}: has to be positive")
     check_magnitude(name, float(value))
     return float(value)
@@ -113,7 +113,7 @@ def check_vector(name: str, values: Any, length: int | None = None) -> Array:  #
         requirement = f"{length} finite" if length else "finite"
         raise ValueError(f"{name} {values!r}: it needs {requirement} components")
     vector = np.array(components, dtype=float)
-    check_magnitude(name, float(np.abs(vector).max()), minimum=0.0)
+    check_magnitude(name, float(np.abs(vector).max()), min_nonzero=0.0)
     return vector
 
 
@@ -135,7 +135,7 @@ def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  
 
 
 def check_function_values(
-    name: str, values: object, shape: tuple[int, ...], layout: str, kind: type = float
+    name: str, values: object, shape: tuple[int, ...], layout_description: str, value_type: type = float
 ) -> npt.NDArray[Any]:
     """Check the values that a user's function returned at points, and return them as an array.
 
@@ -145,18 +145,18 @@ def check_function_values(
         name: name of the function, such as "the marker".
         values: return value of the function.
         shape: required shape of the values, with the number of points as first entry.
-        layout: description of the required layout, used in the error message.
-        kind: required type of the values: float for real numbers, bool for truth values.
+        layout_description: description of the required layout, used in the error message.
+        value_type: required type of the values: float for real numbers, bool for truth values.
 
     Raises:
         ValueError: for values of another shape or type.
     """
     array = np.asarray(values)
-    if array.shape != shape or array.dtype.kind not in ("b" if kind is bool else "iuf"):
+    if array.shape != shape or array.dtype.kind not in ("b" if value_type is bool else "iuf"):
         raise ValueError(
-            f"{name} gave {array.dtype} of the shape {array.shape} for {shape[0]} points: {layout}"
+            f"{name} gave {array.dtype} of the shape {array.shape} for {shape[0]} points: {layout_description}"
         )
-    return array.astype(kind)
+    return array.astype(value_type)
 
 
 def check_type(
@@ -171,20 +171,20 @@ def check_communicator(value: object) -> None:
     check_type("comm", value, MPI.Comm, "it has to be a communicator, such as MPI.COMM_WORLD")
 
 
-def check_mesh_type(value: Any) -> None:  # noqa: ANN401
+def check_double_precision_mesh(value: Any) -> None:  # noqa: ANN401
     """Raise TypeError or ValueError unless a value is a mesh in double precision."""
     check_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
     if value.geometry.x.dtype != np.float64:
         raise ValueError(f"the mesh is one of {value.geometry.x.dtype}: make it with dtype=float64")
 
 
-def check_space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
+def check_function_space(value: Any, name: str = "the space") -> None:  # noqa: ANN401
     """Raise TypeError or ValueError unless a value is a function space in double precision.
 
     Sub-spaces of a mixed space, such as `space.sub(0)`, are not accepted.
     """
     check_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
-    check_mesh_type(value.mesh)
+    check_double_precision_mesh(value.mesh)
     if getattr(value, "component", list)():  # missing in some versions of DOLFINx
         raise ValueError(
             f"{name} is a part of another, {name}.sub(i): give the whole, or collapse it"
@@ -195,54 +195,54 @@ def check_flag(name: str, value: object) -> None:
     check_type(name, value, (bool, np.bool_), "it has to be True or False")
 
 
-def check_matrix(
-    name: str, value: object, other_name: str = "", sizes: VectorSizes | None = None
+def check_assembled_square_matrix(
+    name: str, value: object, other_name: str = "", required_size: LocalAndGlobalSize | None = None
 ) -> None:
     """Raise TypeError or ValueError unless a value is an assembled square matrix.
 
     Args:
         name: name of the matrix, used in error messages.
         value: object to be checked.
-        other_name: name of the object with the sizes `sizes`, used in error messages.
-        sizes: required local and global number of rows; by default any size is accepted.
+        other_name: name of the object with the sizes `required_size`, used in error messages.
+        required_size: required local and global number of rows; by default any size is accepted.
     """
     check_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
-    check_petsc_object(name, value)
+    refuse_empty_petsc_object(name, value)
     rows, columns = value.getSize()
     if rows != columns:
         raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
     if not value.isAssembled():
         raise ValueError(f"{name} is not assembled: call its assemble()")
-    if sizes is not None:
-        check_vector_sizes(name, value.getSizes()[0], other_name, sizes)
+    if required_size is not None:
+        check_equal_vector_sizes(name, value.getSizes()[0], other_name, required_size)
 
 
 def check_petsc_vector(
     name: str,
     value: object,
     other_name: str = "",
-    other: fem.FunctionSpace | VectorSizes | None = None,
+    required_space_or_size: fem.FunctionSpace | LocalAndGlobalSize | None = None,
 ) -> None:
     """Raise TypeError or ValueError unless a value is a PETSc vector.
 
     Args:
         name: name of the vector, used in error messages.
         value: object to be checked.
-        other_name: name of `other`, used in error messages.
-        other: function space to which the vector has to belong, or its required local and global
+        other_name: name of `required_space_or_size`, used in error messages.
+        required_space_or_size: function space to which the vector has to belong, or its required local and global
             size; by default any size is accepted.
     """
     check_type(
         name, value, PETSc.Vec, "assemble_vector(form) makes one; float(s) * vector scales it"
     )
     assert isinstance(value, PETSc.Vec)
-    check_petsc_object(name, value)
-    if other is not None:
-        check_vector_sizes(name, value.getSizes(), other_name, other)
+    refuse_empty_petsc_object(name, value)
+    if required_space_or_size is not None:
+        check_equal_vector_sizes(name, value.getSizes(), other_name, required_space_or_size)
 
 
-def check_petsc_object(name: str, value: PETSc.Object) -> None:
+def refuse_empty_petsc_object(name: str, value: PETSc.Object) -> None:
     """Raise ValueError for a PETSc object that was destroyed or never set up."""
     if value.handle == 0 or value.getType() is None:
         noun = {"Mat": "matrix", "Vec": "vector"}.get(type(value).__name__, "object")
@@ -273,12 +273,12 @@ def check_coefficient(
     Raises:
         ValueError: if the expression is not scalar, or a value is invalid.
     """
-    with collective_errors(find_communicator(comm, value)):
+    with raise_errors_on_all_processes(find_largest_communicator(comm, value)):
         if not isinstance(value, Expr):
-            value = check_number(name, value)
+            value = check_finite_number(name, value)
         elif value.ufl_shape != ():
             raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
-        values = available_values(value)
+        values = coefficient_values_if_available(value)
         is_wrong = ~(np.isfinite(values) & is_valid(values))
         if is_wrong.any():
             raise ValueError(f"{name} = {values[is_wrong][0]}: {requirement}")
@@ -291,14 +291,14 @@ def check_positive_coefficient(
     coefficient = check_coefficient(
         name, value, lambda values: values > 0, "has to be positive", comm
     )
-    with collective_errors(find_communicator(comm, value)):
-        values = available_values(coefficient)
+    with raise_errors_on_all_processes(find_largest_communicator(comm, value)):
+        values = coefficient_values_if_available(coefficient)
         for value_bound in (values.min(initial=1.0), values.max(initial=1.0)):
             check_magnitude(name, float(value_bound))
     return coefficient
 
 
-def available_values(value: float | Expr) -> Array:
+def coefficient_values_if_available(value: float | Expr) -> Array:
     """Return the values (n,) of a number, a `fem.Constant` or a Lagrange function.
 
     The array is empty for other expressions, whose values are not available.
@@ -311,29 +311,29 @@ def available_values(value: float | Expr) -> Array:
     return np.empty(0) if isinstance(value, Expr) else np.array([value])
 
 
-def check_components(name: str, value: object, size: int) -> Expr | Array:
-    """Return a vector with `size` components, which are numbers or a UFL expression.
+def check_vector_or_expression(name: str, value: object, n_components: int) -> Expr | Array:
+    """Return a vector with `n_components` components, which are numbers or a UFL expression.
 
     Raises:
         ValueError: for any other value.
     """
     if not isinstance(value, Expr):
-        return check_vector(name, value, size)
-    if value.ufl_shape != (size,):
-        raise ValueError(f"{name} has the shape {value.ufl_shape}: it needs {size} components")
+        return check_vector(name, value, n_components)
+    if value.ufl_shape != (n_components,):
+        raise ValueError(f"{name} has the shape {value.ufl_shape}: it needs {n_components} components")
     if isinstance(value, fem.Constant):
-        check_vector(name, value.value, size)
+        check_vector(name, value.value, n_components)
     return value
 
 
-def vector_sizes(space: fem.FunctionSpace) -> VectorSizes:
+def count_local_and_global_dofs(space: fem.FunctionSpace) -> LocalAndGlobalSize:
     """Return the local and global number of degrees of freedom of a space."""
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     return index_map.size_local * block, index_map.size_global * block
 
 
-def check_vector_sizes(
-    name: str, sizes: VectorSizes, other_name: str, other_sizes: fem.FunctionSpace | VectorSizes
+def check_equal_vector_sizes(
+    name: str, sizes: LocalAndGlobalSize, other_name: str, other_sizes: fem.FunctionSpace | LocalAndGlobalSize
 ) -> None:
     """Raise ValueError on this process unless two objects have equal local and global sizes.
 
@@ -344,7 +344,7 @@ def check_vector_sizes(
         other_sizes: function space, or local and global size of the second object.
     """
     if isinstance(other_sizes, fem.FunctionSpace):
-        other_sizes = vector_sizes(other_sizes)
+        other_sizes = count_local_and_global_dofs(other_sizes)
     if sizes[1] != other_sizes[1]:
         raise ValueError(
             f"{name} has {sizes[1]} degrees of freedom, {other_name} has {other_sizes[1]}: all of "

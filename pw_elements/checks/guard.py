@@ -2,9 +2,9 @@
 
 If an error were raised on one process only, or if processes had different arguments, they would
 wait for each other forever in their next communication. Therefore public functions that communicate
-are decorated with `check_same_arguments`, and users' functions are called in a block
+are decorated with `check_same_arguments_on_all_processes`, and users' functions are called in a block
 
-    with collective_errors(mesh.comm):
+    with raise_errors_on_all_processes(mesh.comm):
         marked = call_user_function(mesh.comm, "the marker", where, x)
 
 The block itself must not communicate. Errors raised outside such blocks, or within PETSc, are
@@ -44,30 +44,30 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Names of arguments and attributes that may differ between processes: local numbers or masks of
 # nodes and facets, values at nodes, and arguments that are given on some processes only
-_LOCAL_ARGUMENTS = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
+_NAMES_OF_PROCESS_LOCAL_ARGUMENTS = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
 # For each open block: errors raised by nested blocks, each with the number of processes on which it
 # was raised
-_errors_of_open_blocks: list[list[tuple[BaseException, int]]] = []
+_nested_errors_by_open_block: list[list[tuple[BaseException, int]]] = []
 # Attribute in which an object keeps the deferred error of its check
-_DEFERRED_ERROR = "_refusal"
+_DEFERRED_ERROR_ATTRIBUTE = "_refusal"
 # Largest relative difference of values on two processes that may be due to round-off
-RANK_DIFFERENCE_TOLERANCE = 1e-8
+MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS = 1e-8
 # Largest numbers of points at which a function is compared: on each process, and in total
 _MAX_POINTS_PER_PROCESS, _MAX_POINTS = 64, 2**15
 # Stack of flags, one for each open call: whether arguments have been compared already. Within
 # users' functions the last flag is False
-_arguments_compared = [False]
+_arguments_compared_by_open_call = [False]
 # Names of attributes that are searched for a communicator
-_OWNER_ATTRIBUTES = "comm mesh function_space space _space u spaces displacement offset"
+_ATTRIBUTES_WITH_COMMUNICATOR = "comm mesh function_space space _space u spaces displacement offset"
 
 
 @contextmanager
-def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
+def raise_errors_on_all_processes(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     """Raise an exception on all processes if the block raises one on any process.
 
     If several processes raise an exception, the one of lowest rank is used. All processes get its
     message, and its own process also gets the traceback. The block itself must not communicate,
-    except in nested blocks of `collective_errors`.
+    except in nested blocks of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes that execute the block.
@@ -80,7 +80,7 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     own_error: BaseException | None = None
     digest = 0
     known_errors: list[tuple[BaseException, int]] = []
-    _errors_of_open_blocks.append(known_errors)
+    _nested_errors_by_open_block.append(known_errors)
     try:
         yield shared
         if MPI.COMM_WORLD.size > 1:  # digests raise deferred errors
@@ -88,7 +88,7 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     except BaseException as caught:
         own_error = caught
     finally:
-        _errors_of_open_blocks.pop()
+        _nested_errors_by_open_block.pop()
     if own_error is not None and any(
         own_error is error and n_processes == comm.size for error, n_processes in known_errors
     ):
@@ -100,34 +100,34 @@ def collective_errors(comm: MPI.Comm) -> Iterator[dict[str, object]]:
         sent_error = comm.bcast(_make_picklable(own_error), failed_rank)
         if own_error is not None and comm.rank == failed_rank:
             sent_error, own_error = own_error, own_error.__cause__
-        raise _record_error(sent_error, comm) from own_error
+        raise _record_collective_error(sent_error, comm) from own_error
     if min_digest != -negated_max_digest:
-        _raise_differing_arguments(comm, shared)
+        _raise_for_first_differing_value(comm, shared)
 
 
-def _record_error(error: BaseException, comm: MPI.Comm) -> BaseException:
+def _record_collective_error(error: BaseException, comm: MPI.Comm) -> BaseException:
     """Record for the enclosing block that all processes of `comm` raise an error; return it."""
-    if _errors_of_open_blocks:
-        _errors_of_open_blocks[-1].append((error, comm.size))
+    if _nested_errors_by_open_block:
+        _nested_errors_by_open_block[-1].append((error, comm.size))
     return error
 
 
-def _raise_differing_arguments(comm: MPI.Comm, shared: Mapping[str, object]) -> None:
+def _raise_for_first_differing_value(comm: MPI.Comm, values_by_name: Mapping[str, object]) -> None:
     digests_by_rank = comm.allgather(
-        [(name, _compute_digest(value)) for name, value in shared.items()]
+        [(name, _compute_digest(value)) for name, value in values_by_name.items()]
     )
     for entries in zip_longest(*digests_by_rank, fillvalue=("what is done", b"")):
         if len(set(entries)) > 1:
             other_rank = next(rank for rank, entry in enumerate(entries) if entry != entries[0])
-            raise _difference_error(entries[0][0], other_rank, comm)
+            raise _make_rank_difference_error(entries[0][0], other_rank, comm)
 
 
-def _difference_error(name: str, other_rank: int, comm: MPI.Comm) -> BaseException:
+def _make_rank_difference_error(name: str, other_rank: int, comm: MPI.Comm) -> BaseException:
     error = ValueError(
         f"{name}: this differs between processes 0 and {other_rank}, but all of them have to state "
         "the same problem"
     )
-    return _record_error(error, comm)
+    return _record_collective_error(error, comm)
 
 
 def relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
@@ -174,12 +174,12 @@ def check_same_function(
     own_points = np.concatenate([evenly_spaced_rows(rows, n_points) for rows in points])
     all_points: Array = np.concatenate(comm.allgather(own_points))
     values: Array = np.empty(0)
-    with collective_errors(comm), np.errstate(all="ignore"), suppress(Exception):
+    with raise_errors_on_all_processes(comm), np.errstate(all="ignore"), suppress(Exception):
         values = np.asarray(
             call_user_function(comm, name, function, all_points.copy()), dtype=float
         )
     if comm.allreduce(values.shape[:1] == (len(all_points),), MPI.LAND):
-        check_same_values(comm, {name: values}, RANK_DIFFERENCE_TOLERANCE)
+        check_same_values(comm, {name: values}, MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS)
 
 
 def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
@@ -187,13 +187,13 @@ def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
     return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), max_rows).astype(int))[: len(rows)]]
 
 
-def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: float) -> None:
+def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], relative_tolerance: float) -> None:
     """Raise ValueError on all processes if arrays differ between them; collective.
 
     Args:
         comm: communicator of the processes.
         arrays: arrays by name, with the same names on all processes. Error messages use the names.
-        tolerance: largest accepted difference, relative to the largest entry of the array.
+        relative_tolerance: largest accepted difference, relative to the largest entry of the array.
     """
     if comm.size == 1:
         return
@@ -201,14 +201,14 @@ def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], tolerance: fl
     differing_names = [
         name
         for name, values in arrays.items()
-        if not relative_difference(values, reference[name]) <= tolerance
+        if not relative_difference(values, reference[name]) <= relative_tolerance
     ]
     for rank, names in enumerate(comm.allgather(differing_names)):
         if names:
-            raise _difference_error(names[0], rank, comm)
+            raise _make_rank_difference_error(names[0], rank, comm)
 
 
-def check_same_arguments(function: Function) -> Function:
+def check_same_arguments_on_all_processes(function: Function) -> Function:
     """Decorate a collective function to compare its arguments on all processes before each call.
 
     A ValueError names an argument that differs. When the function calls other decorated functions,
@@ -218,17 +218,17 @@ def check_same_arguments(function: Function) -> Function:
 
     @wraps(function)
     def call_checked(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-        if MPI.COMM_WORLD.size == 1 or _arguments_compared[-1]:
+        if MPI.COMM_WORLD.size == 1 or _arguments_compared_by_open_call[-1]:
             return function(*args, **kwargs)
-        with collective_errors(find_communicator(*args, *kwargs.values())) as shared:
+        with raise_errors_on_all_processes(find_largest_communicator(*args, *kwargs.values())) as shared:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             shared["the function that is called"] = function.__qualname__
             for name, value in bound.arguments.items():
                 _raise_deferred_error(value)
                 parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
-                shared |= {k: part for k, part in parts.items() if k not in _LOCAL_ARGUMENTS}
-        with _set_arguments_compared(is_compared=True):
+                shared |= {k: part for k, part in parts.items() if k not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS}
+        with _temporarily_set_arguments_compared(is_compared=True):
             return function(*args, **kwargs)
 
     call_checked.compares = True  # type: ignore[attr-defined]
@@ -254,28 +254,28 @@ def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], No
         except (TypeError, ValueError) as error:
             if MPI.COMM_WORLD.size == 1:
                 raise
-            object.__setattr__(self, _DEFERRED_ERROR, error)
+            object.__setattr__(self, _DEFERRED_ERROR_ATTRIBUTE, error)
 
     return check_or_defer
 
 
 def _raise_deferred_error(value: object) -> None:
     """Raise the error that `defer_errors_if_parallel` has stored in an object, if any."""
-    error = getattr(value, "__dict__", {}).get(_DEFERRED_ERROR)
+    error = getattr(value, "__dict__", {}).get(_DEFERRED_ERROR_ATTRIBUTE)
     if error is not None:
         raise error
 
 
 @contextmanager
-def _set_arguments_compared(is_compared: bool) -> Iterator[None]:
-    _arguments_compared.append(is_compared)
+def _temporarily_set_arguments_compared(is_compared: bool) -> Iterator[None]:
+    _arguments_compared_by_open_call.append(is_compared)
     try:
         yield
     finally:
-        _arguments_compared.pop()
+        _arguments_compared_by_open_call.pop()
 
 
-def find_communicator(*objects: object) -> MPI.Comm:
+def find_largest_communicator(*objects: object) -> MPI.Comm:
     """Return the largest communicator of the objects, or COMM_WORLD if no object has one.
 
     A process with None instead of a mesh gets COMM_WORLD and can thus take part in the checks of
@@ -298,7 +298,7 @@ def _communicator_of(obj: Any) -> MPI.Comm | None:  # noqa: ANN401
         return next(map(_communicator_of, obj), None)
     if isinstance(obj, type):
         return None
-    for name in _OWNER_ATTRIBUTES.split():
+    for name in _ATTRIBUTES_WITH_COMMUNICATOR.split():
         with suppress(Exception):  # errors of users' properties are raised later, on all processes
             if (owner := getattr(obj, name, None)) is not None:
                 return _communicator_of(owner)
@@ -328,7 +328,7 @@ def call_user_function(
 ) -> Result:
     """Call a user's function and return its result; any error of the function becomes ValueError.
 
-    Call it in a block of `collective_errors`.
+    Call it in a block of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes. The error message contains the rank of this process.
@@ -338,7 +338,7 @@ def call_user_function(
         **kwargs: keyword arguments of the function.
     """
     try:
-        with _set_arguments_compared(is_compared=False):
+        with _temporarily_set_arguments_compared(is_compared=False):
             return function(*args, **kwargs)
     except Exception as error:
         process = f" on process {comm.rank}" if comm.size > 1 else ""
@@ -352,12 +352,12 @@ def _compute_digest(value: object) -> bytes:
     The digest of a distributed object contains only its type and global size.
     """
     digest = blake2b(digest_size=16)
-    for part in _digest_parts(value):
+    for part in _split_into_digest_parts(value):
         digest.update(part if isinstance(part, bytes) else _compute_digest(part))
     return digest.digest()
 
 
-def _digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
+def _split_into_digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
     """Yield bytes or simpler objects that together identify a value."""
     if isinstance(value, str | Path):
         yield str(value).encode()
@@ -379,10 +379,10 @@ def _digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         yield from map(_compute_digest, value)
     else:
         yield type(value).__qualname__
-        yield from _object_parts(value)
+        yield from _split_object_into_digest_parts(value)
 
 
-def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
+def _split_object_into_digest_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
     """Yield simpler objects that identify an object of DOLFINx, PETSc, UFL or this library."""
     _raise_deferred_error(value)
     if isinstance(value, Enum):
@@ -423,5 +423,5 @@ def _object_parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         is_library_class = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
         for name, part in getattr(value, "__dict__", {}).items():
             is_compared = is_library_class or isinstance(part, str | int | float | np.generic)
-            if is_compared and name not in _LOCAL_ARGUMENTS and not name.startswith("_"):
+            if is_compared and name not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS and not name.startswith("_"):
                 yield from (name, part)

@@ -34,19 +34,19 @@ from pw_elements.progress import log_on_root
 # Largest coordinate with which volumes do not overflow
 MAX_COORDINATE = 1e100
 # Smallest Jacobian determinant, relative to the dim-th power of the cell's size
-_MIN_RELATIVE_DETERMINANT = 1e-10
+_MIN_RELATIVE_JACOBIAN_DETERMINANT = 1e-10
 # Largest length of the sum of an inner facet's two area vectors, relative to the sum of their
 # lengths. The ratio is 0, except for round-off, in valid meshes and 1 at a fold
-_CLOSURE_TOLERANCE = 1e-6
+_MAX_RELATIVE_SUM_OF_AREA_VECTORS = 1e-6
 # Largest distance of points that count as coinciding, relative to the size of a facet
-_COINCIDENCE_TOLERANCE = 1e-6
+_COINCIDENCE_TOLERANCE_OVER_FACET_SIZE = 1e-6
 # Number of cells whose Jacobians are in memory at once
 _CELLS_PER_BATCH = 20_000
 # Arbitrary matrix. A ray along an axis of its orthonormal basis hardly ever hits an edge exactly
-_GENERIC_MATRIX = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
+_ARBITRARY_MATRIX_FOR_RAY_AXES = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
 # Checksum of the coordinates of each mesh that has passed `check_mesh`
-_checksum_of_checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
+_coordinate_checksum_of_checked_mesh: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
 class DegenerateMesh(ValueError):
@@ -72,22 +72,22 @@ def check_mesh(mesh: Mesh) -> None:
         DegenerateMesh: if there is a defect; the message names the centres of the cells or facets.
     """
     checksum = crc32(np.ascontiguousarray(mesh.geometry.x))
-    if not mesh.comm.allreduce(_checksum_of_checked.get(mesh) != checksum, MPI.LOR):
+    if not mesh.comm.allreduce(_coordinate_checksum_of_checked_mesh.get(mesh) != checksum, MPI.LOR):
         return
     if mesh.topology.dim != mesh.geometry.dim:
         raise DegenerateMesh("the mesh is a surface or line in space, not a body")
-    _check_coordinates(mesh)
+    _check_coordinate_magnitudes(mesh)
     cells = _CellChecks(mesh)
-    cells.check_cells_and_facets()
+    cells.check_shapes_and_facets()
     if mesh.topology.dim > 1:
-        surface = _SurfaceChecks(cells)
+        surface = _MeshBoundaryChecks(cells)
         surface.check_hanging_nodes()
-        surface.check_overlap()
+        surface.check_overlapping_cells()
         surface.log_coincident_facets()
-    _checksum_of_checked[mesh] = checksum
+    _coordinate_checksum_of_checked_mesh[mesh] = checksum
 
 
-def _check_coordinates(mesh: Mesh) -> None:
+def _check_coordinate_magnitudes(mesh: Mesh) -> None:
     largest = mesh.comm.allgather(float(np.abs(mesh.geometry.x).max(initial=0.0)))
     if not np.isfinite(largest).all():
         raise DegenerateMesh("a node of the mesh has coordinates that are not finite")
@@ -98,14 +98,14 @@ def _check_coordinates(mesh: Mesh) -> None:
         )
 
 
-def check_cells(mesh: Mesh) -> None:
+def check_cell_shapes_and_facets(mesh: Mesh) -> None:
     """Check that no cell is flat, inverted or folded, and no facet has more than two cells.
 
     Raises:
         DegenerateMesh: if there is a defect; the message names the centres of the cells.
     """
-    _check_coordinates(mesh)
-    _CellChecks(mesh).check_cells_and_facets()
+    _check_coordinate_magnitudes(mesh)
+    _CellChecks(mesh).check_shapes_and_facets()
 
 
 class _CellChecks:
@@ -130,7 +130,7 @@ class _CellChecks:
         self._x = np.ascontiguousarray(mesh.geometry.x[:, :dim].T)[:, nodes.T]
         self.centres = self._x[:, corner_dofs].mean(axis=1).T
 
-    def check_cells_and_facets(self) -> None:
+    def check_shapes_and_facets(self) -> None:
         cell_type, dim, n_cells = self.element.cell_type, self.dim, len(self.centres)
         corners = basix.geometry(cell_type)
         side_midpoints = np.array(
@@ -145,33 +145,33 @@ class _CellChecks:
         for start in range(0, n_cells, _CELLS_PER_BATCH):
             batch = slice(start, start + _CELLS_PER_BATCH)
             jacobian = np.einsum("jpn,inc->ijpc", gradients, self._x[:, :, batch], optimize=True)
-            cofactor = _cofactors(jacobian)
+            cofactor = _cofactor_matrices(jacobian)
             determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
             size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
             is_flat[batch] = (
-                np.abs(determinant).min(axis=0) <= _MIN_RELATIVE_DETERMINANT * size**dim
+                np.abs(determinant).min(axis=0) <= _MIN_RELATIVE_JACOBIAN_DETERMINANT * size**dim
             )
             is_inverted[batch] = determinant.min(axis=0) * determinant.max(axis=0) < 0
             side_cofactors[..., batch] = cofactor[:, :, : side_cofactors.shape[2]] * np.sign(
                 determinant[0]
             )
-        self._raise_for_cells(is_flat, "have no volume")
-        self._raise_for_cells(is_inverted, "are turned inside out in a part of them")
+        self._raise_if_any_cell(is_flat, "have no volume")
+        self._raise_if_any_cell(is_inverted, "are turned inside out in a part of them")
         if dim > 1:
-            self._check_facets(
+            self._check_facet_folds_and_sharing(
                 np.broadcast_to(side_cofactors, (dim, dim, len(side_midpoints), n_cells))
             )
 
-    def _check_facets(self, cofactor: Array) -> None:
+    def _check_facet_folds_and_sharing(self, side_cofactors: Array) -> None:
         """Check that there are no folds and no facets with more than two cells; collective.
 
         Args:
-            cofactor: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints of
+            side_cofactors: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints of
                 the sides.
         """
         topology, dim = self.mesh.topology, self.dim
         topology.create_connectivity(dim, dim - 1)
-        n_sides = cofactor.shape[2]
+        n_sides = side_cofactors.shape[2]
         self.facets = topology.connectivity(dim, dim - 1).array.reshape(-1, n_sides)
         self.facets = self.facets[: len(self.centres)].T
         cell_type = self.element.cell_type
@@ -180,7 +180,7 @@ class _CellChecks:
             basix.cell.facet_jacobians(cell_type),
         )
         reference_areas = np.sqrt(np.linalg.det(np.swapaxes(tangents, 1, 2) @ tangents))
-        self.area = np.einsum("ijpc,pj->ipc", cofactor, normal * reference_areas[:, None])
+        self.area = np.einsum("ijpc,pj->ipc", side_cofactors, normal * reference_areas[:, None])
 
         area = np.sqrt(sum(a**2 for a in self.area))
         index_map = topology.index_map(dim - 1)
@@ -195,15 +195,15 @@ class _CellChecks:
         n_cells = facet_sums[:, -1]
         self.exterior = (n_cells == 1)[self.facets]
         residual_area = np.sqrt(sum(facet_sums[:, column] ** 2 for column in range(dim)))
-        is_folded = ((n_cells == 2) & (residual_area > _CLOSURE_TOLERANCE * facet_sums[:, dim]))[
+        is_folded = ((n_cells == 2) & (residual_area > _MAX_RELATIVE_SUM_OF_AREA_VECTORS * facet_sums[:, dim]))[
             self.facets
         ].any(axis=0)
-        self._raise_for_cells(
+        self._raise_if_any_cell(
             (n_cells > 2)[self.facets].any(axis=0), "share a facet with two others"
         )
-        self._raise_for_cells(is_folded, "lie on the same side of a facet as their neighbour")
+        self._raise_if_any_cell(is_folded, "lie on the same side of a facet as their neighbour")
 
-    def _raise_for_cells(self, is_bad: Mask, description: str) -> None:
+    def _raise_if_any_cell(self, is_bad: Mask, description: str) -> None:
         centres = np.concatenate(self.mesh.comm.allgather(self.centres[is_bad]))
         if len(centres):
             raise DegenerateMesh(
@@ -211,7 +211,7 @@ class _CellChecks:
             )
 
 
-class _SurfaceChecks:
+class _MeshBoundaryChecks:
     """Checks of the boundary of a mesh, distributed over the processes.
 
     Each process has its own exterior facets and those of other processes that are near its cells,
@@ -234,14 +234,14 @@ class _SurfaceChecks:
             vertices.ravel().astype(np.int32)
         )
         corners = mesh.geometry.x[vertices, : cells.dim]
-        self._rotation = np.linalg.qr(_GENERIC_MATRIX[: cells.dim, : cells.dim])[0]
+        self._rotation = np.linalg.qr(_ARBITRARY_MATRIX_FOR_RAY_AXES[: cells.dim, : cells.dim])[0]
         self._cell_centres = cells.centres[np.unique(self._cell)]
         projected = (corners @ self._rotation)[:, :, :-1]
         low, high = projected.min(axis=1), projected.max(axis=1)
         projected_centres = (self._cell_centres @ self._rotation)[:, :-1]
         lower = np.concatenate([low, projected_centres]).min(axis=0, initial=np.inf)
         upper = np.concatenate([high, projected_centres]).max(axis=0, initial=-np.inf)
-        margin = 2 * _COINCIDENCE_TOLERANCE * np.maximum(upper - lower, 0.0)
+        margin = 2 * _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * np.maximum(upper - lower, 0.0)
         self._facets_for_rank = [
             np.flatnonzero((high >= lower).all(axis=1) & (low <= upper).all(axis=1))
             for lower, upper in self._comm.allgather((lower - margin, upper + margin))
@@ -255,17 +255,17 @@ class _SurfaceChecks:
             axis=1
         )
 
-    def _exchange(self, values: npt.NDArray) -> npt.NDArray:
+    def _exchange(self, own_values: npt.NDArray) -> npt.NDArray:
         """Send values (own facets, ...) to the processes that need them.
 
         Returns:
             Values (m, ...) of all facets that this process needs.
         """
         return np.concatenate(
-            self._comm.alltoall([values[facets] for facets in self._facets_for_rank])
+            self._comm.alltoall([own_values[facets] for facets in self._facets_for_rank])
         )
 
-    def _gather(self, values: npt.NDArray) -> npt.NDArray:
+    def _gather_from_all_processes(self, values: npt.NDArray) -> npt.NDArray:
         return np.concatenate(self._comm.allgather(values))
 
     def check_hanging_nodes(self) -> None:
@@ -275,13 +275,13 @@ class _SurfaceChecks:
         contact with non-matching meshes share no vertices and are accepted. Curved facets are not
         checked.
         """
-        if len(centres := self._gather(self._facet_centres[self._find_torn_facets()])):
+        if len(centres := self._gather_from_all_processes(self._facet_centres[self._find_facets_with_hanging_nodes()])):
             raise DegenerateMesh(
                 f"facets around {format_points(centres)} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"
             )
 
-    def _find_torn_facets(self) -> Indices:
+    def _find_facets_with_hanging_nodes(self) -> Indices:
         """Return the facets of this process on which smaller facets of its neighbours lie.
 
         All corners of the larger facet are also corners of the smaller facets.
@@ -294,10 +294,10 @@ class _SurfaceChecks:
         facet, vertex_index = _find_points_in_balls(
             cKDTree(x),
             self._facet_centres[is_owned],
-            self._radius[is_owned] * (1 + _COINCIDENCE_TOLERANCE),
+            self._radius[is_owned] * (1 + _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE),
         )
         facet = np.flatnonzero(is_owned)[facet]
-        is_inside = self._contains(facet, x[vertex_index])
+        is_inside = self._are_points_on_facets(facet, x[vertex_index])
         is_own_corner = (self.vertex[facet] == vertex[vertex_index][:, None]).any(axis=1)
         suspects = np.unique(facet[is_inside & ~is_own_corner])
         if not len(suspects):
@@ -317,23 +317,23 @@ class _SurfaceChecks:
         ) > 0
         return suspects[np.diff(shared_corners.tocsr().indptr) == self.vertex.shape[1]]
 
-    def _contains(self, facet: Indices, x: Array) -> Mask:
+    def _are_points_on_facets(self, facets: Indices, points: Array) -> Mask:
         """Return whether points x (n, dim) lie on facets (n,), including their edges."""
-        centres, double_area = self._facet_centres[facet], np.linalg.norm(self.area[facet], axis=1)
-        height = np.abs(np.sum((x - centres) * self.area[facet], axis=1))
-        to_corners = self.corner[facet] - x[:, None]
+        centres, double_area = self._facet_centres[facets], np.linalg.norm(self.area[facets], axis=1)
+        height = np.abs(np.sum((points - centres) * self.area[facets], axis=1))
+        to_corners = self.corner[facets] - points[:, None]
         if to_corners.shape[1] == 4:
             to_corners, double_area = to_corners[:, [0, 1, 3, 2]], 2 * double_area
         # for solid bodies: areas of the triangles between the point and each edge
         cross_products = (
-            np.cross(to_corners, np.roll(to_corners, -1, axis=1)) if x.shape[1] == 3 else to_corners
+            np.cross(to_corners, np.roll(to_corners, -1, axis=1)) if points.shape[1] == 3 else to_corners
         )
         fan_area = np.linalg.norm(cross_products, axis=2).sum(axis=1)
-        return (height < _COINCIDENCE_TOLERANCE * self._radius[facet] * double_area) & (
-            fan_area < (1 + _COINCIDENCE_TOLERANCE) * double_area
+        return (height < _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * self._radius[facets] * double_area) & (
+            fan_area < (1 + _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE) * double_area
         )
 
-    def check_overlap(self) -> None:
+    def check_overlapping_cells(self) -> None:
         """Raise DegenerateMesh if the centre of a cell at the boundary also lies in another cell.
 
         In a valid mesh, an upward ray from the centre of a cell leaves the body once more often
@@ -370,7 +370,7 @@ class _SurfaceChecks:
             (barycentric >= 0).all(axis=1) & (barycentric.sum(axis=1) < 1) & (height > x[point, -1])
         )
         n_exits = np.bincount(point[is_above], np.sign(upward_area[facet[is_above]]), len(x))
-        suspects = self._gather(cell_centres[n_exits > 1.5])
+        suspects = self._gather_from_all_processes(cell_centres[n_exits > 1.5])
         if not len(suspects):
             return
         points = np.zeros((len(suspects), 3))
@@ -391,18 +391,18 @@ class _SurfaceChecks:
         """Log facets that coincide without common nodes, at cracks and between touching bodies."""
         min_radius = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
         pairs = cKDTree(self._facet_centres).query_pairs(
-            _COINCIDENCE_TOLERANCE * min_radius, output_type="ndarray"
+            _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * min_radius, output_type="ndarray"
         )
         pairs = pairs[self._owner[pairs].min(axis=1) == self._comm.rank]
         if not self._comm.allreduce(len(pairs)):
             return
         cells, mesh = self._cells, self._cells.mesh
-        component_of_node, _ = connected_components(
+        component_of_node, _ = label_connected_components(
             mesh.comm, mesh.geometry.index_map(), cells.vertices
         )
         components = self._exchange(component_of_node[cells.vertices[self._cell, 0]])[pairs]
-        is_crack = self._gather(components[:, 0] == components[:, 1])
-        centres = self._gather(self._facet_centres[pairs[:, 0]])
+        is_crack = self._gather_from_all_processes(components[:, 0] == components[:, 1])
+        centres = self._gather_from_all_processes(self._facet_centres[pairs[:, 0]])
         for selection, level, description in (
             (is_crack, logging.WARNING, "a crack in one piece of the mesh"),
             (~is_crack, logging.INFO, "two pieces of the mesh that touch"),
@@ -413,7 +413,7 @@ class _SurfaceChecks:
                 log_on_root(mesh.comm, level, message)
 
 
-def _cofactors(jacobian: Array) -> Array:
+def _cofactor_matrices(jacobian: Array) -> Array:
     """Return the cofactor matrices (dim, dim, ...) of Jacobian matrices (dim, dim, ...)."""
     dim = len(jacobian)
     if dim == 1:
@@ -425,7 +425,7 @@ def _cofactors(jacobian: Array) -> Array:
     return np.array([np.cross(*rows, axis=0) for rows in ((b, c), (c, a), (a, b))])
 
 
-def connected_components(
+def label_connected_components(
     comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray
 ) -> tuple[Indices, int]:
     """Find the connected components of a distributed mesh; collective.
@@ -440,7 +440,7 @@ def connected_components(
     """
     n_nodes = index_map.size_local + index_map.num_ghosts
     other_nodes = cells[:, 1:]  # a cell links its first node with the others
-    local_component = _graph_components(
+    local_component = _label_graph_components(
         n_nodes, np.repeat(cells[:, 0], other_nodes.shape[1]), other_nodes.ravel()
     )
     local_component += sum(comm.allgather(int(local_component.max(initial=-1)) + 1)[: comm.rank])
@@ -451,15 +451,15 @@ def connected_components(
     owner_component.scatter_forward()
     links = np.unique(np.stack([local_component, owner_component.array.astype(np.int64)]), axis=1)
     component, owner_number = np.concatenate(comm.allgather(links), axis=1)
-    global_component = _graph_components(
+    global_component = _label_graph_components(
         int(max(component.max(), owner_number.max())) + 1, component, owner_number
     )
     return global_component[local_component], int(global_component.max()) + 1
 
 
-def _graph_components(n_nodes: int, starts: Indices, ends: Indices) -> Indices:
-    graph = sp.coo_matrix((np.ones(len(starts)), (starts, ends)), (n_nodes, n_nodes))
-    return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
+def _label_graph_components(n_nodes: int, edge_starts: Indices, edge_ends: Indices) -> Indices:
+    graph = sp.coo_matrix((np.ones(len(edge_starts)), (edge_starts, edge_ends)), (n_nodes, n_nodes))
+    return sp.csgraph.label_connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _find_points_in_balls(tree: cKDTree, centres: Array, radii: Array) -> tuple[Indices, Indices]:

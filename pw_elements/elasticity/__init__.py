@@ -7,13 +7,13 @@ from pw_elements.elasticity.forces import (
     NodalFlux,
     SurfaceNodes,
     facet_nodes,
-    facets_with_all_nodes,
+    exterior_facets_with_all_nodes,
     force_transfer,
     forces_along,
-    locate_facets_in_cells,
+    locate_facet_nodes_in_cells,
     nodal_flux,
     order_by_position,
 )
-from pw_elements.elasticity.incompressibility import HYBRID_SPACES_REMEDY, TangentRatioMonitor
+from pw_elements.elasticity.incompressibility import HYBRID_SPACES_REMEDY, TangentBulkShearMonitor
 from pw_elements.elasticity.material import Material
 from pw_elements.elasticity.sibling import Sibling

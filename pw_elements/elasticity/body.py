@@ -28,20 +28,20 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, check_same_arguments, format_points
+from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes, format_points
 from pw_elements.elasticity.incompressibility import (
     HYBRID_SPACES_REMEDY,
     bulk_over_shear,
-    has_parallel_cells,
-    max_bulk_over_shear,
+    has_only_parallelepiped_cells,
+    max_bulk_over_shear_without_pressure,
 )
 from pw_elements.elasticity.material import Material, Scalar
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
-    STRESS_STATE_KEY,
+    STRESS_STATE_METADATA_KEY,
     Spaces,
-    add_sub_cell_rules,
-    check_part_tags,
+    add_sub_cell_quadrature_rules,
+    check_part_tags_type,
     is_hybrid,
     read_record,
 )
@@ -51,24 +51,24 @@ Vector: TypeAlias = Sequence[float] | Array | Expr
 # Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
 # modulus). Its effect on natural frequencies is less than 1e-4 of the discretisation error, see
 # section V8 of the study
-_RATIONAL_DEGREE = 8
+_NON_POLYNOMIAL_QUADRATURE_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which a warning is logged
-_MIN_HYBRID_NU = 0.48
-_MAX_DISPLACEMENT_NU = 0.49
-_LOCKING_WARNING = (
+_MIN_POISSONS_RATIO_FOR_HYBRID_SPACES = 0.48
+_MIN_POISSONS_RATIO_FOR_LOCKING_WARNING = 0.49
+_LOCKING_WARNING_MESSAGE = (
     "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
 )
 
-_MATERIAL_JUMP_WARNING = (
+_CONTINUOUS_PRESSURE_WARNING_MESSAGE = (
     "the material varies and the pressure is continuous: where the material jumps displacements "
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
 
 # Values up to these are round-off: a row sum of the mass matrix, relative to the diagonal entry; a
 # negative radius, relative to the largest radius
-_MASS_ROUND_OFF = 1e-12
-_RADIUS_ROUND_OFF = 1e-12
+_LUMPED_MASS_ROUND_OFF_OVER_DIAGONAL = 1e-12
+_RADIUS_ROUND_OFF_OVER_MAX_RADIUS = 1e-12
 
 
 class StressState(Enum):
@@ -118,7 +118,7 @@ class Body:
     thickness: Scalar = 1.0
     quadrature_degree: int | None = None
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def __post_init__(self) -> None:
         arguments.check_type(
             "spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some"
@@ -145,7 +145,7 @@ class Body:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
             largest_radius = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
-            if radius < -_RADIUS_ROUND_OFF * largest_radius:
+            if radius < -_RADIUS_ROUND_OFF_OVER_MAX_RADIUS * largest_radius:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
         if hybrid:
@@ -162,15 +162,15 @@ class Body:
                 self.material.youngs_modulus
             )
             if not is_constant and self.spaces.parts is None:
-                log_on_root(mesh.comm, logging.WARNING, _MATERIAL_JUMP_WARNING)
+                log_on_root(mesh.comm, logging.WARNING, _CONTINUOUS_PRESSURE_WARNING_MESSAGE)
         elif self.state is not StressState.PLANE_STRESS:
             rule = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.check_coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, rule, mesh.comm
             )
             max_nu = _max_value(nu, mesh.comm)
-            if max_nu > _MAX_DISPLACEMENT_NU:
-                warning = _LOCKING_WARNING % max_nu + self._singularity_warning(max_nu)
+            if max_nu > _MIN_POISSONS_RATIO_FOR_LOCKING_WARNING:
+                warning = _LOCKING_WARNING_MESSAGE % max_nu + self._singular_stiffness_warning(max_nu)
                 log_on_root(mesh.comm, logging.WARNING, warning)
         thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
@@ -178,7 +178,7 @@ class Body:
             arguments.check_integer("quadrature_degree", self.quadrature_degree, 0)
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def on(
         cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
@@ -202,14 +202,14 @@ class Body:
             TypeError: for arguments of the wrong type.
             ValueError: in the same cases as `Body`.
         """
-        arguments.check_mesh_type(mesh)
+        arguments.check_double_precision_mesh(mesh)
         arguments.check_type("material", material, Material, "Material(E, nu) makes one")
-        check_part_tags(parts)
+        check_part_tags_type(parts)
         max_nu = _max_value(material.poissons_ratio, mesh.comm)
         is_valid = isinstance(state, str | StressState)  # other objects may not be comparable
         plane_stress_names = StressState.PLANE_STRESS, StressState.PLANE_STRESS.value
         is_plane_stress = is_valid and state in plane_stress_names
-        if max_nu <= _MIN_HYBRID_NU or is_plane_stress:
+        if max_nu <= _MIN_POISSONS_RATIO_FOR_HYBRID_SPACES or is_plane_stress:
             spaces = Spaces.petrov_galerkin(mesh)
         else:
             spaces = Spaces.hybrid(mesh, parts)
@@ -217,9 +217,9 @@ class Body:
             log_on_root(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state)  # type: ignore[arg-type]
 
-    def _singularity_warning(self, nu: float) -> str:
+    def _singular_stiffness_warning(self, nu: float) -> str:
         """Return a warning if the stiffness may be singular for this Poisson's ratio, else ""."""
-        limit, ratio = max_bulk_over_shear(self.spaces.mesh), bulk_over_shear(nu)
+        limit, ratio = max_bulk_over_shear_without_pressure(self.spaces.mesh), bulk_over_shear(nu)
         if self.spaces.test is self.spaces.trial or ratio <= limit:
             return ""
         return (
@@ -260,7 +260,7 @@ class Body:
         )
         mu = E / (2 * (1 + nu))
         if self.spaces.is_hybrid:
-            strain, (_, p) = self.strain(u), self._split(u)
+            strain, (_, p) = self.strain(u), self._split_displacement_and_pressure(u)
             if p is None:
                 raise ValueError(
                     "stresses of hybrid spaces need the pressure, too: give both fields, "
@@ -286,18 +286,18 @@ class Body:
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
-            _, p = self._split(u)
+            _, p = self._split_displacement_and_pressure(u)
             out_of_plane = (
                 self._as_constant(self.material.poissons_ratio) * trace if p is None else -p
             )
             trace, squares = trace + out_of_plane, squares + out_of_plane**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def stiffness(self) -> ufl.Form:
         """Return the bilinear form of the stiffness matrix, Eq. (10)."""
-        u, v = self._arguments()
-        work = self._integrate_bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
+        u, v = self._trial_and_test_functions()
+        work = self._integrate_trial_times_test(ufl.inner(self.stress(u), self.strain(v)), 2)
         if not self.spaces.is_hybrid:
             return work
         E, nu = (
@@ -305,19 +305,19 @@ class Body:
             self._as_constant(self.material.poissons_ratio),
         )
         flexibility = (1 + nu) * (1 - 2 * nu) / (E * nu)
-        (_, p), (_, q) = self._split(u), self._split(v)
+        (_, p), (_, q) = self._split_displacement_and_pressure(u), self._split_displacement_and_pressure(v)
         volume = ufl.tr(self.strain(u)) + flexibility * p
-        return work + self._integrate(-q * volume, 2)
+        return work + self._integrate_over_body(-q * volume, 2)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def mass(self) -> ufl.Form:
         """Return the bilinear form of the consistent mass matrix, Eq. (11)."""
-        (u, _), (v, _) = map(self._split, self._arguments())
-        return self._integrate_bilinear(
+        (u, _), (v, _) = map(self._split_displacement_and_pressure, self._trial_and_test_functions())
+        return self._integrate_trial_times_test(
             self._as_constant(self.material.density) * ufl.inner(u, v), 4
         )
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
         """Return the linear form of the load by a traction on a part of the boundary, Eq. (12).
 
@@ -342,21 +342,21 @@ class Body:
             )
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
-        v, _ = self._split(ufl.TestFunction(self.spaces.test))
+        v, _ = self._split_displacement_and_pressure(ufl.TestFunction(self.spaces.test))
         work = ufl.inner(self._as_vector("traction", traction), v) * self._depth()
-        return work * self._with_state(surface)
+        return work * self._add_stress_state_metadata(surface)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def body_load(self, force: Vector) -> ufl.Form:
         """Return the linear form of the load by a body force, Eq. (12).
 
         Args:
             force: force per volume (dim,), as numbers or an expression.
         """
-        v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        return self._integrate(ufl.inner(self._as_vector("force", force), v), 2)
+        v, _ = self._split_displacement_and_pressure(ufl.TestFunction(self.spaces.test))
+        return self._integrate_over_body(ufl.inner(self._as_vector("force", force), v), 2)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Return the bilinear form of the initial stress matrix, Eq. (25) and Eq. (26).
 
@@ -371,7 +371,7 @@ class Body:
             ValueError: if the form is unknown or the tensor has the wrong shape.
         """
         arguments.check_type("stress", stress, Expr, "body.stress(u) makes one")
-        u, v = self._arguments()
+        u, v = self._trial_and_test_functions()
         if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
             raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
         if not arguments.is_one_of(form, ("G", "J")):
@@ -379,12 +379,12 @@ class Body:
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
         if form == "J":
             integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
-        return self._integrate_bilinear(integrand, 3, parallelepiped_degree=5)
+        return self._integrate_trial_times_test(integrand, 3, parallelepiped_degree=5)
 
-    def _arguments(self) -> tuple[Expr, Expr]:
+    def _trial_and_test_functions(self) -> tuple[Expr, Expr]:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
 
-    def _split(self, u: Expr) -> tuple[Expr, Expr]:
+    def _split_displacement_and_pressure(self, u: Expr) -> tuple[Expr, Expr]:
         """Split `u` into displacement and pressure; return None as pressure if `u` has none."""
         dimension = self.spaces.mesh.geometry.dim
         if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
@@ -392,7 +392,7 @@ class Body:
         return ufl.as_vector([u[k] for k in range(dimension)]), u[dimension]
 
     def _gradient(self, u: Expr) -> Expr:
-        u, _ = self._split(u)
+        u, _ = self._split_displacement_and_pressure(u)
         dim = self.spaces.mesh.geometry.dim
         if u.ufl_shape != (dim,):
             raise ValueError(
@@ -416,52 +416,52 @@ class Body:
             return 1.0
         return self._as_constant(self.thickness)
 
-    def _integrate_bilinear(
-        self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 3
+    def _integrate_trial_times_test(
+        self, integrand: Expr, galerkin_simplex_degree: int, parallelepiped_degree: int = 3
     ) -> ufl.Form:
         """Return the form of a product of trial and test functions, integrated over the body.
 
         Args:
             integrand: integrand of the form.
-            exact_degree: degree of the integrand on straight simplices with quadratic test
+            galerkin_simplex_degree: degree of the integrand on straight simplices with quadratic test
                 functions. With piecewise-linear test functions it is one less.
             parallelepiped_degree: degree of quadrature on parallelograms and parallelepipeds with
                 piecewise-linear test functions.
         """
         if self.spaces.test is self.spaces.trial:
-            return self._integrate(integrand, exact_degree)
-        return self._integrate(integrand, exact_degree - 1, parallelepiped_degree)
+            return self._integrate_over_body(integrand, galerkin_simplex_degree)
+        return self._integrate_over_body(integrand, galerkin_simplex_degree - 1, parallelepiped_degree)
 
-    def _integrate(
-        self, integrand: Expr, exact_degree: int, parallelepiped_degree: int = 5
+    def _integrate_over_body(
+        self, integrand: Expr, simplex_degree: int, parallelepiped_degree: int = 5
     ) -> ufl.Form:
         """Return the form of an integrand, with the degree of quadrature that the cells need.
 
         Args:
             integrand: integrand of the form.
-            exact_degree: degree of the integrand on straight simplices.
+            simplex_degree: degree of the integrand on straight simplices.
             parallelepiped_degree: degree of quadrature on parallelograms and parallelepipeds.
         """
         degree = self.quadrature_degree
         if degree is None:
-            degree = self._default_degree(exact_degree, parallelepiped_degree)
+            degree = self._default_quadrature_degree(simplex_degree, parallelepiped_degree)
         dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
-        return add_sub_cell_rules(integrand * self._depth() * self._with_state(dx))
+        return add_sub_cell_quadrature_rules(integrand * self._depth() * self._add_stress_state_metadata(dx))
 
-    def _with_state(self, measure: ufl.Measure) -> ufl.Measure:
+    def _add_stress_state_metadata(self, measure: ufl.Measure) -> ufl.Measure:
         return measure.reconstruct(
-            metadata={**measure.metadata(), STRESS_STATE_KEY: self.state.value}
+            metadata={**measure.metadata(), STRESS_STATE_METADATA_KEY: self.state.value}
         )
 
-    def _default_degree(self, exact_degree: int, parallelepiped_degree: int) -> int:
+    def _default_quadrature_degree(self, simplex_degree: int, parallelepiped_degree: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         data = (*vars(self.material).values(), self.thickness)
         is_curved = geometry.degree > 1
-        if is_curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_constant, data)):
-            return _RATIONAL_DEGREE
+        if is_curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_constant_in_each_cell, data)):
+            return _NON_POLYNOMIAL_QUADRATURE_DEGREE
         if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
-            return exact_degree
-        return parallelepiped_degree if has_parallel_cells(self.spaces.mesh) else 5
+            return simplex_degree
+        return parallelepiped_degree if has_only_parallelepiped_cells(self.spaces.mesh) else 5
 
     def _as_constant(self, value: Scalar) -> Expr:
         """Turn a number into a `fem.Constant`, so that other numbers need no new compiled form."""
@@ -471,11 +471,11 @@ class Body:
 
     def _as_vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
-        vector = arguments.check_components(name, value, mesh.geometry.dim)
+        vector = arguments.check_vector_or_expression(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Lump a mass matrix: return the diagonal matrix (n, n) of its row sums.
 
@@ -497,12 +497,12 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if a row sum is not positive (the message names the nodes), or the matrix does
             not belong to the space.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass = M.getRowSum()
-    lacks_mass = mass.array_r <= _MASS_ROUND_OFF * M.getDiagonal().array_r
+    lacks_mass = mass.array_r <= _LUMPED_MASS_ROUND_OFF_OVER_DIAGONAL * M.getDiagonal().array_r
     nodes = np.unique(np.flatnonzero(lacks_mass) // space.dofmap.index_map_bs)
     if count := space.mesh.comm.allreduce(len(nodes), MPI.SUM):
         positions = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
@@ -517,14 +517,14 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(read_record(M), lumped=True).attach(lumped)
 
 
-def _is_constant(value: Scalar) -> bool:
+def _is_constant_in_each_cell(value: Scalar) -> bool:
     if isinstance(value, fem.Function):
         return value.function_space.ufl_element().embedded_superdegree == 0
     return arguments.is_number(value) or isinstance(value, fem.Constant)
 
 
 def _max_value(coefficient: Scalar, comm: MPI.Comm) -> float:
-    values = arguments.available_values(coefficient)
+    values = arguments.coefficient_values_if_available(coefficient)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 

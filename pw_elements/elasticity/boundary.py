@@ -11,7 +11,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, meshtags
 
-from pw_elements.checks import arguments, check_same_arguments
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes
 from pw_elements.spaces import (
     Marker,
     Part,
@@ -22,7 +22,7 @@ from pw_elements.spaces import (
 )
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
     """Create a surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
@@ -37,7 +37,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
         ValueError: if no exterior facet is selected, the marker raises an error or does not return
             truth values, or a number does not belong to a facet.
     """
-    arguments.check_mesh_type(mesh)
+    arguments.check_double_precision_mesh(mesh)
     arguments.check_integer("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
     facets = locate_exterior_facets(mesh, where)
@@ -53,7 +53,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     )
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
@@ -79,7 +79,7 @@ def prescribe(
         ValueError: if no node is selected, the component does not exist, the marker raises an error
             or does not return truth values, or the value is not a finite number.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     hybrid = is_hybrid(space)
     is_pressure = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if is_pressure else SubSpace.displacements(space)
@@ -87,7 +87,7 @@ def prescribe(
     if not (is_pressure or (arguments.is_number(component) and component in range(components))):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
     number = value.value if isinstance(value, fem.Constant) else value
-    arguments.check_number("the prescribed value", number)
+    arguments.check_finite_number("the prescribed value", number)
     axis = 0 if is_pressure else int(component)
     if arguments.is_user_function(where):
         nodes = require_nodes(field.space, "the prescribed nodes", where)
@@ -106,7 +106,7 @@ def prescribe(
     return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Create the load vector (n,) of a concentrated force at each node that a marker selects.
 
@@ -122,7 +122,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
             values, the force has another number of components than the space, or a component is
             not finite.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     arguments.check_vector("nodal force", force, field.unknowns.shape[1])
     nodes = require_nodes(field.space, "the loaded nodes", where)

@@ -28,7 +28,7 @@ from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
 from pw_elements.elasticity.body import Body
 from pw_elements.elasticity.boundary import boundary_measure
 from pw_elements.elasticity.material import Scalar
@@ -37,25 +37,25 @@ from pw_elements.spaces import (
     Part,
     Spaces,
     assemble_vector,
-    gather_from_owners,
+    gather_nodal_values,
     is_hybrid,
     locate_exterior_facets,
-    macro_element,
+    piecewise_linear_element,
     quadratic_element,
     require_nodes,
-    scalar_space,
+    scalar_component_space,
 )
 
 # Parts of a mid-side node's force (standard element) that T leaves there and gives to each vertex
-_KEPT_PART = 3 / 4
-_VERTEX_PART = 1 / 8
+_MIDSIDE_FORCE_FRACTION_KEPT = 3 / 4
+_MIDSIDE_FORCE_FRACTION_TO_VERTEX = 1 / 8
 # Integral of a node's weight function, divided by the tributary area, below which it counts as zero
-_ZERO_WEIGHT = 1e-9
+_ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA = 1e-9
 
 Area = Literal["geometric", "weight"]
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """Assemble the matrix T, (n, n), that makes nodal forces of the standard element even.
 
@@ -80,20 +80,20 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
             each face and cell of quadrilaterals and hexahedra).
     """
-    return transposed_transfer(space).transpose()
+    return transposed_force_transfer(space).transpose()
 
 
-def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
+def transposed_force_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """Assemble the transposed (n, n) of the matrix T of `force_transfer`, or its inverse T^-T."""
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     basix_element, element = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
     if element != quadratic_element(cell, tuple(element.reference_value_shape)):
         raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
     # on an interval T = [1, b; 0, a] for vertex and middle, and T^-1 = [1, -b/a; 0, 1/a]
-    a, b = _KEPT_PART, _VERTEX_PART
+    a, b = _MIDSIDE_FORCE_FRACTION_KEPT, _MIDSIDE_FORCE_FRACTION_TO_VERTEX
     parts = (1 / a, -b / a) if inverse else (a, b)
-    cell_T = sp.csr_matrix(_cell_transfer(basix_element, *parts)).tocoo()
+    cell_T = sp.csr_matrix(_force_transfer_of_cell(basix_element, *parts)).tocoo()
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     cells, owned = space.dofmap.list, index_map.size_local
     target, source = cells[:, cell_T.row].ravel(), cells[:, cell_T.col].ravel()
@@ -109,8 +109,8 @@ def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETS
     return PETSc.Mat().createAIJ((sizes, sizes), bsize=block, csr=csr, comm=space.mesh.comm)
 
 
-def _cell_transfer(
-    element: basix.finite_element.FiniteElement, kept_part: float, vertex_part: float
+def _force_transfer_of_cell(
+    element: basix.finite_element.FiniteElement, midside_fraction_kept: float, midside_fraction_to_vertex: float
 ) -> Array:
     """Return the force transfer matrix (nodes, nodes) of one cell.
 
@@ -118,8 +118,8 @@ def _cell_transfer(
 
     Args:
         element: quadratic Lagrange element.
-        kept_part: on an interval, part of the middle node's force that stays at this node.
-        vertex_part: on an interval, part of the middle node's force that goes to each vertex.
+        midside_fraction_kept: on an interval, part of the middle node's force that stays at this node.
+        midside_fraction_to_vertex: on an interval, part of the middle node's force that goes to each vertex.
     """
     counts = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
     dimension_of_node = np.repeat(np.arange(len(counts)), counts)  # of the entity of each node
@@ -129,7 +129,7 @@ def _cell_transfer(
             closure = element.entity_closure_dofs[dimension][entity]
             for dof in dofs:  # nodes in the middle of the entity in all its directions
                 n_kept = dimension_of_node[closure]  # number of directions in which the force stays
-                T[closure, dof] = kept_part**n_kept * vertex_part ** (dimension - n_kept)
+                T[closure, dof] = midside_fraction_kept**n_kept * midside_fraction_to_vertex ** (dimension - n_kept)
     return T
 
 
@@ -146,7 +146,7 @@ class BoundaryForces:
     force: Array
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
     """Gather nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
@@ -164,14 +164,14 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         ValueError: if no node is selected, the marker raises an error or does not return truth
             values, or the vector is not finite or does not belong to the space.
     """
-    arguments.check_space(space)
-    with collective_errors(space.mesh.comm):
+    arguments.check_function_space(space)
+    with raise_errors_on_all_processes(space.mesh.comm):
         arguments.check_petsc_vector("the vector of forces", forces, "the space", space)
     if not is_finite(forces):
         raise ValueError("the vector of forces is not finite")
     nodes = require_nodes(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
-    return BoundaryForces(*_gather_sorted(space, nodes, values)[:2])
+    return BoundaryForces(*_gather_nodes_sorted_by_position(space, nodes, values)[:2])
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Collect the nodes of a part of a body's boundary.
 
@@ -223,10 +223,10 @@ class SurfaceNodes:
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
         arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
         depth = body._depth() if stretch is None else body._depth() * stretch
-        return cls.from_scalar_spaces(_component_spaces(body.spaces.displacements), where, depth)
+        return cls.from_scalar_spaces(_scalar_component_spaces(body.spaces.displacements), where, depth)
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Collect the nodes of a part of the boundary of a scalar problem.
 
@@ -243,16 +243,16 @@ class SurfaceNodes:
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
         depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
-        position, weight_area, node = _gather_weight_areas(spaces, where, depth)
+        position, weight_area, node = _gather_nodes_and_weight_areas(spaces, where, depth)
         linear_position, linear_area = position, weight_area
-        if spaces.test.ufl_element() != macro_element(spaces.mesh.topology.cell_name()):
-            linear_position, linear_area, _ = _gather_weight_areas(
+        if spaces.test.ufl_element() != piecewise_linear_element(spaces.mesh.topology.cell_name()):
+            linear_position, linear_area, _ = _gather_nodes_and_weight_areas(
                 Spaces.petrov_galerkin(spaces.mesh, 0), where, depth
             )
         if not linear_area.min(initial=np.inf) > 0:
             raise ValueError("the depth or thickness is not positive: a node there has no area")
-        facets = _gather_facets(spaces.trial, where, node)
-        edges, rim_nodes = _edges_and_rim(facets, spaces.mesh)
+        facets = _gather_nodes_of_facets(spaces.trial, where, node)
+        edges, rim_nodes = _find_edges_and_rim_nodes(facets, spaces.mesh)
         rim = np.isin(np.arange(len(position)), rim_nodes)
         tributary_area = linear_area[cKDTree(linear_position).query(position)[1]]
         return cls(position, weight_area, tributary_area, edges, rim, node, facets)
@@ -296,7 +296,7 @@ class SurfaceNodes:
             ValueError: if there is not one force for each node.
         """
         force = self._check_nodal_values(force)
-        has_no_weight = self.weight_area < _ZERO_WEIGHT * self.tributary_area
+        has_no_weight = self.weight_area < _ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA * self.tributary_area
         area = np.where(has_no_weight, np.nan, self.weight_area)
         return (force.T / area).T
 
@@ -329,7 +329,7 @@ class SurfaceNodes:
         Raises:
             ValueError: if there is not one value for each node.
         """
-        middle, mean = self._edge_values(force, closed)
+        middle, mean = self._midside_values_and_corner_means(force, closed)
         with np.errstate(divide="ignore"):  # forces at corners of 10-node tetrahedra may be zero
             return float(np.median(middle / mean)) if len(middle) else np.nan
 
@@ -348,17 +348,17 @@ class SurfaceNodes:
         Raises:
             ValueError: if there is not one value for each node.
         """
-        middle, mean = self._edge_values(values, closed)
+        middle, mean = self._midside_values_and_corner_means(values, closed)
         if not len(middle):
             return np.nan
         return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
 
-    def _edge_values(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
+    def _midside_values_and_corner_means(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
         """Return values at mid-side nodes, and means of both corners' values, of closed edges.
 
         Edges with a rim node are left out.
         """
-        values = self._check_nodal_values(values, scalar=True)
+        values = self._check_nodal_values(values, only_scalars=True)
         counts = ~self.rim
         if closed is not None:
             closed = np.asarray(closed)
@@ -368,17 +368,17 @@ class SurfaceNodes:
         edges = self.edges[counts[self.edges].all(axis=1)]
         return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
 
-    def _check_nodal_values(self, values: Array, scalar: bool = False) -> Array:
+    def _check_nodal_values(self, values: Array, only_scalars: bool = False) -> Array:
         """Return values as an array; raise ValueError unless each node has one value or row."""
         count = len(self.position)
         try:
             array = np.asarray(values)
         except ValueError:  # rows of different lengths
             array = np.empty(0, dtype=object)
-        if array.dtype.kind not in "iuf" or array.ndim not in ((1,) if scalar else (1, 2)):
+        if array.dtype.kind not in "iuf" or array.ndim not in ((1,) if only_scalars else (1, 2)):
             raise ValueError(
                 f"values are {array.dtype} of the shape {array.shape}: they have to be numbers "
-                f"({count},)" + ("" if scalar else f" or ({count}, components)")
+                f"({count},)" + ("" if only_scalars else f" or ({count}, components)")
             )
         if len(array) != count:
             raise ValueError(
@@ -405,11 +405,11 @@ def order_by_position(position: Array, tie_break: Array | None = None) -> npt.ND
 
 def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Return the local numbers (f, k) of the nodes of exterior facets (f,), in Basix' order."""
-    cells, cell_dofs = locate_facets_in_cells(space, facets)
+    cells, cell_dofs = locate_facet_nodes_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
 
 
-def locate_facets_in_cells(
+def locate_facet_nodes_in_cells(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, LocalIndices]:
     """Return the cell (f,) of each exterior facet, and the facet's nodes (f, k) in the cell.
@@ -431,15 +431,15 @@ def locate_facets_in_cells(
     return cells, closure[local_facet]
 
 
-def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
+def exterior_facets_with_all_nodes(space: fem.FunctionSpace, global_nodes: Indices) -> LocalIndices:
     """Return the local numbers of the exterior facets whose nodes are all among given nodes.
 
     Args:
         space: space of the nodes.
-        nodes: global numbers (m,) of the nodes.
+        global_nodes: global numbers (m,) of the nodes.
     """
     index_map, topology = space.dofmap.index_map, space.mesh.topology
-    local = index_map.global_to_local(nodes)
+    local = index_map.global_to_local(global_nodes)
     is_selected = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
     is_selected[local[local >= 0]] = True
     topology.create_connectivity(topology.dim - 1, topology.dim)
@@ -447,7 +447,7 @@ def facets_with_all_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndi
     return np.asarray(facets[is_selected[facet_nodes(space, facets)].all(axis=1)])
 
 
-def _gather_weight_areas(
+def _gather_nodes_and_weight_areas(
     spaces: Spaces, where: Part, depth: Scalar
 ) -> tuple[Array, Array, Indices]:
     """Gather the nodes of a surface from all processes.
@@ -461,11 +461,11 @@ def _gather_weight_areas(
     integrals = assemble_vector(form).array_r
     facets = locate_exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
-    position, area, node = _gather_sorted(space, nodes, integrals)
+    position, area, node = _gather_nodes_sorted_by_position(space, nodes, integrals)
     return position[:, : mesh.geometry.dim], area, node
 
 
-def _gather_sorted(
+def _gather_nodes_sorted_by_position(
     space: fem.FunctionSpace, nodes: LocalIndices, values: Array
 ) -> tuple[Array, Array, Indices]:
     """Gather nodes from all processes, sorted by position.
@@ -487,20 +487,20 @@ def _gather_sorted(
     return position[order], values[order], numbers[order]
 
 
-def _gather_facets(space: fem.FunctionSpace, where: Part, node: Indices) -> Indices:
+def _gather_nodes_of_facets(space: fem.FunctionSpace, where: Part, global_nodes: Indices) -> Indices:
     """Gather the facets of all processes.
 
     Returns:
-        Indices (f, k) of the facets' nodes in the array `node` (m,) of global numbers.
+        Indices (f, k) of the facets' nodes in the array `global_nodes` (m,) of global numbers.
     """
     facets = facet_nodes(space, locate_exterior_facets(space.mesh, where))
     numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
-    order = np.argsort(node)
+    order = np.argsort(global_nodes)
     all_facets = np.concatenate(space.mesh.comm.allgather(numbers))
-    return np.unique(order[np.searchsorted(node, all_facets, sorter=order)], axis=0)
+    return np.unique(order[np.searchsorted(global_nodes, all_facets, sorter=order)], axis=0)
 
 
-def _edges_and_rim(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
+def _find_edges_and_rim_nodes(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
     """Return the edges (e, 3) of facets (mid-side node, then corners), and the nodes on the rim.
 
     The rim consists of the edges (in the plane, of the end nodes) that belong to one facet only.
@@ -534,7 +534,7 @@ class NodalFlux:
     flux: Array
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def nodal_flux(
     spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
@@ -570,24 +570,24 @@ def nodal_flux(
     """
     arguments.check_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
-    with collective_errors(space.mesh.comm):
+    with raise_errors_on_all_processes(space.mesh.comm):
         arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
     if not arguments.is_one_of(area, get_args(Area)):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
-    surface = SurfaceNodes.from_scalar_spaces(_component_spaces(spaces), where, depth)
+    surface = SurfaceNodes.from_scalar_spaces(_scalar_component_spaces(spaces), where, depth)
     values = reactions.array_r.reshape(-1, space.dofmap.index_map_bs)
-    reaction = gather_from_owners(space, surface.node, values)
+    reaction = gather_nodal_values(space, surface.node, values)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
     divide = surface.pressure if area == "weight" else surface.tributary_pressure
     return NodalFlux(surface, reaction, divide(reaction))
 
 
-def _component_spaces(spaces: Spaces) -> Spaces:
+def _scalar_component_spaces(spaces: Spaces) -> Spaces:
     """Return the scalar spaces of one component, with the same numbering of nodes."""
     if not spaces.trial.num_sub_spaces:
         return spaces
-    trial = scalar_space(spaces.trial)
-    return Spaces(trial, trial if spaces.test is spaces.trial else scalar_space(spaces.test))
+    trial = scalar_component_space(spaces.trial)
+    return Spaces(trial, trial if spaces.test is spaces.trial else scalar_component_space(spaces.test))

@@ -34,13 +34,13 @@ from pw_elements.spaces import compile_form
 # Straight tetrahedra, and hexahedra other than parallelepipeds: limit 250 (0.498), where the
 # relative singular value is 0.1; values of 0.002 occur from 1000 (0.4995), det K < 0 from 5000
 # (0.4999).
-MAX_RATIO_CURVED = 50.0
-MAX_RATIO_STRAIGHT = 250.0
+MAX_BULK_OVER_SHEAR_CURVED_CELLS = 50.0
+MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS = 250.0
 # Largest distance of a node from its position in a cell with straight edges, relative to the
 # largest extent of a cell; and of a corner from its position in a parallelepiped, relative to the
 # largest component of an edge vector
-STRAIGHT_TOLERANCE = 1e-8
-PARALLEL_TOLERANCE = 1e-12
+STRAIGHT_CELL_TOLERANCE_OVER_EXTENT = 1e-8
+PARALLELEPIPED_TOLERANCE_OVER_EDGE = 1e-12
 
 HYBRID_SPACES_REMEDY = (
     "the stiffness may be singular there, or its determinant negative, and displacements may be "
@@ -54,22 +54,22 @@ def bulk_over_shear(nu: float) -> float:
     return np.inf if nu >= 0.5 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
 
 
-def max_bulk_over_shear(mesh: Mesh) -> float:
+def max_bulk_over_shear_without_pressure(mesh: Mesh) -> float:
     """Return the largest ratio of bulk to shear modulus at which no pressure is needed on a mesh.
 
     Up to this ratio, the stiffness of displacements alone with piecewise-linear weight functions is
     far from singular. It is infinite for types of cells on which the stiffness never is singular.
     """
-    if not has_straight_cells(mesh):
-        return MAX_RATIO_CURVED
+    if not has_only_straight_cells(mesh):
+        return MAX_BULK_OVER_SHEAR_CURVED_CELLS
     cell = mesh.topology.cell_name()
     safe = cell in ("interval", "triangle", "quadrilateral")
-    if safe or (cell == "hexahedron" and has_parallel_cells(mesh)):
+    if safe or (cell == "hexahedron" and has_only_parallelepiped_cells(mesh)):
         return np.inf
-    return MAX_RATIO_STRAIGHT
+    return MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS
 
 
-def has_straight_cells(mesh: Mesh) -> bool:
+def has_only_straight_cells(mesh: Mesh) -> bool:
     """Return whether all cells have straight edges and bilinear faces; collective."""
     element = mesh.ufl_domain().ufl_coordinate_element()
     if element.degree == 1:
@@ -82,11 +82,11 @@ def has_straight_cells(mesh: Mesh) -> bool:
     vertices = x[:, : weights.shape[1]]  # vertices are the first nodes of a cell
     off = np.abs(x - np.einsum("nv,cvi->cni", weights, vertices)).max(initial=0.0)
     size = np.ptp(vertices, axis=1).max(initial=0.0)
-    straight = off <= STRAIGHT_TOLERANCE * size
+    straight = off <= STRAIGHT_CELL_TOLERANCE_OVER_EXTENT * size
     return bool(mesh.comm.allreduce(straight, MPI.LAND))
 
 
-def has_parallel_cells(mesh: Mesh) -> bool:
+def has_only_parallelepiped_cells(mesh: Mesh) -> bool:
     """Return whether all quadrilaterals or hexahedra are parallelograms or parallelepipeds.
 
     Collective.
@@ -96,11 +96,11 @@ def has_parallel_cells(mesh: Mesh) -> bool:
     bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
     edges = x[:, 1 << np.arange(bits.shape[1])] - x[:, :1]
     off = np.abs(x - x[:, :1] - np.einsum("vk,cki->cvi", bits, edges)).max(initial=0.0)
-    parallel = off <= PARALLEL_TOLERANCE * np.abs(edges).max(initial=0.0)
+    parallel = off <= PARALLELEPIPED_TOLERANCE_OVER_EDGE * np.abs(edges).max(initial=0.0)
     return bool(mesh.comm.allreduce(parallel, MPI.LAND))
 
 
-class TangentRatio:
+class TangentBulkShearRatio:
     """Ratio of bulk to shear stiffness in each cell, for the tangent of a residual at present u.
 
     Let F be the deformation gradient and H a symmetric matrix, constant in a cell with the deformed
@@ -161,20 +161,20 @@ class TangentRatio:
         for k in range(1, dim):
             diagonal = np.append(np.ones(k), [-k, *[0.0] * (dim - k - 1)])
             shears.append(np.diag(diagonal / np.linalg.norm(diagonal)))
-        m_volume = self._second_derivative(volume)  # dim lambda + 2 mu
-        m_shear = np.mean([self._second_derivative(H) for H in shears], axis=0)  # 2 mu
+        m_volume = self._second_derivative_of_cell_work(volume)  # dim lambda + 2 mu
+        m_shear = np.mean([self._second_derivative_of_cell_work(H) for H in shears], axis=0)  # 2 mu
         is_positive = m_shear > 0
         dim_lambda = np.where(is_positive, m_volume - m_shear, 0.0)
         two_mu = np.where(is_positive, m_shear, 1.0)
         return np.where(is_positive, 2 * dim_lambda / (dim * two_mu) + 2 / 3, 0.0)
 
-    def _second_derivative(self, H: Array) -> Array:
+    def _second_derivative_of_cell_work(self, direction: Array) -> Array:
         """Return the second derivative m(H), (cells,), of the work of each cell."""
-        self._direction.value = H
+        self._direction.value = direction
         return np.array(fem.assemble_vector(self._work).array[self._numbers])
 
 
-class TangentRatioMonitor:
+class TangentBulkShearMonitor:
     """Monitor of a tangent that warns once if its bulk stiffness is too large for the element.
 
     Args:
@@ -184,11 +184,11 @@ class TangentRatioMonitor:
 
     def __init__(self, form: ufl.Form, u: fem.Function) -> None:
         self._mesh = u.function_space.mesh
-        self._limit = max_bulk_over_shear(self._mesh)
+        self._limit = max_bulk_over_shear_without_pressure(self._mesh)
         self._has_warned, self._ratio = False, None
         if np.isfinite(self._limit):
             try:
-                self._ratio = TangentRatio(form, u)
+                self._ratio = TangentBulkShearRatio(form, u)
             except Exception as error:
                 words = f"bulk over shear stiffness of the tangent is not measured: {error}"
                 log_on_root(self._mesh.comm, logging.INFO, words, ".contact")

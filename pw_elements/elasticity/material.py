@@ -7,7 +7,7 @@ from typing import TypeAlias
 from dolfinx.mesh import Mesh, MeshTags
 from ufl.core.expr import Expr
 
-from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, defer_errors_if_parallel
 from pw_elements.spaces import piecewise_constants_by_tag
 
 Scalar: TypeAlias = float | Expr
@@ -52,7 +52,7 @@ class Material:
         object.__setattr__(self, "poissons_ratio", nu)
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
@@ -70,7 +70,7 @@ class Material:
             ValueError: if the tags belong to facets or to another mesh, a cell has no tag, a tag
                 has no material, no cell has the tag of a material, or a constant is not a number.
         """
-        arguments.check_mesh_type(mesh)
+        arguments.check_double_precision_mesh(mesh)
         arguments.check_type(
             "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
         )
@@ -79,7 +79,7 @@ class Material:
             label = f"the material of tag {tag}"
             arguments.check_type(label, material, Material, "Material(E, nu) makes one")
             constants[tag] = [
-                arguments.check_number(f"{name} of {label}", value)
+                arguments.check_finite_number(f"{name} of {label}", value)
                 for name, value in vars(material).items()
             ]
         return cls(*piecewise_constants_by_tag(mesh, cell_tags, constants))

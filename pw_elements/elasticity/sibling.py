@@ -16,12 +16,12 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction, is_finite
 from pw_elements.checks import (
     arguments,
-    check_same_arguments,
-    collective_errors,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
     format_points,
-    vector_sizes,
+    count_local_and_global_dofs,
 )
-from pw_elements.elasticity.forces import transposed_transfer
+from pw_elements.elasticity.forces import transposed_force_transfer
 from pw_elements.solvers import to_aij
 from pw_elements.spaces import read_record
 
@@ -64,7 +64,7 @@ class Sibling:
     inverse: PETSc.Mat
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def from_space(cls, space: fem.FunctionSpace) -> "Sibling":
         """Create the sibling of a quadratic Lagrange space.
 
@@ -74,46 +74,46 @@ class Sibling:
         Raises:
             ValueError: for any other space, as in `force_transfer`.
         """
-        return cls(space, transposed_transfer(space), transposed_transfer(space, inverse=True))
+        return cls(space, transposed_force_transfer(space), transposed_force_transfer(space, inverse=True))
 
-    @check_same_arguments
-    def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
+    @check_same_arguments_on_all_processes
+    def matrix(self, standard_matrix: PETSc.Mat) -> PETSc.Mat:
         """Transform a stiffness or mass matrix A of the standard element to T A T^T.
 
         T is the matrix of `force_transfer`.
 
         Args:
-            standard: stiffness or mass matrix A (n, n) of the standard element.
+            standard_matrix: stiffness or mass matrix A (n, n) of the standard element.
 
         Raises:
             TypeError, ValueError: if A is not a matrix of the space, or was assembled with other
                 test functions than those of the standard element.
         """
-        with collective_errors(self.space.mesh.comm):
-            arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
-            self._check_standard("the matrix", standard)
-        record = replace(read_record(standard), sibling=self)
-        return record.attach(to_aij(standard).ptap(self.basis))
+        with raise_errors_on_all_processes(self.space.mesh.comm):
+            arguments.check_assembled_square_matrix("the matrix", standard_matrix, "the space", count_local_and_global_dofs(self.space))
+            self._check_made_by_standard_element("the matrix", standard_matrix)
+        record = replace(read_record(standard_matrix), sibling=self)
+        return record.attach(to_aij(standard_matrix).ptap(self.basis))
 
-    @check_same_arguments
-    def load(self, standard: PETSc.Vec) -> PETSc.Vec:
+    @check_same_arguments_on_all_processes
+    def load(self, standard_load: PETSc.Vec) -> PETSc.Vec:
         """Transform the load vector f (or other nodal forces) of the standard element to T f.
 
         T is the matrix of `force_transfer`.
 
         Args:
-            standard: load vector or nodal forces f (n,) of the standard element.
+            standard_load: load vector or nodal forces f (n,) of the standard element.
 
         Raises:
             TypeError, ValueError: if f is not a finite vector of the space, or was assembled with
                 other test functions than those of the standard element.
         """
-        self._check_vector("the load", standard)
+        self._check_vector("the load", standard_load)
         load = self.basis.createVecRight()
-        self.basis.multTranspose(standard, load)
-        return replace(read_record(standard), sibling=self).attach(load)
+        self.basis.multTranspose(standard_load, load)
+        return replace(read_record(standard_load), sibling=self).attach(load)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Compute the nodal displacements u = T^T a, (n,), of coefficients a.
 
@@ -128,7 +128,7 @@ class Sibling:
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
         """Compute the coefficients a = T^-T u, (n,), of nodal displacements or velocities u.
 
@@ -143,7 +143,7 @@ class Sibling:
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def dirichlet(self, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]) -> Reduction:
         """Create the reduction that prescribes coefficients in place of displacements.
 
@@ -172,13 +172,13 @@ class Sibling:
         return replace(standard, offset=offset)
 
     def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
-        with collective_errors(self.space.mesh.comm):
+        with raise_errors_on_all_processes(self.space.mesh.comm):
             arguments.check_petsc_vector(name, vector, "the space", self.space)
-            self._check_standard(name, vector)
+            self._check_made_by_standard_element(name, vector)
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
 
-    def _check_standard(self, name: str, tensor: PETSc.Mat | PETSc.Vec) -> None:
+    def _check_made_by_standard_element(self, name: str, tensor: PETSc.Mat | PETSc.Vec) -> None:
         """Raise ValueError on this process unless an object belongs to the standard element.
 
         Args:

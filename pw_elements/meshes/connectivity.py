@@ -11,7 +11,7 @@ import numpy as np
 from pw_elements.arrays import Indices
 
 
-def encode_rows(rows: Indices) -> Indices:
+def encode_rows_ignoring_order(rows: Indices) -> Indices:
     """Return an integer code (n,) for each row (n, k) of nodes.
 
     Rows with the same nodes, in any order, have equal codes.
@@ -23,17 +23,17 @@ def encode_rows(rows: Indices) -> Indices:
     return np.unique(codes, return_inverse=True)[1].astype(np.int64)
 
 
-def check_nodes_of_cells(
-    cells: Indices, cell: str, degree: int, elements: Indices, nodes: Indices
+def check_consistent_nodes_of_cells(
+    cells: Indices, cell_type: str, degree: int, element_numbers: Indices, node_numbers: Indices
 ) -> None:
     """Check that no cell has a node twice and that neighbouring cells have consistent nodes.
 
     Args:
         cells: indices (n, k) of the cells' nodes in DOLFINx' order.
-        cell: type of the cells, such as "triangle".
+        cell_type: type of the cells, such as "triangle".
         degree: degree of the geometry, 1 or 2.
-        elements: numbers (n,) of the cells in the file, used in error messages.
-        nodes: numbers of the nodes in the file, used in error messages.
+        element_numbers: numbers (n,) of the cells in the file, used in error messages.
+        node_numbers: numbers of the nodes in the file, used in error messages.
 
     Raises:
         ValueError: if an element has a node twice, if two cells have different nodes in the middle
@@ -43,14 +43,14 @@ def check_nodes_of_cells(
     sorted_cells = np.sort(cells, axis=1)
     repeated = (np.diff(sorted_cells, axis=1) == 0).any(axis=1)
     if repeated.any():
-        raise ValueError(f"element {elements[repeated.argmax()]} has a node twice")
+        raise ValueError(f"element {element_numbers[repeated.argmax()]} has a node twice")
     if degree == 1:
         return
-    basix_element = basix.ufl.element("Lagrange", cell, degree)
-    topology = basix.topology(basix.CellType[cell])
+    basix_element = basix.ufl.element("Lagrange", cell_type, degree)
+    topology = basix.topology(basix.CellType[cell_type])
     # code of the entity to which each node belongs: 0 for vertices, otherwise the code of an edge,
     # face or cell
-    entity_of_node = np.full(len(nodes), -1)
+    entity_of_node = np.full(len(node_numbers), -1)
     entity_of_node[cells[:, : len(topology[0])]] = 0
     next_code = 1
     for dim in range(1, len(topology)):
@@ -63,7 +63,7 @@ def check_nodes_of_cells(
         if not entity_corners:
             continue
         middle_nodes = cells[:, [inner_nodes[0] for inner_nodes in entity_dofs]]
-        entity_code = next_code + encode_rows(
+        entity_code = next_code + encode_rows_ignoring_order(
             cells[:, entity_corners].reshape(-1, len(entity_corners[0]))
         )
         entity_code = entity_code.reshape(middle_nodes.shape)
@@ -79,33 +79,33 @@ def check_nodes_of_cells(
         if is_wrong.any():
             row, side = np.argwhere(is_wrong)[0]
             raise ValueError(
-                f"element {elements[row]} has the node {nodes[middle_nodes[row, side]]} in the "
+                f"element {element_numbers[row]} has the node {node_numbers[middle_nodes[row, side]]} in the "
                 "middle of an edge or face where a neighbour has another one, or has it elsewhere"
             )
         next_code = int(entity_code.max()) + 1
 
 
-def find_facets(cells: Indices, cell: str, facets: Indices) -> tuple[Indices, Indices, Indices]:
+def match_cell_sides_to_facets(cells: Indices, cell_type: str, facet_corners: Indices) -> tuple[Indices, Indices, Indices]:
     """Find the sides of cells that are in a list of facets.
 
     Args:
         cells: indices (n, k) of the cells' nodes in DOLFINx' order.
-        cell: type of the cells, such as "triangle".
-        facets: indices (m, c) of the facets' corners, in any order.
+        cell_type: type of the cells, such as "triangle".
+        facet_corners: indices (m, c) of the facets' corners, in any order.
 
     Returns:
         Three arrays with an entry for each side in the list: index of the cell, number of the side
         in this cell, and index of the facet. If facets are repeated, the first index is returned.
     """
-    dim = basix.cell.geometry(basix.CellType[cell]).shape[1]
-    corners = np.array(basix.topology(basix.CellType[cell])[dim - 1])
-    is_corner = np.zeros(max(int(cells.max()), int(facets.max(initial=0))) + 1, dtype=bool)
-    is_corner[facets] = True
+    dim = basix.cell.geometry(basix.CellType[cell_type]).shape[1]
+    corners = np.array(basix.topology(basix.CellType[cell_type])[dim - 1])
+    is_corner = np.zeros(max(int(cells.max()), int(facet_corners.max(initial=0))) + 1, dtype=bool)
+    is_corner[facet_corners] = True
     cell_index, side = np.nonzero(is_corner[cells[:, corners]].all(axis=2))
     side_corners = cells[cell_index[:, None], corners[side]]
-    code = encode_rows(np.concatenate([facets, side_corners]))
-    facet_of_code = np.full(int(code.max(initial=-1)) + 1, len(facets))
-    np.minimum.at(facet_of_code, code[: len(facets)], np.arange(len(facets)))
-    facet_index = facet_of_code[code[len(facets) :]]
-    is_facet = facet_index < len(facets)
+    code = encode_rows_ignoring_order(np.concatenate([facet_corners, side_corners]))
+    facet_of_code = np.full(int(code.max(initial=-1)) + 1, len(facet_corners))
+    np.minimum.at(facet_of_code, code[: len(facet_corners)], np.arange(len(facet_corners)))
+    facet_index = facet_of_code[code[len(facet_corners) :]]
+    is_facet = facet_index < len(facet_corners)
     return cell_index[is_facet], side[is_facet], facet_index[is_facet]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-_IRREGULAR_PLURALS = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
+_IRREGULAR_PLURALS_OF_CELL_NAMES = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
 _N_CORNERS = {"point": 1, "line": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4}
 _N_CORNERS |= {"pyramid": 5, "prism": 6, "hexahedron": 8}
 
@@ -21,29 +21,29 @@ class GmshElementType(NamedTuple):
 
     def describe(self) -> str:
         """Return a description of the elements, such as "triangles of degree 2 (6 nodes)"."""
-        plural = _IRREGULAR_PLURALS.get(self.cell, f"{self.cell}s")
+        plural = _IRREGULAR_PLURALS_OF_CELL_NAMES.get(self.cell, f"{self.cell}s")
         return f"{plural} of degree {self.degree} ({self.n_nodes} nodes)"
 
 
 # Element types by Gmsh's number, up to degree 5. If two types have the same cell and degree, the
 # second is incomplete: it has no nodes inside cells or faces.
 # "Gmsh Reference Manual", version 4.13, section "MSH file format"
-_LINE_DEGREES = {1: 1, 8: 2, 26: 3, 27: 4, 28: 5}
-_TRIANGLE_DEGREES = {2: 1, 9: 2, 21: 3, 23: 4, 25: 5}
-_QUADRILATERAL_DEGREES = {3: 1, 10: 2, 36: 3, 37: 4, 38: 5}
-_TETRAHEDRON_DEGREES = {4: 1, 11: 2, 29: 3, 30: 4, 31: 5}
-_HEXAHEDRON_DEGREES = {5: 1, 12: 2, 92: 3, 93: 4, 94: 5}
-_ELEMENT_TYPES = {
+_LINE_DEGREE_BY_GMSH_NUMBER = {1: 1, 8: 2, 26: 3, 27: 4, 28: 5}
+_TRIANGLE_DEGREE_BY_GMSH_NUMBER = {2: 1, 9: 2, 21: 3, 23: 4, 25: 5}
+_QUADRILATERAL_DEGREE_BY_GMSH_NUMBER = {3: 1, 10: 2, 36: 3, 37: 4, 38: 5}
+_TETRAHEDRON_DEGREE_BY_GMSH_NUMBER = {4: 1, 11: 2, 29: 3, 30: 4, 31: 5}
+_HEXAHEDRON_DEGREE_BY_GMSH_NUMBER = {5: 1, 12: 2, 92: 3, 93: 4, 94: 5}
+_ELEMENT_TYPE_BY_GMSH_NUMBER = {
     15: GmshElementType(0, "point", 0, 1),
-    **{t: GmshElementType(1, "line", k, k + 1) for t, k in _LINE_DEGREES.items()},
+    **{t: GmshElementType(1, "line", k, k + 1) for t, k in _LINE_DEGREE_BY_GMSH_NUMBER.items()},
     **{
         t: GmshElementType(2, "triangle", k, (k + 1) * (k + 2) // 2)
-        for t, k in _TRIANGLE_DEGREES.items()
+        for t, k in _TRIANGLE_DEGREE_BY_GMSH_NUMBER.items()
     },
     **{t: GmshElementType(2, "triangle", k, 3 * k) for t, k in {20: 3, 22: 4, 24: 5}.items()},
     **{
         t: GmshElementType(2, "quadrilateral", k, (k + 1) ** 2)
-        for t, k in _QUADRILATERAL_DEGREES.items()
+        for t, k in _QUADRILATERAL_DEGREE_BY_GMSH_NUMBER.items()
     },
     **{
         t: GmshElementType(2, "quadrilateral", k, 4 * k)
@@ -51,10 +51,10 @@ _ELEMENT_TYPES = {
     },
     **{
         t: GmshElementType(3, "tetrahedron", k, (k + 1) * (k + 2) * (k + 3) // 6)
-        for t, k in _TETRAHEDRON_DEGREES.items()
+        for t, k in _TETRAHEDRON_DEGREE_BY_GMSH_NUMBER.items()
     },
     **{
-        t: GmshElementType(3, "hexahedron", k, (k + 1) ** 3) for t, k in _HEXAHEDRON_DEGREES.items()
+        t: GmshElementType(3, "hexahedron", k, (k + 1) ** 3) for t, k in _HEXAHEDRON_DEGREE_BY_GMSH_NUMBER.items()
     },
     17: GmshElementType(3, "hexahedron", 2, 20),
     6: GmshElementType(3, "prism", 1, 6),
@@ -67,7 +67,7 @@ _ELEMENT_TYPES = {
     118: GmshElementType(3, "pyramid", 3, 30),
 }
 # Gmsh's numbers of the element types that are supported as cells of a mesh
-SUPPORTED_CELL_TYPES = (2, 3, 4, 5, 9, 10, 11, 12)
+GMSH_NUMBERS_OF_SUPPORTED_CELLS = (2, 3, 4, 5, 9, 10, 11, 12)
 
 
 def gmsh_element_type(number: int) -> GmshElementType:
@@ -76,6 +76,6 @@ def gmsh_element_type(number: int) -> GmshElementType:
     Raises:
         ValueError: if the number is unknown.
     """
-    if number not in _ELEMENT_TYPES:
+    if number not in _ELEMENT_TYPE_BY_GMSH_NUMBER:
         raise ValueError(f"elements of Gmsh's type {number} are not known")
-    return _ELEMENT_TYPES[number]
+    return _ELEMENT_TYPE_BY_GMSH_NUMBER[number]

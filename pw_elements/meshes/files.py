@@ -7,21 +7,21 @@ from typing import Any
 
 from mpi4py import MPI
 
-from pw_elements.abaqus import read_deck
+from pw_elements.abaqus import read_abaqus_mesh
 from pw_elements.checks import (
     DegenerateMesh,
     arguments,
-    check_cells,
-    check_same_arguments,
-    collective_errors,
+    check_cell_shapes_and_facets,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
 )
-from pw_elements.meshes.groups import read_model
+from pw_elements.meshes.groups import read_gmsh_model
 from pw_elements.meshes.msh import read_msh
 from pw_elements.meshes.tagged import MeshArrays, TaggedMesh, create_tagged_mesh
 from pw_elements.progress import log_on_root
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def from_file(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -72,11 +72,11 @@ def from_file(
         cell_sets = (cells,) if isinstance(cells, str) else cells
         if cell_sets is not None and not all(isinstance(name, str) for name in cell_sets):
             raise TypeError(f"cells = {cells!r}: give the name of an ELSET, or several")
-        return _read_abaqus(path, comm, cell_sets)
+        return _read_abaqus_file(path, comm, cell_sets)
     raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     """Read a mesh and its physical groups from a `.msh` file or from Gmsh's model in memory.
 
@@ -107,21 +107,21 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     arguments.check_communicator(comm)
     path = Path(source) if isinstance(source, str | Path) else None
     arrays, notes = None, list[str]()
-    with collective_errors(comm) as shared:
+    with raise_errors_on_all_processes(comm) as shared:
         shared["source"] = path  # a model exists on process 0 alone
         if comm.rank == 0:
-            arrays, notes = _read_gmsh(source, path)
+            arrays, notes = _read_gmsh_model_or_file(source, path)
     for note in notes:
         log_on_root(comm, logging.WARNING, note)
     # users may still move the nodes of a model's mesh: its cells are checked when a body is created
     return (
         create_tagged_mesh(comm, arrays)
         if path is None
-        else _distribute_and_check(comm, arrays, str(path))
+        else _distribute_and_check_mesh(comm, arrays, str(path))
     )
 
 
-def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
+def _read_gmsh_model_or_file(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  # noqa: ANN401
     """Read a file or, if `path` is None, Gmsh's model.
 
     Returns:
@@ -132,19 +132,19 @@ def _read_gmsh(model: Any, path: Path | None) -> tuple[MeshArrays, list[str]]:  
         raise TypeError(f"the source is {arguments.describe(model)}: {expected}")
     source = "Gmsh's model" if path is None else str(path)
     try:
-        mesh = read_model(model) if path is None else read_msh(path)
-        arrays, notes = mesh.make_arrays()
+        mesh = read_gmsh_model(model) if path is None else read_msh(path)
+        arrays, notes = mesh.make_mesh_arrays()
     except ValueError as error:
         raise ValueError(f"{source} cannot be read: {error}") from error
     return arrays, [f"{source}: {note}" for note in notes]
 
 
-def _read_abaqus(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) -> TaggedMesh:
+def _read_abaqus_file(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) -> TaggedMesh:
     """Read an input file on process 0, log messages about it, and distribute the mesh."""
     arrays, notes = None, list[str]()
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         if comm.rank == 0:
-            deck = read_deck(path, cell_sets)
+            deck = read_abaqus_mesh(path, cell_sets)
             cell_and_degree = deck.cell, deck.degree
             arrays, notes = (
                 MeshArrays(cell_and_degree, deck.x, deck.cells, deck.tags, deck.names),
@@ -152,18 +152,18 @@ def _read_abaqus(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | None) ->
             )
     if notes := comm.bcast(notes):
         log_on_root(comm, logging.WARNING, f"{path}: {'; '.join(notes)}")
-    return _distribute_and_check(comm, arrays, str(path))
+    return _distribute_and_check_mesh(comm, arrays, str(path))
 
 
-def _distribute_and_check(comm: MPI.Comm, arrays: MeshArrays | None, source: str) -> TaggedMesh:
+def _distribute_and_check_mesh(comm: MPI.Comm, arrays: MeshArrays | None, source_name: str) -> TaggedMesh:
     """Distribute the mesh of a file and check its cells.
 
     Raises:
-        DegenerateMesh: for flat, inverted or folded cells; the message contains `source`.
+        DegenerateMesh: for flat, inverted or folded cells; the message contains `source_name`.
     """
     tagged = create_tagged_mesh(comm, arrays)
     try:
-        check_cells(tagged.mesh)
+        check_cell_shapes_and_facets(tagged.mesh)
     except DegenerateMesh as error:
-        raise DegenerateMesh(f"{source}: {error}") from error
+        raise DegenerateMesh(f"{source_name}: {error}") from error
     return tagged

@@ -14,16 +14,16 @@ from dolfinx.mesh import CellType
 
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import MAX_COORDINATE
-from pw_elements.meshes.connectivity import check_nodes_of_cells, encode_rows, find_facets
-from pw_elements.meshes.elements import SUPPORTED_CELL_TYPES, gmsh_element_type
-from pw_elements.meshes.tagged import MeshArrays, check_flatness
+from pw_elements.meshes.connectivity import check_consistent_nodes_of_cells, encode_rows_ignoring_order, match_cell_sides_to_facets
+from pw_elements.meshes.elements import GMSH_NUMBERS_OF_SUPPORTED_CELLS, gmsh_element_type
+from pw_elements.meshes.tagged import MeshArrays, check_constant_z
 
-_MAX_TAG = np.iinfo(np.int32).max
+_MAX_INT32_TAG = np.iinfo(np.int32).max
 # Largest number of physical groups of one element; limits the memory that malicious files can use
-_MAX_GROUPS = 100
+_MAX_GROUPS_PER_ELEMENT = 100
 
 
-class _Elements(NamedTuple):
+class _ElementsOfOneType(NamedTuple):
     """Elements of one type: their numbers (n,), nodes (n, k) and indices of combinations (n,).
 
     A combination is the set of physical groups to which an element belongs.
@@ -33,17 +33,17 @@ class _Elements(NamedTuple):
     nodes: Indices
     combinations: Indices
 
-    def select(self, rows: Mask | Indices) -> "_Elements":
-        return _Elements(*(values[rows] for values in self))
+    def select(self, rows: Mask | Indices) -> "_ElementsOfOneType":
+        return _ElementsOfOneType(*(values[rows] for values in self))
 
 
-class GroupedMesh:
+class GmshMesh:
     """Mesh of Gmsh: nodes, elements of each type, and the physical groups of each element."""
 
     def __init__(self) -> None:
         self._node_numbers: list[Indices] = []
         self._coordinates: list[Array] = []
-        self._elements: dict[int, list[_Elements]] = {}  # by type; nodes are given by numbers
+        self._elements: dict[int, list[_ElementsOfOneType]] = {}  # by type; nodes are given by numbers
         self._combinations: list[tuple[int, ...]] = [()]
         self._combination_index: dict[tuple[int, ...], int] = {(): 0}
         self._names: dict[tuple[int, int], str] = {}
@@ -54,7 +54,7 @@ class GroupedMesh:
         self._coordinates.append(x)
 
     def add_elements(
-        self, type_number: int, numbers: Indices, nodes: Indices, combinations: Indices
+        self, type_number: int, numbers: Indices, nodes: Indices, group_combinations: Indices
     ) -> None:
         """Add elements of one type.
 
@@ -62,33 +62,33 @@ class GroupedMesh:
             type_number: Gmsh's number of the element type.
             numbers: numbers (n,) of the elements.
             nodes: numbers (n, k) of their nodes.
-            combinations: index (n,) of each element's combination of physical groups, as
-                `add_combination` returned it.
+            group_combinations: index (n,) of each element's combination of physical groups, as
+                `find_or_add_group_combination` returned it.
         """
-        self._elements.setdefault(type_number, []).append(_Elements(numbers, nodes, combinations))
+        self._elements.setdefault(type_number, []).append(_ElementsOfOneType(numbers, nodes, group_combinations))
 
-    def add_combination(self, groups: Iterable[int]) -> int:
+    def find_or_add_group_combination(self, groups: Iterable[int]) -> int:
         """Return the index of a combination of physical groups of one dimension.
 
         A combination that does not exist yet is added.
         """
         combination = tuple(sorted(groups))
-        if len(combination) > _MAX_GROUPS:
-            raise ValueError(f"an element is in more than {_MAX_GROUPS} physical groups")
-        if combination and combination[-1] > _MAX_TAG:
-            raise ValueError(f"physical group {combination[-1]}: numbers end at {_MAX_TAG}")
+        if len(combination) > _MAX_GROUPS_PER_ELEMENT:
+            raise ValueError(f"an element is in more than {_MAX_GROUPS_PER_ELEMENT} physical groups")
+        if combination and combination[-1] > _MAX_INT32_TAG:
+            raise ValueError(f"physical group {combination[-1]}: numbers end at {_MAX_INT32_TAG}")
         if combination not in self._combination_index:
             self._combination_index[combination] = len(self._combinations)
             self._combinations.append(combination)
         return self._combination_index[combination]
 
-    def add_name(self, dim: int, group: int, name: str) -> None:
+    def add_group_name(self, dim: int, group: int, name: str) -> None:
         """Add the name of the physical group with a given dimension and number."""
         if (dim, group) in self._names:
             raise ValueError(f"physical group {group} of dimension {dim} has two names")
         self._names[dim, group] = name
 
-    def make_arrays(self) -> tuple[MeshArrays, list[str]]:
+    def make_mesh_arrays(self) -> tuple[MeshArrays, list[str]]:
         """Return the arrays of a mesh with tags of cells and facets, and messages for the log.
 
         The elements of the highest dimension that are in physical groups become cells. If none of
@@ -97,23 +97,23 @@ class GroupedMesh:
         Raises:
             ValueError: if numbers contradict each other, or DOLFINx does not support the mesh.
         """
-        numbers, x = self._join_nodes()
-        elements = self._join_elements(numbers)
+        numbers, x = self._join_and_sort_nodes()
+        elements = self._join_element_blocks_by_type(numbers)
         dim = max(gmsh_element_type(kind).dim for kind in elements)
         if dim < 2:
             raise ValueError("it has no mesh of plane or solid cells: mesh it in Gmsh first")
         notes: list[str] = []
-        type_number, elements_of_cells = self._choose_cells(elements, dim, notes)
+        type_number, elements_of_cells = self._choose_elements_of_cells(elements, dim, notes)
         _, cell, degree, n_nodes = gmsh_element_type(type_number)
         dolfinx_order = cell_perm_gmsh(CellType[cell], n_nodes)
         used_nodes, node_index = np.unique(
             elements_of_cells.nodes[:, dolfinx_order], return_inverse=True
         )
         cells = node_index.reshape(elements_of_cells.nodes.shape).astype(np.int64)
-        check_nodes_of_cells(cells, cell, degree, elements_of_cells.numbers, numbers[used_nodes])
+        check_consistent_nodes_of_cells(cells, cell, degree, elements_of_cells.numbers, numbers[used_nodes])
         if dim == 2:
-            check_flatness("it", x[used_nodes])
-        cell_tags, cell_names = self._number_tags(
+            check_constant_z("it", x[used_nodes])
+        cell_tags, cell_names = self._assign_tags_to_group_combinations(
             dim, elements_of_cells.combinations, "cells", notes
         )
         facet_tags, facet_names = self._tag_facets(elements, cells, cell, used_nodes, notes)
@@ -122,7 +122,7 @@ class GroupedMesh:
         x = np.ascontiguousarray(x[used_nodes, :dim])
         return MeshArrays((cell, degree), x, cells, tags, names), notes
 
-    def _join_nodes(self) -> tuple[Indices, Array]:
+    def _join_and_sort_nodes(self) -> tuple[Indices, Array]:
         """Return the numbers (n,) of all nodes in ascending order and their coordinates (n, 3)."""
         if not sum(map(len, self._node_numbers)):
             raise ValueError("it has no nodes: mesh it in Gmsh first")
@@ -138,24 +138,24 @@ class GroupedMesh:
             raise ValueError(f"node {numbers[is_far.argmax()]} lies at ({position})")
         return numbers, x
 
-    def _join_elements(self, node_numbers: Indices) -> dict[int, _Elements]:
+    def _join_element_blocks_by_type(self, sorted_node_numbers: Indices) -> dict[int, _ElementsOfOneType]:
         """Return the elements by type number, with their nodes given by index.
 
         Args:
-            node_numbers: numbers (n,) of all nodes in ascending order.
+            sorted_node_numbers: numbers (n,) of all nodes in ascending order.
         """
         elements = {}
         for type_number, blocks in self._elements.items():
             numbers, nodes, combinations = map(np.concatenate, zip(*blocks, strict=True))
             if not len(numbers):
                 continue
-            node_index = np.searchsorted(node_numbers, nodes)
-            node_index[node_index == len(node_numbers)] = 0
-            if (is_missing := node_numbers[node_index] != nodes).any():
+            node_index = np.searchsorted(sorted_node_numbers, nodes)
+            node_index[node_index == len(sorted_node_numbers)] = 0
+            if (is_missing := sorted_node_numbers[node_index] != nodes).any():
                 row = is_missing.any(axis=1).argmax()
                 node = nodes[row][is_missing[row]][0]
                 raise ValueError(f"element {numbers[row]} has the node {node}, which is not there")
-            elements[type_number] = _Elements(numbers, node_index, combinations)
+            elements[type_number] = _ElementsOfOneType(numbers, node_index, combinations)
         if not elements:
             raise ValueError("it has no elements: mesh it in Gmsh first")
         element_numbers = np.sort(np.concatenate([block.numbers for block in elements.values()]))
@@ -163,19 +163,19 @@ class GroupedMesh:
             raise ValueError(f"it has element {element_numbers[:-1][is_repeated][0]} twice")
         return elements
 
-    def _choose_cells(
-        self, elements: dict[int, _Elements], dim: int, notes: list[str]
-    ) -> tuple[int, _Elements]:
+    def _choose_elements_of_cells(
+        self, elements_by_type: dict[int, _ElementsOfOneType], dim: int, notes: list[str]
+    ) -> tuple[int, _ElementsOfOneType]:
         """Return the type number of the cells, and the cells sorted by their lowest group number.
 
         Args:
-            elements: elements by type number.
+            elements_by_type: elements by type number.
             dim: dimension of the cells.
             notes: list to which messages for the log are added.
         """
         cells = {
             type_number: block
-            for type_number, block in elements.items()
+            for type_number, block in elements_by_type.items()
             if gmsh_element_type(type_number).dim == dim
         }
         grouped = {type_number: block.combinations > 0 for type_number, block in cells.items()}
@@ -202,7 +202,7 @@ class GroupedMesh:
                 "alike in Gmsh, or put those of one type into physical groups"
             )
         ((type_number, selected),) = cells.items()
-        if type_number not in SUPPORTED_CELL_TYPES:
+        if type_number not in GMSH_NUMBERS_OF_SUPPORTED_CELLS:
             raise ValueError(
                 f"its cells are {description}: read are triangles, quadrilaterals, tetrahedra and "
                 "hexahedra of degree 1 or 2 with all their nodes (in Gmsh: setOrder(2), and "
@@ -212,54 +212,54 @@ class GroupedMesh:
         selected = selected.select(np.argsort(lowest_group[selected.combinations], kind="stable"))
         return type_number, self._join_repeated_cells(selected)
 
-    def _join_repeated_cells(self, cells: _Elements) -> _Elements:
+    def _join_repeated_cells(self, cells: _ElementsOfOneType) -> _ElementsOfOneType:
         """Join repeated cells: files of format 2 list a cell once for each of its groups."""
-        code = encode_rows(cells.nodes)
-        first_row, combinations = self._join_combinations(code, cells.combinations)
+        code = encode_rows_ignoring_order(cells.nodes)
+        first_row, combinations = self._join_groups_of_equal_elements(code, cells.combinations)
         n_groups = np.array([max(1, len(groups)) for groups in self._combinations])
         n_stated = np.bincount(code, n_groups[cells.combinations])
         if (is_twice := n_stated[code[first_row]] != n_groups[combinations]).any():
             equal_rows = np.flatnonzero(code == code[first_row[is_twice.argmax()]])
             a, b = cells.numbers[equal_rows[:2]]
             raise ValueError(f"elements {a} and {b} have the same nodes")
-        return _Elements(cells.numbers[first_row], cells.nodes[first_row], combinations)
+        return _ElementsOfOneType(cells.numbers[first_row], cells.nodes[first_row], combinations)
 
-    def _join_combinations(self, code: Indices, combinations: Indices) -> tuple[Indices, Indices]:
+    def _join_groups_of_equal_elements(self, element_codes: Indices, group_combinations: Indices) -> tuple[Indices, Indices]:
         """Join the group combinations of elements with equal codes.
 
         Args:
-            code: codes (n,) of elements, equal for equal nodes.
-            combinations: indices (n,) of the elements' group combinations.
+            element_codes: codes (n,) of elements, equal for equal nodes.
+            group_combinations: indices (n,) of the elements' group combinations.
 
         Returns:
             Two arrays (m,) with an entry for each distinct code: index of the first element with
             this code, in ascending order, and index of the combination of all groups of the
             elements with this code.
         """
-        distinct_rows = np.unique(np.stack([code, combinations]), axis=1, return_index=True)[1]
-        distinct_rows = distinct_rows[np.lexsort((distinct_rows, code[distinct_rows]))]
-        code_start = np.flatnonzero(np.diff(code[distinct_rows], prepend=-1))
+        distinct_rows = np.unique(np.stack([element_codes, group_combinations]), axis=1, return_index=True)[1]
+        distinct_rows = distinct_rows[np.lexsort((distinct_rows, element_codes[distinct_rows]))]
+        code_start = np.flatnonzero(np.diff(element_codes[distinct_rows], prepend=-1))
         n_combinations = np.diff(code_start, append=len(distinct_rows))
-        combination_of_code = combinations[distinct_rows[code_start]]
+        combination_of_code = group_combinations[distinct_rows[code_start]]
         for position in range(1, int(n_combinations.max(initial=0))):
             has_more = n_combinations > position
             pairs = np.stack(
                 [
                     combination_of_code[has_more],
-                    combinations[distinct_rows[code_start[has_more] + position]],
+                    group_combinations[distinct_rows[code_start[has_more] + position]],
                 ]
             )
             pairs, pair_index = np.unique(pairs, axis=1, return_inverse=True)
             unions = [
-                self.add_combination({*self._combinations[a], *self._combinations[b]})
+                self.find_or_add_group_combination({*self._combinations[a], *self._combinations[b]})
                 for a, b in pairs.T
             ]
             combination_of_code[has_more] = np.array(unions)[pair_index.ravel()]
         by_row = np.argsort(distinct_rows[code_start])
         return distinct_rows[code_start][by_row], combination_of_code[by_row]
 
-    def _number_tags(
-        self, dim: int, combinations: Indices, entities: str, notes: list[str]
+    def _assign_tags_to_group_combinations(
+        self, dim: int, group_combinations: Indices, entity_kind: str, notes: list[str]
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
         """Return the tag (n,) of each combination of groups, and the tags of each group name.
 
@@ -267,7 +267,7 @@ class GroupedMesh:
         of several groups get tags larger than any group number.
         """
         used_combinations, combination_index, n_entities = np.unique(
-            combinations, return_inverse=True, return_counts=True
+            group_combinations, return_inverse=True, return_counts=True
         )
         groups_of = [self._combinations[index] for index in used_combinations]
         next_tag = max((groups[-1] for groups in groups_of if groups), default=0) + 1
@@ -276,9 +276,9 @@ class GroupedMesh:
             tag = groups[0] if len(groups) == 1 else 0
             if len(groups) > 1:
                 unnamed = [group for group in groups if (dim, group) not in self._names]
-                if unnamed or next_tag > _MAX_TAG:
+                if unnamed or next_tag > _MAX_INT32_TAG:
                     raise ValueError(
-                        f"{entities} are in the physical groups {', '.join(map(str, groups[:6]))} "
+                        f"{entity_kind} are in the physical groups {', '.join(map(str, groups[:6]))} "
                         "at once: give all of these names and smaller numbers, or let none overlap"
                     )
                 tag, next_tag = next_tag, next_tag + 1
@@ -287,8 +287,8 @@ class GroupedMesh:
                 tags_of.setdefault(group, []).append(tag)
         if n_several := int(n_entities[[len(groups) > 1 for groups in groups_of]].sum()):
             notes.append(
-                f"{n_several} {entities} are in several physical groups at once, and have tags "
-                f"above all groups' numbers: select them by name, with .{entities}(name)"
+                f"{n_several} {entity_kind} are in several physical groups at once, and have tags "
+                f"above all groups' numbers: select them by name, with .{entity_kind}(name)"
             )
         names: dict[str, tuple[int, ...]] = {}
         for group in sorted(tags_of):
@@ -298,20 +298,20 @@ class GroupedMesh:
 
     def _tag_facets(
         self,
-        elements: dict[int, _Elements],
+        elements_by_type: dict[int, _ElementsOfOneType],
         cells: Indices,
-        cell: str,
+        cell_type: str,
         used_nodes: Indices,
         notes: list[str],
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
         """Return tags (cells, sides) of the cells' facets, and the tags of each group name."""
-        topology = basix.topology(basix.CellType[cell])
+        topology = basix.topology(basix.CellType[cell_type])
         dim, n_corners = len(topology) - 1, len(topology[-2][0])
         tags = np.zeros((len(cells), len(topology[-2])), dtype=np.int32)
         corners: list[Indices] = [np.empty((0, n_corners), dtype=np.int64)]
         combinations: list[Indices] = [np.empty(0, dtype=np.int64)]
         n_grouped = 0
-        for type_number, block in elements.items():
+        for type_number, block in elements_by_type.items():
             if (
                 gmsh_element_type(type_number).dim == dim - 1
                 and (is_grouped := block.combinations > 0).any()
@@ -326,29 +326,29 @@ class GroupedMesh:
         if not n_grouped:
             return tags, {}
         facet_corners, combination = np.concatenate(corners), np.concatenate(combinations)
-        code = encode_rows(facet_corners)
-        first_row, facet_combinations = self._join_combinations(code, combination)
-        cell_index, side, facet = find_facets(cells, cell, facet_corners[first_row])
+        code = encode_rows_ignoring_order(facet_corners)
+        first_row, facet_combinations = self._join_groups_of_equal_elements(code, combination)
+        cell_index, side, facet = match_cell_sides_to_facets(cells, cell_type, facet_corners[first_row])
         found_facets, facet_position = np.unique(facet, return_inverse=True)
         if n_omitted := n_grouped - int(np.isin(code, code[first_row[found_facets]]).sum()):
             notes.append(
                 f"{n_omitted} of {n_grouped} elements of dimension {dim - 1} in physical groups "
                 "are no facets of the cells, and left out"
             )
-        facet_tags, names = self._number_tags(
+        facet_tags, names = self._assign_tags_to_group_combinations(
             dim - 1, facet_combinations[found_facets], "facets", notes
         )
         tags[cell_index, side] = facet_tags[facet_position]
         return tags, names
 
 
-def read_model(model: Any) -> GroupedMesh:  # noqa: ANN401
+def read_gmsh_model(model: Any) -> GmshMesh:  # noqa: ANN401
     """Read nodes, elements and physical groups from Gmsh's model.
 
     Raises:
         ValueError: if Gmsh is not initialised, or for elements of an unknown type.
     """
-    mesh = GroupedMesh()
+    mesh = GmshMesh()
     try:
         numbers, x, _ = model.mesh.getNodes()
         entity_elements = []
@@ -363,7 +363,7 @@ def read_model(model: Any) -> GroupedMesh:  # noqa: ANN401
         raise ValueError(message) from error
     mesh.add_nodes(numbers.astype(np.int64), x.reshape(-1, 3))
     for entity_groups, (type_numbers, element_numbers, nodes) in entity_elements:
-        combination = mesh.add_combination({*map(int, entity_groups)})
+        combination = mesh.find_or_add_group_combination({*map(int, entity_groups)})
         for type_number, numbers_of_type, node_numbers in zip(
             type_numbers, element_numbers, nodes, strict=True
         ):
@@ -376,5 +376,5 @@ def read_model(model: Any) -> GroupedMesh:  # noqa: ANN401
             )
     for dim, group, name in named_groups:
         if name:
-            mesh.add_name(dim, group, name)
+            mesh.add_group_name(dim, group, name)
     return mesh

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from pw_elements.meshes.elements import gmsh_element_type
-from pw_elements.meshes.groups import GroupedMesh
-from pw_elements.meshes.rows import BinaryRows, SectionRows, TextRows
+from pw_elements.meshes.groups import GmshMesh
+from pw_elements.meshes.rows import BinaryRowReader, SectionRowReader, TextRowReader
 
-_VERSION_OF_FORMAT = {
+_PARSER_VERSION_BY_MSH_FORMAT = {
     "2": 2.0,
     "2.0": 2.0,
     "2.1": 2.0,
@@ -29,10 +29,10 @@ _VERSION_OF_FORMAT = {
     "4.0": 4.0,
     "4.1": 4.1,
 }
-_SECTION_HEADER = re.compile(rb"\s*\$([A-Za-z]\w*)[ \t]*\r?\n")
-_PHYSICAL_NAME = re.compile(r'\s*([0-3])\s+(\d{1,10})\s+"(.*)"\s*')
+_SECTION_HEADER_PATTERN = re.compile(rb"\s*\$([A-Za-z]\w*)[ \t]*\r?\n")
+_PHYSICAL_NAME_PATTERN = re.compile(r'\s*([0-3])\s+(\d{1,10})\s+"(.*)"\s*')
 # Sections that are read; each of them may occur only once
-_SECTIONS_READ = {
+_NAMES_OF_SECTIONS_READ = {
     "MeshFormat",
     "PhysicalNames",
     "Entities",
@@ -40,10 +40,10 @@ _SECTIONS_READ = {
     "Nodes",
     "Elements",
 }
-_SNIFFED_BYTES = 4096  # number of bytes by which a format is recognised
+_N_BYTES_TO_DETECT_FORMAT = 4096  # number of bytes by which a format is recognised
 
 
-def read_msh(path: Path) -> GroupedMesh:
+def read_msh(path: Path) -> GmshMesh:
     """Read nodes, elements and physical groups from a mesh file of Gmsh.
 
     Args:
@@ -56,7 +56,7 @@ def read_msh(path: Path) -> GroupedMesh:
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     with path.open("rb") as file:
-        data = file.read(_SNIFFED_BYTES)
+        data = file.read(_N_BYTES_TO_DETECT_FORMAT)
         if not data.lstrip().startswith(b"$"):
             raise ValueError(
                 "it is no mesh file of Gmsh, which begins with $MeshFormat. Scripts (.geo) are not "
@@ -75,18 +75,18 @@ def _split_sections(data: bytes) -> dict[str, bytes]:
     """
     sections: dict[str, bytes] = {}
     position = 0
-    while match := _SECTION_HEADER.match(data, position):
+    while match := _SECTION_HEADER_PATTERN.match(data, position):
         name, start = match[1].decode(), match.end()
         end = data.find(b"$End" + match[1], start)
         if end < 0:
             raise ValueError(f"${name} has no $End{name}: the file is not complete")
-        if name in sections and name in _SECTIONS_READ:
+        if name in sections and name in _NAMES_OF_SECTIONS_READ:
             raise ValueError(f"it has two sections ${name}")
         if not sections and name not in ("MeshFormat", "Comments"):
             raise ValueError(
                 f"it begins with ${name} in place of $MeshFormat; save it as format 4.1"
             )
-        sections[name] = data[start:end] if name in _SECTIONS_READ else b""
+        sections[name] = data[start:end] if name in _NAMES_OF_SECTIONS_READ else b""
         position = end + len(b"$End" + match[1])
         if data[position : position + 1].strip():
             raise ValueError(f"${name} does not end with $End{name}")
@@ -101,7 +101,7 @@ def _split_sections(data: bytes) -> dict[str, bytes]:
     return sections
 
 
-def _decode(line: bytes) -> str:
+def _decode_utf8_or_latin1(line: bytes) -> str:
     try:
         return line.decode()
     except UnicodeDecodeError:  # written in a local encoding
@@ -109,18 +109,18 @@ def _decode(line: bytes) -> str:
 
 
 class _MshReader:
-    """Reader of a file, which creates a `GroupedMesh` from the sections of the file."""
+    """Reader of a file, which creates a `GmshMesh` from the sections of the file."""
 
     def __init__(self, data: bytes) -> None:
         self._sections = _split_sections(data)
         format_line, _, after_format = self._sections["MeshFormat"].partition(b"\n")
         words = format_line.decode("ascii", "replace").split()
-        if len(words) != 3 or words[0] not in _VERSION_OF_FORMAT or words[1] not in ("0", "1"):
+        if len(words) != 3 or words[0] not in _PARSER_VERSION_BY_MSH_FORMAT or words[1] not in ("0", "1"):
             raise ValueError(
                 f"its format is '{' '.join(words)[:40]}', not 2 to 2.2, 4.0 or 4.1: save it as one "
                 "of these (Gmsh's option Mesh.MshFileVersion)"
             )
-        self._version, self._is_binary = _VERSION_OF_FORMAT[words[0]], words[1] == "1"
+        self._version, self._is_binary = _PARSER_VERSION_BY_MSH_FORMAT[words[0]], words[1] == "1"
         self._byte_order, self._count_letter = "<", "q"
         if self._is_binary:
             if words[2] not in ("4", "8") or (words[2] == "4" and self._version < 4.1):
@@ -132,22 +132,22 @@ class _MshReader:
             self._byte_order = byte_order_of[after_format[:4]]
         if "PartitionedEntities" in self._sections:
             raise ValueError("it is partitioned: save it as one (Gmsh's unpartition)")
-        self._mesh = GroupedMesh()
+        self._mesh = GmshMesh()
         self._combination_of_entity: dict[tuple[int, int], int] = {}  # by dimension and entity
 
-    def read(self) -> GroupedMesh:
+    def read(self) -> GmshMesh:
         if "PhysicalNames" in self._sections:
-            self._read_names()
+            self._read_physical_names()
         if self._version < 4:
             with self._open_section("Nodes") as rows:
                 numbers, x = rows.read_table(rows.read_count(), "i", 1, 3)
                 self._mesh.add_nodes(numbers[:, 0], x)
             with self._open_section("Elements") as rows:
-                self._read_tagged_elements(rows)
+                self._read_format_2_elements(rows)
             return self._mesh
         if "Entities" in self._sections:
             with self._open_section("Entities") as rows:
-                self._read_entities(rows)
+                self._read_groups_of_entities(rows)
         with self._open_section("Nodes") as rows:
             self._read_node_blocks(rows)
         with self._open_section("Elements") as rows:
@@ -155,41 +155,41 @@ class _MshReader:
         return self._mesh
 
     @contextmanager
-    def _open_section(self, name: str) -> Iterator[SectionRows]:
+    def _open_section(self, name: str) -> Iterator[SectionRowReader]:
         """Yield the rows of a section, and check at the end of the block that all were read.
 
         Errors raised in the block get the name of the section.
         """
         try:
             section = self._sections[name]
-            rows: SectionRows
+            rows: SectionRowReader
             if self._is_binary:
-                rows = BinaryRows(section, self._byte_order, self._count_letter)
+                rows = BinaryRowReader(section, self._byte_order, self._count_letter)
             else:
-                rows = TextRows(section)
+                rows = TextRowReader(section)
             yield rows
             rows.check_end()
         except ValueError as error:
             raise ValueError(f"${name}: {error}") from error
 
-    def _read_names(self) -> None:
+    def _read_physical_names(self) -> None:
         lines = [line for line in self._sections["PhysicalNames"].split(b"\n") if line.strip()]
         if not lines or lines[0].strip() != b"%d" % (len(lines) - 1):
             raise ValueError("$PhysicalNames: the names are not as many as it states")
-        for line in map(_decode, lines[1:]):
-            if not (name_match := _PHYSICAL_NAME.fullmatch(line)):
+        for line in map(_decode_utf8_or_latin1, lines[1:]):
+            if not (name_match := _PHYSICAL_NAME_PATTERN.fullmatch(line)):
                 raise ValueError(
                     f"$PhysicalNames: '{line.strip()[:60]}' is no dimension, number and name"
                 )
-            self._mesh.add_name(int(name_match[1]), int(name_match[2]), name_match[3])
+            self._mesh.add_group_name(int(name_match[1]), int(name_match[2]), name_match[3])
 
-    def _read_tagged_elements(self, rows: SectionRows) -> None:
+    def _read_format_2_elements(self, rows: SectionRowReader) -> None:
         for type_number, n_tags, integers in rows.read_tagged_elements(rows.read_count()):
             group_of_element = (
                 np.abs(integers[:, 1]) if n_tags else np.zeros(len(integers), dtype=np.int64)
             )
             groups, group_index = np.unique(group_of_element, return_inverse=True)
-            combinations = [self._mesh.add_combination({int(g)} - {0}) for g in groups]
+            combinations = [self._mesh.find_or_add_group_combination({int(g)} - {0}) for g in groups]
             self._mesh.add_elements(
                 type_number,
                 integers[:, 0],
@@ -197,7 +197,7 @@ class _MshReader:
                 np.array(combinations)[group_index],
             )
 
-    def _read_entities(self, rows: SectionRows) -> None:
+    def _read_groups_of_entities(self, rows: SectionRowReader) -> None:
         for dim, count in enumerate(rows.read_integers("qqqq")):
             for _ in range(count):
                 is_point = dim == 0 and self._version > 4
@@ -206,9 +206,9 @@ class _MshReader:
                     raise ValueError(f"entity {number} of dimension {dim} is there twice")
                 # the number of a group is negative if the orientation of the entity is reversed
                 group_numbers = {abs(group) for group in groups} - {0}
-                self._combination_of_entity[dim, number] = self._mesh.add_combination(group_numbers)
+                self._combination_of_entity[dim, number] = self._mesh.find_or_add_group_combination(group_numbers)
 
-    def _read_node_blocks(self, rows: SectionRows) -> None:
+    def _read_node_blocks(self, rows: SectionRowReader) -> None:
         for dim, _, is_parametric, count in self._read_block_headers(rows):
             if dim not in range(4) or is_parametric not in (0, 1):
                 raise ValueError(f"a block has dimension {dim}, and {is_parametric} for parametric")
@@ -220,7 +220,7 @@ class _MshReader:
                 numbers, x = rows.read_table(count, "i", 1, n_floats)
             self._mesh.add_nodes(numbers[:, 0], x[:, :3])
 
-    def _read_element_blocks(self, rows: SectionRows) -> None:
+    def _read_element_blocks(self, rows: SectionRowReader) -> None:
         for dim, entity, type_number, count in self._read_block_headers(rows):
             element_type = gmsh_element_type(type_number)
             if dim != element_type.dim:
@@ -236,7 +236,7 @@ class _MshReader:
             combinations = np.full(count, self._combination_of_entity.get((dim, entity), 0))
             self._mesh.add_elements(type_number, integers[:, 0], integers[:, 1:], combinations)
 
-    def _read_block_headers(self, rows: SectionRows) -> Iterator[tuple[int, int, int, int]]:
+    def _read_block_headers(self, rows: SectionRowReader) -> Iterator[tuple[int, int, int, int]]:
         """Yield the header of each block of a section in format 4.
 
         The caller has to read the rows of the block before the next header.

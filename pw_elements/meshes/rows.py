@@ -18,34 +18,34 @@ from pw_elements.meshes.elements import gmsh_element_type
 
 _INTEGER_PATTERN = re.compile(r"[+-]?\d{1,18}")
 # Limit of integers that are exact when a row is read as floating-point numbers
-_MAX_EXACT_INTEGER = 2**53
+_MAX_INTEGER_EXACT_AS_FLOAT = 2**53
 
 
-class SectionRows(Protocol):
+class SectionRowReader(Protocol):
     """Sequential reader of the rows of a section."""
 
     def read_count(self) -> int:
         """Read a row that contains a single count; in binary files, too, this row is text."""
 
-    def read_integers(self, letters: str) -> list[int]:
+    def read_integers(self, format_letters: str) -> list[int]:
         """Read a row of integers, one for each format letter."""
 
-    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
         """Read the number of an entity and its physical groups.
 
         Args:
-            n_coordinates: number of coordinates in the row, which are skipped.
+            n_skipped_coordinates: number of coordinates in the row, which are skipped.
             bounded: whether the row lists bounding entities, which are skipped.
         """
 
     def read_table(
-        self, n_rows: int, letter: str, n_integers: int, n_floats: int
+        self, n_rows: int, integer_format: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
         """Read rows that consist of integers followed by floats.
 
         Args:
             n_rows: number of rows.
-            letter: format letter of the integers.
+            integer_format: format letter of the integers.
             n_integers: number of integers in a row.
             n_floats: number of floats in a row.
 
@@ -53,7 +53,7 @@ class SectionRows(Protocol):
             Integers (n_rows, n_integers) and floats (n_rows, n_floats).
         """
 
-    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
         """Yield the elements of a file of format 2 in groups of the same type.
 
         Yields:
@@ -65,8 +65,8 @@ class SectionRows(Protocol):
         """Raise ValueError if the section has rows that were not read."""
 
 
-class TextRows:
-    """Reader of rows that are lines of text, with the methods of `SectionRows`."""
+class TextRowReader:
+    """Reader of rows that are lines of text, with the methods of `SectionRowReader`."""
 
     def __init__(self, section: bytes) -> None:
         try:
@@ -79,44 +79,44 @@ class TextRows:
     def read_count(self) -> int:
         return self.read_integers("q")[0]
 
-    def read_integers(self, letters: str) -> list[int]:
+    def read_integers(self, format_letters: str) -> list[int]:
         (line,) = self._advance(1)
         words = line.split()
-        if len(words) != len(letters):
-            raise ValueError(f"row '{_shorten(line)}' has to have {len(letters)} numbers")
+        if len(words) != len(format_letters):
+            raise ValueError(f"row '{_shorten_for_message(line)}' has to have {len(format_letters)} numbers")
         return [_parse_integer(word) for word in words]
 
-    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
         (line,) = self._advance(1)
         words = line.split()
-        groups, remainder = _split_list(words[1 + n_coordinates :])
+        groups, remainder = _parse_counted_integer_list(words[1 + n_skipped_coordinates :])
         if bounded:
-            _, remainder = _split_list(remainder)
+            _, remainder = _parse_counted_integer_list(remainder)
         if remainder:
-            raise ValueError(f"entity '{_shorten(line)}' has more numbers than it states")
+            raise ValueError(f"entity '{_shorten_for_message(line)}' has more numbers than it states")
         return _parse_integer(words[0]), tuple(groups)
 
     def read_table(
         self,
         n_rows: int,
-        letter: str,  # noqa: ARG002
+        integer_format: str,  # noqa: ARG002
         n_integers: int,
         n_floats: int,
     ) -> tuple[Indices, Array]:
         return _parse_rows(self._advance(n_rows), n_integers, n_floats)
 
-    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
         lines_of_type: dict[tuple[int, int], list[str]] = {}
-        for line in self._advance(n_rows):
+        for line in self._advance(n_elements):
             words = line.split(None, 3)
             if len(words) < 4:
-                raise ValueError(f"element '{_shorten(line)}' has too few numbers")
+                raise ValueError(f"element '{_shorten_for_message(line)}' has too few numbers")
             lines_of_type.setdefault(
                 (_parse_integer(words[1]), _parse_integer(words[2])), []
             ).append(line)
         for (type_number, n_tags), lines in lines_of_type.items():
             if n_tags < 0:
-                raise ValueError(f"element '{_shorten(lines[0])}' has {n_tags} tags")
+                raise ValueError(f"element '{_shorten_for_message(lines[0])}' has {n_tags} tags")
             rows, _ = _parse_rows(lines, 3 + n_tags + gmsh_element_type(type_number).n_nodes, 0)
             yield type_number, n_tags, np.delete(rows, [1, 2], axis=1)
 
@@ -126,16 +126,16 @@ class TextRows:
                 f"{len(self._lines) - self._position} more rows are there than it states"
             )
 
-    def _advance(self, n_rows: int) -> list[str]:
+    def _advance(self, n_lines: int) -> list[str]:
         n_left = len(self._lines) - self._position
-        if not 0 <= n_rows <= n_left:
-            raise ValueError(f"it states {n_rows} more rows, but has {n_left}")
-        self._position += n_rows
-        return self._lines[self._position - n_rows : self._position]
+        if not 0 <= n_lines <= n_left:
+            raise ValueError(f"it states {n_lines} more rows, but has {n_left}")
+        self._position += n_lines
+        return self._lines[self._position - n_lines : self._position]
 
 
-class BinaryRows:
-    """Reader of binary rows, with the methods of `SectionRows`.
+class BinaryRowReader:
+    """Reader of binary rows, with the methods of `SectionRowReader`.
 
     Args:
         section: content of the section.
@@ -153,23 +153,23 @@ class BinaryRows:
         self._position = end + 1
         return _parse_integer(text.strip())
 
-    def read_integers(self, letters: str) -> list[int]:
-        layout = self._byte_order + letters.replace("q", self._count_letter)
+    def read_integers(self, format_letters: str) -> list[int]:
+        layout = self._byte_order + format_letters.replace("q", self._count_letter)
         start = self._advance(1, struct.calcsize(layout))
         return [*struct.unpack_from(layout, self._data, start)]
 
-    def read_entity(self, n_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
         (number,) = self.read_integers("i")
-        self._advance(n_coordinates, 8)
-        groups = self._read_list()
+        self._advance(n_skipped_coordinates, 8)
+        groups = self._read_counted_integer_list()
         if bounded:
-            self._read_list()
+            self._read_counted_integer_list()
         return number, groups
 
     def read_table(
-        self, n_rows: int, letter: str, n_integers: int, n_floats: int
+        self, n_rows: int, integer_format: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
-        size = 8 if letter.replace("q", self._count_letter) == "q" else 4
+        size = 8 if integer_format.replace("q", self._count_letter) == "q" else 4
         start = self._advance(n_rows, n_integers * size + n_floats * 8)
         integer_type, float_type = f"{self._byte_order}i{size}", f"{self._byte_order}f8"
         row_type = np.dtype(
@@ -178,10 +178,10 @@ class BinaryRows:
         rows = np.frombuffer(self._data, row_type, n_rows, start)
         return rows["integers"].astype(np.int64), rows["floats"].astype(np.float64)
 
-    def read_tagged_elements(self, n_rows: int) -> Iterator[tuple[int, int, Indices]]:
-        while n_rows > 0:
+    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
+        while n_elements > 0:
             type_number, n_in_block, n_tags = self.read_integers("iii")
-            if not 0 < n_in_block <= n_rows or n_tags < 0:
+            if not 0 < n_in_block <= n_elements or n_tags < 0:
                 raise ValueError(f"a block states {n_in_block} elements with {n_tags} tags each")
             yield (
                 type_number,
@@ -190,39 +190,39 @@ class BinaryRows:
                     n_in_block, "i", 1 + n_tags + gmsh_element_type(type_number).n_nodes, 0
                 )[0],
             )
-            n_rows -= n_in_block
+            n_elements -= n_in_block
 
     def check_end(self) -> None:
         if remainder := self._data[self._position :].strip():
             raise ValueError(f"{len(remainder)} more bytes are there than it states")
 
-    def _read_list(self) -> tuple[int, ...]:
+    def _read_counted_integer_list(self) -> tuple[int, ...]:
         (count,) = self.read_integers("q")
         start = self._advance(count, 4)
         return struct.unpack_from(f"{self._byte_order}{count}i", self._data, start)
 
-    def _advance(self, n_rows: int, row_bytes: int) -> int:
+    def _advance(self, n_rows: int, bytes_per_row: int) -> int:
         n_left = len(self._data) - self._position
-        if n_rows < 0 or n_rows * row_bytes > n_left:
+        if n_rows < 0 or n_rows * bytes_per_row > n_left:
             raise ValueError(
-                f"it states {n_rows} more rows of {row_bytes} bytes, but has {n_left} bytes"
+                f"it states {n_rows} more rows of {bytes_per_row} bytes, but has {n_left} bytes"
             )
-        self._position += n_rows * row_bytes
-        return self._position - n_rows * row_bytes
+        self._position += n_rows * bytes_per_row
+        return self._position - n_rows * bytes_per_row
 
 
 def _parse_integer(word: str) -> int:
     if not _INTEGER_PATTERN.fullmatch(word):
-        raise ValueError(f"'{_shorten(word)}' is no integer of at most 18 digits")
+        raise ValueError(f"'{_shorten_for_message(word)}' is no integer of at most 18 digits")
     return int(word)
 
 
-def _shorten(line: str) -> str:
+def _shorten_for_message(line: str) -> str:
     line = " ".join(line.split())
     return line if len(line) <= 60 else line[:57] + "..."
 
 
-def _split_list(words: list[str]) -> tuple[list[int], list[str]]:
+def _parse_counted_integer_list(words: list[str]) -> tuple[list[int], list[str]]:
     """Parse a list of integers that begins with its length.
 
     Returns:
@@ -245,7 +245,7 @@ def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indic
         return np.empty((0, n_integers), dtype=np.int64), np.empty((0, n_floats))
     for line in lines:
         if len(line.split()) != n_columns:
-            raise ValueError(f"row '{_shorten(line)}' has to have {n_columns} numbers")
+            raise ValueError(f"row '{_shorten_for_message(line)}' has to have {n_columns} numbers")
     numbers: npt.NDArray[np.float64 | np.int64]
     try:
         number_type = np.float64 if n_floats else np.int64
@@ -253,25 +253,25 @@ def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indic
     except (ValueError, DeprecationWarning):
         numbers = np.empty(0)
     if numbers.size != len(lines) * n_columns:
-        raise ValueError(_describe_wrong_word(lines, n_integers))
+        raise ValueError(_describe_first_wrong_word(lines, n_integers))
     numbers = numbers.reshape(-1, n_columns)
     integers = numbers[:, :n_integers]
     if n_floats:
-        is_wrong = ~(np.abs(integers) < _MAX_EXACT_INTEGER) | (integers % 1 != 0)
+        is_wrong = ~(np.abs(integers) < _MAX_INTEGER_EXACT_AS_FLOAT) | (integers % 1 != 0)
     else:
         is_wrong = np.abs(integers) >= np.iinfo(np.int64).max
     if is_wrong.any():
         line = lines[int(np.flatnonzero(is_wrong.any(axis=1))[0])]
-        raise ValueError(f"row '{_shorten(line)}' has a number of a node that is no such number")
+        raise ValueError(f"row '{_shorten_for_message(line)}' has a number of a node that is no such number")
     return integers.astype(np.int64), numbers[:, n_integers:].astype(np.float64)
 
 
-def _describe_wrong_word(lines: list[str], n_integers: int) -> str:
+def _describe_first_wrong_word(lines: list[str], n_integers: int) -> str:
     """Return an error message that names the first word that is not a number or not an integer."""
     for line in lines:
         for column, word in enumerate(line.split()):
             pattern = r"[+-]?\d+" if column < n_integers else r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?"
             if not re.fullmatch(pattern, word, re.IGNORECASE):
                 expected = "integer" if column < n_integers else "number"
-                return f"'{_shorten(word)}' in row '{_shorten(line)}' is no {expected}"
+                return f"'{_shorten_for_message(word)}' in row '{_shorten_for_message(line)}' is no {expected}"
     return "its rows are no numbers"

@@ -14,9 +14,9 @@ from pw_elements.arrays import Array
 from pw_elements.checks import (
     arguments,
     call_user_function,
-    check_same_arguments,
+    check_same_arguments_on_all_processes,
     check_same_function,
-    collective_errors,
+    raise_errors_on_all_processes,
 )
 
 DiagonalPattern = Literal["right", "left", "right_left", "left_right", "crossed"]
@@ -24,7 +24,7 @@ DIAGONAL_PATTERNS: tuple[DiagonalPattern, ...] = get_args(DiagonalPattern)
 PointMap = Callable[[Array], Array]  # function from points (n, 3) to points (n, 3) or (n, dim)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def triangles(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -50,10 +50,10 @@ def triangles(
         raise ValueError(
             f"diagonal pattern {pattern!r}: the patterns are {', '.join(DIAGONAL_PATTERNS)}"
         )
-    return _make_rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
+    return _make_rectangle_mesh(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def quadrilaterals(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -71,10 +71,10 @@ def quadrilaterals(
     Raises:
         ValueError: if the rectangle has no area, or a number of divisions is less than one.
     """
-    return _make_rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
+    return _make_rectangle_mesh(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
     """Move the nodes of a mesh in place by a function, and return the mesh.
 
@@ -89,12 +89,12 @@ def move_nodes(mesh: Mesh, point_map: PointMap) -> Mesh:
         ValueError: if the function raises an error, or its result has the wrong shape or is not
             finite. The mesh is unchanged in these cases.
     """
-    arguments.check_mesh_type(mesh)
-    mesh.geometry.x[:, : mesh.geometry.dim] = _image_points(mesh, point_map, mesh.geometry.x)
+    arguments.check_double_precision_mesh(mesh)
+    mesh.geometry.x[:, : mesh.geometry.dim] = _evaluate_point_map(mesh, point_map, mesh.geometry.x)
     return mesh
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     """Create a mesh with curved sides (degree 2) by moving vertices and mid-side nodes of a mesh.
 
@@ -107,7 +107,7 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
         ValueError: if the function raises an error, or its result has the wrong shape or is not
             finite.
     """
-    arguments.check_mesh_type(mesh)
+    arguments.check_double_precision_mesh(mesh)
     dimension = mesh.geometry.dim
     element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), 2, shape=(dimension,))
     nodes = fem.functionspace(mesh, element)
@@ -117,14 +117,14 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
-    x = _image_points(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
+    x = _evaluate_point_map(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
 
 
-def _image_points(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
+def _evaluate_point_map(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
     """Return the new positions (n, dim) of points x (n, 3), checked on all processes."""
     dim = mesh.geometry.dim
-    with collective_errors(mesh.comm):
+    with raise_errors_on_all_processes(mesh.comm):
         if callable(point_map) and not arguments.is_user_function(point_map):
             raise TypeError(
                 f"the image is {arguments.describe(point_map)}: give a function of points"
@@ -142,7 +142,7 @@ def _image_points(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
     return image_points[:, :dim]
 
 
-def _make_rectangle(
+def _make_rectangle_mesh(
     comm: MPI.Comm,
     lower: tuple[float, float],
     upper: tuple[float, float],

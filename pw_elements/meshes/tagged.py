@@ -13,7 +13,7 @@ from dolfinx.mesh import Mesh, MeshTags, create_mesh, meshtags
 from pw_elements.abaqus import to_upper_ascii
 from pw_elements.arrays import Array, Indices, LocalIndices
 
-SetTags = dict[
+TagsByKindAndSetName = dict[
     str, dict[str, tuple[int, ...]]
 ]  # tags of each set, by "cells" or "facets" and by the name of the set
 
@@ -35,7 +35,7 @@ class TaggedMesh(NamedTuple):
     mesh: Mesh
     cell_tags: MeshTags
     facet_tags: MeshTags
-    names: SetTags
+    names: TagsByKindAndSetName
 
     def cells(self, name: str) -> LocalIndices:
         """Return the local numbers of the cells in a named set.
@@ -59,12 +59,12 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("facets", self.facet_tags, name)
 
-    def _find(self, kind: str, tags: MeshTags, name: str) -> LocalIndices:
-        tags_of_name = self.names[kind]
-        set_tags = tags_of_name.get(name, tags_of_name.get(to_upper_ascii(name), ()))
+    def _find(self, entity_kind: str, tags: MeshTags, set_name: str) -> LocalIndices:
+        tags_of_name = self.names[entity_kind]
+        set_tags = tags_of_name.get(set_name, tags_of_name.get(to_upper_ascii(set_name), ()))
         if not set_tags:
             raise ValueError(
-                f"no set of {kind} is called {name}; known are {', '.join(tags_of_name) or 'none'}"
+                f"no set of {entity_kind} is called {set_name}; known are {', '.join(tags_of_name) or 'none'}"
             )
         return tags.indices[np.isin(tags.values, set_tags)]
 
@@ -85,7 +85,7 @@ class MeshArrays(NamedTuple):
     x: Array
     cells: Indices
     tags: Mapping[str, npt.NDArray[np.integer]]
-    names: SetTags
+    names: TagsByKindAndSetName
 
 
 def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
@@ -121,12 +121,12 @@ def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
     return TaggedMesh(mesh, cell_tags, facet_tags, names)
 
 
-def check_flatness(source: str, x: Array) -> None:
+def check_constant_z(source_name: str, node_coordinates: Array) -> None:
     """Raise ValueError unless nodes x (n, 3) lie in one plane z = constant.
 
     Args:
-        source: name of the file or model, used in the error message.
-        x: coordinates (n, 3) of the nodes.
+        source_name: name of the file or model, used in the error message.
+        node_coordinates: coordinates (n, 3) of the nodes.
     """
-    if np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
-        raise ValueError(f"{source} has plane cells that do not lie in one plane z = constant")
+    if np.ptp(node_coordinates[:, 2]) > 1e-9 * np.ptp(node_coordinates, axis=0).max():
+        raise ValueError(f"{source_name} has plane cells that do not lie in one plane z = constant")

@@ -1,9 +1,9 @@
 """Linear solvers by factorisation and by Krylov methods with multigrid."""
 
-from pw_elements.solvers.automatic import Solver, choose_solver, compute_with_fallback
+from pw_elements.solvers.automatic import Solver, choose_solver, compute_with_direct_fallback
 from pw_elements.solvers.direct import (
     Direct,
-    FreePressure,
+    FreeConstantPressure,
     LinearSolver,
     MatrixFreeSolver,
     NotConverged,
@@ -13,7 +13,7 @@ from pw_elements.solvers.direct import (
     is_matrix_free,
 )
 from pw_elements.solvers.iterative import (
-    NO_SUPPORTS_MESSAGE,
+    ITERATIVE_NEEDS_SUPPORTS_MESSAGE,
     Iterative,
     as_krylov_solver,
     solve_with_ksp,
@@ -29,12 +29,12 @@ from pw_elements.solvers.matrices import (
     diagonal_blocks,
     galerkin_product,
     group_connected_nodes,
-    is_blocked,
-    null_space,
-    python_matrix,
+    is_stored_in_blocks,
+    null_space_basis,
+    matrix_from_python_context,
     qr_triangle,
     selection_matrix,
     to_aij,
 )
 from pw_elements.solvers.multigrid import Multigrid
-from pw_elements.solvers.rigid_components import RigidComponents, has_free_rigid_motion
+from pw_elements.solvers.rigid_components import ComponentRigidModes, has_free_rigid_motion

@@ -14,10 +14,10 @@ from typing import Literal, TypeAlias, TypeVar
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pw_elements.checks import arguments, vector_sizes
+from pw_elements.checks import arguments, count_local_and_global_dofs
 from pw_elements.progress import log_on_root
 from pw_elements.solvers.direct import Direct, LinearSolver, NotConverged
-from pw_elements.solvers.iterative import Iterative, memory_of_factors
+from pw_elements.solvers.iterative import Iterative, estimate_factor_memory_in_bytes
 from pw_elements.solvers.matrices import Supports
 from pw_elements.solvers.rigid_components import has_free_rigid_motion
 from pw_elements.spaces import is_hybrid
@@ -34,23 +34,23 @@ _MIN_KRYLOV_DOFS_FOR_MODES = 200_000
 # The same number if contact alone holds a component, which needs more iterations. For a lap joint
 # with 14 310 unknowns, factors took 2.7 s and the Krylov method 4.2 s of CPU time; with 46 242
 # unknowns, they took 16.5 s and 12.2 s
-_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS = 30_000
+_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT = 30_000
 # Free memory that is required for factors, relative to their estimated size
-_MEMORY_SAFETY_FACTOR = 2.0
+_MIN_FREE_MEMORY_OVER_FACTOR_MEMORY = 2.0
 
 
-def free_memory(comm: MPI.Comm) -> float:
+def total_free_memory_in_bytes(comm: MPI.Comm) -> float:
     """Return the total free memory in bytes on the machines of all processes; collective."""
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     # one process of each machine reports the least value of all processes on this machine, since
     # the memory of a group of processes may be limited
-    free = machine.allreduce(_free_memory_of_machine(), MPI.MIN)
+    free = machine.allreduce(_machine_free_memory_in_bytes(), MPI.MIN)
     total = comm.allreduce(free if machine.rank == 0 else 0.0, MPI.SUM)
     machine.Free()
     return float(total)
 
 
-def _free_memory_of_machine() -> float:
+def _machine_free_memory_in_bytes() -> float:
     """Return the free memory in bytes of this machine, or of a container or job that limits it."""
     try:
         fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
@@ -67,19 +67,19 @@ def _free_memory_of_machine() -> float:
 
 
 def choose_solver(
-    solver: Solver,
+    requested_solver: Solver,
     supports: Supports | None,
-    factors_reason: str = "",
+    direct_only_reason: str = "",
     for_modes: bool = False,
     contact_stiffness: PETSc.Mat | None = None,
 ) -> LinearSolver:
     """Return the solver to use: the user's own solver, or the one that "auto" chooses.
 
     Args:
-        solver: solver given by the user; None means "auto".
+        requested_solver: solver given by the user; None means "auto".
         supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for another
             reduction.
-        factors_reason: reason why only a factorisation can be used, or "" if there is none.
+        direct_only_reason: reason why only a factorisation can be used, or "" if there is none.
         for_modes: whether eigenvalues are computed.
         contact_stiffness: stiffness (n, n) of a body in contact, which its supports alone may not
             hold; None without contact.
@@ -87,43 +87,43 @@ def choose_solver(
     Raises:
         ValueError: for a solver that is neither an object nor "auto".
     """
-    if solver is not None and not isinstance(solver, str):
-        return solver
-    if not (solver is None or arguments.is_one_of(solver, ("auto",))):
-        raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
+    if requested_solver is not None and not isinstance(requested_solver, str):
+        return requested_solver
+    if not (requested_solver is None or arguments.is_one_of(requested_solver, ("auto",))):
+        raise ValueError(f'solver {requested_solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()
-    mesh, dofs = supports.space.mesh, vector_sizes(supports.space)[1]
+    mesh, dofs = supports.space.mesh, count_local_and_global_dofs(supports.space)[1]
     if mesh.geometry.dim < 3 or dofs < (
         _MIN_KRYLOV_DOFS_FOR_MODES if for_modes else _MIN_KRYLOV_DOFS
     ):
         return Direct()
-    is_small = dofs < _MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS and not is_hybrid(supports.space)
+    is_small = dofs < _MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT and not is_hybrid(supports.space)
     in_contact = contact_stiffness is not None
     if in_contact and is_small and has_free_rigid_motion(contact_stiffness, supports):
         log_on_root(
             mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
         )
         return Direct()
-    choice: LinearSolver = Direct() if factors_reason else Iterative()
-    reason = f" ({factors_reason})" if factors_reason else ""
-    memory = f"factors take some {memory_of_factors(dofs) / 1e9:.2g} GB"
+    choice: LinearSolver = Direct() if direct_only_reason else Iterative()
+    reason = f" ({direct_only_reason})" if direct_only_reason else ""
+    memory = f"factors take some {estimate_factor_memory_in_bytes(dofs) / 1e9:.2g} GB"
     decision = f"auto: {type(choice).__name__} for {dofs} unknowns in space{reason}; {memory}"
     log_on_root(mesh.comm, logging.INFO, decision)
     return choice
 
 
-def compute_with_fallback(
-    choice: LinearSolver,
-    solver: Solver,
+def compute_with_direct_fallback(
+    chosen_solver: LinearSolver,
+    requested_solver: Solver,
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
     """Return `compute(choice)`, or `compute(Direct())` if the choice of "auto" fails.
 
     Args:
-        choice: solver to use, as returned by `choose_solver`.
-        solver: solver given by the user.
+        chosen_solver: solver to use, as returned by `choose_solver`.
+        requested_solver: solver given by the user.
         supports: free unknowns of the problem, or None.
         compute: function that computes the result with a solver.
 
@@ -132,13 +132,13 @@ def compute_with_fallback(
             into memory.
     """
     try:
-        return compute(choice)
+        return compute(chosen_solver)
     except NotConverged as failure:
-        if supports is None or solver not in (None, "auto"):
+        if supports is None or requested_solver not in (None, "auto"):
             raise
         comm = supports.space.mesh.comm
-        needed, free = memory_of_factors(vector_sizes(supports.space)[1]), free_memory(comm)
-        if not _MEMORY_SAFETY_FACTOR * needed <= free:
+        needed, free = estimate_factor_memory_in_bytes(count_local_and_global_dofs(supports.space)[1]), total_free_memory_in_bytes(comm)
+        if not _MIN_FREE_MEMORY_OVER_FACTOR_MEMORY * needed <= free:
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {free / 1e9:.2g} GB left'
             ) from failure

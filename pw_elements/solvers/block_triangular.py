@@ -11,21 +11,21 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.solvers.direct import FreePressure, set_options
+from pw_elements.solvers.direct import FreeConstantPressure, set_options
 from pw_elements.solvers.matrices import (
     ConstrainedOperator,
     ConstraintProjection,
     Supports,
     destroy_objects,
     galerkin_product,
-    python_matrix,
+    matrix_from_python_context,
 )
-from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
-from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, equilibration_scale
+from pw_elements.solvers.multigrid import Multigrid, linear_space_and_interpolation
+from pw_elements.spaces import MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS, SubSpace, pressure_equilibration_scales
 
 # For each cell type: least and largest eigenvalue of the P1 or Q1 mass matrix scaled to a unit
 # diagonal, and degree of the Chebyshev polynomial that approximates the inverse of this matrix
-_MASS_SPECTRA = {
+_MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE = {
     "triangle": (0.5, 2.0, 6),
     "quadrilateral": (0.25, 2.25, 9),
     "tetrahedron": (0.5, 2.5, 6),
@@ -36,7 +36,7 @@ _MASS_SPECTRA = {
 class BlockTriangularPreconditioner:
     """Preconditioner for one matrix of a hybrid space, used in place of a `Multigrid`.
 
-    The diagonal matrix s of `equilibration_scale` scales pressures to lengths, and the projection
+    The diagonal matrix s of `pressure_equilibration_scales` scales pressures to lengths, and the projection
     Pi sets prescribed unknowns to zero.
 
     Args:
@@ -56,9 +56,9 @@ class BlockTriangularPreconditioner:
         space, comm = supports.space, K.comm
         self._K = K
         self.displacements, self._pressure = SubSpace.displacements(space), SubSpace.pressure(space)
-        self._scale = equilibration_scale(space, K)
+        self._scale = pressure_equilibration_scales(space, K)
         self.operator, self.scaled_matrix = (
-            python_matrix(
+            matrix_from_python_context(
                 K.getSizes(),
                 ConstrainedOperator(K, ConstraintProjection(free, 1), self._scale),
                 comm,
@@ -67,7 +67,7 @@ class BlockTriangularPreconditioner:
         )
         free_displacements = supports.free[self.displacements.owned_unknowns.ravel()]
         self._free_pressures = supports.free[self._pressure.owned_unknowns.ravel()].astype(float)
-        A = self._extract_blocks()
+        A = self._extract_blocks_and_set_pressure_solver()
         self.displacement_block = A, Supports(self.displacements.space, free_displacements)
         self.multigrid = Multigrid(*self.displacement_block)
         self.displacement_pc = PETSc.PC().create(comm)
@@ -77,31 +77,31 @@ class BlockTriangularPreconditioner:
             self._B.createVecLeft(),
         )
 
-    def _extract_blocks(self, A: PETSc.Mat | None = None) -> PETSc.Mat:
+    def _extract_blocks_and_set_pressure_solver(self, reused_displacement_block: PETSc.Mat | None = None) -> PETSc.Mat:
         """Extract the blocks of K, set up the pressure solver and return the displacement block.
 
         Args:
-            A: matrix to overwrite with the block of the displacements; None creates a new matrix.
+            reused_displacement_block: matrix to overwrite with the block of the displacements; None creates a new matrix.
         """
         space = self.displacements.space
         u, p = (field.global_numbers() for field in (self.displacements, self._pressure))
         aij = self._K.createSubMatrix(u, u)
         aij.setBlockSize(space.mesh.geometry.dim)
-        A = aij.convert("baij", A or PETSc.Mat())
+        reused_displacement_block = aij.convert("baij", reused_displacement_block or PETSc.Mat())
         destroy_objects(aij)
         self._B = self._K.createSubMatrix(p, u)
         scale = self._pressure.extract(self._scale)
-        S = _pressure_mass(space, self._pressure.space, A, self._B)
+        S = _pressure_mass_over_twice_shear_modulus(space, self._pressure.space, reused_displacement_block, self._B)
         compressibility = self._K.createSubMatrix(p, p)
         S.axpy(-1.0, compressibility, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         S.diagonalScale(scale, scale)
         self._B.diagonalScale(scale)
-        self._mass_solver = _create_chebyshev_solver(S, space.mesh.topology.cell_name())
-        return A
+        self._mass_solver = _create_pressure_mass_solver(S, space.mesh.topology.cell_name())
+        return reused_displacement_block
 
     def refresh(self) -> None:
         """Extract the blocks of K after K has changed, and have the multigrid set up again."""
-        self._extract_blocks(self.displacement_block[0])
+        self._extract_blocks_and_set_pressure_solver(self.displacement_block[0])
         self.multigrid.refresh()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
@@ -120,10 +120,10 @@ class BlockTriangularPreconditioner:
         """Set up the coarse level of the multigrid.
 
         Raises:
-            FreePressure: if the pressure is determined only up to a constant.
+            FreeConstantPressure: if the pressure is determined only up to a constant.
         """
         if self.has_free_constant_pressure(self.operator):
-            raise FreePressure
+            raise FreeConstantPressure
         self.multigrid.set_up_levels()
 
     def has_free_constant_pressure(self, operator: PETSc.Mat) -> bool:
@@ -139,7 +139,7 @@ class BlockTriangularPreconditioner:
         operator.mult(constant, effect)
         infinity = PETSc.NormType.INFINITY
         stiffness = self.displacement_block[0].norm(infinity)
-        return bool(effect.norm(infinity) <= PRESSURE_MODE_TOLERANCE * stiffness)
+        return bool(effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * stiffness)
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         values = x.array_r
@@ -156,8 +156,8 @@ class BlockTriangularPreconditioner:
         y.setArray(u + self._pressure.embed(p))
 
 
-def _pressure_mass(
-    displacements: fem.FunctionSpace, pressures: fem.FunctionSpace, A: PETSc.Mat, B: PETSc.Mat
+def _pressure_mass_over_twice_shear_modulus(
+    displacement_space: fem.FunctionSpace, pressure_space: fem.FunctionSpace, displacement_stiffness: PETSc.Mat, volume_change_matrix: PETSc.Mat
 ) -> PETSc.Mat:
     """Return the mass matrix of pressures, divided by twice the shear modulus.
 
@@ -167,40 +167,40 @@ def _pressure_mass(
     to the integrals of the vertex functions.
 
     Args:
-        displacements: space of the displacements.
-        pressures: space of the pressures.
-        A: stiffness of the displacements.
-        B: matrix that takes displacements to integrals of the volume change.
+        displacement_space: space of the displacements.
+        pressure_space: space of the pressures.
+        displacement_stiffness: stiffness of the displacements.
+        volume_change_matrix: matrix that takes displacements to integrals of the volume change.
     """
-    mesh = displacements.mesh
-    linear, _, P = linear_interpolation(displacements)
+    mesh = displacement_space.mesh
+    linear, _, P = linear_space_and_interpolation(displacement_space)
     u, v = ufl.TrialFunction(linear), ufl.TestFunction(linear)
     unit = assemble_matrix(fem.form(2 * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx))
     unit.assemble()
     dim = mesh.geometry.dim
     stiffness, unit_stiffness = (
         matrix.getDiagonal().array_r.reshape(-1, dim).sum(axis=1)
-        for matrix in (galerkin_product(A, P), unit)
+        for matrix in (galerkin_product(displacement_stiffness, P), unit)
     )
-    q = ufl.TestFunction(pressures)
+    q = ufl.TestFunction(pressure_space)
     areas = assemble_vector(fem.form(q * ufl.dx))
     areas.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-    unit_strain, volumes = B.createVecs()
-    x = displacements.tabulate_dof_coordinates()[: unit_strain.getLocalSize() // dim]
+    unit_strain, volumes = volume_change_matrix.createVecs()
+    x = displacement_space.tabulate_dof_coordinates()[: unit_strain.getLocalSize() // dim]
     unit_strain.array.reshape(-1, dim)[:, -1] = x[:, dim - 1]
-    B.mult(unit_strain, volumes)
+    volume_change_matrix.mult(unit_strain, volumes)
     thickness = np.abs(volumes.array_r / areas.array_r)
     modulus = np.abs(stiffness / unit_stiffness)
-    weight = fem.Function(pressures)
+    weight = fem.Function(pressure_space)
     weight.x.array[: len(modulus)] = thickness**2 / (2 * modulus)
     weight.x.scatter_forward()
-    mass = assemble_matrix(fem.form(weight * ufl.TrialFunction(pressures) * q * ufl.dx))
+    mass = assemble_matrix(fem.form(weight * ufl.TrialFunction(pressure_space) * q * ufl.dx))
     mass.assemble()
     return mass
 
 
-def _create_chebyshev_solver(mass: PETSc.Mat, cell: str) -> PETSc.KSP:
-    least, largest, degree = _MASS_SPECTRA[cell]
+def _create_pressure_mass_solver(mass: PETSc.Mat, cell: str) -> PETSc.KSP:
+    least, largest, degree = _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE[cell]
     ksp = PETSc.KSP().create(mass.comm)
     ksp.setOperators(mass)
     ksp.setType("chebyshev")

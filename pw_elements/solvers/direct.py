@@ -22,33 +22,33 @@ import numpy as np
 
 from pw_elements._compat import is_petsc_option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, check_same_arguments, defer_errors_if_parallel
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, defer_errors_if_parallel
 from pw_elements.progress import log_on_root
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
 
 # Relative error with which factors reproduce a known solution, about the condition number times
 # round-off. Above this error, fewer than four digits of a solution would be right
-_MAX_SOLUTION_ERROR = 1e-4
+_MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION = 1e-4
 # Correction of factors for changed rows: largest condition number of the correction's small dense
 # matrix; residual relative to |A| |x| + |b| that counts as round-off in the solution of A x = b;
 # and largest number of steps of iterative refinement
-_MAX_CORRECTION_CONDITION = 1e8
+_MAX_CONDITION_OF_ROW_CORRECTION = 1e8
 _RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
-_MAX_REFINEMENTS = 4
+_MAX_ITERATIVE_REFINEMENT_STEPS = 4
 # Options that limit repetitions; PETSc takes -3 as no limit
-_COUNT_OPTION = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
+_ITERATION_LIMIT_OPTION_PATTERN = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
 # Those of these options that belong to the outermost method, which ends when it has converged
-_OUTER_COUNT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
+_OUTERMOST_ITERATION_LIMIT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
 # Largest value of the other options that limit repetitions
-_MAX_INNER_STEPS = 1000
+_MAX_INNER_ITERATION_LIMIT = 1000
 
 
 class SingularSystem(RuntimeError):
     """The system has no unique solution, usually because supports are missing."""
 
 
-class FreePressure(SingularSystem):
+class FreeConstantPressure(SingularSystem):
     """The pressure of an incompressible body is determined only up to a constant.
 
     This happens if the whole boundary of the body is held.
@@ -218,9 +218,9 @@ class Direct:
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        check_options(self.options)
+        check_petsc_options(self.options)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Return a solver for a matrix, which is factorised on first use.
 
@@ -232,7 +232,7 @@ class Direct:
             TypeError, ValueError: if `matrix` is not a square matrix, or PETSc refuses the options.
         """
         arguments.check_flag("symmetric", symmetric)
-        arguments.check_matrix("the matrix", matrix)
+        arguments.check_assembled_square_matrix("the matrix", matrix)
         with name_options_in_errors(self.options):
             return Factors(matrix, symmetric, self.options)
 
@@ -311,7 +311,7 @@ class Factors:
             self.ksp.setUp()
         self._factorisations += 1
         self._has_failed = True
-        self._check_factors()
+        self._raise_if_singular()
         self._has_failed = False
         refuse_unused_options(self.ksp, self._options)
         words = f"{self._method} of {n} unknowns: {perf_counter() - start:.2f} s"
@@ -348,7 +348,7 @@ class Factors:
         self._preconditioner.setReusePreconditioner(True)
         begin, end = A.getOwnershipRange()
         if len(new_rows):
-            self._inverse_columns.append(self._solve_unit_columns(new_rows))
+            self._inverse_columns.append(self._compute_columns_of_inverse(new_rows))
             self._changed_rows = np.append(self._changed_rows, new_rows).astype(PETSc.IntType)
         is_owned = (self._changed_rows >= begin) & (self._changed_rows < end)
         local_rows = self._changed_rows[is_owned] - begin
@@ -360,12 +360,12 @@ class Factors:
             [np.empty((len(local_rows), 0)), *(p.getDenseArray() for p in products)]
         )
         comm.Allreduce(MPI.IN_PLACE, capacitance, MPI.SUM)
-        if len(is_owned) and not np.linalg.cond(capacitance, 1) < _MAX_CORRECTION_CONDITION:
+        if len(is_owned) and not np.linalg.cond(capacitance, 1) < _MAX_CONDITION_OF_ROW_CORRECTION:
             return None
         x, residual, correction = self._solution.copy(), rhs.duplicate(), rhs.duplicate()
         infinity = PETSc.NormType.INFINITY
         matrix_norm, rhs_norm = A.norm(infinity), rhs.norm(infinity)
-        for step in range(_MAX_REFINEMENTS):
+        for step in range(_MAX_ITERATIVE_REFINEMENT_STEPS):
             if step:
                 self.ksp.solve(residual, correction)
                 self._iterations += 1
@@ -388,28 +388,28 @@ class Factors:
                 return x.copy()
         return None
 
-    def _solve_unit_columns(self, rows: Indices) -> PETSc.Mat:
+    def _compute_columns_of_inverse(self, columns: Indices) -> PETSc.Mat:
         """Return k columns (n, k) of the inverse of the factorised matrix.
 
         Args:
-            rows: global numbers (k,) of the columns, the same on all processes.
+            columns: global numbers (k,) of the columns, the same on all processes.
         """
         (begin, end), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
-        shape = sizes, (PETSc.DECIDE, len(rows))
+        shape = sizes, (PETSc.DECIDE, len(columns))
         ones, Z = (PETSc.Mat().createDense(shape, comm=self._matrix.comm) for _ in range(2))
-        column = np.flatnonzero((rows >= begin) & (rows < end))
-        ones.getDenseArray()[rows[column] - begin, column] = 1.0
+        column = np.flatnonzero((columns >= begin) & (columns < end))
+        ones.getDenseArray()[columns[column] - begin, column] = 1.0
         for matrix in (ones, Z):
             matrix.assemble()
         self.ksp.matSolve(ones, Z)
         ones.destroy()
-        self._iterations += len(rows)
+        self._iterations += len(columns)
         return Z
 
     def release(self) -> None:
         self.ksp.destroy()
 
-    def _check_factors(self) -> None:
+    def _raise_if_singular(self) -> None:
         """Raise SingularSystem if there are zero pivots or a known solution is not reproduced."""
         exact = self._matrix.createVecRight()
         # the known solution is neither a rigid motion nor another mode
@@ -421,14 +421,14 @@ class Factors:
         factor = self._preconditioner.getFactorMatrix() if self._uses_mumps else None
         if factor is not None and (zero_pivots := factor.getMumpsInfog(28)) > 0:
             raise SingularSystem(f"the system matrix is singular, it has {zero_pivots} zero pivots")
-        if not error <= _MAX_SOLUTION_ERROR:
+        if not error <= _MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION:
             raise SingularSystem(
                 "the system matrix is singular or too badly conditioned, a known solution came "
                 f"back with the relative error {error:.1e}"
             )
 
 
-def check_options(options: object) -> None:
+def check_petsc_options(options: object) -> None:
     arguments.check_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
     assert isinstance(options, Mapping)
     for name, value in options.items():
@@ -438,19 +438,19 @@ def check_options(options: object) -> None:
         arguments.check_type(
             f"option {name!r}", value, kinds, "it has to be a string, number or bool"
         )
-        if _COUNT_OPTION.search(name):
-            _check_repetitions(name, value)
+        if _ITERATION_LIMIT_OPTION_PATTERN.search(name):
+            _refuse_endless_iteration_limit(name, value)
 
 
-def _check_repetitions(name: str, value: str | float) -> None:
+def _refuse_endless_iteration_limit(name: str, value: str | float) -> None:
     """Raise ValueError if a number of repetitions would make PETSc loop endlessly."""
-    is_outer = name.lstrip("-") in _OUTER_COUNT_OPTIONS
+    is_outer = name.lstrip("-") in _OUTERMOST_ITERATION_LIMIT_OPTIONS
     try:
         count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
     except ValueError:
         count = 0
-    if count < 1 or (count > _MAX_INNER_STEPS and not is_outer):
-        limit = "" if is_outer else f" and at most {_MAX_INNER_STEPS}"
+    if count < 1 or (count > _MAX_INNER_ITERATION_LIMIT and not is_outer):
+        limit = "" if is_outer else f" and at most {_MAX_INNER_ITERATION_LIMIT}"
         raise ValueError(
             f"option {name} = {value!r}: it has to be a whole number, at least 1{limit}. PETSc "
             "takes some others for no limit, and methods within a preconditioner do not look "

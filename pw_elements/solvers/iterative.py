@@ -15,8 +15,8 @@ import numpy as np
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import (
     arguments,
-    check_same_arguments,
-    collective_errors,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
     defer_errors_if_parallel,
 )
 from pw_elements.solvers.block_triangular import BlockTriangularPreconditioner
@@ -26,7 +26,7 @@ from pw_elements.solvers.direct import (
     PreparedSolver,
     SingularSystem,
     SolverReport,
-    check_options,
+    check_petsc_options,
     name_options_in_errors,
     refuse_unused_options,
     set_options,
@@ -38,15 +38,15 @@ from pw_elements.spaces import is_hybrid
 
 _VectorMap: TypeAlias = Callable[[Array], Array]
 # (product, precondition, rhs, max_residual) -> x with |rhs - product(x)| <= max_residual
-_Iterate: TypeAlias = Callable[[_VectorMap, _VectorMap, Array, float], Array]
+_ExternalIterateFunction: TypeAlias = Callable[[_VectorMap, _VectorMap, Array, float], Array]
 
-NO_SUPPORTS_MESSAGE = (
+ITERATIVE_NEEDS_SUPPORTS_MESSAGE = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
     "other reductions, and a pressure that is split, need Direct()"
 )
 
 # Options that would replace the two levels
-_LEVEL_OPTIONS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))")
+_LEVEL_REPLACING_OPTIONS_PATTERN = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))")
 _MAX_ITERATIONS = 1000
 # Vectors that GMRES keeps until it restarts
 _GMRES_RESTART = 100
@@ -56,14 +56,14 @@ _GMRES_OPTIONS: Options = {
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
 # Largest ratio of the true residual to the residual that the method updates
-_MAX_RESIDUAL_DRIFT = 10
-_EPSILON = float(np.finfo(float).eps)
+_MAX_TRUE_OVER_UPDATED_RESIDUAL = 10
+_MACHINE_EPSILON = float(np.finfo(float).eps)
 
 # Bytes of MUMPS' LU factors and work space in three dimensions: a coefficient times a power of the
 # number of unknowns. Both are fitted to numbers that MUMPS reports for blocks of tetrahedra and
 # hexahedra with 8 000 to 92 000 unknowns
-_FACTOR_BYTES = 160.0
-_FACTOR_POWER = 1.42
+_FACTOR_MEMORY_COEFFICIENT_IN_BYTES = 160.0
+_FACTOR_MEMORY_EXPONENT_OF_DOFS = 1.42
 
 
 @dataclass(frozen=True)
@@ -99,18 +99,18 @@ class Iterative:
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        if not 0 < arguments.check_number("tolerance", self.tolerance) < 1:
+        if not 0 < arguments.check_finite_number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
-        check_options(self.options)
+        check_petsc_options(self.options)
         for name, value in self.options.items():
             replaces_method = value in ("preonly", "none") and "ksp_type" in name
-            if _LEVEL_OPTIONS.fullmatch(name) or replaces_method:
+            if _LEVEL_REPLACING_OPTIONS_PATTERN.fullmatch(name) or replaces_method:
                 raise ValueError(
                     f"option {name} = {value}: what Iterative() is made of cannot be exchanged; "
                     "Direct() has factors, mg_coarse_ the coarse level's own options"
                 )
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "KrylovSolver":
@@ -125,11 +125,11 @@ class Iterative:
             ValueError: if `supports` is None, or if `symmetric` is true.
         """
         if supports is None:
-            raise ValueError(NO_SUPPORTS_MESSAGE)
+            raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
         arguments.check_type("supports", supports, Supports, "a reduction's `supports` are some")
         arguments.check_flag("symmetric", symmetric)
-        with collective_errors(supports.space.mesh.comm):
-            arguments.check_matrix("the matrix", matrix)
+        with raise_errors_on_all_processes(supports.space.mesh.comm):
+            arguments.check_assembled_square_matrix("the matrix", matrix)
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
@@ -155,7 +155,7 @@ class KrylovSolver:
         matrix: PETSc.Mat,
         supports: Supports,
         settings: Iterative,
-        external_iterate: _Iterate | None = None,
+        external_iterate: _ExternalIterateFunction | None = None,
     ) -> None:
         self._matrix, self._external_iterate = matrix, external_iterate
         self.tolerance, self.options = settings.tolerance, settings.options
@@ -205,7 +205,7 @@ class KrylovSolver:
         ksp.setOperators(operator)
         if self._external_iterate is not None:
             ksp.setType("python")
-            ksp.setPythonContext(_ExternalMethod(self._external_iterate))
+            ksp.setPythonContext(_ExternalKrylovMethod(self._external_iterate))
             return ksp
         ksp.setType(method)
         ksp.setGMRESRestart(_GMRES_RESTART)
@@ -252,8 +252,8 @@ class KrylovSolver:
             if residual_norm <= self.tolerance * load_norm:
                 break
         round_off = self.round_off(solution.norm())
-        if not residual_norm <= _MAX_RESIDUAL_DRIFT * self.tolerance * load_norm + round_off:
-            raise self.not_converged(residual_norm / load_norm)
+        if not residual_norm <= _MAX_TRUE_OVER_UPDATED_RESIDUAL * self.tolerance * load_norm + round_off:
+            raise self.make_not_converged_error(residual_norm / load_norm)
         return solution
 
     def round_off(self, solution_norm: float) -> float:
@@ -261,15 +261,15 @@ class KrylovSolver:
         matrix = self.displacement_block[0]
         if self._stiffness_norm[0] != matrix.stateGet():
             self._stiffness_norm = matrix.stateGet(), matrix.norm(PETSc.NormType.INFINITY)
-        return float(_MAX_RESIDUAL_DRIFT * _EPSILON * self._stiffness_norm[1] * solution_norm)
+        return float(_MAX_TRUE_OVER_UPDATED_RESIDUAL * _MACHINE_EPSILON * self._stiffness_norm[1] * solution_norm)
 
-    def not_converged(self, relative_residual: float) -> NotConverged:
+    def make_not_converged_error(self, relative_residual: float) -> NotConverged:
         dofs = self._matrix.getSize()[0]
         return NotConverged(
             f"{self.report.method} left the relative residual {relative_residual:.1e} after "
             f"{sum(self._counted)} iterations in all: Poisson's ratio near 1/2, flat cells or "
             "supports that hardly hold make it slow; use Direct() "
-            f"(some {memory_of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
+            f"(some {estimate_factor_memory_in_bytes(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002
@@ -277,10 +277,10 @@ class KrylovSolver:
         return
 
 
-class _ExternalMethod:
+class _ExternalKrylovMethod:
     """Krylov method of a user's solver, as the Python context of a `PETSc.KSP`."""
 
-    def __init__(self, iterate: _Iterate) -> None:
+    def __init__(self, iterate: _ExternalIterateFunction) -> None:
         self._iterate = iterate
         self.error: BaseException | None = None  # PETSc would raise an error of its own instead
 
@@ -291,9 +291,9 @@ class _ExternalMethod:
             x, y = rhs.duplicate(), rhs.duplicate()
 
             def image(values: Array) -> Array:
-                with collective_errors(comm) as same:  # all processes iterate
+                with raise_errors_on_all_processes(comm) as same:  # all processes iterate
                     same["the next step of iterate"] = apply.__name__
-                    x.setArray(_check_local_part(values, x))
+                    x.setArray(_check_local_vector_values(values, x))
                 apply(x, y)
                 return np.array(y.array_r)
 
@@ -305,9 +305,9 @@ class _ExternalMethod:
         )
         max_residual = ksp.getTolerances()[1]
         try:
-            with collective_errors(comm):
+            with raise_errors_on_all_processes(comm):
                 x = self._iterate(product, precondition, np.array(rhs.array_r), max_residual)
-                solution.setArray(_check_local_part(x, rhs))
+                solution.setArray(_check_local_vector_values(x, rhs))
         except BaseException as error:
             self.error = error
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
@@ -329,7 +329,7 @@ def solve_with_ksp(ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options:
         raise error
 
 
-def _check_local_part(values: Array, vector: PETSc.Vec) -> Array:
+def _check_local_vector_values(values: Array, vector: PETSc.Vec) -> Array:
     layout = "it takes and gives this process' part of vectors (n,)"
     return arguments.check_function_values(
         "iterate", np.ravel(values), vector.array_r.shape, layout
@@ -361,12 +361,12 @@ def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Suppor
     return KrylovSolver(matrix, supports, Iterative(), iterate)
 
 
-def memory_of_factors(dofs: int) -> float:
+def estimate_factor_memory_in_bytes(n_dofs: int) -> float:
     """Return the estimated memory of LU factors in three dimensions, in bytes.
 
     The estimate is right within a factor of two.
 
     Args:
-        dofs: number of unknowns.
+        n_dofs: number of unknowns.
     """
-    return float(_FACTOR_BYTES * dofs**_FACTOR_POWER)
+    return float(_FACTOR_MEMORY_COEFFICIENT_IN_BYTES * n_dofs**_FACTOR_MEMORY_EXPONENT_OF_DOFS)

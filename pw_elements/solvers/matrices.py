@@ -16,47 +16,47 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import label_connected_components
 
-from pw_elements._compat import single_entry_matrix
+from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import read_record
 
 # Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
 # any block size. And largest number of parts to convert, since their products have to be added
-_CONVERTED_ROWS = 12_000
-_MAX_CONVERSIONS = 32
+_MIN_ROWS_PER_CONVERTED_PART = 12_000
+_MAX_CONVERTED_PARTS = 32
 # Number of rows of a dense QR factorisation, limited to save memory
-_DENSE_QR_ROWS = 20_000
+_MAX_ROWS_PER_DENSE_QR = 20_000
 # Largest number of modes for which dense algebra is used, where it is faster than sparse algebra
 _MAX_DENSE_MODES = 60
 # Size of displacements and forces, in a mode of unit size, that counts as round-off
-_MODE_ROUND_OFF = 1e-13
+_ROUND_OFF_IN_UNIT_MODE = 1e-13
 
 
-def is_blocked(matrix: PETSc.Mat) -> bool:
+def is_stored_in_blocks(matrix: PETSc.Mat) -> bool:
     return "baij" in matrix.getType()
 
 
-def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows: Indices | None = None) -> PETSc.Mat:
+def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows_in_K: Indices | None = None) -> PETSc.Mat:
     """Return the product P^T K P (m, m).
 
     PETSc has no such product of blocked matrices, which are therefore converted part by part.
 
     Args:
         K: matrix (n, n), blocked or not.
-        P: matrix (n, m). If `rows` is given, P is a matrix (k, m) with these rows only.
-        rows: global row numbers (k,) in K that belong to this process' rows of P.
+        P: matrix (n, m). If `rows_in_K` is given, P is a matrix (k, m) with these rows only.
+        rows_in_K: global row numbers (k,) in K that belong to this process' rows of P.
     """
-    if not is_blocked(K) and rows is None:
+    if not is_stored_in_blocks(K) and rows_in_K is None:
         product = K.ptap(P)
         result = product.copy()
         product.destroy()  # it keeps its factors alive; its copy does not
         return result
     comm, P_rows = K.comm, np.arange(*P.getOwnershipRange())
-    K_rows = P_rows if rows is None else rows
+    K_rows = P_rows if rows_in_K is None else rows_in_K
     n_rows = comm.tompi4py().allreduce(len(P_rows), MPI.MAX)
-    step = _CONVERTED_ROWS * max(1, -(-n_rows // (_CONVERTED_ROWS * _MAX_CONVERSIONS)))
+    step = _MIN_ROWS_PER_CONVERTED_PART * max(1, -(-n_rows // (_MIN_ROWS_PER_CONVERTED_PART * _MAX_CONVERTED_PARTS)))
     K_columns, total = index_set(K_rows, comm), None
     P_columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
     for begin in range(0, n_rows, step):
@@ -116,16 +116,16 @@ def destroy_objects(*objects: PETSc.Object) -> None:
         petsc_object.destroy()
 
 
-def collect_garbage(like: PETSc.Object) -> None:
+def collect_garbage(object_of_communicator: PETSc.Object) -> None:
     """Free unused PETSc objects of a communicator; collective.
 
     On several processes petsc4py defers the destruction of unused objects, since Python may drop
     them in a different order on each process.
 
     Args:
-        like: any object of the communicator.
+        object_of_communicator: any object of the communicator.
     """
-    PETSc.garbage_cleanup(like.comm)
+    PETSc.garbage_cleanup(object_of_communicator.comm)
 
 
 def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
@@ -144,22 +144,22 @@ def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Com
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
-def selection_matrix(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+def selection_matrix(free: Mask, row_layout: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
     """Return the identity matrix with the columns of free rows only.
 
     Args:
         free: mask (owned rows,) of the free rows.
-        rows: vector with the parallel layout of the rows.
+        row_layout: vector with the parallel layout of the rows.
         renumbered: whether columns of other rows are left out; otherwise these columns are zero.
     """
-    comm = rows.comm.tompi4py()
+    comm = row_layout.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
     number = np.cumsum(free) - 1 if renumbered else np.arange(count)
     column = np.where(free, comm.scan(count) - count + number, -1)
-    return single_entry_matrix(column, (rows.getSizes(), (count, PETSc.DETERMINE)), rows.comm)
+    return matrix_with_single_entry_rows(column, (row_layout.getSizes(), (count, PETSc.DETERMINE)), row_layout.comm)
 
 
-def python_matrix(
+def matrix_from_python_context(
     sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
 ) -> PETSc.Mat:
     matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
@@ -172,7 +172,7 @@ def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
 
     PETSc has more products for the AIJ format.
     """
-    if not is_blocked(matrix):
+    if not is_stored_in_blocks(matrix):
         return matrix
     return read_record(matrix).attach(matrix.convert("aij", PETSc.Mat()))
 
@@ -189,10 +189,10 @@ def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Ar
     """
     if isinstance(rows, np.ndarray) or rows.shape[1] <= _MAX_DENSE_MODES:
         return _dense_qr_triangle(rows, comm)
-    rows.data[np.abs(rows.data) < _MODE_ROUND_OFF] = 0.0
+    rows.data[np.abs(rows.data) < _ROUND_OFF_IN_UNIT_MODE] = 0.0
     rows.eliminate_zeros()
     rows = rows[np.diff(rows.indptr) > 0]
-    count, group = connected_components(
+    count, group = label_connected_components(
         sum(comm.allgather(abs(rows).T @ abs(rows))), directed=False
     )
     group_of_row = group[rows.indices[rows.indptr[:-1]]]
@@ -209,8 +209,8 @@ def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Ar
 
 def _dense_qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> Array:
     R = np.zeros((0, rows.shape[1]))
-    for begin in range(0, rows.shape[0], _DENSE_QR_ROWS):
-        dense = _to_dense(rows[begin : begin + _DENSE_QR_ROWS])
+    for begin in range(0, rows.shape[0], _MAX_ROWS_PER_DENSE_QR):
+        dense = _to_dense(rows[begin : begin + _MAX_ROWS_PER_DENSE_QR])
         R = np.asarray(np.linalg.qr(np.vstack([R, dense]), mode="r"))
     return np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
 
@@ -219,12 +219,12 @@ def _to_dense(rows: sp.csr_array | Array) -> Array:
     return rows if isinstance(rows, np.ndarray) else rows.toarray()
 
 
-def null_space(parts: Sequence[sp.csr_array | Array], tolerance: float) -> Array:
+def null_space_basis(parts: Sequence[sp.csr_array | Array], singular_value_tolerance: float) -> Array:
     """Return an orthonormal basis (k, modes) of the common null space of some matrices.
 
     Args:
         parts: matrices (n, modes), all dense or all sparse, whose entries are of the order of one.
-        tolerance: singular value, divided by the square root of the number of modes, below which it
+        singular_value_tolerance: singular value, divided by the square root of the number of modes, below which it
             counts as zero.
     """
     are_dense = isinstance(parts[0], np.ndarray)
@@ -236,29 +236,29 @@ def null_space(parts: Sequence[sp.csr_array | Array], tolerance: float) -> Array
         columns = _to_dense(rows if is_dense else rows[:, modes])
         padded = np.vstack([columns, np.zeros((len(modes), len(modes)))])
         _, values, vectors = np.linalg.svd(padded, full_matrices=False)
-        null_vectors = vectors[values < tolerance * np.sqrt(n)]
+        null_vectors = vectors[values < singular_value_tolerance * np.sqrt(n)]
         basis = np.zeros((len(null_vectors), n))
         basis[:, modes] = null_vectors
         bases.append(basis)
     return np.concatenate(bases)
 
 
-def group_connected_nodes(graph: npt.ArrayLike) -> list[Indices]:
+def group_connected_nodes(adjacency_matrix: npt.ArrayLike) -> list[Indices]:
     """Return the node numbers of each connected component of a graph.
 
     Args:
-        graph: adjacency matrix (nodes, nodes).
+        adjacency_matrix: adjacency matrix (nodes, nodes).
     """
-    count, component = connected_components(graph, directed=False)
+    count, component = label_connected_components(adjacency_matrix, directed=False)
     return [np.flatnonzero(component == k) for k in range(count)]
 
 
-def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
+def diagonal_blocks(matrix: PETSc.Mat, block_size: int) -> tuple[Indices, Array]:
     """Return the nodes (k,) that have a diagonal block, and these blocks (k, block, block).
 
     Args:
         matrix: square matrix.
-        block: number of unknowns of a node.
+        block_size: number of unknowns of a node.
 
     Returns:
         Local numbers of the nodes, and the blocks.
@@ -266,11 +266,11 @@ def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
     indptr, column, value = matrix.getValuesCSR()
     row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     column = column - matrix.getOwnershipRange()[0]
-    is_diagonal = (column // block == row // block) & (column >= 0)
+    is_diagonal = (column // block_size == row // block_size) & (column >= 0)
     row, column, value = row[is_diagonal], column[is_diagonal], value[is_diagonal]
-    nodes, index = np.unique(row // block, return_inverse=True)
-    blocks = np.zeros((len(nodes), block, block))
-    blocks[index, row % block, column % block] = value
+    nodes, index = np.unique(row // block_size, return_inverse=True)
+    blocks = np.zeros((len(nodes), block_size, block_size))
+    blocks[index, row % block_size, column % block_size] = value
     return nodes.astype(np.int64), blocks
 
 
@@ -292,7 +292,7 @@ class ConstraintProjection:
 
     Prescribed unknowns are always constrained. In addition, `constrain` sets constrained directions
     at some nodes. Each constrained direction has a stiffness, which is one for prescribed unknowns.
-    The method `add_constrained` multiplies by it.
+    The method `add_constrained_components_times_stiffness` multiplies by it.
 
     Args:
         free: mask (owned dofs,) of the unknowns that are not prescribed.
@@ -318,14 +318,14 @@ class ConstraintProjection:
         self._nodes, self._projectors, self._stiffnesses = nodes, projectors, stiffnesses[:, None]
         self._free_part = projectors * self._free[nodes][:, None, :]  # without prescribed unknowns
 
-    def remove_constrained(self, values: Array) -> None:
+    def zero_constrained_components(self, values: Array) -> None:
         """Set the constrained components of a vector (owned dofs,) to zero, in place."""
         values[self._prescribed] = 0.0
         if len(self._nodes):
             vectors = values.reshape(-1, self._block)
             vectors[self._nodes] -= np.einsum("nij,nj->ni", self._free_part, vectors[self._nodes])
 
-    def add_constrained(self, values: Array, source: Array) -> None:
+    def add_constrained_components_times_stiffness(self, values: Array, source: Array) -> None:
         """Add the constrained components of `source`, times their stiffness, to a vector.
 
         Args:
@@ -338,7 +338,7 @@ class ConstraintProjection:
             constrained = np.einsum("nij,nj->ni", self._free_part, sources[self._nodes])
             vectors[self._nodes] += self._stiffnesses * constrained
 
-    def constrained_blocks(
+    def constrained_nodes_and_projectors(
         self, extra_nodes: Sequence[int] | Indices = ()
     ) -> tuple[Indices, Array, Array]:
         """Return all nodes with a constraint, together with their projectors.
@@ -367,7 +367,7 @@ class ConstraintProjection:
             nodes: local numbers (k,) of the nodes in ascending order.
         """
         projectors = np.tile(np.eye(self._block), (len(nodes), 1, 1))
-        constrained, free, _ = self.constrained_blocks()
+        constrained, free, _ = self.constrained_nodes_and_projectors()
         is_asked = np.isin(constrained, nodes)
         projectors[np.searchsorted(nodes, constrained[is_asked])] = free[is_asked]
         return projectors
@@ -391,24 +391,24 @@ class ConstrainedOperator:
     springs: PETSc.Mat | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._apply("mult", x, y)
+        self._multiply_constrained("mult", x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._apply("multTranspose", x, y)
+        self._multiply_constrained("multTranspose", x, y)
 
-    def _apply(self, product: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def _multiply_constrained(self, method_name: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
         projected = self._work
         x.copy(projected)
-        self.projection.remove_constrained(projected.array)
+        self.projection.zero_constrained_components(projected.array)
         if self.scales is not None:
             projected.array *= self.scales.array_r
-        getattr(self.K, product)(projected, y)
+        getattr(self.K, method_name)(projected, y)
         if self.springs is not None:
-            getattr(self.springs, f"{product}Add")(projected, y, y)
-        self.projection.remove_constrained(y.array)
+            getattr(self.springs, f"{method_name}Add")(projected, y, y)
+        self.projection.zero_constrained_components(y.array)
         if self.scales is not None:
             y.array *= self.scales.array_r
-        self.projection.add_constrained(y.array, x.array_r)
+        self.projection.add_constrained_components_times_stiffness(y.array, x.array_r)
 
     @cached_property
     def _work(self) -> PETSc.Vec:

@@ -15,7 +15,7 @@ from dolfinx import fem, la
 from dolfinx.fem.petsc import interpolation_matrix
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import vector_sizes
+from pw_elements.checks import count_local_and_global_dofs
 from pw_elements.solvers.matrices import (
     ConstrainedOperator,
     ConstraintProjection,
@@ -27,20 +27,20 @@ from pw_elements.solvers.matrices import (
     diagonal_blocks,
     galerkin_product,
     index_set,
-    is_blocked,
-    python_matrix,
+    is_stored_in_blocks,
+    matrix_from_python_context,
 )
-from pw_elements.spaces import scalar_space
+from pw_elements.spaces import scalar_component_space
 
 # Fraction of the constrained nodes that has to change before a new coarse matrix is worthwhile; and
 # fraction from which on the aggregates of algebraic multigrid are chosen again
-_REBUILD_FRACTION = 0.1
-_REAGGREGATE_FRACTION = 0.5
+_CHANGED_NODE_FRACTION_TO_REBUILD_COARSE = 0.1
+_CHANGED_NODE_FRACTION_TO_REAGGREGATE = 0.5
 # Least change of a node's projector that counts as a change; if a node closes, it changes by one
-_PROJECTOR_CHANGE = 0.3
+_MIN_COUNTED_PROJECTOR_CHANGE = 0.3
 
 
-def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
+def linear_space_and_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
     """Return the space of linear functions on the same mesh, and their interpolation.
 
     Args:
@@ -58,7 +58,7 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     node = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     corner = [dofs[0] for dofs in space.element.basix_element.entity_dofs[0]]
     node[linear.dofmap.list] = cells[:, corner]
-    fine, coarse = (scalar_space(V) if block > 1 else V for V in (space, linear))
+    fine, coarse = (scalar_component_space(V) if block > 1 else V for V in (space, linear))
     scalar_P = interpolation_matrix(coarse, fine)
     scalar_P.assemble()
     indptr, indices, data = scalar_P.getValuesCSR()
@@ -67,27 +67,27 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     rows.eliminate_zeros()  # of vertices whose function is zero at the node
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
-    P = PETSc.Mat().createAIJ((vector_sizes(space), vector_sizes(linear)), csr=csr, comm=mesh.comm)
+    P = PETSc.Mat().createAIJ((count_local_and_global_dofs(space), count_local_and_global_dofs(linear)), csr=csr, comm=mesh.comm)
     destroy_objects(scalar_P)
     return linear, node[: index_map.size_local], P
 
 
-def rigid_body_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
+def rigid_body_null_space(linear_space: fem.FunctionSpace) -> PETSc.NullSpace | None:
     """Return the rigid motions of a space of linear displacements.
 
     The result is None for a field that is no displacement: it has constants in place of rigid
     motions.
     """
-    block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
+    block, dim = linear_space.dofmap.index_map_bs, linear_space.mesh.geometry.dim
     if block != dim or dim == 1:
         return None
-    sizes = vector_sizes(linear)
-    coordinates = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
-    coordinates.setArray(linear.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
+    sizes = count_local_and_global_dofs(linear_space)
+    coordinates = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear_space.mesh.comm)
+    coordinates.setArray(linear_space.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
     return PETSc.NullSpace().createRigidBody(coordinates)
 
 
-class LinearLevel:
+class LinearCoarseLevel:
     """Coarse level of multigrid, with the matrix of linear functions under constraints.
 
     Let P interpolate vertex values at all nodes. The projection Pi removes constrained components
@@ -106,7 +106,7 @@ class LinearLevel:
         space = supports.space
         self._K, self._fine, self._space = K, fine, space
         self._block = space.dofmap.index_map_bs
-        linear, self._vertex_node, self._P = linear_interpolation(space)
+        linear, self._vertex_node, self._P = linear_space_and_interpolation(space)
         free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
         self._coarse = ConstraintProjection(free, self._block)
         at_vertices, at_nodes = self._P.createVecs()
@@ -115,9 +115,9 @@ class LinearLevel:
         self._P.diagonalScale(at_nodes, at_vertices)
         self._near_null_space = rigid_body_null_space(linear)
         self._projected_P = _ProjectedInterpolation(self._P, fine, self._coarse)
-        self.interpolation = python_matrix(self._P.getSizes(), self._projected_P, K.comm)
+        self.interpolation = matrix_from_python_context(self._P.getSizes(), self._projected_P, K.comm)
         self.springs: PETSc.Mat | None = None
-        self._contact_rows: _ContactRows | None = None
+        self._contact_rows: _InterpolationNearContact | None = None
         self._matrix: PETSc.Mat | None = None
         self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
 
@@ -130,7 +130,7 @@ class LinearLevel:
             nodes: local numbers of the nodes.
         """
         if self._contact_rows is None:
-            self._contact_rows = _ContactRows(self._P, self._space, nodes)
+            self._contact_rows = _InterpolationNearContact(self._P, self._space, nodes)
             self._matrix = None
 
     def discard_matrix(self) -> None:
@@ -193,7 +193,7 @@ class LinearLevel:
 
 
 class _ProjectedInterpolation:
-    """Interpolation Pi P Pi_c of `LinearLevel`, as the Python context of a PETSc matrix.
+    """Interpolation Pi P Pi_c of `LinearCoarseLevel`, as the Python context of a PETSc matrix.
 
     Args:
         P: matrix (n, n_linear) that interpolates vertex values at all nodes.
@@ -209,9 +209,9 @@ class _ProjectedInterpolation:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         x.copy(self._coarse_work)
-        self._coarse.remove_constrained(self._coarse_work.array)
+        self._coarse.zero_constrained_components(self._coarse_work.array)
         self._P.mult(self._coarse_work, y)
-        self._fine.remove_constrained(y.array)
+        self._fine.zero_constrained_components(y.array)
 
     def multAdd(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec, z: PETSc.Vec) -> None:
         self.mult(_, x, self._fine_work)
@@ -219,12 +219,12 @@ class _ProjectedInterpolation:
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         x.copy(self._fine_work)
-        self._fine.remove_constrained(self._fine_work.array)
+        self._fine.zero_constrained_components(self._fine_work.array)
         self._P.multTranspose(self._fine_work, y)
-        self._coarse.remove_constrained(y.array)
+        self._coarse.zero_constrained_components(y.array)
 
 
-class _ContactRows:
+class _InterpolationNearContact:
     """Rows of the interpolation at k nodes near contact.
 
     Two nodes are neighbours if the linear function of one vertex is nonzero at both of them. The
@@ -268,7 +268,7 @@ class _ContactRows:
         destroy_objects(fine, coarse, rows, columns)
 
 
-class _NodeBlockInverse:
+class _NodeBlockJacobiSmoother:
     """Smoother that inverts the diagonal blocks of an operator, as the context of a `PETSc.PC`.
 
     The operator is Pi (K + B) Pi + (1 - Pi), with the projection Pi that removes constrained
@@ -281,7 +281,7 @@ class _NodeBlockInverse:
 
     def __init__(self, K: PETSc.Mat, block: int) -> None:
         self._K, self._block = K, block
-        is_finite = bool(np.isfinite(self._inverse_blocks()).all())
+        is_finite = bool(np.isfinite(self._inverse_diagonal_blocks()).all())
         if not K.comm.tompi4py().allreduce(is_finite, MPI.LAND):
             raise ValueError("a node has no stiffness")
         self._unconstrained = PETSc.PC().create(K.comm)
@@ -294,8 +294,8 @@ class _NodeBlockInverse:
     def update(self, projection: ConstraintProjection, springs: PETSc.Mat | None) -> None:
         """Recompute the inverse blocks at constrained nodes and at nodes with springs."""
         nodes, stiffness = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
-        self._nodes, free, weighted = projection.constrained_blocks(nodes)
-        blocks = np.linalg.inv(self._inverse_blocks()[self._nodes])
+        self._nodes, free, weighted = projection.constrained_nodes_and_projectors(nodes)
+        blocks = np.linalg.inv(self._inverse_diagonal_blocks()[self._nodes])
         blocks[np.searchsorted(self._nodes, nodes)] += stiffness
         self._constrained_inverse = np.asarray(np.linalg.inv(free @ blocks @ free + weighted))
 
@@ -305,7 +305,7 @@ class _NodeBlockInverse:
         image = np.einsum("nij,nj->ni", self._constrained_inverse, vectors)
         y.array.reshape(-1, self._block)[self._nodes] = image
 
-    def _inverse_blocks(self) -> Array:
+    def _inverse_diagonal_blocks(self) -> Array:
         """Return the inverse diagonal blocks (nodes, block, block) of K.
 
         The array is PETSc's memory and must not be changed.
@@ -333,13 +333,13 @@ class Multigrid:
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         self._block = supports.space.dofmap.index_map_bs
-        needs_copy = self._block > 1 and not is_blocked(K)
+        needs_copy = self._block > 1 and not is_stored_in_blocks(K)
         self.block_matrix = K.convert("baij", PETSc.Mat()) if needs_copy else K
         self._projection = ConstraintProjection(supports.free, self._block)
         self._constrained = ConstrainedOperator(self.block_matrix, self._projection)
-        self.operator = python_matrix(K.getSizes(), self._constrained, K.comm)
-        self._smoother = _NodeBlockInverse(self.block_matrix, self._block)
-        self._linear = LinearLevel(K, supports, self._projection)
+        self.operator = matrix_from_python_context(K.getSizes(), self._constrained, K.comm)
+        self._smoother = _NodeBlockJacobiSmoother(self.block_matrix, self._block)
+        self._linear = LinearCoarseLevel(K, supports, self._projection)
         self._smoother.update(self._projection, None)
         self._coarse_projectors: Array | None = None  # used in the coarse matrix
         self._aggregate_projectors: Array | None = None  # used to choose aggregates
@@ -377,7 +377,7 @@ class Multigrid:
         self._has_eigenvalues = False
         self._discard_coarse_matrix(with_aggregates=True)
 
-    def re_estimate_eigenvalues(self) -> None:
+    def re_estimate_smoother_eigenvalues(self) -> None:
         """Estimate the smoother's eigenvalues again, for the present constraints."""
         self._has_eigenvalues = False
         self.set_up_levels()
@@ -426,18 +426,18 @@ class Multigrid:
             self._coarse_projectors = self._aggregate_projectors = np.zeros_like(projectors)
         is_constrained = np.abs(projectors).max(axis=(1, 2), initial=0.0) > 0
         aggregates_differ, coarse_differs = (
-            np.abs(projectors - reference).max(axis=(1, 2), initial=0.0) > _PROJECTOR_CHANGE
+            np.abs(projectors - reference).max(axis=(1, 2), initial=0.0) > _MIN_COUNTED_PROJECTOR_CHANGE
             for reference in (self._aggregate_projectors, self._coarse_projectors)
         )
         counts = np.array([is_constrained.sum(), coarse_differs.sum(), aggregates_differ.sum()])
         self.block_matrix.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         self._smoother.update(self._projection, springs)
-        if is_first_call or counts[1] > _REBUILD_FRACTION * counts[0]:
+        if is_first_call or counts[1] > _CHANGED_NODE_FRACTION_TO_REBUILD_COARSE * counts[0]:
             self._coarse_projectors = projectors
             self._linear.springs = springs
             if springs is None:
                 self._linear.constrain(nodes, projectors, stiffnesses)
-            with_aggregates = is_first_call or counts[2] > _REAGGREGATE_FRACTION * counts[0]
+            with_aggregates = is_first_call or counts[2] > _CHANGED_NODE_FRACTION_TO_REAGGREGATE * counts[0]
             if with_aggregates:
                 self._aggregate_projectors = projectors
             self._discard_coarse_matrix(with_aggregates)

@@ -12,18 +12,18 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
-from pw_elements.checks import connected_components
-from pw_elements.solvers.matrices import Supports, null_space, qr_triangle
+from pw_elements.checks import label_connected_components
+from pw_elements.solvers.matrices import Supports, null_space_basis, qr_triangle
 
 # Force of one component on another, relative to the largest stiffness, above which it is more than
 # round-off
-_COUPLING_TOLERANCE = 1e-11
+_MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS = 1e-11
 # Stiffness of a rigid motion, relative to that of an arbitrary motion, below which it is free
 _FREE_STIFFNESS = 1e-8
 
 
 @dataclass(frozen=True)
-class RigidComponents:
+class ComponentRigidModes:
     """Connected components of a mesh, sorted by their centres, and rigid motions of their nodes.
 
     The k modes of a component are its translations and its rotations about its centre. Rotations
@@ -38,9 +38,9 @@ class RigidComponents:
     comm: MPI.Comm
 
     @classmethod
-    def from_space(cls, space: fem.FunctionSpace) -> "RigidComponents":
+    def from_space(cls, space: fem.FunctionSpace) -> "ComponentRigidModes":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        component, count = connected_components(comm, space.dofmap.index_map, space.dofmap.list)
+        component, count = label_connected_components(comm, space.dofmap.index_map, space.dofmap.list)
         owned = component[: space.dofmap.index_map.size_local]
 
         def sum_by_component(values: Array) -> Array:
@@ -63,32 +63,32 @@ class RigidComponents:
         order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
         return cls(np.argsort(order)[component], centre[order], length[order], modes, comm)
 
-    def mode_matrix(self, values: Array, n_other_modes: int = 0) -> sp.csr_array:
+    def matrix_with_mode_columns(self, values_in_modes: Array, n_empty_columns: int = 0) -> sp.csr_array:
         """Return a matrix with one column for each mode of each component.
 
         Args:
-            values: values (owned nodes, block, k) at each node in the k modes of its component.
-            n_other_modes: number of empty columns to append.
+            values_in_modes: values (owned nodes, block, k) at each node in the k modes of its component.
+            n_empty_columns: number of empty columns to append.
 
         Returns:
             Matrix (owned dofs, k components + n_other_modes).
         """
-        n, block, k = values.shape
+        n, block, k = values_in_modes.shape
         mode = np.broadcast_to(
-            self.component_of_node[:n, None, None] * k + np.arange(k), values.shape
+            self.component_of_node[:n, None, None] * k + np.arange(k), values_in_modes.shape
         )
-        nonzero = values != 0
+        nonzero = values_in_modes != 0
         pointers = np.append(0, np.cumsum(nonzero.sum(axis=2)))
-        shape = n * block, len(self.centre) * k + n_other_modes
-        return sp.csr_array((values[nonzero], mode[nonzero], pointers), shape)
+        shape = n * block, len(self.centre) * k + n_empty_columns
+        return sp.csr_array((values_in_modes[nonzero], mode[nonzero], pointers), shape)
 
     def resistance(
         self,
         K: PETSc.Mat,
         free: Mask,
-        rows: LocalIndices | None = None,
+        rows_in_K: LocalIndices | None = None,
         transposed: bool = False,
-        n_other_modes: int = 0,
+        n_empty_columns: int = 0,
     ) -> sp.csr_array:
         """Return a matrix that shows how supports and stiffness resist each rigid mode.
 
@@ -99,57 +99,57 @@ class RigidComponents:
         Args:
             K: stiffness (n, n).
             free: mask (owned dofs,) of the free displacements.
-            rows: local rows (owned dofs,) of the displacements in K; None if K has no other
+            rows_in_K: local rows (owned dofs,) of the displacements in K; None if K has no other
                 unknowns.
             transposed: whether to compute forces with the transpose of K.
-            n_other_modes: number of empty columns to append.
+            n_empty_columns: number of empty columns to append.
 
         Returns:
             Matrix (owned dofs, modes + n_other_modes).
         """
-        rows = np.arange(len(free), dtype=np.int32) if rows is None else rows
+        rows_in_K = np.arange(len(free), dtype=np.int32) if rows_in_K is None else rows_in_K
         multiply = K.multTranspose if transposed else K.mult
         free, diagonal = free.reshape(self.modes.shape[:2]), K.getDiagonal()
-        largest = np.abs(diagonal.array_r[rows]).max(initial=0.0)
+        largest = np.abs(diagonal.array_r[rows_in_K]).max(initial=0.0)
         stiffness = self.comm.allreduce(largest, MPI.MAX)
         motion, image = K.createVecs()
 
         def forces(displacement: Array) -> Array:
-            motion.array[rows] = np.where(free, displacement, 0.0).ravel()
+            motion.array[rows_in_K] = np.where(free, displacement, 0.0).ravel()
             multiply(motion, image)
-            return image.array_r[rows].reshape(free.shape)
+            return image.array_r[rows_in_K].reshape(free.shape)
 
         def resist(modes: Array) -> Array:
             columns = [np.where(free, forces(u) / stiffness, u) for u in np.moveaxis(modes, 2, 0)]
             return np.stack(columns, axis=2)
 
         if not self._has_coupled_components(forces, stiffness):
-            return self.mode_matrix(resist(self.modes), n_other_modes)
+            return self.matrix_with_mode_columns(resist(self.modes), n_empty_columns)
         component = self.component_of_node[: len(free), None, None]
-        shape = len(rows), self.modes.shape[2]
+        shape = len(rows_in_K), self.modes.shape[2]
         columns = [
             sp.csr_array(resist(np.where(component == k, self.modes, 0.0)).reshape(shape))
             for k in range(len(self.centre))
         ]
-        return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows), n_other_modes))]))
+        return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows_in_K), n_empty_columns))]))
 
-    def _has_coupled_components(self, forces: Callable[[Array], Array], stiffness: float) -> bool:
+    def _has_coupled_components(self, compute_forces: Callable[[Array], Array], max_stiffness: float) -> bool:
         """Return whether components exert forces on each other, for example through springs.
 
         The forces of such components cannot be computed for all components in one product with the
         stiffness.
 
         Args:
-            forces: function that returns the forces of displacements (owned nodes, block).
-            stiffness: largest diagonal entry of the stiffness.
+            compute_forces: function that returns the forces of displacements (owned nodes, block).
+            max_stiffness: largest diagonal entry of the stiffness.
         """
         if len(self.centre) == 1:
             return False
         nodes, block, _ = self.modes.shape
         arbitrary = 1.0 + np.cos(np.arange(nodes * block)).reshape(nodes, block)
         weight = 1.0 + np.cos(self.component_of_node[:nodes, None])
-        coupling = np.abs(forces(weight * arbitrary) - weight * forces(arbitrary)).max(initial=0.0)
-        return bool(self.comm.allreduce(coupling, MPI.MAX) > _COUPLING_TOLERANCE * stiffness)
+        coupling = np.abs(compute_forces(weight * arbitrary) - weight * compute_forces(arbitrary)).max(initial=0.0)
+        return bool(self.comm.allreduce(coupling, MPI.MAX) > _MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS * max_stiffness)
 
 
 def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
@@ -161,6 +161,6 @@ def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
         K: stiffness (n, n) without supports.
         supports: free unknowns of the space.
     """
-    components = RigidComponents.from_space(supports.space)
+    components = ComponentRigidModes.from_space(supports.space)
     resistance = qr_triangle(components.resistance(K, supports.free), components.comm)
-    return len(null_space([resistance], _FREE_STIFFNESS)) > 0
+    return len(null_space_basis([resistance], _FREE_STIFFNESS)) > 0

@@ -1,10 +1,10 @@
 """Finite elements, function spaces, selected parts of bodies, quadrature and assembly."""
 
 from pw_elements.spaces.assembly import (
-    STRESS_STATE_KEY,
+    STRESS_STATE_METADATA_KEY,
     AssemblyRecord,
-    add_estimated_degrees,
-    add_sub_cell_rules,
+    add_estimated_quadrature_degrees,
+    add_sub_cell_quadrature_rules,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
@@ -12,21 +12,21 @@ from pw_elements.spaces.assembly import (
     compile_form,
     read_record,
 )
-from pw_elements.spaces.elements import macro_element, quadratic_element
+from pw_elements.spaces.elements import piecewise_linear_element, quadratic_element
 from pw_elements.spaces.hybrid import (
-    PRESSURE_MODE_TOLERANCE,
+    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
     SubSpace,
-    equilibration_scale,
-    has_split_pressure,
+    pressure_equilibration_scales,
+    has_discontinuous_pressure,
     is_hybrid,
     list_fields,
-    tie_pressures,
+    pressure_continuity_matrix,
 )
 from pw_elements.spaces.parts import (
     Marker,
     Part,
     evaluate_marker,
-    local_numbers,
+    selected_local_numbers,
     locate_exterior_facets,
     locate_nodes,
     piecewise_constants_by_tag,
@@ -35,9 +35,9 @@ from pw_elements.spaces.parts import (
 from pw_elements.spaces.spaces import (
     Spaces,
     as_function,
-    check_part_tags,
-    gather_from_owners,
-    scalar_space,
+    check_part_tags_type,
+    gather_nodal_values,
+    scalar_component_space,
     split,
     test_space,
 )

@@ -34,12 +34,12 @@ from ufl.classes import Grad
 from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_same_arguments
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes
 from pw_elements.progress import report_activity
-from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
+from pw_elements.spaces.elements import TwelveCellTetrahedron, tetrahedron_twelve_cell_quadrature, tetrahedron_vertex_quadrature
 
 # Key under which the metadata of a body's integrals store the state of stress
-STRESS_STATE_KEY = "stress_state"
+STRESS_STATE_METADATA_KEY = "stress_state"
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
@@ -63,9 +63,9 @@ class AssemblyRecord:
     lumped: bool = False
 
     @classmethod
-    def from_form(cls, compiled: fem.Form, form: ufl.Form) -> "AssemblyRecord":
-        stress_states = {part.metadata().get(STRESS_STATE_KEY) for part in form.integrals()}
-        return cls(compiled, stress_states=frozenset(stress_states - {None}))
+    def from_form(cls, compiled_form: fem.Form, form: ufl.Form) -> "AssemblyRecord":
+        stress_states = {part.metadata().get(STRESS_STATE_METADATA_KEY) for part in form.integrals()}
+        return cls(compiled_form, stress_states=frozenset(stress_states - {None}))
 
     def attach(self, tensor: T) -> T:
         """Attach the record, which contains the form, to a matrix or vector, and return it."""
@@ -91,7 +91,7 @@ def read_record(tensor: PETSc.Mat | PETSc.Vec) -> AssemblyRecord:
     return tensor.getAttr("assembled") or _EMPTY_RECORD
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Assemble the matrix of a bilinear form, without boundary conditions.
 
@@ -119,7 +119,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     return AssemblyRecord.from_form(compiled, form).attach(matrix)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Assemble the vector (n,) of a linear form, summed over all processes.
 
@@ -139,7 +139,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     return AssemblyRecord.from_form(compiled, form).attach(vector)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def assemble_scalar(form: ufl.Form) -> float:
     """Compute the value of a functional, such as an energy, summed over all processes.
 
@@ -159,13 +159,13 @@ def assemble_scalar(form: ufl.Form) -> float:
     return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
 
 
-def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
+def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
     """Check a form and compile it.
 
     Args:
         form: form to be compiled.
         rank: required number of test and trial functions of the form.
-        name: name of the assembled object, used in error messages, such as "a matrix".
+        result_name: name of the assembled object, used in error messages, such as "a matrix".
 
     Raises:
         TypeError: if `form` is not a UFL form.
@@ -180,10 +180,10 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
     if n_arguments != rank:
         needed = f"a {kinds[rank]} form" if rank else "a form without test functions"
         kind = kinds.get(n_arguments, n_arguments)
-        raise ValueError(f"{name} needs {needed}; this one is {kind}")
+        raise ValueError(f"{result_name} needs {needed}; this one is {kind}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
-        arguments.check_space(space, "the space of a form's argument")
+        arguments.check_function_space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
     meshes = [space.mesh for space in (*spaces, *(f.function_space for f in functions))]
     domains = form.ufl_domains()
@@ -199,9 +199,9 @@ def compile_form(form: ufl.Form, rank: int, name: str) -> fem.Form:
                 "assemble a form of each and add the results"
             )
     plain = _replace_metadata(
-        form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_KEY}
+        form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_METADATA_KEY}
     )
-    with_rules = add_sub_cell_rules(plain)
+    with_rules = add_sub_cell_quadrature_rules(plain)
     try:
         with report_activity(mesh.comm, "compiling a form"):
             return fem.form(with_rules)
@@ -221,20 +221,20 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
         space: the test space.
         degree: degree up to which polynomials are integrated exactly on each sub-cell.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     arguments.check_integer("degree", degree, 0)
     metadata: dict[str, Any] = {"quadrature_degree": degree}
-    if _tetrahedral_macro_elements(space.ufl_element()):
-        metadata |= _custom_rule(*twelve_cell_rule(degree))
+    if _find_piecewise_linear_tetrahedra(space.ufl_element()):
+        metadata |= _custom_quadrature_metadata(*tetrahedron_twelve_cell_quadrature(degree))
     return ufl.Measure("dx", domain=space.mesh, metadata=metadata)
 
 
-def add_sub_cell_rules(form: ufl.Form) -> ufl.Form:
+def add_sub_cell_quadrature_rules(form: ufl.Form) -> ufl.Form:
     """Return a form with quadrature points on sub-cells of tetrahedra where integrals need them."""
-    return _replace_metadata(form, _sub_cell_metadata)
+    return _replace_metadata(form, _metadata_with_sub_cell_rule)
 
 
-def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
+def add_estimated_quadrature_degrees(form: ufl.Form) -> ufl.Form:
     """Return a form in which all measures have a quadrature degree.
 
     A measure without a degree gets the degree that UFL estimates. A derivative of the returned form
@@ -246,22 +246,22 @@ def add_estimated_degrees(form: ufl.Form) -> ufl.Form:
         metadata: dict[str, Any] = part.metadata()
         if metadata.keys() & {"quadrature_degree", "quadrature_rule"}:
             return metadata
-        return {**metadata, "quadrature_degree": _estimated_degree(part)}
+        return {**metadata, "quadrature_degree": _estimated_polynomial_degree(part)}
 
     return _replace_metadata(form, metadata_with_degree)
 
 
 def _replace_metadata(
-    form: ufl.Form, metadata: Callable[[ufl.Integral], dict[str, Any]]
+    form: ufl.Form, new_metadata: Callable[[ufl.Integral], dict[str, Any]]
 ) -> ufl.Form:
-    return ufl.Form([part.reconstruct(metadata=metadata(part)) for part in form.integrals()])
+    return ufl.Form([part.reconstruct(metadata=new_metadata(part)) for part in form.integrals()])
 
 
-def _sub_cell_metadata(integral: ufl.Integral) -> dict[str, Any]:
+def _metadata_with_sub_cell_rule(integral: ufl.Integral) -> dict[str, Any]:
     """Return the metadata of an integral, with a rule on sub-cells if its elements need one."""
     metadata: dict[str, Any] = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
-    has_sub_cells = any(map(_tetrahedral_macro_elements, extract_elements(integral)))
+    has_sub_cells = any(map(_find_piecewise_linear_tetrahedra, extract_elements(integral)))
     if integral.integral_type() != "cell" or rule == "custom" or not has_sub_cells:
         return metadata
     if rule != "default":
@@ -271,21 +271,21 @@ def _sub_cell_metadata(integral: ufl.Integral) -> dict[str, Any]:
         )
     degree = metadata.get("quadrature_degree", -1)
     if degree < 0:
-        degree = _estimated_degree(integral)
-    if degree == 1 and _has_only_slopes_of_weights(integral):
-        return {**metadata, **_custom_rule(*vertex_rule())}
-    return {**metadata, **_custom_rule(*twelve_cell_rule(degree))}
+        degree = _estimated_polynomial_degree(integral)
+    if degree == 1 and _is_exact_by_vertex_rule(integral):
+        return {**metadata, **_custom_quadrature_metadata(*tetrahedron_vertex_quadrature())}
+    return {**metadata, **_custom_quadrature_metadata(*tetrahedron_twelve_cell_quadrature(degree))}
 
 
-def _has_only_slopes_of_weights(integral: ufl.Integral) -> bool:
-    """Return whether `vertex_rule` integrates exactly.
+def _is_exact_by_vertex_rule(integral: ufl.Integral) -> bool:
+    """Return whether `tetrahedron_vertex_quadrature` integrates exactly.
 
     The integrand has to be a linear function times the slopes of a single weight function of
-    `TwelveCellElement`, which must not occur without derivative.
+    `TwelveCellTetrahedron`, which must not occur without derivative.
     """
     functions = [*extract_arguments(integral), *extract_coefficients(integral)]
-    weights = [f for f in functions if _tetrahedral_macro_elements(f.ufl_element())]
-    if len(weights) > 1 or _estimated_degree(integral) > 1:
+    weights = [f for f in functions if _find_piecewise_linear_tetrahedra(f.ufl_element())]
+    if len(weights) > 1 or _estimated_polynomial_degree(integral) > 1:
         return False
     nodes = (
         node
@@ -295,12 +295,12 @@ def _has_only_slopes_of_weights(integral: ufl.Integral) -> bool:
     underived = {
         operand for node in nodes if not isinstance(node, Grad) for operand in node.ufl_operands
     }
-    elements = _tetrahedral_macro_elements(weights[0].ufl_element())
-    are_means = all(isinstance(element, TwelveCellElement) for element in elements)
+    elements = _find_piecewise_linear_tetrahedra(weights[0].ufl_element())
+    are_means = all(isinstance(element, TwelveCellTetrahedron) for element in elements)
     return are_means and weights[0] not in underived
 
 
-def _estimated_degree(integral: ufl.Integral) -> int:
+def _estimated_polynomial_degree(integral: ufl.Integral) -> int:
     parts = _expand_for_ffcx(integral)
     return max(int(part.metadata()["estimated_polynomial_degree"]) for part in parts)
 
@@ -313,7 +313,7 @@ def _expand_for_ffcx(integral: ufl.Integral) -> list[ufl.Integral]:
     return [part for group in data.integral_data for part in group.integrals]
 
 
-def _custom_rule(points: Array, weights: Array) -> dict[str, Any]:
+def _custom_quadrature_metadata(points: Array, weights: Array) -> dict[str, Any]:
     return {  # tuples, because UFL abbreviates arrays in the signature of a form
         "quadrature_rule": "custom",
         "quadrature_points": tuple(tuple(map(float, x)) for x in points),
@@ -321,7 +321,7 @@ def _custom_rule(points: Array, weights: Array) -> dict[str, Any]:
     }
 
 
-def _tetrahedral_macro_elements(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
+def _find_piecewise_linear_tetrahedra(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
     """Return the piecewise-linear tetrahedral elements among an element and its sub-elements."""
     return [
         part

@@ -32,12 +32,12 @@ from pw_elements.arrays import Array, Mask
 
 _TETRAHEDRON = CellType.tetrahedron
 # Distance from a side, in the reference cell, below which a point counts as lying on the side
-_SIDE_TOLERANCE = 1e-10
+_REFERENCE_DISTANCE_ON_SIDE = 1e-10
 
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
-def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
+def tetrahedron_twelve_cell_quadrature(degree: int) -> tuple[Array, Array]:
     """Return quadrature points (12 n, 3) and weights (12 n,) on the reference tetrahedron.
 
     The rule has n points in the interior of each of the twelve sub-cells. Basix's default rules of
@@ -48,26 +48,26 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
         degree: degree up to which polynomials are integrated exactly on each sub-cell.
     """
     points, weights = basix.make_quadrature(_TETRAHEDRON, degree)
-    if not _is_inside(points).all():
+    if not _is_inside_reference_tetrahedron(points).all():
         scheme = QuadratureType.xiao_gimbutas
         points, weights = basix.make_quadrature(_TETRAHEDRON, degree, rule=scheme)
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
-    corners, _, _ = _twelve_cells()
+    corners, _, _ = _twelve_cell_geometry_and_weights()
     determinant = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     return (barycentric @ corners).reshape(-1, 3), np.outer(determinant, weights).ravel()
 
 
-def vertex_rule() -> tuple[Array, Array]:
+def tetrahedron_vertex_quadrature() -> tuple[Array, Array]:
     """Return the points (4, 3) and weights (4,) of the vertex rule on the reference tetrahedron.
 
     The rule is exact for linear functions times slopes of weight functions: at a vertex,
-    `TwelveCellElement` tabulates the mean slope, weighted with the linear function that is 1 at
+    `TwelveCellTetrahedron` tabulates the mean slope, weighted with the linear function that is 1 at
     this vertex and 0 at the others.
     """
     return basix.geometry(_TETRAHEDRON), np.full(4, 1 / 24)
 
 
-class TwelveCellElement(basix.ufl._BasixElement):
+class TwelveCellTetrahedron(basix.ufl._BasixElement):
     """Piecewise-linear element on tetrahedra: the mean of the elements of three cuts of the cell.
 
     Points of FFCx's own quadrature rules are refused, because these rules suit a single cut only.
@@ -77,7 +77,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
         return f"{super().__repr__()}, mean of the three cuts"
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, TwelveCellElement) and super().__eq__(other)
+        return isinstance(other, TwelveCellTetrahedron) and super().__eq__(other)
 
     def __hash__(self) -> int:
         return super().__hash__()
@@ -86,7 +86,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
         """Tabulate shape functions and their derivatives at points (n, 3).
 
         On a side between two sub-cells, the slope in one of them is tabulated. At the points of
-        `vertex_rule`, slopes are weighted means.
+        `tetrahedron_vertex_quadrature`, slopes are weighted means.
 
         Returns:
             Values and derivatives (derivatives, n, 10).
@@ -94,41 +94,41 @@ class TwelveCellElement(basix.ufl._BasixElement):
         Raises:
             ValueError: if the sub-cells do not contain equal numbers of quadrature points.
         """
-        _, inverse, nodal = _twelve_cells()
+        _, inverse, nodal = _twelve_cell_geometry_and_weights()
         barycentric = np.einsum(
             "cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points])
         )
         depth = barycentric.min(axis=2)
-        _check_points(nderivs, points, depth)
+        _refuse_unsuitable_quadrature_points(nderivs, points, depth)
         cell, point = depth.argmax(axis=0), np.arange(len(points))
         table = np.zeros((math.comb(nderivs + 3, 3), len(points), nodal.shape[2]))
         table[0] = np.einsum("qj,qjn->qn", barycentric[cell, point], nodal[cell])
         if nderivs > 0:
             slopes = np.einsum("cij,cjn->icn", inverse[:, 1:], nodal)
             table[1:4] = slopes[:, cell]
-            if np.array_equal(points, vertex_rule()[0]):
-                centres, volumes = twelve_cell_rule(1)
+            if np.array_equal(points, tetrahedron_vertex_quadrature()[0]):
+                centres, volumes = tetrahedron_twelve_cell_quadrature(1)
                 hats = 24 * volumes * np.vstack([1 - centres.sum(axis=1), centres.T])
                 table[1:4] = np.einsum("qc,icn->iqn", hats, slopes)
         return table
 
 
-def _check_points(nderivs: int, points: Array, depth: Array) -> None:
+def _refuse_unsuitable_quadrature_points(derivative_order: int, points: Array, least_barycentric: Array) -> None:
     """Raise ValueError for quadrature points that would integrate the element wrongly.
 
     Args:
-        nderivs: order of the derivatives to be tabulated.
+        derivative_order: order of the derivatives to be tabulated.
         points: quadrature points (n, 3).
-        depth: least barycentric coordinate (12, n) of each point with respect to each sub-cell.
+        least_barycentric: least barycentric coordinate (12, n) of each point with respect to each sub-cell.
     """
-    is_inside = _is_inside(points)
+    is_inside = _is_inside_reference_tetrahedron(points)
     # values may be tabulated at any points, for interpolation for example, except at the points of
     # FFCx's rules for the whole tetrahedron and for a single cut
-    rules = [] if nderivs else _ffcx_rules().get(len(points), [])
-    is_rule = any(np.allclose(points, rule, atol=_SIDE_TOLERANCE) for rule in rules)
-    if not (is_inside.any() if nderivs else is_rule):
+    rules = [] if derivative_order else _ffcx_tetrahedron_points_by_count().get(len(points), [])
+    is_rule = any(np.allclose(points, rule, atol=_REFERENCE_DISTANCE_ON_SIDE) for rule in rules)
+    if not (is_inside.any() if derivative_order else is_rule):
         return
-    is_in_cell = depth[:, is_inside] > _SIDE_TOLERANCE
+    is_in_cell = least_barycentric[:, is_inside] > _REFERENCE_DISTANCE_ON_SIDE
     counts = is_in_cell.sum(axis=1)
     if np.any(counts != counts[0]) or counts.sum() != is_inside.sum():
         raise ValueError(
@@ -139,13 +139,13 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
         )
 
 
-def _is_inside(points: Array) -> Mask:
+def _is_inside_reference_tetrahedron(points: Array) -> Mask:
     """Return whether points (n, 3) lie in the interior of the reference tetrahedron."""
-    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE
+    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _REFERENCE_DISTANCE_ON_SIDE
 
 
 @functools.cache
-def _ffcx_rules() -> dict[int, list[Array]]:
+def _ffcx_tetrahedron_points_by_count() -> dict[int, list[Array]]:
     """Return the points (n, 3) of FFCx's quadrature rules on tetrahedra, keyed by the value of n.
 
     They are the rules for the whole tetrahedron and for the tetrahedron with a single cut.
@@ -160,7 +160,7 @@ def _ffcx_rules() -> dict[int, list[Array]]:
 
 
 @functools.cache
-def _twelve_cells() -> tuple[Array, Array, Array]:
+def _twelve_cell_geometry_and_weights() -> tuple[Array, Array, Array]:
     """Return geometry and weight functions of the twelve sub-cells of the reference tetrahedron.
 
     Returns:
@@ -182,7 +182,7 @@ def _twelve_cells() -> tuple[Array, Array, Array]:
 
 
 @functools.cache
-def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+def piecewise_linear_element(cell: str, value_shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Create the element of piecewise-linear weight functions, Eq. (15) to Eq. (20).
 
     The functions are linear on the sub-cells that result from halving the edges of the cell; on
@@ -198,13 +198,13 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
 
     Args:
         cell: DOLFINx' name of the cell type, such as "triangle".
-        shape: shape of the function values, () or (d,).
+        value_shape: shape of the function values, () or (d,).
 
     Raises:
         ValueError: for any other cell than intervals, triangles, quadrilaterals, tetrahedra and
             hexahedra.
     """
-    kind = _cell_type(cell)
+    kind = _supported_cell_type(cell)
     quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
     # space of all functions that are linear on sub-cells
     space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M
@@ -213,20 +213,20 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
         kind, [], space, x, M, 0, identity, smooth, False, 1, 1, polyset_type=macro
     )
     if cell == "tetrahedron":
-        element = TwelveCellElement(element._element)
+        element = TwelveCellTetrahedron(element._quadratic_facet_element)
     elif cell != "triangle":
-        element = _HalvedTensorElement(element._element)
-    return basix.ufl.blocked_element(element, shape=shape) if shape else element
+        element = _TensorHatFunctionElement(element._quadratic_facet_element)
+    return basix.ufl.blocked_element(element, shape=value_shape) if value_shape else element
 
 
 @functools.cache
-def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+def quadratic_element(cell: str, value_shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Create the quadratic Lagrange element, whose functions are the paper's trial functions."""
-    _cell_type(cell)
-    return basix.ufl.element("Lagrange", cell, 2, shape=shape or None)
+    _supported_cell_type(cell)
+    return basix.ufl.element("Lagrange", cell, 2, shape=value_shape or None)
 
 
-class _HalvedTensorElement(basix.ufl._BasixElement):
+class _TensorHatFunctionElement(basix.ufl._BasixElement):
     """Macro element on intervals, quadrilaterals and hexahedra, with products of hat functions.
 
     FFCx tabulates through this class, because Basix 0.9 computes wrong derivatives of macro
@@ -241,7 +241,7 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Tabulate shape functions and derivatives (derivatives, n, nodes) at points (n, dim)."""
         dim = points.shape[1]
-        half_index = np.rint(2 * self._element.points).astype(int)  # 0, 1, 2: end, middle, end
+        half_index = np.rint(2 * self._quadratic_facet_element.points).astype(int)  # 0, 1, 2: end, middle, end
         is_upper = (points >= 0.5).astype(int)[:, None]
         # along each axis: hat functions of the ends and the middle, and their slopes in each half
         hats = np.maximum(1 - np.abs(2 * points[:, None] - half_index), 0.0)
@@ -255,7 +255,7 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
         return table
 
 
-def _cell_type(name: str) -> CellType:
+def _supported_cell_type(name: str) -> CellType:
     if name not in CELLS:
         raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
     return CellType[name]

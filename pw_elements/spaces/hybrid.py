@@ -16,27 +16,27 @@ import numpy as np
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-from pw_elements._compat import single_entry_matrix
+from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.checks import collective_errors, vector_sizes
+from pw_elements.checks import raise_errors_on_all_processes, count_local_and_global_dofs
 
 # Effect of a constant pressure, relative to the largest stiffness, below which it is round-off
-PRESSURE_MODE_TOLERANCE = 1e-10
+MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS = 1e-10
 
 
-def mixed_element(
-    displacement: basix.ufl._ElementBase, split: bool = False
+def displacement_pressure_element(
+    displacement_element: basix.ufl._ElementBase, discontinuous_pressure: bool = False
 ) -> basix.ufl._ElementBase:
     """Create the mixed element of a displacement element and a pressure of degree 1.
 
     Args:
-        displacement: vector element of the displacements.
-        split: whether the pressure is discontinuous between cells; `tie_pressures` makes such a
+        displacement_element: vector element of the displacements.
+        discontinuous_pressure: whether the pressure is discontinuous between cells; `pressure_continuity_matrix` makes such a
             pressure continuous within each part of a body.
     """
-    cell = displacement.cell_type.name
-    pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=split)
-    return basix.ufl.mixed_element([displacement, pressure])
+    cell = displacement_element.cell_type.name
+    pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=discontinuous_pressure)
+    return basix.ufl.displacement_pressure_element([displacement_element, pressure])
 
 
 def is_hybrid(space: fem.FunctionSpace) -> bool:
@@ -48,10 +48,10 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
     return len(vector) == 1 and scalar == ()
 
 
-def has_split_pressure(space: fem.FunctionSpace) -> bool:
+def has_discontinuous_pressure(space: fem.FunctionSpace) -> bool:
     """Return whether a space has a pressure that is discontinuous between cells.
 
-    `tie_pressures` makes such a pressure continuous within each part of a body.
+    `pressure_continuity_matrix` makes such a pressure continuous within each part of a body.
     """
     return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
@@ -79,25 +79,25 @@ class SubSpace:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         nodes = index_map.size_local + index_map.num_ghosts
         numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
-        return cls(space, numbers, vector_sizes(space))
+        return cls(space, numbers, count_local_and_global_dofs(space))
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
         return cls._from_field(space, 1)
 
     @classmethod
-    def _from_field(cls, space: fem.FunctionSpace, number: int) -> "SubSpace":
-        field = fem.functionspace(space.mesh, space.ufl_element().sub_elements[number])
+    def _from_field(cls, space: fem.FunctionSpace, field_number: int) -> "SubSpace":
+        field = fem.functionspace(space.mesh, space.ufl_element().sub_elements[field_number])
         index_map, block = field.dofmap.index_map, field.dofmap.index_map_bs
         unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
-        cells = space.sub(number).dofmap.list
+        cells = space.sub(field_number).dofmap.list
         unknowns[field.dofmap.list.ravel()] = cells.reshape(-1, block)
-        return cls(field, unknowns, vector_sizes(space))
+        return cls(field, unknowns, count_local_and_global_dofs(space))
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Local and global size of vectors of the field."""
-        return vector_sizes(self.space)
+        return count_local_and_global_dofs(self.space)
 
     @cached_property
     def is_whole_space(self) -> bool:
@@ -108,24 +108,24 @@ class SubSpace:
         """Unknowns (owned nodes, components) of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
-    def extract(self, values: PETSc.Vec) -> PETSc.Vec:
+    def extract(self, all_values: PETSc.Vec) -> PETSc.Vec:
         """Return the vector of the field's entries in a vector of all unknowns.
 
         Both vectors hold a reference to the space: copies of a PETSc vector need the communicator
         of the mesh, which must not be freed while they exist.
         """
-        part = values
+        part = all_values
         if not self.is_whole_space:
-            part = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
-            part.setArray(values.array_r[self.owned_unknowns.ravel()])
-        for vector in (values, part):
+            part = PETSc.Vec().createMPI(self.sizes, comm=all_values.comm)
+            part.setArray(all_values.array_r[self.owned_unknowns.ravel()])
+        for vector in (all_values, part):
             vector.setAttr("space", self.space)
         return part
 
-    def embed(self, values: Array) -> Array:
+    def embed(self, field_values: Array) -> Array:
         """Return a local array of all unknowns, with the field's values and zeros elsewhere."""
         full = np.zeros(self.full_sizes[0])
-        full[self.owned_unknowns.ravel()] = values
+        full[self.owned_unknowns.ravel()] = field_values
         return full
 
     def global_numbers(self) -> PETSc.IS:
@@ -141,10 +141,10 @@ class SubSpace:
         Its product with a vector of all unknowns is the vector that `extract` returns.
         """
         columns = self.global_numbers().getIndices()
-        return single_entry_matrix(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
+        return matrix_with_single_entry_rows(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
 
 
-def equilibration_scale(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
+def pressure_equilibration_scales(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
     """Return scales (n,) of the unknowns: 1 for displacements, a modulus for pressures.
 
     The modulus is the largest diagonal entry of the stiffness of displacements, divided by the norm
@@ -175,7 +175,7 @@ def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
 
-def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
+def pressure_continuity_matrix(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
     """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
 
     The columns belong to the free displacements, and to one pressure for each pair of a vertex and
@@ -192,7 +192,7 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     """
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         if parts is None:
             raise ValueError(
                 "the pressure of this space is split: Reduction.dirichlet needs both spaces, "
@@ -227,4 +227,4 @@ def tie_pressures(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) 
     column = np.full(len(free), -1, dtype=np.int64)
     column[free_displacements] = offset + np.arange(len(free_displacements))
     column[rows] = by_part[corners, part, 0].astype(np.int64)
-    return single_entry_matrix(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)
+    return matrix_with_single_entry_rows(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)

@@ -15,7 +15,7 @@ from pw_elements.checks import (
     arguments,
     call_user_function,
     check_same_function,
-    collective_errors,
+    raise_errors_on_all_processes,
 )
 from pw_elements.spaces.hybrid import SubSpace
 
@@ -29,7 +29,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
     """Evaluate a user's marker at points (3, n); return the mask (n,).
 
-    The function does not communicate; call it in a block of `collective_errors`.
+    The function does not communicate; call it in a block of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes. Error messages contain the rank of this process.
@@ -55,40 +55,40 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     )
 
 
-def local_numbers(comm: MPI.Comm, name: str, selection: Any, count: int) -> LocalIndices:  # noqa: ANN401
+def selected_local_numbers(comm: MPI.Comm, entity_name: str, selection: Any, n_entities: int) -> LocalIndices:  # noqa: ANN401
     """Return the distinct local numbers of the entities in a user's selection.
 
-    The function does not communicate; call it in a block of `collective_errors`.
+    The function does not communicate; call it in a block of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes. Error messages contain the rank of this process.
-        name: name of the entities, used in error messages.
+        entity_name: name of the entities, used in error messages.
         selection: local numbers (m,) of the selected entities, or a mask (count,) of all local
             entities.
-        count: number of local entities, including ghosts.
+        n_entities: number of local entities, including ghosts.
 
     Raises:
         TypeError: if the selection is of the type `MeshTags`.
         ValueError: if the selection is neither local numbers nor a mask of all local entities.
     """
     if isinstance(selection, MeshTags):
-        raise TypeError(f"{name} are tags: give the tagged ones, tags.find(value)")
+        raise TypeError(f"{entity_name} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(selection)
     if numbers.shape == (0,) and numbers.dtype != bool:  # NumPy turns an empty list into floats
         return np.zeros(0, dtype=np.int32)
-    available = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
+    available = f"of which process {comm.rank} has {n_entities}" if comm.size > 1 else f"{n_entities} in all"
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
         raise ValueError(
-            f"{name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
+            f"{entity_name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
             f"numbers (integers), or a mask of all of them, {available}"
         )
     if numbers.dtype == bool:
-        if len(numbers) != count:
-            raise ValueError(f"{name} are a mask of {len(numbers)}: it is one of all, {available}")
+        if len(numbers) != n_entities:
+            raise ValueError(f"{entity_name} are a mask of {len(numbers)}: it is one of all, {available}")
         return np.flatnonzero(numbers).astype(np.int32)
-    if numbers.min() < 0 or numbers.max() >= count:
+    if numbers.min() < 0 or numbers.max() >= n_entities:
         raise ValueError(
-            f"{name} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
+            f"{entity_name} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
             f"counted from 0, {available}"
         )
     return np.unique(numbers).astype(np.int32)
@@ -106,18 +106,18 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndic
         where: marker, local numbers or mask of the nodes.
     """
     recorder = _MarkerRecorder(space.mesh.comm, f"the marker of {name}", where)
-    with collective_errors(space.mesh.comm):
-        nodes = _locate_local_nodes(space, name, where, recorder)
-    recorder.compare_processes()
+    with raise_errors_on_all_processes(space.mesh.comm):
+        nodes = _locate_nodes_without_communication(space, name, where, recorder)
+    recorder.check_same_on_all_processes()
     return nodes
 
 
-def _locate_local_nodes(
+def _locate_nodes_without_communication(
     space: fem.FunctionSpace, name: str, where: Part, recorder: "_MarkerRecorder"
 ) -> LocalIndices:
     """Return the local numbers of the nodes in a part without communication.
 
-    Call it in a block of `collective_errors`.
+    Call it in a block of `raise_errors_on_all_processes`.
     """
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
@@ -126,7 +126,7 @@ def _locate_local_nodes(
     is_node_mask = np.asarray(where).dtype == bool and len(np.asarray(where)) == len(x)
     selects_nodes = field.is_whole_space or is_node_mask
     count = len(x) if selects_nodes else index_map.size_local + index_map.num_ghosts
-    numbers = local_numbers(comm, f"the nodes of {name}", where, count)
+    numbers = selected_local_numbers(comm, f"the nodes of {name}", where, count)
     if selects_nodes:
         return numbers
     is_selected = np.isin(field.unknowns, numbers)
@@ -168,19 +168,19 @@ def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) 
     topology.create_connectivity(topology.dim, dimension)
     index_map = topology.index_map(dimension)
     recorder = _MarkerRecorder(mesh.comm, "the marker of the boundary", where)
-    with collective_errors(mesh.comm):
+    with raise_errors_on_all_processes(mesh.comm):
         if recorder.is_marker:
             facets: LocalIndices = locate_entities_boundary(mesh, dimension, recorder.evaluate)
         else:
             count = index_map.size_local + index_map.num_ghosts
-            selected = local_numbers(mesh.comm, "facets", where, count)
+            selected = selected_local_numbers(mesh.comm, "facets", where, count)
             facets = np.intersect1d(selected, exterior_facet_indices(topology))
             if not skip_interior and np.sum(selected < index_map.size_local) > len(facets):
                 raise ValueError(
                     "the prescribed part has facets within the body: numbers are those of facets "
                     "of its boundary, tags.find(value); for nodes there is fem.dirichletbc"
                 )
-    recorder.compare_processes()
+    recorder.check_same_on_all_processes()
     return facets
 
 
@@ -206,7 +206,7 @@ class _MarkerRecorder:
         self._marks.append(marks)
         return marks
 
-    def compare_processes(self) -> None:
+    def check_same_on_all_processes(self) -> None:
         """Raise ValueError if the processes have different markers; collective.
 
         Nothing is compared if a process has local numbers or a mask instead of a marker.
@@ -243,7 +243,7 @@ def piecewise_constants_by_tag(
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         arguments.check_type(
             "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"
         )

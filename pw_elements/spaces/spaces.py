@@ -17,12 +17,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
-from pw_elements.spaces.elements import macro_element, quadratic_element
-from pw_elements.spaces.hybrid import SubSpace, has_split_pressure, is_hybrid, mixed_element
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.spaces.elements import piecewise_linear_element, quadratic_element
+from pw_elements.spaces.hybrid import SubSpace, has_discontinuous_pressure, is_hybrid, displacement_pressure_element
 
 
-class NumberingError(RuntimeError):
+class DifferentNodeNumbering(RuntimeError):
     """The trial space and the test space number their nodes differently."""
 
 
@@ -41,25 +41,25 @@ class Spaces:
             different tags.
 
     Raises:
-        NumberingError: if the two spaces number their nodes differently.
+        DifferentNodeNumbering: if the two spaces number their nodes differently.
     """
 
     trial: fem.FunctionSpace
     test: fem.FunctionSpace
     parts: MeshTags | None = None
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def __post_init__(self) -> None:
-        arguments.check_space(self.trial, "the trial space")
-        arguments.check_space(self.test, "the test space")
-        with collective_errors(self.trial.mesh.comm):
-            check_part_tags(self.parts)
+        arguments.check_function_space(self.trial, "the trial space")
+        arguments.check_function_space(self.test, "the test space")
+        with raise_errors_on_all_processes(self.trial.mesh.comm):
+            check_part_tags_type(self.parts)
             if self.parts and self.parts.topology != self.mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
         _check_same_numbering(self.trial, self.test)
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Create spaces of quadratic trial and piecewise-linear test functions, as in the paper.
 
@@ -68,11 +68,11 @@ class Spaces:
             components: number of components of a vector field, or 0 for a scalar field; by default
                 the dimension of the mesh.
         """
-        trial = fem.functionspace(mesh, _trial_element(mesh, components))
+        trial = fem.functionspace(mesh, _quadratic_trial_element(mesh, components))
         return cls(trial, test_space(trial))
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Create spaces of the standard element: quadratic functions for both trial and test.
 
@@ -83,11 +83,11 @@ class Spaces:
             components: number of components of a vector field, or 0 for a scalar field; by default
                 the dimension of the mesh.
         """
-        trial = fem.functionspace(mesh, _trial_element(mesh, components))
+        trial = fem.functionspace(mesh, _quadratic_trial_element(mesh, components))
         return cls(trial, trial)
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Create spaces of displacements and a pressure, for nearly incompressible bodies.
 
@@ -103,7 +103,7 @@ class Spaces:
                 within each part. Without `parts`, results are wrong by ten per cent and more
                 where different materials meet.
         """
-        element = mixed_element(_trial_element(mesh), split=parts is not None)
+        element = displacement_pressure_element(_quadratic_trial_element(mesh), discontinuous_pressure=parts is not None)
         trial = fem.functionspace(mesh, element)
         return cls(trial, test_space(trial), parts)
 
@@ -128,12 +128,12 @@ class Spaces:
         return is_hybrid(self.trial)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Create the piecewise-linear test space of a quadratic Lagrange space.
 
     Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
-    assembled matrix then belongs to the same node as column i. For tetrahedra see `macro_element`.
+    assembled matrix then belongs to the same node as column i. For tetrahedra see `piecewise_linear_element`.
     For a mixed space of displacements and a pressure (Taylor and Hood's), only the displacements
     get piecewise-linear test functions.
 
@@ -143,18 +143,18 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 
     Raises:
         ValueError: if `trial` is any other space.
-        NumberingError: if DOLFINx numbers the two spaces differently.
+        DifferentNodeNumbering: if DOLFINx numbers the two spaces differently.
     """
-    arguments.check_space(trial, "the trial space")
+    arguments.check_function_space(trial, "the trial space")
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
     element = trial.ufl_element()
     hybrid = is_hybrid(trial)
     shape = tuple((element.sub_elements[0] if hybrid else element).reference_value_shape)
-    quadratic, weights = quadratic_element(cell, shape), macro_element(cell, shape)
+    quadratic, weights = quadratic_element(cell, shape), piecewise_linear_element(cell, shape)
     if hybrid:
-        split = has_split_pressure(trial)
-        quadratic, weights = (mixed_element(vector, split) for vector in (quadratic, weights))
+        split = has_discontinuous_pressure(trial)
+        quadratic, weights = (displacement_pressure_element(vector, split) for vector in (quadratic, weights))
     if element != quadratic:
         raise ValueError(
             f"the trial space has the element {element}; piecewise-linear test functions go with "
@@ -168,7 +168,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # pytest would collect it as a test
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def as_function(
     space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f", out: fem.Function | None = None
 ) -> fem.Function:
@@ -188,8 +188,8 @@ def as_function(
         TypeError: for arguments of the wrong type.
         ValueError: if the vector or the function `out` does not belong to the space.
     """
-    arguments.check_space(space)
-    with collective_errors(space.mesh.comm):
+    arguments.check_function_space(space)
+    with raise_errors_on_all_processes(space.mesh.comm):
         arguments.check_type("name", name, str, "it has to be a string")
         arguments.check_petsc_vector("the vector", values, "the space", space)
         if out is not None:
@@ -202,7 +202,7 @@ def as_function(
     return function
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def split(
     space: fem.FunctionSpace,
     values: PETSc.Vec | Any,  # noqa: ANN401
@@ -222,7 +222,7 @@ def split(
         TypeError: for arguments of the wrong type.
         ValueError: if the space is not hybrid, or the vector does not belong to it.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     if not is_hybrid(space):
         raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
@@ -241,40 +241,40 @@ def split(
     return functions[0], functions[1]
 
 
-def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+def scalar_component_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     """Create the scalar space of one component of a vector space, with the same node numbers."""
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
     _check_same_numbering(space, scalars, compare_components=False)
     return scalars
 
 
-def gather_from_owners(
-    space: fem.FunctionSpace, nodes: npt.NDArray[np.int64], values: npt.NDArray
+def gather_nodal_values(
+    space: fem.FunctionSpace, global_nodes: npt.NDArray[np.int64], owned_values: npt.NDArray
 ) -> npt.NDArray:
     """Gather nodal values from the processes that own the nodes; collective.
 
     Args:
         space: space of the nodes.
-        nodes: global numbers (k,) of the nodes, the same on all processes.
-        values: values (owned nodes, ...) at the nodes that this process owns.
+        global_nodes: global numbers (k,) of the nodes, the same on all processes.
+        owned_values: values (owned nodes, ...) at the nodes that this process owns.
 
     Returns:
         Values (k, ...) at the given nodes, the same on all processes.
     """
-    local = nodes - space.dofmap.index_map.local_range[0]
-    is_owned = (local >= 0) & (local < len(values))
-    gathered = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
-    gathered[is_owned] = values[local[is_owned]]
+    local = global_nodes - space.dofmap.index_map.local_range[0]
+    is_owned = (local >= 0) & (local < len(owned_values))
+    gathered = np.zeros((len(global_nodes), *owned_values.shape[1:]), dtype=owned_values.dtype)
+    gathered[is_owned] = owned_values[local[is_owned]]
     space.mesh.comm.Allreduce(MPI.IN_PLACE, gathered, MPI.SUM)
     return gathered
 
 
-def check_part_tags(parts: object) -> None:
+def check_part_tags_type(parts: object) -> None:
     arguments.check_type("parts", parts, MeshTags | None, "dolfinx.mesh.meshtags makes them")
 
 
-def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
-    arguments.check_mesh_type(mesh)
+def _quadratic_trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
+    arguments.check_double_precision_mesh(mesh)
     components = mesh.geometry.dim if components is None else components
     count = arguments.check_integer("components", components, 0)
     return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
@@ -283,7 +283,7 @@ def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._Elem
 def _check_same_numbering(
     trial: fem.FunctionSpace, test: fem.FunctionSpace, compare_components: bool = True
 ) -> None:
-    """Raise NumberingError unless both spaces number their nodes alike.
+    """Raise DifferentNodeNumbering unless both spaces number their nodes alike.
 
     DOLFINx does not guarantee equal numbering, so the library checks all its spaces.
 
@@ -300,7 +300,7 @@ def _check_same_numbering(
         and np.array_equal(a.index_map.ghosts, b.index_map.ghosts)
     )
     if not trial.mesh.comm.allreduce(same, MPI.LAND):
-        raise NumberingError(
+        raise DifferentNodeNumbering(
             "trial and test space number their nodes differently, so nodal equations would be "
             "mixed up: build both on one mesh object, the test space by test_space(trial)"
         )

@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements import Spaces
-from pw_elements.spaces import macro_element, quadratic_element
+from pw_elements.spaces import piecewise_linear_element, quadratic_element
 
 # Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
 PAPER_NODES = [0, 1, 2, 5, 3, 4]
@@ -54,19 +54,19 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
     """
-    return _blocked(basix.ufl._BasixElement(macro_element("tetrahedron")._element), shape)
+    return _blocked(basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._quadratic_facet_element), shape)
 
 
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Composite triangle: four linear triangles with one linear gradient over all of them.
 
-    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets the
+    Values are those of `piecewise_linear_element("triangle")`. Wherever a form takes a gradient, it gets the
     L2 projection of the piecewise constant one onto linear functions of the macro triangle: with a
     constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A. Repetto,
     "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
     strains. Projecting on the reference triangle is right for straight sides.
     """
-    return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
+    return _blocked(_AssumedGradientElement(piecewise_linear_element("triangle")._quadratic_facet_element), shape)
 
 
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:

@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh, create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
-from pw_elements.spaces import macro_element, quadratic_element
+from pw_elements.spaces import piecewise_linear_element, quadratic_element
 from study.model.elements import PAPER_NODES
 from study.model.matrices import dense, relative_difference
 from study.model.units import dimensionless
@@ -116,8 +116,8 @@ def weight_functions() -> Result:
     Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, `grid` (n, 2) with the
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
     """
-    element = macro_element("triangle")
-    nodes = element._element.points[PAPER_NODES]  # in the paper's order
+    element = piecewise_linear_element("triangle")
+    nodes = element._quadratic_facet_element.points[PAPER_NODES]  # in the paper's order
 
     random = np.random.default_rng(SEED)
     barycentric = random.dirichlet(np.ones(3), RANDOM_POINTS)
@@ -271,8 +271,8 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
     )
     jacobian = np.array([nodes[1] - nodes[0], nodes[2] - nodes[0]])  # rows: d(x, y)/d(xi), d(eta)
     to_physical = np.linalg.inv(jacobian)
-    shapes, weights = quadratic_element("triangle"), macro_element("triangle")
-    reference_nodes = weights._element.points[PAPER_NODES]
+    shapes, weights = quadratic_element("triangle"), piecewise_linear_element("triangle")
+    reference_nodes = weights._quadratic_facet_element.points[PAPER_NODES]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:
         centroid = reference_nodes[subelement].mean(axis=0, keepdims=True)

@@ -28,22 +28,22 @@ from study.model.elements import serendipity
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
-def on_plane(axis, value):
+def on_plane(axis, coordinate):
     """Return a function that marks the points (dim, n) with x[axis] = value."""
-    return lambda x: np.isclose(x[axis], value)
+    return lambda x: np.isclose(x[axis], coordinate)
 
 
-def skew_columns(x, amplitude=0.1):
+def make_x_spacing_unequal(points, amplitude=0.1):
     """Return points (n, 3) after a map that makes their spacing along x unequal."""
-    return np.column_stack([x[:, 0] + amplitude * np.sin(3 * x[:, 0]), x[:, 1:]])
+    return np.column_stack([points[:, 0] + amplitude * np.sin(3 * points[:, 0]), points[:, 1:]])
 
 
-def rotation_matrix(angle):
-    c, s = np.cos(angle), np.sin(angle)
+def rotation_matrix(radians):
+    c, s = np.cos(radians), np.sin(radians)
     return np.array([[c, -s], [s, c]])
 
 
-def states_with_substates(states):
+def list_states_and_substates(states):
     """Return all states, each one preceded by the substeps of its increment."""
     return [
         accepted
@@ -52,16 +52,16 @@ def states_with_substates(states):
     ]
 
 
-def neo_hookean_stress(F, shear=1.0, lame=1.5):
+def neo_hookean_piola_stress(F, shear_modulus=1.0, lame_lambda=1.5):
     """Return the first Piola stress of a compressible neo-Hookean material.
 
-    F is the deformation gradient, `shear` the shear modulus, and `lame` Lame's constant lambda.
+    F is the deformation gradient, `shear_modulus` the shear modulus, and `lame_lambda` Lame's constant lambda.
     """
     inverse_transpose = ufl.inv(F).T
-    return shear * (F - inverse_transpose) + lame * ufl.ln(ufl.det(F)) * inverse_transpose
+    return shear_modulus * (F - inverse_transpose) + lame_lambda * ufl.ln(ufl.det(F)) * inverse_transpose
 
 
-def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compressibility=0.0):
+def make_finite_strain_unknown_and_residual(spaces, piola_stress=neo_hookean_piola_stress, quadrature_degree=4, compressibility=0.0):
     """Return the unknown function and the residual form of a finite-strain body without loads.
 
     The unknowns of a hybrid space are the displacement u and the pressure p. With J the determinant
@@ -71,9 +71,9 @@ def finite_strain_residual(spaces, stress=neo_hookean_stress, degree=4, compress
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, inverse_transpose = ufl.det(F), ufl.inv(F).T
-    density = ufl.inner(F - (1 + p * J) * inverse_transpose if hybrid else stress(F), ufl.grad(v))
+    density = ufl.inner(F - (1 + p * J) * inverse_transpose if hybrid else piola_stress(F), ufl.grad(v))
     density -= q * (J - 1 + compressibility * p) if hybrid else 0
-    return w, density * ufl.dx(metadata={"quadrature_degree": degree})
+    return w, density * ufl.dx(metadata={"quadrature_degree": quadrature_degree})
 
 
 class ElasticBody:
@@ -104,8 +104,8 @@ class ElasticBody:
     def zero_load(self):
         return self.K.createVecLeft()
 
-    def body_force_load(self, force):
-        return assemble_vector(self.body.body_load(force))
+    def body_force_load(self, force_per_volume):
+        return assemble_vector(self.body.body_load(force_per_volume))
 
     def initial_stress_matrix(self, load, supports, form="G"):
         """Assemble the initial stress matrix of the stresses that a load causes."""
@@ -120,9 +120,9 @@ class ElasticBody:
         """Return the supports given by conditions (component, marker[, value])."""
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
-    def clamp(self, where, value=0.0):
+    def clamp(self, where, displacement=0.0):
         """Return supports that prescribe all displacement components at the marked nodes."""
-        return self.make_supports(*((i, where, value) for i in range(self.dim)))
+        return self.make_supports(*((i, where, displacement) for i in range(self.dim)))
 
     def solve_contact(self, pairs, supports=None, loads=None, **options):
         """Return the states at the ends of all increments.
@@ -149,10 +149,10 @@ class BlockOnFloor(ElasticBody):
         self.no_supports = self.make_supports()
         self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
-    def pull_loads(self, traction, increments=10):
+    def press_then_pull_loads(self, pull_traction, n_pull_increments=10):
         """Return the load vectors of a pressure, then with a traction in equal increments."""
-        pull = self.traction_load((traction, 0.0), on_plane(0, 4.0))
-        load_factors = [k / increments for k in range(1, increments + 1)]
+        pull = self.traction_load((pull_traction, 0.0), on_plane(0, 4.0))
+        load_factors = [k / n_pull_increments for k in range(1, n_pull_increments + 1)]
         return [
             self.pressure_load,
             *(self.pressure_load + load_factor * pull for load_factor in load_factors),
@@ -167,9 +167,9 @@ class BlockOnFloor(ElasticBody):
             lambda x: np.where((x[0] > end) & (x[0] < 4 - end), mu, 0.0),
         )
 
-    def solve(self, mu, traction, increments=10, **pair):
-        loads = self.pull_loads(traction, increments)
-        return self.solve_contact(self.floor_pair(mu, **pair), self.no_supports, loads)
+    def solve(self, mu, pull_traction, increments=10, **pair_options):
+        loads = self.press_then_pull_loads(pull_traction, increments)
+        return self.solve_contact(self.floor_pair(mu, **pair_options), self.no_supports, loads)
 
 
 class PunchedBlock(ElasticBody):
@@ -196,7 +196,7 @@ class PunchedBlock(ElasticBody):
         return self.solve_contact(self.punch_pair(mu, motions), self.base_supports)
 
 
-class GrecoPlate(ElasticBody):
+class GrecoFrictionBenchmark(ElasticBody):
     """GRECO/Raous plate (code_aster SSNV128) with friction 1; its nodes are open, stick or slip."""
 
     def __init__(self, n, method=PW):

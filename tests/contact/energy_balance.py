@@ -21,11 +21,11 @@ import ufl
 from pw_elements import Spaces, assemble_scalar, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import finite_strain_residual, neo_hookean_stress, on_plane
+from tests.contact.cases import make_finite_strain_unknown_and_residual, neo_hookean_piola_stress, on_plane
 
 LAME_RATIO, FRICTION = 1.5, 0.3  # Lame's lambda / shear modulus; friction coefficient
 # Translations of the cylinder at the ends of the legs, divided by its radius
-CYLINDER_PATH = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
+CYLINDER_TRANSLATIONS_IN_RADII = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
 ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
@@ -39,17 +39,17 @@ class EnergyBalance(NamedTuple):
 
 
 def measure_energy_balance(
-    element: str, increments: int, cells_per_radius: int = 4
+    element: str, increments_per_leg: int, cells_per_radius: int = 4
 ) -> EnergyBalance:
     """Follow the path with an element, and return the energies at its end.
 
-    The mesh has squares of size 1 / cells_per_radius, each halved into triangles. `increments` is
+    The mesh has squares of size 1 / cells_per_radius, each halved into triangles. `increments_per_leg` is
     the number of equal increments per leg of the path.
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
     spaces = ELEMENTS[element](mesh)
-    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, LAME_RATIO))
+    u, residual = make_finite_strain_unknown_and_residual(spaces, lambda F: neo_hookean_piola_stress(F, 1.0, LAME_RATIO))
     F = ufl.Identity(2) + ufl.grad(u)
     log = ufl.ln(ufl.det(F))
     density = (ufl.inner(F, F) - 2) / 2 - log + LAME_RATIO / 2 * log**2
@@ -60,9 +60,9 @@ def measure_energy_balance(
     state, total_work = problem.undeformed, 0.0
     # work of the tool and of friction, by the weight of the force at the end of an increment
     sums = {0.5: np.zeros(2), 1.0: np.zeros(2)}
-    for start, end in pairwise(CYLINDER_PATH):
-        for k in range(increments):
-            fraction = (k + 1) / increments
+    for start, end in pairwise(CYLINDER_TRANSLATIONS_IN_RADII):
+        for k in range(increments_per_leg):
+            fraction = (k + 1) / increments_per_leg
             translation = (1 - fraction) * np.array(start) + fraction * np.array(end)
             state, previous = problem.step(state, motions=Motion(translation)), state
             substates = [inner_state for _, inner_state in state.substates]

@@ -8,10 +8,10 @@ from pw_elements.contact import Motion
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.two_bodies import StackedBlocks
 
-RESUME_INCREMENT = 4
+INCREMENTS_BEFORE_RESUME = 4
 
 
-def block_history(comm=MPI.COMM_SELF):
+def make_block_problem_and_steps(comm=MPI.COMM_SELF):
     """Return the history of a block that is pressed, pulled to the right, and pulled back."""
     case = BlockOnFloor(12, comm=comm)
     pull = case.traction_load((60.0, 0.0), on_plane(0, 4.0))
@@ -21,7 +21,7 @@ def block_history(comm=MPI.COMM_SELF):
     ]
 
 
-def punch_history(comm=MPI.COMM_SELF):
+def make_punch_problem_and_steps(comm=MPI.COMM_SELF):
     """Return the history of a curved punch: pressed, pushed by forces, moved sideways, released."""
     case = PunchedBlock(comm=comm)
     motions = [Motion((0, None), (0, -217.3 * factor)) for factor in (0.5, 1.0)]
@@ -32,7 +32,7 @@ def punch_history(comm=MPI.COMM_SELF):
     ]
 
 
-def rubber_history(comm=MPI.COMM_SELF):
+def make_rubber_problem_and_steps(comm=MPI.COMM_SELF):
     """Return the history of an incompressible block that is pressed on another one and pulled.
 
     It is pulled back and forth.
@@ -45,24 +45,24 @@ def rubber_history(comm=MPI.COMM_SELF):
     ]
 
 
-HISTORIES = {"rubber": rubber_history, "block": block_history, "punch": punch_history}
+HISTORIES = {"rubber": make_rubber_problem_and_steps, "block": make_block_problem_and_steps, "punch": make_punch_problem_and_steps}
 
 
-def solve_history(problem, steps):
+def solve_history(problem, step_arguments):
     """Return all states of a history, beginning with the undeformed body."""
-    return resume_history(problem, steps, problem.undeformed, 0)
+    return resume_history(problem, step_arguments, problem.undeformed, 0)
 
 
-def resume_history(problem, steps, state, n_done=RESUME_INCREMENT):
-    """Return the states of the increments after the first `n_done`, computed from a given state."""
+def resume_history(problem, step_arguments, state, n_done_steps=INCREMENTS_BEFORE_RESUME):
+    """Return the states of the increments after the first `n_done_steps`, computed from a given state."""
     states = []
-    for step in steps[n_done:]:
+    for step in step_arguments[n_done_steps:]:
         state = problem.step(state, *step)
         states.append(state)
     return states
 
 
-def state_fields(state):
+def collect_comparable_fields(state):
     """Return a state's displacement and the fields of all pairs by name, infinite values as 0."""
     values = {"displacement": state.displacement.array_r}
     # where forces vanish directions are round-off; numbers of nodes depend on the partition
@@ -74,11 +74,11 @@ def state_fields(state):
     return values
 
 
-def field_scale(name, states):
+def history_scale_of_field(field_name, states):
     """Return the largest force or length of a history, as a scale of a field's differences."""
-    kind = name.split()[0]
+    kind = field_name.split()[0]
     if "force" in kind:
-        return max(np.abs(state_fields(state)["force_normal 0"]).max() for state in states)
+        return max(np.abs(collect_comparable_fields(state)["force_normal 0"]).max() for state in states)
     if kind in ("displacement", "gap", "slip", "translation"):
-        return max(np.abs(state_fields(state)["displacement"]).max() for state in states)
+        return max(np.abs(collect_comparable_fields(state)["displacement"]).max() for state in states)
     return 1.0

@@ -24,15 +24,15 @@ class SolidBlock(ElasticBody):
         super().__init__(mesh, method, "solid", nu=nu)
         self.no_supports = self.make_supports()
 
-    def case_arguments(self, case):
-        """Return the arguments of `solve_contact` for one of `SOLID_CASES`."""
-        loads, supports, pairs = SOLID_CASES[case](self)
+    def solve_contact_arguments(self, case_name):
+        """Return the arguments of `solve_contact` for one of `SOLID_CASE_MAKERS_BY_NAME`."""
+        loads, supports, pairs = SOLID_CASE_MAKERS_BY_NAME[case_name](self)
         return self.K, loads, supports, pairs, self.space
 
-    def base_supports(self, displacement=0.0):
+    def base_supports(self, x_displacement=0.0):
         """Return supports that displace the base along the axes by 1, 2 and 3 times a length."""
         return self.make_supports(
-            *((i, on_plane(2, 0.0), displacement * (i + 1)) for i in range(3))
+            *((i, on_plane(2, 0.0), x_displacement * (i + 1)) for i in range(3))
         )
 
     def press_and_push_load(self):
@@ -42,26 +42,26 @@ class SolidBlock(ElasticBody):
         )
 
 
-def nearly_sliding_arguments(solid, push_ratio=0.588):
+def nearly_sliding_contact_arguments(solid, push_over_pressure=0.588):
     """Return the arguments of a block that is pressed on a floor, pushed, and pushed less.
 
-    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates. `push_ratio`
+    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates. `push_over_pressure`
     is the push divided by the pressure; friction can carry a ratio of 0.6.
     """
     pressure_load, side_load = (
         solid.traction_load((0.0, 0.0, -1.0), on_plane(2, 1.0)),
         solid.traction_load((1.0, 0, 0), on_plane(0, 0.0)),
     )
-    loads = [pressure_load + ratio * side_load for ratio in (0.0, push_ratio, 0.3)]
+    loads = [pressure_load + ratio * side_load for ratio in (0.0, push_over_pressure, 0.3)]
     return solid.K, loads, solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3), solid.space
 
 
-def _rough_floor_case(solid):
+def _rough_floor_loads_supports_pairs(solid):
     """Return the arguments of a block that is held by contact with a rough floor alone."""
     return solid.press_and_push_load(), solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3)
 
 
-def _corner_case(solid):
+def _corner_loads_supports_pairs(solid):
     """Return the arguments of a block in a corner of three planes.
 
     The nodes of each edge belong to one of the two planes that meet there.
@@ -81,7 +81,7 @@ def _corner_case(solid):
     return assemble_vector(solid.body.body_load((-3.0, -2.0, -10.0))), solid.no_supports, pairs
 
 
-def _tilted_plane_case(solid):
+def _tilted_plane_loads_supports_pairs(solid):
     """Return the arguments of a block with moved base under a tilted plane that is pushed in."""
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
@@ -89,14 +89,14 @@ def _tilted_plane_case(solid):
     return solid.zero_load, solid.base_supports(0.001), pair
 
 
-def _moved_sphere_case(solid):
+def _moved_sphere_loads_supports_pairs(solid):
     """Return the arguments of a block under a sphere that is moved down, then sideways."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(0.001), pair
 
 
-def _pushed_sphere_case(solid):
+def _pushed_sphere_loads_supports_pairs(solid):
     """Return the arguments of a block under a sphere that is moved by forces.
 
     The sphere is free to move in one direction, then in three. Gap and normal are linearised
@@ -107,31 +107,31 @@ def _pushed_sphere_case(solid):
     return [solid.zero_load] * 2, solid.base_supports(), pair
 
 
-def _pushed_plate_case(solid):
+def _pushed_plate_loads_supports_pairs(solid):
     """Return the arguments of a block under a rough plate that forces press, then push sideways."""
     motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports(), pair
 
 
-SOLID_CASES = {
-    "rough floor": _rough_floor_case,
-    "corner": _corner_case,
-    "tilted": _tilted_plane_case,
-    "sphere": _moved_sphere_case,
-    "sphere by forces": _pushed_sphere_case,
-    "plate by forces": _pushed_plate_case,
+SOLID_CASE_MAKERS_BY_NAME = {
+    "rough floor": _rough_floor_loads_supports_pairs,
+    "corner": _corner_loads_supports_pairs,
+    "tilted": _tilted_plane_loads_supports_pairs,
+    "sphere": _moved_sphere_loads_supports_pairs,
+    "sphere by forces": _pushed_sphere_loads_supports_pairs,
+    "plate by forces": _pushed_plate_loads_supports_pairs,
 }
 
 
-def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
+def upper_on_lower_contact_arguments(stack: StackedBlocks, slave_side, replacement_surface=None):
     """Return the arguments of two blocks, the upper one of which is held by contact alone.
 
     The upper block is pressed and pushed.
     """
-    pair = stack.make_pair(slave, 0.2)
-    if surface is not None:
-        pair = ContactPair(pair.nodes, surface, pair.friction)
+    pair = stack.make_pair(slave_side, 0.2)
+    if replacement_surface is not None:
+        pair = ContactPair(pair.nodes, replacement_surface, pair.friction)
     return (
         stack.K,
         stack.traction_load(PRESS_AND_PUSH_TRACTION),
@@ -141,13 +141,13 @@ def upper_on_lower_arguments(stack: StackedBlocks, slave, surface=None):
     )
 
 
-def _both_on_floor_arguments(stack, slave):
+def _both_on_floor_contact_arguments(stack, slave_side):
     """Return the arguments of two stacked blocks on a rigid floor without supports."""
-    K, load, _, pair, space = upper_on_lower_arguments(stack, slave)
+    K, load, _, pair, space = upper_on_lower_contact_arguments(stack, slave_side)
     return K, load, stack.make_supports(), [ContactPair(on_plane(2, 0.0), FLOOR, 0.3), pair], space
 
 
-def _frictionless_arguments(stack, slave):
+def _frictionless_contact_arguments(stack, slave_side):
     """Return the arguments of two blocks without friction, the upper one guided at its sides."""
     guided = [(i, on_plane(2, end)) for i in range(2) for end in (0.0, 2.0)]
     supports = stack.make_supports(*guided, (2, on_plane(2, 0.0)))
@@ -155,22 +155,22 @@ def _frictionless_arguments(stack, slave):
         stack.K,
         stack.traction_load((0, 0, -1e-3)),
         supports,
-        stack.make_pair(slave),
+        stack.make_pair(slave_side),
         stack.space,
     )
 
 
-def _pushed_pair_arguments(stack, slave):
+def _force_between_blocks_contact_arguments(stack, slave_side):
     """Return the arguments of two clamped blocks between which a force presses and pushes."""
-    sign = 1 if slave == "upper" else -1
+    sign = 1 if slave_side == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
-    supports = stack.moved_top_supports((0.0, 0.0, 0.0))
-    return stack.K, stack.zero_load, supports, stack.make_pair(slave, 0.2, [motion]), stack.space
+    supports = stack.fixed_base_moved_top_supports((0.0, 0.0, 0.0))
+    return stack.K, stack.zero_load, supports, stack.make_pair(slave_side, 0.2, [motion]), stack.space
 
 
-STACKED_CASES = {
-    "held by contact": upper_on_lower_arguments,
-    "on a floor": _both_on_floor_arguments,
-    "smooth": _frictionless_arguments,
-    "forces through contact": _pushed_pair_arguments,
+STACKED_CASE_MAKERS_BY_NAME = {
+    "held by contact": upper_on_lower_contact_arguments,
+    "on a floor": _both_on_floor_contact_arguments,
+    "smooth": _frictionless_contact_arguments,
+    "forces through contact": _force_between_blocks_contact_arguments,
 }

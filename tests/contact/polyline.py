@@ -34,7 +34,7 @@ class Polyline:
     def normal(self, x: Points) -> Points:
         return self._gap_and_normal(x)[1]
 
-    def _offset_points(self) -> Points:
+    def _corners_offset_by_radius(self) -> Points:
         """Return the corners of the line, moved away from the body by the radius of rounding."""
         points = np.asarray(self.points, dtype=float)
         normals = unit_left_normals(np.diff(points, axis=0))
@@ -46,7 +46,7 @@ class Polyline:
         return offset
 
     def _gap_and_normal(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
-        line = self._offset_points()
+        line = self._corners_offset_by_radius()
         normals = unit_left_normals(span := np.diff(line, axis=0))
         turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
         s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)

@@ -41,29 +41,29 @@ Array = npt.NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 # Slips below this share of the largest length count as zero: friction then has any direction
-_ZERO_SLIP_TOLERANCE = 1e-8
+_ZERO_SLIP_OVER_LARGEST_LENGTH = 1e-8
 
 
 # The data of a linear contact problem
-ProblemData = make_dataclass("ProblemData", ("K", "space", "loads", "conditions", "pairs"))
+LinearContactProblemData = make_dataclass("LinearContactProblemData", ("K", "space", "loads", "conditions", "pairs"))
 
 
 @dataclass(frozen=True)
-class StepMotion:
+class DisplacementAndTranslations:
     """Displacements (nodes, dim) and translations of surfaces (pairs, dim) in one state."""
 
     displacement: Array
     translations: Array
 
     @classmethod
-    def from_state(cls, state: ContactState) -> "StepMotion":
+    def from_state(cls, state: ContactState) -> "DisplacementAndTranslations":
         translations = np.array([pair.translation for pair in state.pairs])
         return cls(
             state.displacement.array_r.reshape(-1, translations.shape[1]).copy(), translations
         )
 
 
-def split_into_substeps(problem, states: Sequence[ContactState]):
+def split_increments_at_substeps(problem, states: Sequence[ContactState]):
     """Return the problem with an increment for each substep, their motions, and their load factors.
 
     Loads and motions vary linearly within an increment. The load factors scale prescribed
@@ -79,7 +79,7 @@ def split_into_substeps(problem, states: Sequence[ContactState]):
             f.scale(1 - fraction)
             f.axpy(fraction, problem.loads[k])
             loads.append(f)
-            steps.append(StepMotion.from_state(substate))
+            steps.append(DisplacementAndTranslations.from_state(substate))
             load_factors.append(fraction if k == 0 else 1.0)
             for i_pair, pair in enumerate(problem.pairs):
                 end = (
@@ -87,28 +87,28 @@ def split_into_substeps(problem, states: Sequence[ContactState]):
                     if pair.motions
                     else Motion([0.0] * len(start_motions[i_pair][0]))
                 )
-                motions[i_pair].append(_motion_at_fraction(end, *start_motions[i_pair], fraction))
+                motions[i_pair].append(_interpolate_motion(end, *start_motions[i_pair], fraction))
         load = problem.loads[k]
         start_motions = [(pair.translation, pair.force) for pair in state.pairs]
     pairs = [replace(p, motions=m) for p, m in zip(problem.pairs, motions, strict=True)]
     return replace(problem, loads=loads, pairs=pairs), steps, load_factors
 
 
-def _motion_at_fraction(
-    end: Motion, start_translation: Array, start_force: Array, fraction: float
+def _interpolate_motion(
+    end_motion: Motion, start_translation: Array, start_force: Array, fraction: float
 ) -> Motion:
     translation = [
         None if prescribed is None else (1 - fraction) * start + fraction * prescribed
-        for prescribed, start in zip(end.translation, start_translation, strict=True)
+        for prescribed, start in zip(end_motion.translation, start_translation, strict=True)
     ]
-    force = (1 - fraction) * start_force + fraction * end.force_and_torque()[:-1]
+    force = (1 - fraction) * start_force + fraction * end_motion.force_and_torque()[:-1]
     return Motion(
-        translation, np.where(np.isnan(end.translation_and_rotation()[:-1]), force, 0.0).tolist()
+        translation, np.where(np.isnan(end_motion.translation_and_rotation()[:-1]), force, 0.0).tolist()
     )
 
 
 def measure_residuals(
-    problem, steps: Sequence[StepMotion], load_factors: Sequence[float] | None = None
+    problem, steps: Sequence[DisplacementAndTranslations], load_factors: Sequence[float] | None = None
 ) -> list[dict[str, float]]:
     """Return the largest violation of each condition for every step of a history from its start.
 
@@ -123,16 +123,16 @@ def measure_residuals(
         ["axisymmetric" in read_record(problem.K).stress_states, *[False] * (dim - 1)]
     )
     force, length = 0.0, 0.0
-    previous = StepMotion(np.zeros_like(x), np.zeros((len(contacts), dim)))
+    previous = DisplacementAndTranslations(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
-        r, force_round_off, stiffness = _nodal_forces(problem.K, a, problem.loads[k])
+        r, force_round_off, stiffness = _nodal_forces_and_round_off(problem.K, a, problem.loads[k])
         force = max(force, np.linalg.norm(r, axis=1).max())
         length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
         length_round_off = 64 * _EPS * (np.abs(x).max() + length)
         zero_force = 10 * stiffness * length_round_off
-        scale = _Scales(
+        scale = _ReferenceForceAndLength(
             force if force > zero_force else np.inf,
             length if length > length_round_off else np.inf,
             force_round_off,
@@ -140,7 +140,7 @@ def measure_residuals(
         )
         load_factor = 1.0 if load_factors is None else load_factors[k]
         violations = {
-            "supports": scale.relative_length(
+            "supports": scale.largest_relative_length(
                 np.where(prescribed_mask, np.abs(a - load_factor * prescribed), 0.0)
             )
         }
@@ -178,7 +178,7 @@ def measure_residuals(
             motion = pair.motions[k] if pair.motions else None
             # other components of the force at supports are reactions
             total = np.where(prescribed_mask[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
-            values |= _surface_motion_residuals(motion, translation, total, slack, scale)
+            values |= _surface_motion_and_balance_residuals(motion, translation, total, slack, scale)
             for name, value in values.items():
                 violations[name] = max(violations.get(name, 0.0), value)
         unbalanced = np.where(~prescribed_mask & balanced[:, None], np.abs(r), 0.0)
@@ -195,7 +195,7 @@ def largest_residual(results: Sequence[dict[str, float]]) -> float:
 
 
 @dataclass(frozen=True)
-class _Scales:
+class _ReferenceForceAndLength:
     """Reference force and reference length, and the round-off of forces and of lengths."""
 
     force: float
@@ -203,42 +203,42 @@ class _Scales:
     force_round_off: Array  # (nodes,)
     length_round_off: float
 
-    def relative_force(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
+    def relative_force(self, forces: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
         """Return the largest nodal force relative to the reference force, less its round-off."""
         friction_factor = np.maximum(1.0, mu)
-        round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
-        return float(((values - round_off) / friction_factor / self.force).max(initial=0.0))
+        round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (forces.ndim - 1))
+        return float(((forces - round_off) / friction_factor / self.force).max(initial=0.0))
 
-    def relative_length(self, values: Array) -> float:
+    def largest_relative_length(self, lengths: Array) -> float:
         """Return the largest length relative to the reference length, less its round-off."""
-        return float(((values - self.length_round_off) / self.length).max(initial=0.0))
+        return float(((lengths - self.length_round_off) / self.length).max(initial=0.0))
 
 
 def _contact_law_residuals(
-    surface, scale: _Scales, shifted_x, a, relative_motion, r, free, acts, mu, nodes, still_inside
+    surface, scale: _ReferenceForceAndLength, positions_in_surface_frame, a, relative_motion, r, is_free, has_support_friction, mu, nodes, allowed_penetration
 ):
     """Return the mask of nodes that face the surface, violations there, and friction on supports.
 
-    Friction on supports acts in the components (n, dim) marked by `acts`. Two vectors (dim,)
+    Friction on supports acts in the components (n, dim) marked by `has_support_friction`. Two vectors (dim,)
     describe it: its sum, and the amount by which the sum may differ because friction is not
-    determined at nodes without slip. `still_inside` (n,) is the depth by which nodes may be inside
+    determined at nodes without slip. `allowed_penetration` (n,) is the depth by which nodes may be inside
     the surface while interference is resolved in substeps.
     """
-    gap, normal = surface.gap(shifted_x) + still_inside, surface.normal(shifted_x)
+    gap, normal = surface.gap(positions_in_surface_frame) + allowed_penetration, surface.normal(positions_in_surface_frame)
     faced = np.isfinite(gap)
-    gap, normal, a, relative_motion, r, free, acts, mu, nodes = (
-        values[faced] for values in (gap, normal, a, relative_motion, r, free, acts, mu, nodes)
+    gap, normal, a, relative_motion, r, is_free, has_support_friction, mu, nodes = (
+        values[faced] for values in (gap, normal, a, relative_motion, r, is_free, has_support_friction, mu, nodes)
     )
     gap = gap + np.sum(normal * a, axis=1)
-    r_n, r_t = _normal_and_tangential(np.where(free, r, 0.0), normal)
-    _, slip = _normal_and_tangential(np.where(free | acts, relative_motion, 0.0), normal)
-    slip = np.where(free | acts, slip, 0.0)
+    r_n, r_t = _split_into_normal_and_tangential(np.where(is_free, r, 0.0), normal)
+    _, slip = _split_into_normal_and_tangential(np.where(is_free | has_support_friction, relative_motion, 0.0), normal)
+    slip = np.where(is_free | has_support_friction, slip, 0.0)
     slip_length, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
-    has_no_slip = slip_length <= _ZERO_SLIP_TOLERANCE * scale.length + scale.length_round_off
+    has_no_slip = slip_length <= _ZERO_SLIP_OVER_LARGEST_LENGTH * scale.length + scale.length_round_off
     opposing_friction = -(limit / np.where(has_no_slip, 1.0, slip_length))[:, None] * slip
-    on_supports = np.where(acts & ~has_no_slip[:, None], opposing_friction, 0.0)
+    on_supports = np.where(has_support_friction & ~has_no_slip[:, None], opposing_friction, 0.0)
     available_friction = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
-    slack = np.where(acts & has_no_slip[:, None], available_friction[:, None], 0.0)
+    slack = np.where(has_support_friction & has_no_slip[:, None], available_friction[:, None], 0.0)
     r_t = r_t + on_supports
     friction, slip_length = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
 
@@ -254,7 +254,7 @@ def _contact_law_residuals(
         slip_length[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1
     )
     values = {
-        "penetration": scale.relative_length(-gap),
+        "penetration": scale.largest_relative_length(-gap),
         "tension": scale.relative_force(-r_n, nodes),
         "complementarity": both_nonzero(r_n, gap),
         "cone": scale.relative_force(friction - mu * r_n, nodes, mu),
@@ -264,33 +264,33 @@ def _contact_law_residuals(
     return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
 
 
-def _normal_and_tangential(vectors: Array, normal: Array) -> tuple[Array, Array]:
+def _split_into_normal_and_tangential(vectors: Array, normal: Array) -> tuple[Array, Array]:
     normal_component = np.sum(vectors * normal, axis=1)
     return normal_component, vectors - normal_component[:, None] * normal
 
 
-def _surface_motion_residuals(
-    motion, translation: Array, total_force: Array, slack: Array, scale: _Scales
+def _surface_motion_and_balance_residuals(
+    motion, translation: Array, total_force: Array, undetermined_friction: Array, scale: _ReferenceForceAndLength
 ) -> dict[str, float]:
     """Return the errors of prescribed translations, and of the forces in free directions."""
     if motion is None:
-        return {"motion": scale.relative_length(np.abs(translation)), "balance": 0.0}
+        return {"motion": scale.largest_relative_length(np.abs(translation)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
     prescribed = np.array([0.0 if u is None else u for u in motion.translation])
     prescribed_force = (
         np.zeros(len(translation)) if motion.force is None else np.asarray(motion.force)
     )
     balance = np.where(
-        free, np.abs(total_force - prescribed_force) - slack - scale.force_round_off.max(), 0.0
+        free, np.abs(total_force - prescribed_force) - undetermined_friction - scale.force_round_off.max(), 0.0
     )
     return {
-        "motion": scale.relative_length(np.where(free, 0.0, np.abs(translation - prescribed))),
+        "motion": scale.largest_relative_length(np.where(free, 0.0, np.abs(translation - prescribed))),
         "balance": max(0.0, float(balance.max()))
         / max(scale.force, np.linalg.norm(prescribed_force)),
     }
 
 
-def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+def _nodal_forces_and_round_off(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
     """Return nodal forces K a - load (nodes, dim), their round-off (nodes,), and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
@@ -302,10 +302,10 @@ def _nodal_forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array
 
 
 def prescribed_displacements(
-    conditions: Sequence[fem.DirichletBC], nodes: int, dim: int
+    conditions: Sequence[fem.DirichletBC], n_nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
     """Return the mask of prescribed displacements (nodes, dim) and their values (nodes, dim)."""
-    mask, values = np.zeros(nodes * dim, dtype=bool), np.zeros(nodes * dim)
+    mask, values = np.zeros(n_nodes * dim, dtype=bool), np.zeros(n_nodes * dim)
     for condition in conditions:
         dofs = condition.dof_indices()[0]
         mask[dofs], values[dofs] = True, float(condition.g.value)

@@ -9,24 +9,24 @@ from dolfinx.mesh import CellType, create_rectangle
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import measure_gap_and_slip
-from tests.contact.cases import finite_strain_residual, on_plane, states_with_substates
+from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane, list_states_and_substates
 from tests.contact.two_bodies import join_meshes
 
 
-def mesh_of_two_rectangles(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
-    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by `shape`."""
+def mesh_of_two_rectangles(lower_corners, upper_corners, divisions, map_nodes, comm=MPI.COMM_SELF):
+    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by `map_nodes`."""
     meshes = []
-    for body, (box, n) in enumerate(zip((lower, upper), divisions, strict=True)):
+    for body, (box, n) in enumerate(zip((lower_corners, upper_corners), divisions, strict=True)):
         mesh = create_rectangle(MPI.COMM_SELF, box, n, CellType.triangle)
         x = mesh.geometry.x
-        x[:, :2] = np.stack(shape(*x[:, :2].T, body), axis=1)
+        x[:, :2] = np.stack(map_nodes(*x[:, :2].T, body), axis=1)
         meshes.append(mesh)
     return join_meshes(*meshes, comm)
 
 
 # Translations of the top at the ends of the increments
-DIE_PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
-STORED_INCREMENT = 1
+DIE_TOP_TRANSLATIONS = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
+SAVED_INCREMENT_INDEX = 1
 
 
 class SlidingBodies:
@@ -41,7 +41,7 @@ class SlidingBodies:
         spaces = Spaces.petrov_galerkin(mesh)
         self.body = Body(spaces, Material(1.0), "plane strain")
         self.space = spaces.trial
-        self.u, self.residual = finite_strain_residual(spaces)
+        self.u, self.residual = make_finite_strain_unknown_and_residual(spaces)
         self.prescribed_displacement, self.rotation_degrees = (
             fem.Function(self.space),
             rotation_degrees,
@@ -57,30 +57,30 @@ class SlidingBodies:
             self.residual, self.u, self.conditions, self.pair, **options
         )
 
-    def prescribe_base_and_top(self, translation, angle):
+    def prescribe_base_and_top(self, top_translation, degrees):
         """Prescribe a translation of the top, and a rotation (degrees) of both base and top.
 
         The rotation is about the origin, after the translation.
         """
         x = self.space.tabulate_dof_coordinates()[:, :2]
         end_positions = x.copy()
-        end_positions[self.top] += translation
-        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        end_positions[self.top] += top_translation
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         self.prescribed_displacement.x.array[:] = (
             end_positions @ np.array([[c, s], [-s, c]]) - x
         ).ravel()
 
 
-def slide_along_path(bodies, path=DIE_PATH, start=None):
+def slide_along_path(bodies, path=DIE_TOP_TRANSLATIONS, start_state=None):
     """Return the states at the ends of the increments of a path."""
-    return list(iterate_along_path(bodies, path, start))
+    return list(yield_states_along_path(bodies, path, start_state))
 
 
-def iterate_along_path(bodies, path, start=None):
-    """Yield the state at the end of each increment; `start` is a state on `DIE_PATH`."""
-    state, previous = start or bodies.problem.undeformed, (0.0, 0.0)
-    if start is not None:
-        previous = DIE_PATH[start.increment - 1]
+def yield_states_along_path(bodies, path, start_state=None):
+    """Yield the state at the end of each increment; `start_state` is a state on `DIE_TOP_TRANSLATIONS`."""
+    state, previous = start_state or bodies.problem.undeformed, (0.0, 0.0)
+    if start_state is not None:
+        previous = DIE_TOP_TRANSLATIONS[start_state.increment - 1]
     for k, end in enumerate(path):
         angles = [bodies.rotation_degrees * j / len(path) for j in (k, k + 1)]
 
@@ -123,19 +123,19 @@ def make_die_on_block(
     return SlidingBodies(mesh, *sides, on_plane(1, -1.0), on_plane(1, 1.0), friction, **options)
 
 
-def kernel_check_differences(mortar, start, end):
+def compare_mortar_with_verification(mortar, start_positions, end_positions):
     """Return the largest differences between mortar integrals of verification and iteration.
 
-    The nodes move from the positions `start` (n, 2) to `end`. Gaps and slips are divided by the
+    The nodes move from the positions `start_positions` (n, 2) to `end_positions`. Gaps and slips are divided by the
     length of the longest facet.
     """
-    projected, projected_start = mortar.linearise(end), mortar.linearise(start)
-    slip, _ = projected.measure_slip_and_rates(mortar.make_reference(start), end)
-    facing_parts = [mortar.evaluate_for_verification(x) for x in (start, end)]
-    gap, slip_vector = measure_gap_and_slip(*facing_parts, start, end)
+    projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
+    slip, _ = projected.measure_slip_and_position_derivatives(mortar.make_reference(start_positions), end_positions)
+    facing_parts = [mortar.evaluate_for_verification(x) for x in (start_positions, end_positions)]
+    gap, slip_vector = measure_gap_and_slip(*facing_parts, start_positions, end_positions)
     assert np.array_equal(facing_parts[0].faces_master, projected_start.faces_master)
     assert np.array_equal(np.isfinite(gap), projected.faces_master)
-    length = np.linalg.norm(np.diff(end[mortar.sides.slave_facets], axis=1), axis=2).max()
+    length = np.linalg.norm(np.diff(end_positions[mortar.sides.slave_facets], axis=1), axis=2).max()
     slip = np.where(projected.faces_master, slip, 0.0)[:, None] * projected.tangents
     return {
         "gap": np.abs(gap - projected.gaps)[projected.faces_master].max(initial=0.0) / length,
@@ -149,7 +149,7 @@ def kernel_check_differences(mortar, start, end):
     }
 
 
-def mortar_positions_in_states(bodies, states):
+def mortar_and_positions_in_states(bodies, states):
     """Return the mortar of both bodies and the positions (n, 2) of its nodes in each state.
 
     Substates are included.
@@ -157,6 +157,6 @@ def mortar_positions_in_states(bodies, states):
     mortar = bodies.problem._large_strain_stepping.interface.mortars[0]
     displacements = [
         step.displacement.array_r.reshape(-1, 2)[mortar.nodes]
-        for step in states_with_substates(states)
+        for step in list_states_and_substates(states)
     ]
     return mortar, [mortar.x + u for u in displacements]

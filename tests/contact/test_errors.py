@@ -25,7 +25,7 @@ from pw_elements.contact import (
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import move_nodes, triangles
-from tests.contact.cases import BlockOnFloor, ElasticBody, GrecoPlate, on_plane
+from tests.contact.cases import BlockOnFloor, ElasticBody, GrecoFrictionBenchmark, on_plane
 
 BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
@@ -41,31 +41,31 @@ def floor_pair_with(mu=0.3, motions=(), nodes=BELOW):
     return ContactPair(nodes, FLOOR, mu, motions)
 
 
-def pair_below(surface, *options):
-    return ContactPair(on_plane(1, 0.0), surface, *options)
+def base_pair_with_surface(surface, *pair_options):
+    return ContactPair(on_plane(1, 0.0), surface, *pair_options)
 
 
-def pair_with_friction_at_middle(mu):
+def floor_pair_with_middle_friction(middle_mu):
     """Return the floor's pair with a different friction coefficient at the node in the middle."""
-    return floor_pair_with(lambda x: np.where(np.isclose(x[0], 2.0), mu, 0.3))
+    return floor_pair_with(lambda x: np.where(np.isclose(x[0], 2.0), middle_mu, 0.3))
 
 
-def corner_supports(axis):
+def left_side_supports(axis):
     return BLOCK.make_supports((axis, lambda x: np.isclose(x[0], 0)))
 
 
-def doubling_reduction():
+def displacement_doubling_reduction():
     """Return a reduction with doubled displacements."""
     twice = 2.0 * BLOCK.no_supports.right
     return Reduction(twice, twice, BLOCK.no_supports.offset)
 
 
-OVERTURNING = BLOCK.pressure_load + BLOCK.traction_load(
+OVERTURNING_LOAD = BLOCK.pressure_load + BLOCK.traction_load(
     (1800.0, 0.0), lambda x: on_plane(0, 4.0)(x) & (x[1] > 0.9)
 )
 
 
-class GivenGap:
+class SurfaceWithGapFunction:
     """A surface with a given gap function and a constant normal."""
 
     def __init__(self, gap, normal=(0.0, 1.0)):
@@ -75,49 +75,49 @@ class GivenGap:
         return np.tile(np.asarray(self._normal), (len(x), 1))
 
 
-def arc_gap(x):
+def gap_to_circle_or_nan(x):
     """Return the gap to a circle of radius 6 below the block, NaN at points far from the circle."""
     return x[:, 1] - np.sqrt(36 - (x[:, 0] - 2.0) ** 2) + 6.0
 
 
-def pair_with_normal(normal):
+def flat_pair_with_normal(normal):
     """Return the contact pair of a flat surface that has a wrong normal."""
-    return pair_below(GivenGap(lambda x: x[:, 1], normal))
+    return base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:, 1], normal))
 
 
 N_NODES = len(BLOCK.x)
-PASSING_ARC = pair_below(GivenGap(arc_gap), 0.3, [Motion((0, 0)), Motion((-5, 0))])
+PASSING_ARC_PAIR = base_pair_with_surface(SurfaceWithGapFunction(gap_to_circle_or_nan), 0.3, [Motion((0, 0)), Motion((-5, 0))])
 WALL_PAIR = ContactPair(on_plane(0, 0.0), Plane((0, 0), (1, 0)))
-INNER_SIDE_PAIR = ContactPair(on_plane(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
+REVERSED_SURFACE_PAIR = ContactPair(on_plane(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
 # invalid pairs, each with a part of the error message
 PAIRS = [
     *(
-        (pair_with_friction_at_middle(mu), r"nodes at \(2, 0\) have a friction")
+        (floor_pair_with_middle_friction(mu), r"nodes at \(2, 0\) have a friction")
         for mu in (-0.1, np.nan, np.inf)
     ),
     (
-        pair_below(Plane((0, 0.1), (0, 1)), 0.3),
+        base_pair_with_surface(Plane((0, 0.1), (0, 1)), 0.3),
         r"\(0, 0\)(, .*){5} and 3 more lie inside the rigid .* by 0\.1,",
     ),
     ([floor_pair_with(), floor_pair_with()], "belong to two contact pairs"),
     (
-        pair_below(GivenGap(lambda x: np.sqrt(x[:, 0] - 0.1))),
+        base_pair_with_surface(SurfaceWithGapFunction(lambda x: np.sqrt(x[:, 0] - 0.1))),
         r"\(0, 0\).* whose gap is not a number",
     ),
     *(
-        (pair_with_normal(n), "normal is no unit vector")
+        (flat_pair_with_normal(n), "normal is no unit vector")
         for n in ((0.0, 2.0), (0.0, 0.0), (np.nan, 1.0))
     ),
-    (pair_below(Parabola((0.0,), -1.0)), "the apex of its surface has 1 components in 2-D"),
+    (base_pair_with_surface(Parabola((0.0,), -1.0)), "the apex of its surface has 1 components in 2-D"),
     (floor_pair_with(nodes=np.array([N_NODES])), rf"nodes of contact pair 0 .* {N_NODES} in all"),
     (
         floor_pair_with(nodes=np.full(N_NODES - 1, True)),
         rf"nodes of contact pair 0 .* {N_NODES} in all",
     ),
     (floor_pair_with(nodes=lambda x: x[1] < 0.6), "lie inside of the body, not on its boundary"),
-    (INNER_SIDE_PAIR, "reverse it"),
-    (pair_below(SignedDistance(lambda x: x[1])), r"of the shape \(2,\) .* takes points as rows"),
-    (pair_below(GivenGap(lambda x: x[:1, 1])), r"the gap of .* pair 0 gave .* shape \(1,\)"),
+    (REVERSED_SURFACE_PAIR, "reverse it"),
+    (base_pair_with_surface(SignedDistance(lambda x: x[1])), r"of the shape \(2,\) .* takes points as rows"),
+    (base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:1, 1])), r"the gap of .* pair 0 gave .* shape \(1,\)"),
     (
         floor_pair_with(lambda x: np.full(len(x), 0.3)),
         r"the friction of .* pair 0 .* points as columns",
@@ -125,15 +125,15 @@ PAIRS = [
 ]
 CALLS = [
     (
-        lambda: solve_block(reduction=corner_supports(1)),
+        lambda: solve_block(reduction=left_side_supports(1)),
         r"at \(0, 0\) have a pre.*away from the support",
     ),
     (
-        lambda: solve_block(WALL_PAIR, reduction=corner_supports(0)),
+        lambda: solve_block(WALL_PAIR, reduction=left_side_supports(0)),
         "prescribed normal displacement",
     ),
-    (lambda: solve_block(reduction=doubling_reduction()), "combines the displacements"),
-    (lambda: solve_block(PASSING_ARC, [BLOCK.pressure_load] * 2), "gap is not a number"),
+    (lambda: solve_block(reduction=displacement_doubling_reduction()), "combines the displacements"),
+    (lambda: solve_block(PASSING_ARC_PAIR, [BLOCK.pressure_load] * 2), "gap is not a number"),
     (lambda: solve_block(remedies=("prayer",)), "give some of 'springs', 'cutback'"),
 ]
 
@@ -152,13 +152,13 @@ def test_invalid_problems_are_refused_with_their_cause(attempt, message):
     ("attempt", "kind", "message"),
     [
         (
-            lambda: solve_block(floor_pair_with(10.0), OVERTURNING),
+            lambda: solve_block(floor_pair_with(10.0), OVERTURNING_LOAD),
             NoEquilibrium,
             r"rotation about \(4, 0\) of the body, by which the body lifts off pair 0",
         ),
-        (lambda: GrecoPlate(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
+        (lambda: GrecoFrictionBenchmark(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
         (
-            lambda: GrecoPlate(16).solve(1, max_iterations=3, remedies=()),
+            lambda: GrecoFrictionBenchmark(16).solve(1, max_iterations=3, remedies=()),
             NotFound,
             "after 3 iterations",
         ),
@@ -170,13 +170,13 @@ def test_problems_without_solution_are_refused_with_their_cause(attempt, kind, m
 
 
 def test_valid_problems_that_resemble_invalid_ones_are_solved():
-    (state,) = solve_block(reduction=corner_supports(0))
+    (state,) = solve_block(reduction=left_side_supports(0))
     assert state.residuals.largest() < 1e-12
     (state,) = solve_block(floor_pair_with(motions=[Motion((0, 0.1))]))
     assert state.pairs[0].force[1] == pytest.approx(800)
     node_support = BLOCK.make_supports((0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0)))
     solve_block(
-        pair_below(Sphere((2, -3), 3.0)), reduction=node_support
+        base_pair_with_surface(Sphere((2, -3), 3.0)), reduction=node_support
     )  # the normals of a circle prevent the rotation
     (state,) = solve_block()
     base_mask = np.isclose(BLOCK.x[:, 1], 0.0)
@@ -262,8 +262,8 @@ def test_large_friction_without_a_unique_solution_is_reported():
     assert slip.pairs[0].force_normal < 0.9 * stick.pairs[0].force_normal
     assert max(state.residuals.largest() for state in (stick, slip)) < 1e-12
 
-    assert GrecoPlate(16).solve(1.0).unique
-    assert not GrecoPlate(16).solve(50.0).unique
+    assert GrecoFrictionBenchmark(16).solve(1.0).unique
+    assert not GrecoFrictionBenchmark(16).solve(50.0).unique
 
 
 def test_nodes_without_a_facet_are_logged_before_anything_is_solved(caplog):

@@ -34,16 +34,16 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.files import MARK_NAME
+from pw_elements.files import FOLDER_MARK_FILE_NAME
 from pw_elements.meshes import move_nodes, triangles
 from study.model.elements import composite
 from study.solutions.half_space import Elastic as HalfPlane
 from study.solutions.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, skew_columns
+from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, make_x_spacing_unequal
 from tests.library import vtx
 
-FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
-PRESSURES = ["pressure", "tributary_pressure", "traction"]
+FIELD_NAMES_WITHOUT_PRESSURES = ["displacement", "contact_force", "gap", "slip", "status"]
+PRESSURE_FIELD_NAMES = ["pressure", "tributary_pressure", "traction"]
 
 
 def nodes_where(space, where):
@@ -60,7 +60,7 @@ def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
-def test_fields_and_pictures_in_space(cell, tmp_path):
+def test_fields_and_pictures_in_space_add_up_to_the_contact_force(cell, tmp_path):
     body, (*_, state) = solve_ball_on_block(cell=cell, n=6)
     (pair,), fields = state.pairs, ContactFields.from_state(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
@@ -100,10 +100,10 @@ def test_a_space_alone_gives_all_fields_but_pressures():
     block = BlockOnFloor(4)
     (state,) = block.solve(0.3, 60.0, increments=0)
     fields = ContactFields.from_state(state, block.space)
-    assert [f.name for f in fields.functions()] == FIELDS
+    assert [f.name for f in fields.functions()] == FIELD_NAMES_WITHOUT_PRESSURES
     assert fields.pressure is None
     fields = ContactFields.from_state(state, block.body)
-    assert [f.name for f in fields.functions()] == FIELDS + PRESSURES
+    assert [f.name for f in fields.functions()] == FIELD_NAMES_WITHOUT_PRESSURES + PRESSURE_FIELD_NAMES
 
 
 def test_as_function_overwrites_the_values_of_a_function():
@@ -122,7 +122,7 @@ def test_as_function_overwrites_the_values_of_a_function():
         as_function(BlockOnFloor(6).space, doubled_load)
 
 
-def solve_hertz(edges, cell=None):
+def solve_hertz_and_measure_error(edges_per_half_width, cell=None):
     """Solve Hertz' contact; return the true stress error, its indicator, cell size and half width.
 
     Without a cell type, the problem is a line contact on triangles. With a cell type, it is a
@@ -131,9 +131,9 @@ def solve_hertz(edges, cell=None):
     elastic, radius = HalfPlane(1.0, 0.3), 1000.0
     exact_solution = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
     a, dim = exact_solution.half_width, 3 if cell else 2
-    h = a / (edges + 0.4)
+    h = a / (edges_per_half_width + 0.4)
     contact_end = (np.floor(2 * a / h) + 0.1) * h
-    n_cells = 2 * (edges + 1) if cell else 3 * edges
+    n_cells = 2 * (edges_per_half_width + 1) if cell else 3 * edges_per_half_width
     side = n_cells * h
     if cell:
         corners = [(0, 0, -side), (side, side, 0)]
@@ -183,7 +183,7 @@ def test_the_indicator_is_the_error_of_the_stresses():
     """
     norms = []
     for edges in (6, 12):
-        error, indicator, h, a = solve_hertz(edges)
+        error, indicator, h, a = solve_hertz_and_measure_error(edges)
         norms.append(np.linalg.norm(indicator.x.array))
         assert 0.85 < norms[-1] / error < 1.05
         mesh = indicator.function_space.mesh
@@ -197,11 +197,11 @@ def test_the_indicator_is_the_error_of_the_stresses():
     ("cell", "bounds"), [(CellType.tetrahedron, (0.85, 1.05)), (CellType.hexahedron, (1.1, 1.4))]
 )
 def test_the_indicator_is_near_the_error_in_space(cell, bounds):
-    error, indicator, _, _ = solve_hertz(3, cell)
+    error, indicator, _, _ = solve_hertz_and_measure_error(3, cell)
     assert bounds[0] < np.linalg.norm(indicator.x.array) / error < bounds[1]
 
 
-def test_an_indicator_needs_a_stress():
+def test_an_error_indicator_without_a_stress_is_refused():
     body, (*_, state) = solve_ball_on_block()
     with pytest.raises(ValueError, match="one that is not hybrid"):
         ContactFields.from_state(state, body.space).indicator()
@@ -214,7 +214,7 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
     block, finer_block = BlockOnFloor(4), BlockOnFloor(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
     skewed_spaces = PW(
-        move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), skew_columns)
+        move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), make_x_spacing_unequal)
     )
     half_pair = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
     (half_state,) = block.solve_contact(
@@ -248,7 +248,7 @@ def test_files_hold_the_states(tmp_path):
     steps = vtx.read(tmp_path / "block.bp")
     assert [time for time, _ in steps] == [1.0, 2.0, 3.0]
     xml = vtx.scheme(tmp_path / "block.bp")
-    for name in FIELDS + PRESSURES:
+    for name in FIELD_NAMES_WITHOUT_PRESSURES + PRESSURE_FIELD_NAMES:
         assert f'Name="{name}"' in xml
     for (_, values), state in zip(steps, states, strict=True):
         assert values["connectivity"].shape == (len(block.space.dofmap.list), 7)
@@ -317,7 +317,7 @@ def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
     shutil.copytree(path, copy)
-    (copy / MARK_NAME).unlink()  # as if another program had written it
+    (copy / FOLDER_MARK_FILE_NAME).unlink()  # as if another program had written it
     contents = {file: file.read_bytes() for file in copy.iterdir()}
     with pytest.raises(FileExistsError, match="does not say that it is a time series"):
         write(copy, states, block.body)
@@ -349,7 +349,7 @@ def test_an_error_while_writing_leaves_the_old_series(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["block.bp"]
 
 
-def plotted_points(axes):
+def points_of_plotted_lines(axes):
     return [line.get_xydata() for line in axes.lines]
 
 
@@ -366,7 +366,7 @@ def test_the_picture_of_a_contact_line_shows_pressure_shear_and_status():
     expected = {"pressure": pair.force_normal / area, "shear": pair.force_tangential[:, 0] / area}
     for values in expected.values():
         curve = np.column_stack([pair.position[:, 0], values])
-        assert any(c.shape == curve.shape and np.allclose(c, curve) for c in plotted_points(axes))
+        assert any(c.shape == curve.shape and np.allclose(c, curve) for c in points_of_plotted_lines(axes))
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert len(labels) == len(set(labels)) == 4
     n_points_by_label = {line.get_label(): len(line.get_xdata()) for line in axes.lines}
@@ -377,7 +377,7 @@ def test_the_picture_of_a_contact_line_shows_pressure_shear_and_status():
     assert plot(state, block.body, axes=second_axes, along=0) is second_axes
     assert second_axes.get_xlabel() == "x"
     for points, points_along_x in zip(
-        plotted_points(axes), plotted_points(second_axes), strict=True
+        points_of_plotted_lines(axes), points_of_plotted_lines(second_axes), strict=True
     ):
         if len(points) == 25:  # nodes from the left to the right; arc length begins at x = 0
             assert points == pytest.approx(points_along_x)

@@ -15,8 +15,8 @@ BLOCK = BlockOnFloor(8)
 SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
 
 
-def floor_pair(law, *options):
-    return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), law, *options)
+def floor_pair(law, *pair_options):
+    return ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), law, *pair_options)
 
 
 class SaturatingFriction:
@@ -28,9 +28,9 @@ class SaturatingFriction:
     def parameter_at(self, x):
         return self.half_force(x) if callable(self.half_force) else self.half_force
 
-    def limit(self, half, force):
-        reduction = half / (half + force)
-        return self.mu * reduction * force, self.mu * reduction**2
+    def limit(self, half_force, normal_force):
+        reduction = half_force / (half_force + normal_force)
+        return self.mu * reduction * normal_force, self.mu * reduction**2
 
 
 class CappedFriction:
@@ -42,24 +42,24 @@ class CappedFriction:
     def parameter_at(self, x):
         return self.cap + 0 * x[0]
 
-    def limit(self, cap, force):
-        return np.minimum(self.mu * force, cap), np.where(self.mu * force < cap, self.mu, 0.0)
+    def limit(self, cap, normal_force):
+        return np.minimum(self.mu * normal_force, cap), np.where(self.mu * normal_force < cap, self.mu, 0.0)
 
 
 class AdhesiveFriction(SaturatingFriction):
     """A friction law with a limit above zero at zero pressure, which is not allowed."""
 
-    def limit(self, half, force):
-        limit, slope = super().limit(half, force)
+    def limit(self, half_force, normal_force):
+        limit, slope = super().limit(half_force, normal_force)
         return limit + 1.0, slope
 
 
-class StiffeningFriction(SaturatingFriction):
+class RisingCoefficientFriction(SaturatingFriction):
     """A law whose coefficient is 0.1 without pressure and rises to 0.4 under large pressure."""
 
-    def limit(self, half, force):
-        limit, slope = super().limit(half, force)
-        return 0.4 * force - limit, 0.4 - slope
+    def limit(self, half_force, normal_force):
+        limit, slope = super().limit(half_force, normal_force)
+        return 0.4 * normal_force - limit, 0.4 - slope
 
 
 @SOLVERS
@@ -94,7 +94,7 @@ def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
     assert pair.friction == pytest.approx(tau / p, rel=1e-8)
 
 
-def assert_friction_law(pair, limit_of, half_force):
+def assert_friction_law(pair, friction_limit, half_force):
     """Check force and slip of each node against the friction law by independent arithmetic."""
     largest = pair.force_normal.max()
     assert pair.force_normal.min() > -1e-9 * largest
@@ -102,13 +102,13 @@ def assert_friction_law(pair, limit_of, half_force):
     for force, normal_force, slip in zip(
         pair.force_tangential, pair.force_normal, pair.slip, strict=True
     ):
-        limit = limit_of(max(normal_force, 0.0), half_force)
+        limit = friction_limit(max(normal_force, 0.0), half_force)
         size, length = np.linalg.norm(force), np.linalg.norm(slip)
         assert size < limit + 1e-8 * largest
         assert np.linalg.norm(force * length + limit * slip) < 1e-8 * largest * max(length, 1e-6)
 
 
-LAWS = {
+FRICTION_LAWS_AND_EXACT_LIMITS = {
     "falling": (SaturatingFriction(0.8, 4.0), 4.0, lambda r, h: 0.8 * r / (1 + r / h)),
     "capped": (CappedFriction(0.6, 3.0), 3.0, lambda r, h: min(0.6 * r, h)),
 }
@@ -120,7 +120,7 @@ LAWS = {
     [("falling", BLOCK), ("capped", BLOCK), ("falling", BlockOnFloor(8, GALERKIN))],
 )
 def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver):
-    law, half_force, exact_limit = LAWS[name]
+    law, half_force, exact_limit = FRICTION_LAWS_AND_EXACT_LIMITS[name]
     problem = block.contact_problem(floor_pair(law), solver=solver)
     state, n_slipping = problem.undeformed, 0
     for pull in (0.0, 4.0, 7.0, 9.0):
@@ -143,7 +143,7 @@ def test_a_law_holds_in_space_where_slip_changes_direction():
 
 def test_a_number_means_coulombs_law():
     reference, *states = (
-        BLOCK.solve_contact(floor_pair(friction), loads=BLOCK.pull_loads(90.0, 2))[-1]
+        BLOCK.solve_contact(floor_pair(friction), loads=BLOCK.press_then_pull_loads(90.0, 2))[-1]
         for friction in (
             0.3,
             Coulomb(0.3),
@@ -213,12 +213,12 @@ def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
 class WrongSlopeFriction(SaturatingFriction):
     """A friction law that returns a slope which is an eighth too large."""
 
-    def limit(self, half, force):
-        limit, slope = super().limit(half, force)
+    def limit(self, half_force, normal_force):
+        limit, slope = super().limit(half_force, normal_force)
         return limit, 1.13 * slope
 
 
-class BumpyFriction(Coulomb):
+class CoulombWithCoefficientBump(Coulomb):
     """A law whose coefficient rises by a tenth between two forces, and then falls again."""
 
     low, high = 3.0, 3.3
@@ -234,7 +234,7 @@ class BumpyFriction(Coulomb):
     ("law", "message"),
     [
         (WrongSlopeFriction(0.3, 4.0), r"slope .* differences of its limit give"),
-        (BumpyFriction(0.3), "coefficient, the limit over the normal force, rises"),
+        (CoulombWithCoefficientBump(0.3), "coefficient, the limit over the normal force, rises"),
     ],
 )
 def test_a_law_that_contradicts_itself_is_refused(law, message):
@@ -248,7 +248,7 @@ def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_whe
     The rise lies between two of the forces at which a law is sampled beforehand.
     """
 
-    class NarrowBump(BumpyFriction):
+    class NarrowBump(CoulombWithCoefficientBump):
         low, high = 10.0005, 10.0015
 
     block = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), nu=0.0)
@@ -288,7 +288,7 @@ def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
             SaturatingFriction(0.3, lambda x: x),
             SaturatingFriction,
         ),
-        *(StiffeningFriction(0.3, 1e-8), StiffeningFriction(0.3, 1e9)),
+        *(RisingCoefficientFriction(0.3, 1e-8), RisingCoefficientFriction(0.3, 1e9)),
         *(AdhesiveFriction(0.3, 1.0), Coulomb(-0.1), Coulomb("0.3")),
     ],
 )

@@ -23,10 +23,10 @@ from pw_elements.meshes import quadrilaterals
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock
 from tests.contact.residuals import (
-    ProblemData,
+    LinearContactProblemData,
     largest_residual,
     measure_residuals,
-    split_into_substeps,
+    split_increments_at_substeps,
 )
 from tests.contact.test_large import RubberUnderCircle, step_through
 from tests.contact.test_matching import MatchingBlocks
@@ -55,7 +55,7 @@ class BlockBetweenWalls(ElasticBody):
         return self.solve_contact(plate, self.supports, **options)
 
 
-def assert_law(pair, previous_pair, friction=FRICTION, tol=1e-9):
+def assert_friction_opposes_slip(pair, previous_pair, friction=FRICTION, relative_tolerance=1e-9):
     """Check the friction of each closed node from displacements; assert that some nodes slip."""
     relative_motion = (pair.displacement - pair.translation) - (
         previous_pair.displacement - previous_pair.translation
@@ -63,12 +63,12 @@ def assert_law(pair, previous_pair, friction=FRICTION, tol=1e-9):
     slip = relative_motion - np.sum(relative_motion * pair.normal, axis=1)[:, None] * pair.normal
     largest, limit = pair.force_normal.max(), friction * pair.force_normal
     shear = np.linalg.norm(pair.force_tangential, axis=1)
-    assert (shear <= limit + tol * largest).all()
+    assert (shear <= limit + relative_tolerance * largest).all()
     slip_length = np.linalg.norm(slip, axis=1)
     is_sliding = (slip_length > 1e-6 * slip_length.max()) & (limit > 1e-6 * largest)
     assert is_sliding.any()
     direction_error = pair.force_tangential * slip_length[:, None] + limit[:, None] * slip
-    assert np.linalg.norm(direction_error, axis=1).max() < tol * largest * slip_length.max()
+    assert np.linalg.norm(direction_error, axis=1).max() < relative_tolerance * largest * slip_length.max()
     assert set(pair.status[is_sliding]) == {SLIP}
     assert pair.slip[is_sliding] == pytest.approx(slip[is_sliding], abs=1e-12)
 
@@ -82,7 +82,7 @@ def test_a_plate_sliding_over_a_block_between_walls_has_the_full_friction(n, sol
         (pair,) = dragged.pairs
         assert pair.force[0] == pytest.approx(-FRICTION * pair.force[1], rel=1e-9)
         assert (pair.status == SLIP).all()
-        assert_law(pair, pressed.pairs[0])
+        assert_friction_opposes_slip(pair, pressed.pairs[0])
         assert dragged.residuals.largest() < 1e-9
 
 
@@ -134,7 +134,7 @@ def test_held_and_free_nodes_share_the_force_that_pushes_a_plate(solver):
     for previous, state, force in zip(states, states[1:], (1.0, 2.9), strict=False):
         (pair,) = state.pairs
         assert pair.force == pytest.approx([force, -10.0], abs=1e-8)
-        assert_law(pair, previous.pairs[0], tol=1e-8)
+        assert_friction_opposes_slip(pair, previous.pairs[0], relative_tolerance=1e-8)
     with pytest.raises(NoEquilibrium):
         BlockBetweenWalls(8).solve_under_plate(
             PRESSING_MOTION, Motion((None, None), force=(3.01, -10.0)), solver=solver
@@ -157,7 +157,7 @@ PLATE_MOTIONS = [Motion((0, 0, -0.01)), Motion((0.02, 0.03, -0.01)), Motion((0.0
 def test_in_space_the_friction_disc_couples_a_held_and_a_free_tangent(solver):
     states = solve_plate_on_solid(SolidBlock(n=2), *PLATE_MOTIONS, solver=solver)
     for previous, state in pairwise(states):
-        assert_law(state.pairs[0], previous.pairs[0])
+        assert_friction_opposes_slip(state.pairs[0], previous.pairs[0])
         assert state.iterations <= 12
     is_at_end = np.isin(states[1].pairs[0].position[:, 0], (0.0, 2.0))
     friction_at_ends = states[1].pairs[0].force_tangential[is_at_end]
@@ -170,7 +170,7 @@ def test_in_space_a_plate_may_be_free_along_the_supported_direction(solver):
     pressed_state, pushed_state = solve_plate_on_solid(SolidBlock(n=2), *motions, solver=solver)
     (pair,) = pushed_state.pairs
     assert pair.force[0] == pytest.approx(0.5, rel=1e-8)
-    assert_law(pair, pressed_state.pairs[0], tol=1e-7)
+    assert_friction_opposes_slip(pair, pressed_state.pairs[0], relative_tolerance=1e-7)
 
 
 def test_a_ring_pushed_off_its_shaft_has_the_full_friction():
@@ -261,7 +261,7 @@ class TestFiniteSliding:
         motions = [Motion((0.0, -0.1)), Motion((0.3, -0.1)), Motion((0.25, -0.1))]
         states = step_through(plate, [*motions, Motion((None, -0.1), force=(0.02, 0.0))])
         for previous, state in pairwise(states[:3]):
-            assert_law(state.pairs[0], previous.pairs[0])
+            assert_friction_opposes_slip(state.pairs[0], previous.pairs[0])
         (pair,) = states[1].pairs
         assert pair.force[0] == pytest.approx(-FRICTION * pair.force[1], rel=1e-9)
         (pushed,) = states[3].pairs
@@ -317,7 +317,7 @@ class TestFiniteSliding:
         assert half == pytest.approx(whole, abs=1e-9)
 
 
-def collect_fields(comm):
+def solve_and_collect_forces_and_statuses(comm):
     """Return the forces and statuses of a plane and a solid problem, solved on a communicator."""
     plane = BlockBetweenWalls(4, comm=comm).solve_under_plate(
         PRESSING_MOTION,
@@ -334,10 +334,10 @@ def collect_fields(comm):
 
 
 def test_any_number_of_processes_gives_the_same_fields():
-    assert_same_on_processes(collect_fields, processes=(2,), rel=1e-9)
+    assert_same_on_processes(solve_and_collect_forces_and_statuses, processes=(2,), rel=1e-9)
 
 
-def test_derivatives_are_refused_where_friction_acts_on_supports():
+def test_sensitivities_are_refused_where_friction_acts_on_supports():
     block = BlockBetweenWalls(4)
     plate = ContactPair(on_plane(1, 1.0), Plane((0.0, 1.0), (0.0, -1.0)), FRICTION)
     problem = block.contact_problem(plate, block.supports)
@@ -354,7 +354,7 @@ def test_derivatives_are_refused_where_friction_acts_on_supports():
 UNSOLVED_SEEDS = {1, 13}
 
 
-def draw_problem(seed):
+def draw_plate_on_supported_block(seed):
     """Draw a fixed block under a rough plate; random top nodes are held along the plate."""
     rng = np.random.default_rng([47, seed])
     dim = int(rng.integers(2, 4))
@@ -387,7 +387,7 @@ def draw_problem(seed):
     plate_point = [0.0] * up + [1.0]
     plate = ContactPair(top, Plane(plate_point, [0.0] * up + [-1.0]), mu, motions)
     loads = [body.zero_load] * 4
-    return body, ProblemData(body.K, body.space, loads, conditions, [plate])
+    return body, LinearContactProblemData(body.K, body.space, loads, conditions, [plate])
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -396,11 +396,11 @@ def test_random_plates_on_random_supports_obey_the_friction_law(seed):
 
     Residuals are recomputed by independent arithmetic.
     """
-    body, problem = draw_problem(seed)
+    body, problem = draw_plate_on_supported_block(seed)
     supports = Reduction.dirichlet(body.space, problem.conditions)
     try:
         states = body.solve_contact(problem.pairs, supports, problem.loads)
     except NotFound as error:
         assert seed in UNSOLVED_SEEDS
         states = error.states
-    assert largest_residual(measure_residuals(*split_into_substeps(problem, states))) < 1e-8
+    assert largest_residual(measure_residuals(*split_increments_at_substeps(problem, states))) < 1e-8

@@ -19,12 +19,12 @@ from pw_elements.contact import (
     Sphere,
     write,
 )
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF
-from pw_elements.contact.iteration import IncrementTarget
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
+from pw_elements.contact.iteration import TargetLoadsAndMotions
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.model.elements import taylor_hood
-from tests.contact.cases import PW, ElasticBody, finite_strain_residual, on_plane
+from tests.contact.cases import PW, ElasticBody, make_finite_strain_unknown_and_residual, on_plane
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
@@ -36,7 +36,7 @@ class HybridBlock(ElasticBody):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)
         self.base_supports = self.clamp(on_plane(1, 0.0))
 
-    def problem_under(self, surface=None, mu=0.3, **options):
+    def contact_problem_under(self, surface=None, mu=0.3, **options):
         pair = ContactPair(on_plane(1, 2.0), surface or Parabola((0.0, 2.0), 8.0), mu)
         return self.contact_problem(pair, self.base_supports, **options)
 
@@ -64,7 +64,7 @@ def test_uniform_pressure_on_a_rigid_plane_is_exact(method, nu):
 
 def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     case = HybridBlock(nu=0.4999)
-    problem = case.problem_under()
+    problem = case.contact_problem_under()
     pressed_state = problem.step(problem.undeformed, case.zero_load, Motion((0.0, -0.04)))
     problem.save(pressed_state, tmp_path / "pressed.npz")
     assert (problem.load(tmp_path / "pressed.npz").unknowns - pressed_state.unknowns).norm() == 0
@@ -83,7 +83,7 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     assert ContactFields.from_state(pressed_state, case.space).body_pressure is not None
 
     plain_block = HybridBlock(PW, 0.3)
-    plain_problem = plain_block.problem_under()
+    plain_problem = plain_block.contact_problem_under()
     assert (
         ContactFields.from_state(plain_problem.undeformed, plain_block.body).body_pressure is None
     )
@@ -112,7 +112,7 @@ def test_tagged_facets_define_contact_nodes_and_supports(on, finite):
         if finite:
             if conditions is None:
                 conditions = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
-            w, residual = finite_strain_residual(case.body.spaces)
+            w, residual = make_finite_strain_unknown_and_residual(case.body.spaces)
             pair = ContactPair(pair.nodes, Sphere((0.0, 3.0), 1.0), 0.3)
             problem = ContactProblem.of_residual(residual, w, conditions, pair)
             states.append(problem.step(problem.undeformed, motions=Motion((0, -0.1))))
@@ -139,14 +139,14 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
     """
     mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
     U = (spaces := HYBRID(mesh)).trial
-    w, residual = finite_strain_residual(spaces)
+    w, residual = make_finite_strain_unknown_and_residual(spaces)
     conditions = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
     pair = ContactPair(on_plane(1, 1.0), Sphere((1.0, 2.0), 1.0))
     stepping = (
         problem := ContactProblem.of_residual(residual, w, conditions, pair)
     )._large_strain_stepping
     zero_motion = [Motion((0.0, 0.0))]
-    target = IncrementTarget.from_motions(None, zero_motion, n_motions=3)
+    target = TargetLoadsAndMotions.from_load_and_motions(None, zero_motion, n_motions=3)
     state, system = problem.undeformed, stepping._system_for(target.free_motions)
     increment, kinematics = stepping._start_increment(state, target, system, state.unknowns)
     equilibrium, start = increment.equilibrium, increment.start
@@ -164,7 +164,7 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
     assert np.ptp(tolerances[~is_pressure]) == 0
     added_tolerances = tolerances[is_pressure] - tolerances[~is_pressure][0]
     assert added_tolerances / volumes.array_r[is_pressure] == pytest.approx(
-        np.full(len(added_tolerances), 2 * COORDINATE_ROUND_OFF)
+        np.full(len(added_tolerances), 2 * RELATIVE_COORDINATE_ROUND_OFF)
     )
 
 
@@ -186,7 +186,7 @@ def test_the_fallback_finds_the_state_of_the_active_set_iteration():
     case, motion = HybridBlock(), Motion((0.02, None), (0.0, -1e7))
     state, fallback_state = (
         problem.step(problem.undeformed, case.zero_load, motion)
-        for problem in (case.problem_under(), case.problem_under(max_iterations=2))
+        for problem in (case.contact_problem_under(), case.contact_problem_under(max_iterations=2))
     )
     assert state.iterations > 2
     assert (

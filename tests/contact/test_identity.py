@@ -30,7 +30,7 @@ COMM = MPI.COMM_SELF
 PRESSING_MOTION, ON_TOP = Motion((0, -0.05)), on_plane(1, 0.0)
 
 
-class HiddenSaturation:
+class HiddenSaturationFriction:
     """A law with a saturation force that has no effect in the undeformed body."""
 
     def __init__(self, saturation_force):
@@ -44,16 +44,16 @@ class HiddenSaturation:
         return mu * reduction * force, mu * reduction**2
 
 
-def stepped_circle(rise):
+def circle_changed_far_from_nodes(slope_beyond_nodes):
     """Return a circle that becomes a different surface far from the contact nodes."""
 
     def distance(x):
-        return np.linalg.norm(x - [0, 1], axis=1) - 1 + rise * np.maximum(0.0, x[:, 0] - 2.2)
+        return np.linalg.norm(x - [0, 1], axis=1) - 1 + slope_beyond_nodes * np.maximum(0.0, x[:, 0] - 2.2)
 
     return SignedDistance(distance)
 
 
-class VariableRubber:
+class VariableRubberProblem:
     """A finite-strain problem of which every part can be changed."""
 
     def __init__(
@@ -103,18 +103,18 @@ class VariableRubber:
 @pytest.fixture(scope="module")
 def saved_state(tmp_path_factory):
     """Return the path of a file with a state of the default problem."""
-    path, case = tmp_path_factory.mktemp("kept") / "state.npz", VariableRubber()
+    path, case = tmp_path_factory.mktemp("kept") / "state.npz", VariableRubberProblem()
     case.problem.save(case.press(), path)
     return path
 
 
-CHANGES = {
+PROBLEM_CHANGES_BY_MESSAGE = {
     "constant 0 of the residual: it is 1.01 here, and 1 in the file": {"shear": 1.01},
     "function 1 of the residual: it differs by": {"stiffer": 1e-4},
     "residual: it differs by": {"lame": 1.5001},
     "residual: it differs by 0": {"quadratic": 1e-3},
     "friction of contact pair 0: it differs by 0.033": {"friction": 0.31},
-    "friction of contact pair 0": {"friction": HiddenSaturation(1.0)},
+    "friction of contact pair 0": {"friction": HiddenSaturationFriction(1.0)},
     "surface of contact pair 0": {"surface": Plane((0, -0.0), (0, -1))},
     "surface of contact pair 0: it differs by": {"surface": Sphere((0, 1.0), 1.0 - 1e-5)},
     "supports: it differs by": {"held_components": (1,)},
@@ -125,24 +125,24 @@ CHANGES = {
 }
 
 
-def load_error(call):
+def load_error_message(load_file):
     """Return the error message of a call that loads a file."""
     with pytest.raises(ValueError, match=r"state\.npz ") as caught:
-        call()
+        load_file()
     return str(caught.value)
 
 
-def test_a_second_object_of_the_same_problem_loads_the_state(saved_state):
-    case = VariableRubber()
-    state = case.problem.load(saved_state)
+def test_a_second_object_of_the_same_problem_loads_the_state(saved_state_path):
+    case = VariableRubberProblem()
+    state = case.problem.load(saved_state_path)
     assert state.increment == 1
     assert case.press(state=state).residuals.largest() < 1e-9
 
 
-@pytest.mark.parametrize("message", CHANGES)
-def test_each_changed_part_of_a_problem_is_named(message, saved_state):
-    assert message in load_error(
-        lambda: VariableRubber(**CHANGES[message]).problem.load(saved_state)
+@pytest.mark.parametrize("message", PROBLEM_CHANGES_BY_MESSAGE)
+def test_each_changed_part_of_a_problem_is_named(message, saved_state_path):
+    assert message in load_error_message(
+        lambda: VariableRubberProblem(**PROBLEM_CHANGES_BY_MESSAGE[message]).problem.load(saved_state_path)
     )
 
 
@@ -150,12 +150,12 @@ def test_laws_and_surfaces_differ_even_if_their_values_on_the_undeformed_body_ag
     path = tmp_path / "state.npz"
     for make_case, make_other_case in (
         (
-            partial(VariableRubber, friction=HiddenSaturation(0.1)),
-            partial(VariableRubber, friction=HiddenSaturation(0.11)),
+            partial(VariableRubberProblem, friction=HiddenSaturationFriction(0.1)),
+            partial(VariableRubberProblem, friction=HiddenSaturationFriction(0.11)),
         ),
         (
-            partial(VariableRubber, surface=stepped_circle(0.0)),
-            partial(VariableRubber, surface=stepped_circle(0.3)),
+            partial(VariableRubberProblem, surface=circle_changed_far_from_nodes(0.0)),
+            partial(VariableRubberProblem, surface=circle_changed_far_from_nodes(0.3)),
         ),
     ):
         case, other_case = make_case(), make_other_case()
@@ -163,50 +163,50 @@ def test_laws_and_surfaces_differ_even_if_their_values_on_the_undeformed_body_ag
         assert np.array_equal(pair.gap, other_pair.gap)
         assert np.array_equal(pair.friction, other_pair.friction)
         case.problem.save(case.problem.undeformed, path)
-        assert "it differs by" in load_error(lambda case=other_case: case.problem.load(path))
+        assert "it differs by" in load_error_message(lambda case=other_case: case.problem.load(path))
         assert make_case().problem.load(path).increment == 0
 
 
-def test_intended_changes_have_to_be_named(saved_state):
-    case = VariableRubber(shear=1.1, friction=0.2)
+def test_intended_changes_have_to_be_named(saved_state_path):
+    case = VariableRubberProblem(shear=1.1, friction=0.2)
     for changed in ([], ["friction"], [case.shear], ["constants"], ["residual", "friction"]):
-        assert "of a problem with another" in load_error(
-            lambda changed=changed: case.problem.load(saved_state, changed=changed)
+        assert "of a problem with another" in load_error_message(
+            lambda changed=changed: case.problem.load(saved_state_path, changed=changed)
         )
     for changed in (["friction", case.shear], ("constants", "friction")):
-        assert case.problem.load(saved_state, changed=changed).increment == 1
-    quadratic_case = VariableRubber(quadratic=1e-3)
-    assert quadratic_case.problem.load(saved_state, changed=["residual"]).increment == 1
+        assert case.problem.load(saved_state_path, changed=changed).increment == 1
+    quadratic_case = VariableRubberProblem(quadratic=1e-3)
+    assert quadratic_case.problem.load(saved_state_path, changed=["residual"]).increment == 1
     with pytest.raises(ValueError, match="changed 'material': the names are constants, friction"):
-        case.problem.load(saved_state, changed=["material"])
+        case.problem.load(saved_state_path, changed=["material"])
     with pytest.raises(TypeError, match="changed is 'friction': give a list"):
-        case.problem.load(saved_state, changed="friction")
+        case.problem.load(saved_state_path, changed="friction")
 
 
 def test_constants_and_functions_that_loads_change_may_differ(tmp_path):
-    path, case = tmp_path / "state.npz", VariableRubber()
+    path, case = tmp_path / "state.npz", VariableRubberProblem()
 
     def apply_load(load_factor):
         case.load.value = -0.01 * load_factor
         case.heat.x.array[:] = 0.1 * load_factor
 
     case.problem.save(case.press(apply_load), path)
-    for other_case in (VariableRubber(), VariableRubber(load=0.3, warm=0.7)):
+    for other_case in (VariableRubberProblem(), VariableRubberProblem(load=0.3, warm=0.7)):
         state = other_case.problem.load(path)
         other_case.problem.save(
             state, tmp_path / "again.npz"
         )  # the file still records the loads' values
-        assert VariableRubber(load=0.5).problem.load(tmp_path / "again.npz").increment == 1
-    assert "constant 0 of" in load_error(
-        lambda: VariableRubber(shear=1.1, load=0.3).problem.load(path)
+        assert VariableRubberProblem(load=0.5).problem.load(tmp_path / "again.npz").increment == 1
+    assert "constant 0 of" in load_error_message(
+        lambda: VariableRubberProblem(shear=1.1, load=0.3).problem.load(path)
     )
-    unloaded_case = VariableRubber()  # its load has other values than the file's load
+    unloaded_case = VariableRubberProblem()  # its load has other values than the file's load
     unloaded_case.problem.save(unloaded_case.problem.undeformed, path)
     assert case.problem.load(path).increment == 0
 
 
 def test_saving_and_loading_do_not_change_the_problem(tmp_path):
-    case = VariableRubber(load=0.1, warm=0.2)
+    case = VariableRubberProblem(load=0.1, warm=0.2)
     state = case.press()
     arrays = [case.u.x.array, case.heat.x.array, case.load.value, case.shear.value]
     copies = [array.copy() for array in arrays]
@@ -216,11 +216,11 @@ def test_saving_and_loading_do_not_change_the_problem(tmp_path):
         assert np.array_equal(array, values)
 
 
-def block_of_two_halves(left, right):
+def make_block_of_two_moduli(left_modulus, right_modulus):
     """Return a symmetric block whose halves differ in Young's modulus, and its problem."""
     mesh = triangles(COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-    modulus.interpolate(lambda x: np.where(x[0] < 0, left, right))
+    modulus.interpolate(lambda x: np.where(x[0] < 0, left_modulus, right_modulus))
     case = ElasticBody(mesh, material=Material(modulus, 0.3))
     return case, case.contact_problem(
         ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1))), case.clamp(ON_BASE)
@@ -230,22 +230,22 @@ def block_of_two_halves(left, right):
 ON_BASE = on_plane(1, 0.0)
 
 
-def test_stiffnesses_of_equal_norm_differ(tmp_path):
+def test_stiffnesses_of_equal_norm_are_told_apart(tmp_path):
     path = tmp_path / "state.npz"
     (case, problem), (mirrored_case, mirrored_problem) = (
-        block_of_two_halves(100.0, 200.0),
-        block_of_two_halves(200.0, 100.0),
+        make_block_of_two_moduli(100.0, 200.0),
+        make_block_of_two_moduli(200.0, 100.0),
     )
     assert case.K.norm() == pytest.approx(mirrored_case.K.norm(), rel=1e-12)
     problem.save(problem.undeformed, path)
-    assert "with another stiffness: it differs by" in load_error(
+    assert "with another stiffness: it differs by" in load_error_message(
         lambda: mirrored_problem.load(path)
     )
-    assert block_of_two_halves(100.0, 200.0)[1].load(path).increment == 0
+    assert make_block_of_two_moduli(100.0, 200.0)[1].load(path).increment == 0
     assert mirrored_problem.load(path, changed=["stiffness"]).increment == 0
 
 
-def test_other_supports_and_other_facets_differ(tmp_path):
+def test_other_supports_and_other_facets_are_refused(tmp_path):
     path, stack = tmp_path / "state.npz", StackedBlocks((4, 3))
     supports = stack.clamp(on_plane(1, 0.0))
     problem = stack.contact_problem(stack.make_pair("upper"), supports)
@@ -253,27 +253,27 @@ def test_other_supports_and_other_facets_differ(tmp_path):
     problem_on_rollers = stack.contact_problem(
         stack.make_pair("upper"), stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
     )
-    assert "with other supports: it differs by" in load_error(lambda: problem_on_rollers.load(path))
+    assert "with other supports: it differs by" in load_error_message(lambda: problem_on_rollers.load(path))
     partial_surface = DeformableSurface(stack.sides["lower"][1:])
     problem_on_part = stack.contact_problem(
         ContactPair(stack.make_pair("upper").nodes, partial_surface), supports
     )
-    assert "contact pair 0" in load_error(lambda: problem_on_part.load(path))
+    assert "contact pair 0" in load_error_message(lambda: problem_on_part.load(path))
 
 
-def identity_values(comm, path):
+def evaluate_problem_identity(comm, state_path):
     """Return the values that identify a problem; several processes load a file of one process."""
-    case = VariableRubber(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
+    case = VariableRubberProblem(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
-        case.problem.load(path)
+        case.problem.load(state_path)
     return case.problem._identify().evaluate()
 
 
 def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
-    case, path = VariableRubber(load=0.1, warm=0.2, stiffer=0.5), tmp_path / "state.npz"
+    case, path = VariableRubberProblem(load=0.1, warm=0.2, stiffer=0.5), tmp_path / "state.npz"
     case.problem.save(case.press(), path)
-    serial = identity_values(COMM, path)
-    for parallel in run_on(3, identity_values, path):
+    serial = evaluate_problem_identity(COMM, path)
+    for parallel in run_on(3, evaluate_problem_identity, path):
         assert parallel.keys() == serial.keys()
         for name, values in serial.items():
             if values.dtype.kind == "f":
@@ -282,11 +282,11 @@ def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
 
 
 def test_another_version_is_named_where_a_residual_differs(tmp_path):
-    path, case = tmp_path / "state.npz", VariableRubber()
+    path, case = tmp_path / "state.npz", VariableRubberProblem()
     case.problem.save(case.problem.undeformed, path)
     forge(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
     assert case.problem.load(path).increment == 0
-    message = load_error(lambda: VariableRubber(quadratic=1e-3).problem.load(path))
+    message = load_error_message(lambda: VariableRubberProblem(quadratic=1e-3).problem.load(path))
     assert "The file was written with DOLFINx 0.8.0" in message
 
 
@@ -300,27 +300,27 @@ def forge(path, change):
     values = json.loads(str(arrays["state"]))
     change(arrays, values)
     arrays["state"] = np.array(json.dumps(values))
-    arrays.pop(storage._DIGEST_NAME)
-    arrays[storage._DIGEST_NAME] = storage._compute_digest(arrays)
+    arrays.pop(storage._DIGEST_ARRAY_NAME)
+    arrays[storage._DIGEST_ARRAY_NAME] = storage._compute_digest(arrays)
     np.savez(path, **arrays)
 
 
-def change_value(name, value):
+def value_setter(name, value):
     """Return a function that sets a plain value of a file."""
     return lambda _, values: values.update({name: value})
 
 
-def change_entry(name, entry, value):
+def entry_setter(name, entry, value):
     """Return a function that sets an entry of a dictionary among the plain values of a file."""
     return lambda _, values: values[name].update({entry: value})
 
 
-def set_array(name, change):
+def array_changer(name, change):
     """Return a function that replaces an array of a file by its image under `change`."""
     return lambda arrays, _: arrays.update({name: change(arrays[name])})
 
 
-def set_item(value, index=0):
+def item_setter(value, index=0):
     """Return a function that copies an array and sets one of its items."""
 
     def change(values):
@@ -332,55 +332,55 @@ def set_item(value, index=0):
 
 
 # fmt: off
-FORGERIES = {
-    "the scale of forces is 1e+30": change_entry("scale", "force", 1e30),
-    "the scale of lengths is 1e+30": change_entry("scale", "length", 1e30),
-    "force of scale = nan": change_entry("scale", "force", np.nan),
-    "length of scale is -1": change_entry("scale", "length", -1.0),
-    "contact pair 0: status has [0, 1, 7]": set_array("status_0", set_item(7)),
-    "contact pair 0: status has the shape": set_array("status_0", lambda v: v.astype(float)),
-    "residuals does not have the fields": change_value("residuals", {}),
-    "allowance does not have the fields": change_value("allowance", None),
-    "equilibrium of residuals = None": change_entry("residuals", "equilibrium", None),
-    "displacement is of the type complex128": set_array("displacement", lambda v: v + 0j),
-    "displacement of the shape (225, 1)": set_array("displacement", lambda v: v[:, :1]),
+FORGERIES_BY_MESSAGE = {
+    "the scale of forces is 1e+30": entry_setter("scale", "force", 1e30),
+    "the scale of lengths is 1e+30": entry_setter("scale", "length", 1e30),
+    "force of scale = nan": entry_setter("scale", "force", np.nan),
+    "length of scale is -1": entry_setter("scale", "length", -1.0),
+    "contact pair 0: status has [0, 1, 7]": array_changer("status_0", item_setter(7)),
+    "contact pair 0: status has the shape": array_changer("status_0", lambda v: v.astype(float)),
+    "residuals does not have the fields": value_setter("residuals", {}),
+    "allowance does not have the fields": value_setter("allowance", None),
+    "equilibrium of residuals = None": entry_setter("residuals", "equilibrium", None),
+    "displacement is of the type complex128": array_changer("displacement", lambda v: v + 0j),
+    "displacement of the shape (225, 1)": array_changer("displacement", lambda v: v[:, :1]),
     "displacement of the shape (225, 2) and the type float64":
-        set_array("displacement", set_item(np.nan)),
-    "a displacement is 1e+30": set_array("displacement", set_item(1e30)),
-    "contact pair 0: displacement differs": set_array("displacement_0", lambda v: v + 0.01),
-    "contact pair 0: force_normal has values that": set_array("force_normal_0", set_item(np.inf)),
-    "contact pair 0: force_normal is 1e+40": set_array("force_normal_0", set_item(1e40)),
-    "contact pair 0: gap has values that are": set_array("gap_0", set_item(np.nan)),
-    "contact pair 0: slip has the shape (24, 2)": set_array("slip_0", lambda v: v[1:]),
-    "contact pair 0: normal has vectors": set_array("normal_0", lambda v: 2 * v),
-    "contact pair 0: friction is negative": set_array("friction_0", lambda v: -v),
-    "contact pair 0: node has numbers of other": set_array("node_0", lambda v: v[[0, *range(24)]]),
-    "node has numbers of other nodes": set_array("node_0", set_item(10**6)),
-    "contact pair 0: translation is 1e+12": set_array("translation_0", set_item(1e12)),
-    "iterations is -1": change_value("iterations", -1),
-    "iterations is True": change_value("iterations", True),
-    "increment is 0.5": change_value("increment", 0.5),
-    "an undeformed body has displacements": change_value("increment", 0),
-    "unique is 'yes'": change_value("unique", "yes"),
-    "free_motions has [0, 7]": change_value("free_motions", [[0, 7]]),
-    "free_motions has [3, 0]": change_value("free_motions", [[3, 0]]),
-    "the surface of contact pair 0 is free to turn": change_value("free_motions", [[0, 2]]),
-    "determinant_signs [5]": change_value("determinant_signs", [5]),
+        array_changer("displacement", item_setter(np.nan)),
+    "a displacement is 1e+30": array_changer("displacement", item_setter(1e30)),
+    "contact pair 0: displacement differs": array_changer("displacement_0", lambda v: v + 0.01),
+    "contact pair 0: force_normal has values that": array_changer("force_normal_0", item_setter(np.inf)),
+    "contact pair 0: force_normal is 1e+40": array_changer("force_normal_0", item_setter(1e40)),
+    "contact pair 0: gap has values that are": array_changer("gap_0", item_setter(np.nan)),
+    "contact pair 0: slip has the shape (24, 2)": array_changer("slip_0", lambda v: v[1:]),
+    "contact pair 0: normal has vectors": array_changer("normal_0", lambda v: 2 * v),
+    "contact pair 0: friction is negative": array_changer("friction_0", lambda v: -v),
+    "contact pair 0: node has numbers of other": array_changer("node_0", lambda v: v[[0, *range(24)]]),
+    "node has numbers of other nodes": array_changer("node_0", item_setter(10**6)),
+    "contact pair 0: translation is 1e+12": array_changer("translation_0", item_setter(1e12)),
+    "iterations is -1": value_setter("iterations", -1),
+    "iterations is True": value_setter("iterations", True),
+    "increment is 0.5": value_setter("increment", 0.5),
+    "an undeformed body has displacements": value_setter("increment", 0),
+    "unique is 'yes'": value_setter("unique", "yes"),
+    "free_motions has [0, 7]": value_setter("free_motions", [[0, 7]]),
+    "free_motions has [3, 0]": value_setter("free_motions", [[3, 0]]),
+    "the surface of contact pair 0 is free to turn": value_setter("free_motions", [[0, 2]]),
+    "determinant_signs [5]": value_setter("determinant_signs", [5]),
     "rotation of smallness is -0.1":
-        change_value("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
-    "report does not have the fields": change_value("report", {"method": "LU"}),
-    "factorisations is '3'": change_entry("report", "factorisations", "3"),
-    "pairs is 'one'": change_value("pairs", "one"),
+        value_setter("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
+    "report does not have the fields": value_setter("report", {"method": "LU"}),
+    "factorisations is '3'": entry_setter("report", "factorisations", "3"),
+    "pairs is 'one'": value_setter("pairs", "one"),
 }
 # fmt: on
 
 
-@pytest.mark.parametrize("message", FORGERIES)
-def test_invalid_values_are_refused_in_spite_of_a_valid_digest(message, saved_state, tmp_path):
+@pytest.mark.parametrize("message", FORGERIES_BY_MESSAGE)
+def test_invalid_values_are_refused_in_spite_of_a_valid_digest(message, saved_state_path, tmp_path):
     path = tmp_path / "state.npz"
-    path.write_bytes(saved_state.read_bytes())
+    path.write_bytes(saved_state_path.read_bytes())
     forge(path, lambda *_: None)
-    case = VariableRubber()
+    case = VariableRubberProblem()
     assert case.problem.load(path).increment == 1
-    forge(path, FORGERIES[message])
-    assert f"holds no contact state: {message}" in load_error(lambda: case.problem.load(path))
+    forge(path, FORGERIES_BY_MESSAGE[message])
+    assert f"holds no contact state: {message}" in load_error_message(lambda: case.problem.load(path))

@@ -20,13 +20,13 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.model import FrictionCone, MatchingNodes
-from pw_elements.contact.steps.impact import solve_nodal_contact
+from pw_elements.contact.steps.impact import solve_nodal_contact_of_step
 from pw_elements.meshes import move_nodes, triangles
 from study.benchmarks.v12_impact.page import integrate_by_hand, integrate_by_library
 from study.benchmarks.v12_impact.schemes import Scheme
 from study.meshes.mesh_families import on_strip
 from study.model.matrices import dense
-from tests.contact.cases import GALERKIN, ElasticBody, on_plane, skew_columns
+from tests.contact.cases import GALERKIN, ElasticBody, on_plane, make_x_spacing_unequal
 from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
@@ -37,7 +37,7 @@ class ThrownBlock(ElasticBody):
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(
-            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), lambda x: skew_columns(x, 0.05)
+            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), lambda x: make_x_spacing_unequal(x, 0.05)
         )
         super().__init__(mesh, GALERKIN, E=E)
         self.sibling = Sibling.from_space(self.space)
@@ -48,14 +48,14 @@ class ThrownBlock(ElasticBody):
         self.total_mass = self.mass[::2].sum()
         self.no_supports = self.sibling.dirichlet([])
 
-    def uniform_vector(self, vector):
+    def uniform_vector(self, nodal_value):
         """Return the vector that has the same velocity or displacement at all nodes."""
         uniform = self.K.createVecRight()
-        uniform.array.reshape(-1, 2)[:] = vector
+        uniform.array.reshape(-1, 2)[:] = nodal_value
         return uniform
 
-    def body_force_load(self, gravity):
-        return self.sibling.load(super().body_force_load(gravity))
+    def body_force_load(self, force_per_volume):
+        return self.sibling.load(super().body_force_load(force_per_volume))
 
     def wall_supports(self, marker):
         return self.sibling.dirichlet([prescribe(self.space, 0, marker)])
@@ -170,7 +170,7 @@ def test_the_law_holds_at_random_points(name):
         else FrictionCone([SaturatingFriction(0.9, None)], [half_force])
     )
     is_held = np.zeros((n, 3), bool)
-    contact = solve_nodal_contact(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    contact = solve_nodal_contact_of_step(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
     end_motion = motion + step**2 * contact.force / mass[:, None]
     end_gap = gap + np.sum(normal * end_motion, axis=1)
     slip = end_motion - shift - np.sum(normal * (end_motion - shift), axis=1)[:, None] * normal
@@ -205,7 +205,7 @@ def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
     motion[is_held] = 0.0
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     cone = FrictionCone([Coulomb(0.0)], [mu])
-    contact = solve_nodal_contact(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    contact = solve_nodal_contact_of_step(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
     end_motion = motion + np.where(is_held, 0.0, step**2 * contact.force / mass[:, None])
     slip = (end_motion - shift) * [1.0, 1.0, 0.0]
     assert contact.slip == pytest.approx(slip, abs=1e-12)
@@ -247,7 +247,7 @@ def test_frames_are_written_and_fields_show_true_displacements(tmp_path):
         )
 
 
-def solve_changed(**changes):
+def solve_impact_with_changes(**changes):
     arguments = {
         "K": BLOCK.K,
         "M": BLOCK.M,
@@ -268,7 +268,7 @@ def mass_with_unequal_components():
     return M
 
 
-INVALID = {
+INVALID_CHANGES_AND_MESSAGES = {
     "unsymmetric": (lambda: {"K": ElasticBody(BLOCK.mesh).K}, "complex.*grow.*Sibling"),
     "full mass": (lambda: {"M": BLOCK.K}, "not diagonal"),
     "no mass": (lambda: {"M": 0.0 * BLOCK.M}, "not positive"),
@@ -305,11 +305,11 @@ INVALID = {
 }
 
 
-@pytest.mark.parametrize("name", INVALID)
+@pytest.mark.parametrize("name", INVALID_CHANGES_AND_MESSAGES)
 def test_invalid_impacts_are_refused(name):
-    make_changes, message = INVALID[name]
+    make_changes, message = INVALID_CHANGES_AND_MESSAGES[name]
     with pytest.raises((TypeError, ValueError), match=message):
-        solve_changed(**make_changes())
+        solve_impact_with_changes(**make_changes())
 
 
 def test_a_critical_step_needs_a_diagonal_mass():

@@ -23,30 +23,30 @@ from pw_elements.solvers import SolverReport
 from study.model.elements import taylor_hood
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.iterative import (
-    SOLID_CASES,
-    STACKED_CASES,
+    SOLID_CASE_MAKERS_BY_NAME,
+    STACKED_CASE_MAKERS_BY_NAME,
     SolidBlock,
-    nearly_sliding_arguments,
-    upper_on_lower_arguments,
+    nearly_sliding_contact_arguments,
+    upper_on_lower_contact_arguments,
 )
 from tests.contact.two_bodies import StackedBlocks
 
 HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
-METHOD_NAME_BY_IS_HYBRID = {
+KRYLOV_METHOD_NAME_BY_IS_HYBRID = {
     False: "GMRES with p-multigrid",
     True: "GMRES with p-multigrid in a block triangle",
 }
 
 
-def assert_same_states(states, expected, tolerance=1e-10):
+def assert_same_states(states, expected, relative_displacement_tolerance=1e-10):
     """Assert equal statuses, and small differences of displacements and forces.
 
-    Displacements are compared to `tolerance`, forces to 1e-9 of the largest force.
+    Displacements are compared to `relative_displacement_tolerance`, forces to 1e-9 of the largest force.
     """
     for state, reference in zip(states, expected, strict=True):
         assert (
             state.displacement - reference.displacement
-        ).norm() < tolerance * reference.displacement.norm()
+        ).norm() < relative_displacement_tolerance * reference.displacement.norm()
         assert (
             state.unknowns - reference.unknowns
         ).norm() < 1e-9 * reference.unknowns.norm()  # pressures included
@@ -62,17 +62,17 @@ def assert_same_states(states, expected, tolerance=1e-10):
         assert state.residuals.largest() < 1e-9
 
 
-def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
+def solve_and_compare_with_direct_solver(contact_arguments, is_hybrid=False, max_krylov_iterations=150):
     """Return the states by the iterative solver, after comparing them with the direct solver's.
 
     Hybrid elements are compared with one digit less, because of their stability.
     """
-    states = solve_contact(*arguments, solver=Iterative())
+    states = solve_contact(*contact_arguments, solver=Iterative())
     tolerance = 1e-9 if is_hybrid else 1e-10
-    assert_same_states(states, solve_contact(*arguments, solver=Direct()), tolerance)
+    assert_same_states(states, solve_contact(*contact_arguments, solver=Direct()), tolerance)
     report = states[-1].report
-    assert (report.method, report.factorisations) == (METHOD_NAME_BY_IS_HYBRID[is_hybrid], 0)
-    assert 0 < report.krylov_iterations < max_krylov
+    assert (report.method, report.factorisations) == (KRYLOV_METHOD_NAME_BY_IS_HYBRID[is_hybrid], 0)
+    assert 0 < report.krylov_iterations < max_krylov_iterations
     assert states[-1].unique is None
     return states
 
@@ -80,7 +80,7 @@ def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
 @pytest.mark.parametrize(
     ("case", "cell", "method", "nu"),
     [
-        *((case, "tetrahedron", PW, 0.3) for case in SOLID_CASES),
+        *((case, "tetrahedron", PW, 0.3) for case in SOLID_CASE_MAKERS_BY_NAME),
         *((case, "tetrahedron", HYBRID, 0.5) for case in ("tilted", "sphere by forces")),
         ("corner", "hexahedron", PW, 0.3),
         ("tilted", "hexahedron", GALERKIN, 0.3),
@@ -91,17 +91,17 @@ def solve_and_compare(arguments, is_hybrid=False, max_krylov=150):
 )
 def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
     is_hybrid = method in (HYBRID, TAYLOR_HOOD)
-    solve_and_compare(SolidBlock(cell, method, nu=nu).case_arguments(case), is_hybrid)
+    solve_and_compare_with_direct_solver(SolidBlock(cell, method, nu=nu).solve_contact_arguments(case), is_hybrid)
 
 
 @pytest.mark.parametrize("method", [PW, HYBRID])
 def test_the_solvers_tolerance_is_used_in_contact(method):
-    arguments, previous = SolidBlock(method=method).case_arguments("rough floor"), None
+    arguments, previous = SolidBlock(method=method).solve_contact_arguments("rough floor"), None
     for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used as the tolerance
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
         n_krylov = state.report.krylov_iterations
         if previous is not None:
-            assert_same_states([state], [previous[0]], tolerance=1e-9)
+            assert_same_states([state], [previous[0]], relative_displacement_tolerance=1e-9)
             assert n_krylov < previous[1]
         assert state.residuals.equilibrium < max(min(tolerance, 1e-10), 1e-12)
         previous = state, n_krylov
@@ -109,7 +109,7 @@ def test_the_solvers_tolerance_is_used_in_contact(method):
 
 def test_steps_may_start_from_any_state():
     solid = SolidBlock()
-    K, loads, supports, pair, U = solid.case_arguments("sphere")
+    K, loads, supports, pair, U = solid.solve_contact_arguments("sphere")
     problem = solid.contact_problem(pair, supports, solver=Iterative())
     pressed_state = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
     moved_state = problem.step(pressed_state, loads[0], [pair.motions[1]])
@@ -125,7 +125,7 @@ def test_bodies_that_nearly_slide_are_solved():
 
     No node sticks in the end, so that the preconditioner fixes more nodes than the contact law.
     """
-    states = solve_and_compare(nearly_sliding_arguments(SolidBlock()))
+    states = solve_and_compare_with_direct_solver(nearly_sliding_contact_arguments(SolidBlock()))
     assert not np.any(states[1].pairs[0].status == STICK)
     for state in states:
         assert state.report.krylov_iterations < 8 * state.iterations
@@ -133,7 +133,7 @@ def test_bodies_that_nearly_slide_are_solved():
 
 def test_failures_are_the_same_as_with_a_direct_solver():
     solid = SolidBlock()
-    K, load, supports, pair, U = solid.case_arguments("rough floor")
+    K, load, supports, pair, U = solid.solve_contact_arguments("rough floor")
     reversed_load = load.copy()
     reversed_load.scale(-1.0)
     with pytest.raises(FreeBody):
@@ -145,7 +145,7 @@ def test_failures_are_the_same_as_with_a_direct_solver():
 @pytest.mark.parametrize(
     ("case", "slave", "element"),
     [
-        *((case, "upper", "petrov_galerkin") for case in STACKED_CASES),
+        *((case, "upper", "petrov_galerkin") for case in STACKED_CASE_MAKERS_BY_NAME),
         ("on a floor", "lower", "hybrid"),
         ("forces through contact", "lower", "hybrid"),
     ],
@@ -154,14 +154,14 @@ def test_two_bodies_have_the_states_of_the_direct_solver(case, slave, element):
     is_hybrid = element == "hybrid"
     nu = 0.5 if is_hybrid else 0.3
     stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), element=element, nu=nu)
-    solve_and_compare(STACKED_CASES[case](stack, slave), is_hybrid, 220)
+    solve_and_compare_with_direct_solver(STACKED_CASE_MAKERS_BY_NAME[case](stack, slave), is_hybrid, 220)
 
 
 @pytest.mark.parametrize(("element", "nu"), [("petrov_galerkin", 0.3), ("hybrid", 0.4999)])
 def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
     stack = StackedBlocks((2, 2), "tetrahedron", element=element, nu=nu)
     surface = MatchingNodes(stack.side_nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
-    solve_and_compare(upper_on_lower_arguments(stack, "upper", surface), element == "hybrid")
+    solve_and_compare_with_direct_solver(upper_on_lower_contact_arguments(stack, "upper", surface), element == "hybrid")
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -179,7 +179,7 @@ def test_enclosed_incompressible_bodies_are_refused(friction):
     with pytest.raises(NotFound, match="Supports and contact enclose an incompressible body"):
         body.solve_contact(lid, body.make_supports(*walls), solver=Iterative())
     body = ElasticBody(mesh, HYBRID, "solid", 1.0, nu)
-    (state,) = solve_and_compare(
+    (state,) = solve_and_compare_with_direct_solver(
         (body.K, body.zero_load, body.make_supports(*walls), lid, body.space), True
     )
     modulus = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
@@ -214,8 +214,8 @@ def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
     One problem has a free surface, whose translations add rows and columns to the matrix. The other
     one has two bodies.
     """
-    plate_arguments = SolidBlock(n=2).case_arguments("plate by forces")
-    stacked_arguments = upper_on_lower_arguments(
+    plate_arguments = SolidBlock(n=2).solve_contact_arguments("plate by forces")
+    stacked_arguments = upper_on_lower_contact_arguments(
         StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83)), "upper"
     )
     for arguments in (plate_arguments, stacked_arguments):
@@ -237,4 +237,4 @@ def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
 
 def test_an_invalid_solver_is_refused():
     with pytest.raises(TypeError, match="the solver is 'quick'"):
-        solve_contact(*SolidBlock().case_arguments("rough floor"), solver="quick")
+        solve_contact(*SolidBlock().solve_contact_arguments("rough floor"), solver="quick")

@@ -16,9 +16,9 @@ from pw_elements.contact import (
     SurfacePassed,
 )
 from pw_elements.contact.rescue import (
-    SupportedPieces,
-    ends_all_contact,
-    refuse_tools_through_supports,
+    PiecesMovingWithSupports,
+    does_rigid_motion_end_all_contact,
+    raise_if_tools_reach_or_pass_supports,
 )
 from tests.contact.cases import on_plane
 from tests.contact.sliding import (
@@ -29,7 +29,7 @@ from tests.contact.sliding import (
 )
 from tests.contact.test_large import RubberUnderCircle, step_through
 
-PRESSED_POSITION = (0.0, -0.12)
+PRESSED_TRANSLATION = (0.0, -0.12)
 PLANE_ABOVE = Plane((0.0, 0.0), (0.0, -1.0))
 
 
@@ -43,7 +43,7 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
     bodies = make_die_on_block(
         friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=degrees
     )
-    pressed_state, separate_state = slide_along_path(bodies, [PRESSED_POSITION, (4.0, -0.12)])
+    pressed_state, separate_state = slide_along_path(bodies, [PRESSED_TRANSLATION, (4.0, -0.12)])
     assert separate_state.iterations <= pressed_state.iterations
     assert not separate_state.substates
     assert (separate_state.pairs[0].status == OPEN).all()
@@ -72,7 +72,7 @@ def test_a_sharp_die_is_solved_or_refused_after_few_linear_systems(upper_is_slav
     bodies = make_die_on_block(
         friction=0.8, upper_is_slave=upper_is_slave, curvature=0.0, callback=reports.append
     )
-    path = [PRESSED_POSITION, *((end, -0.12) for end in ends)]
+    path = [PRESSED_TRANSLATION, *((end, -0.12) for end in ends)]
     if upper_is_slave:
         slide_along_path(bodies, path)
     else:
@@ -126,25 +126,25 @@ def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypat
     assert (state.pairs[0].status == OPEN).all()
 
 
-def separates_along(problem, ends, unknowns):
+def is_separated_by_move(problem, start_and_end_positions, unknowns):
     """Return whether a circle separates from the rubber as it moves between two positions."""
     stepping = problem._large_strain_stepping
     fractions = np.linspace(0, 1, 129)
     motions = np.array(
         [
-            [[*((1 - fraction) * np.array(ends[0]) + fraction * np.array(ends[1])), 0]]
+            [[*((1 - fraction) * np.array(start_and_end_positions[0]) + fraction * np.array(start_and_end_positions[1])), 0]]
             for fraction in fractions
         ]
     )
     displacements = np.zeros((len(fractions), *stepping._supports.node_positions.shape))
-    pieces = SupportedPieces.fit(
+    pieces = PiecesMovingWithSupports.fit(
         stepping._supports.node_positions,
         stepping._supports.is_supported,
         stepping._supports.node_component,
         displacements,
         stepping.interface.comm,
     )
-    return ends_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
+    return does_rigid_motion_end_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
 
 
 def test_a_tool_that_passes_through_a_body_does_not_separate():
@@ -156,13 +156,13 @@ def test_a_tool_that_passes_through_a_body_does_not_separate():
     circle, on_left_side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
     problem = rubber.problem_with(surface=circle, nodes=lambda x: on_left_side(x) & (x[1] > -0.7))
     undeformed = problem.undeformed.unknowns
-    assert separates_along(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
-    assert separates_along(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
-    assert not separates_along(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # into the block
-    assert not separates_along(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
-    assert not separates_along(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # deeper at first
-    assert not separates_along(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # still overlaps
-    assert not separates_along(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # no contact yet
+    assert is_separated_by_move(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
+    assert is_separated_by_move(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
+    assert not is_separated_by_move(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # into the block
+    assert not is_separated_by_move(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
+    assert not is_separated_by_move(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # deeper at first
+    assert not is_separated_by_move(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # still overlaps
+    assert not is_separated_by_move(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # no contact yet
 
 
 @pytest.mark.parametrize("surface", [PLANE_ABOVE, Sphere((0.0, 0.6), 0.6)], ids=["plane", "circle"])
@@ -185,7 +185,7 @@ def test_bodies_that_leave_no_space_for_each_other_are_refused():
     assert not calls
 
 
-def test_supports_behind_a_gap_may_be_reached():
+def test_a_tool_may_move_to_supports_of_a_body_behind_a_gap():
     """A tool may move as far as the supports of a second body beyond a gap.
 
     The tool pushes the upper body alone; the supports are those of the lower body.
@@ -205,6 +205,6 @@ def test_supports_behind_a_gap_may_be_reached():
     )  # positions and supports of one connected body
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)
-    refuse_tools_through_supports(
+    raise_if_tools_reach_or_pass_supports(
         stepping.interface, stepping._surfaces, *node_data, motions, displacements
     )

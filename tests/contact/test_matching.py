@@ -39,7 +39,7 @@ class MatchingBlocks(ElasticBody):
     def traction_load(self, traction, where=None):
         return super().traction_load(traction, where or on_plane(1, self.top))
 
-    def block_nodes(self, of_upper):
+    def nodes_facing_other_block(self, of_upper):
         return nodes_of_block_at_height(
             self.space, HEIGHT + self.gap if of_upper else HEIGHT, of_upper
         )
@@ -49,9 +49,9 @@ class MatchingBlocks(ElasticBody):
         level = HEIGHT if slave_is_upper else HEIGHT + self.gap
         shape = shape or Plane((0.0, level), (0.0, direction))
         surface = MatchingNodes(
-            self.block_nodes(not slave_is_upper), shape, (0.0, -direction * self.gap)
+            self.nodes_facing_other_block(not slave_is_upper), shape, (0.0, -direction * self.gap)
         )
-        return ContactPair(self.block_nodes(slave_is_upper), surface, friction)
+        return ContactPair(self.nodes_facing_other_block(slave_is_upper), surface, friction)
 
 
 @pytest.mark.parametrize(("method", "slave_is_upper"), [(GALERKIN, True), (PW, True), (PW, False)])
@@ -74,8 +74,8 @@ def test_uniform_pressure_is_transferred_exactly(method, slave_is_upper):
         -1, 2
     )
     slave_nodes, master_nodes = (
-        blocks.block_nodes(slave_is_upper),
-        blocks.block_nodes(not slave_is_upper),
+        blocks.nodes_facing_other_block(slave_is_upper),
+        blocks.nodes_facing_other_block(not slave_is_upper),
     )
     assert r[slave_nodes].sum(axis=0) == pytest.approx(-r[master_nodes].sum(axis=0), abs=1e-10)
     assert r[slave_nodes].sum(axis=0) == pytest.approx(pair.force, abs=1e-10)
@@ -102,28 +102,28 @@ def test_either_side_may_be_the_slave(gap):
 
 
 SEPARATED_BLOCKS = MatchingBlocks(gap=0.1)
-LOWER_NODES, UPPER_NODES = SEPARATED_BLOCKS.block_nodes(False), SEPARATED_BLOCKS.block_nodes(True)
+LOWER_NODES, UPPER_NODES = SEPARATED_BLOCKS.nodes_facing_other_block(False), SEPARATED_BLOCKS.nodes_facing_other_block(True)
 
 
-def matching_pair(
-    nodes=UPPER_NODES, opposite=LOWER_NODES, point=(0, 1), up=(0, 1), offset=(0.0, -0.1)
+def make_matching_pair(
+    nodes=UPPER_NODES, opposite_nodes=LOWER_NODES, plane_point=(0, 1), plane_normal=(0, 1), offset=(0.0, -0.1)
 ):
-    return ContactPair(nodes, MatchingNodes(opposite, Plane(point, up), offset), 0.3)
+    return ContactPair(nodes, MatchingNodes(opposite_nodes, Plane(plane_point, plane_normal), offset), 0.3)
 
 
 @pytest.mark.parametrize(
     ("pair", "message"),
     [
-        (matching_pair(offset=None), "face no node of the opposite side"),
-        (matching_pair(offset=(0.0, 0.0, 0.1)), "offset .* is not 2-D"),
-        (matching_pair(opposite=LOWER_NODES[:3]), "face no node of the opposite"),
-        (matching_pair(opposite=lambda x: x[1] > 9), "no opposite nodes"),
-        (matching_pair(point=(0, 1, 0), up=(0, 1, 0)), "the point of its surface has 3 components"),
+        (make_matching_pair(offset=None), "face no node of the opposite side"),
+        (make_matching_pair(offset=(0.0, 0.0, 0.1)), "offset .* is not 2-D"),
+        (make_matching_pair(opposite_nodes=LOWER_NODES[:3]), "face no node of the opposite"),
+        (make_matching_pair(opposite_nodes=lambda x: x[1] > 9), "no opposite nodes"),
+        (make_matching_pair(plane_point=(0, 1, 0), plane_normal=(0, 1, 0)), "the point of its surface has 3 components"),
         (
-            [matching_pair(), ContactPair(LOWER_NODES, Plane((0, 0), (0, 1)))],
+            [make_matching_pair(), ContactPair(LOWER_NODES, Plane((0, 0), (0, 1)))],
             "belong to two contact pairs",
         ),
-        (matching_pair(on_plane(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)), "inside of the body"),
+        (make_matching_pair(on_plane(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)), "inside of the body"),
     ],
 )
 def test_invalid_matching_pairs_are_refused(pair, message):
@@ -138,4 +138,4 @@ def test_supports_of_one_side_only_are_refused():
     )
     message = r"at \(1, 1.1\) have a prescribed displacement that their counterparts have not"
     with pytest.raises(ValueError, match=message):
-        SEPARATED_BLOCKS.contact_problem(matching_pair(), supports)
+        SEPARATED_BLOCKS.contact_problem(make_matching_pair(), supports)

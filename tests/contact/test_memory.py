@@ -47,7 +47,7 @@ def bytes_in_use():
     return heap.mapped + heap.used
 
 
-class PeakMemory:
+class PeakMemoryRecorder:
     """Peak bytes of Python and NumPy in each stage, beyond those in use before the stage."""
 
     def __init__(self):
@@ -62,13 +62,13 @@ class PeakMemory:
         return result
 
 
-def measure_stages(comm, n, path):
+def measure_memory_of_stages(comm, cells_per_height, state_path):
     """Return the number of nodes, the peak bytes of each stage, and the bytes in use at the end.
 
     The problem is a block of 2 n x n x n cells under a ball.
     """
-    mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType.tetrahedron)
-    peak, bytes_before = PeakMemory(), bytes_in_use()
+    mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * cells_per_height, cells_per_height, cells_per_height), CellType.tetrahedron)
+    peak, bytes_before = PeakMemoryRecorder(), bytes_in_use()
     body = peak("body", ElasticBody, mesh, PW, "solid")
     near_ball = lambda x: on_plane(2, 1.0)(x) & (np.hypot(x[0] - 1, x[1] - 0.5) < 0.3)  # noqa: E731
     pair, motion = ContactPair(near_ball, Sphere((1.0, 0.5, 1.5), 0.5), 0.3), Motion((0, 0, -0.02))
@@ -76,18 +76,18 @@ def measure_stages(comm, n, path):
     problem = peak("problem", body.contact_problem, pair, supports, solver=Iterative())
     state = peak("step", problem.step, problem.undeformed, body.zero_load, motions=motion)
     bytes_kept = bytes_in_use() - bytes_before
-    peak("save", problem.save, state, path)
-    loaded_state = peak("load", problem.load, path)
+    peak("save", problem.save, state, state_path)
+    loaded_state = peak("load", problem.load, state_path)
     assert (loaded_state.displacement - state.displacement).norm() == 0.0
     index_map = body.space.dofmap.index_map
     return index_map.size_local + index_map.num_ghosts, peak.bytes | {"kept": bytes_kept}
 
 
-def measure_large_and_small(comm, path):
+def measure_memory_of_large_and_small_block(comm, state_path):
     """Return the number of nodes and the bytes of a block, and the bytes of a very small block."""
-    small_path = path.with_name(f"{comm.rank}.npz")
-    measure_stages(MPI.COMM_SELF, 2, small_path)  # imports and compiles before any measurement
-    return *measure_stages(comm, 8, path), measure_stages(MPI.COMM_SELF, 2, small_path)[1]
+    small_path = state_path.with_name(f"{comm.rank}.npz")
+    measure_memory_of_stages(MPI.COMM_SELF, 2, small_path)  # imports and compiles before any measurement
+    return *measure_memory_of_stages(comm, 8, state_path), measure_memory_of_stages(MPI.COMM_SELF, 2, small_path)[1]
 
 
 @pytest.mark.random  # tests of this mark run at night
@@ -98,10 +98,10 @@ def test_a_process_holds_its_share_of_all_data_but_contact_surfaces(request, tmp
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes 15 processes, with --nightly")
-    ((nodes, serial_bytes, _),) = run_on(1, measure_large_and_small, tmp_path / "state.npz")
+    ((nodes, serial_bytes, _),) = run_on(1, measure_memory_of_large_and_small_block, tmp_path / "state.npz")
     for count in (2, 4, 8):
         for rank, (own_nodes, bytes_by_stage, small_bytes) in enumerate(
-            run_on(count, measure_large_and_small, tmp_path / "state.npz")
+            run_on(count, measure_memory_of_large_and_small_block, tmp_path / "state.npz")
         ):
             for stage, n_bytes in bytes_by_stage.items():
                 if rank > 0 or stage not in ("save", "load"):

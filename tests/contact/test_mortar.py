@@ -26,7 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gather_trace
+from pw_elements.contact.interface import gather_boundary_facets
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -46,7 +46,7 @@ def nodal_values(function, nodes):
     return rows[:, 0] if block == 1 else rows
 
 
-def unbalanced_forces(stack, state, load):
+def contact_and_support_forces(stack, state, load):
     """Return the forces (n, dim) that contact and supports have to carry."""
     field = SubSpace.displacements(stack.space)
     return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
@@ -58,17 +58,17 @@ def imbalance(stack, state, load):
     The reference is the sum of the magnitudes of all nodal forces.
     """
     interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
-    force, x = unbalanced_forces(stack, state, load)[interface_mask], stack.x[interface_mask]
+    force, x = contact_and_support_forces(stack, state, load)[interface_mask], stack.x[interface_mask]
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
     total_magnitude = np.abs(force).sum()
     return max(np.abs(force.sum(axis=0)).max(), np.abs(moment.sum(axis=0)).max()) / total_magnitude
 
 
-def assert_uniaxial(stack, state, nu=0.3, tolerance=1e-11):
+def assert_uniaxial_displacements(stack, state, nu=0.3, relative_tolerance=1e-11):
     """Assert that the displacements are those of uniaxial stress."""
     exact = stack.uniaxial_displacement(nu)
     displacement = state.displacement.array.reshape(exact.shape)
-    assert displacement == pytest.approx(exact, abs=tolerance * np.abs(exact).max())
+    assert displacement == pytest.approx(exact, abs=relative_tolerance * np.abs(exact).max())
 
 
 @pytest.mark.parametrize(
@@ -92,8 +92,8 @@ def assert_uniaxial(stack, state, nu=0.3, tolerance=1e-11):
 def test_patch_test_passes(cell, slave, friction, element, nu, state):
     divisions = (4, 7) if cell in PLANE_CELLS else (2, 3)
     stack = StackedBlocks(divisions, cell, element=element, nu=nu, state=state)
-    solution = stack.solve_uniaxial(slave, friction)
-    assert_uniaxial(stack, solution, nu)
+    solution = stack.solve_uniaxial_compression(slave, friction)
+    assert_uniaxial_displacements(stack, solution, nu)
     assert solution.residuals.largest() < 1e-11
     if element == "hybrid":
         stress_ratio = nu if stack.dim == 2 else nu / (1 + nu)
@@ -124,7 +124,7 @@ def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
         return x + bubble[:, None] * direction
 
     stack = StackedBlocks((2, 3), "hexahedron", map_upper=distort)
-    assert_uniaxial(stack, stack.solve_uniaxial(slave), tolerance=1e-10)
+    assert_uniaxial_displacements(stack, stack.solve_uniaxial_compression(slave), relative_tolerance=1e-10)
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
@@ -139,11 +139,11 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
     load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gather_trace(stack.space, stack.sides["lower"]).sub_facets
-    forces = -PRESSURE * weights_beyond(corners, end)
+    nodes, corners, _ = gather_boundary_facets(stack.space, stack.sides["lower"]).sub_facet_nodes_corners_and_normals
+    forces = -PRESSURE * integrate_hat_functions_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, forces)
-    state = stack.solve_uniaxial(slave, 0.3 if cell == "hexahedron" else 0.0, load)
-    assert_uniaxial(stack, state, tolerance=1e-9)
+    state = stack.solve_uniaxial_compression(slave, 0.3 if cell == "hexahedron" else 0.0, load)
+    assert_uniaxial_displacements(stack, state, relative_tolerance=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
     pressure = ContactFields.from_state(state, stack.body).pressure
     assert nodal_values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
@@ -159,14 +159,14 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
     assert pressures[~is_uncovered & ~is_hardly_covered] == pytest.approx(PRESSURE, rel=1e-8)
 
 
-def weights_beyond(corners, end):
+def integrate_hat_functions_beyond(corners, end_x):
     """Return integrals (s, k) of the hat functions of axis-parallel sub-facets over x > end.
 
     `corners` (s, k, dim) are the corners of the sub-facets.
     """
     ends = corners[:, [0, -1]]
     left, width = ends[:, :, 0].min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
-    u = np.clip((end - left) / width[:, 0], 0.0, 1.0)
+    u = np.clip((end_x - left) / width[:, 0], 0.0, 1.0)
     line_weights = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1) * width[:, :1]
     backwards = ends[:, 1, 0] < ends[:, 0, 0]
     line_weights[backwards] = line_weights[backwards, ::-1]
@@ -195,7 +195,7 @@ def test_forces_and_moments_balance_and_fields_contain_them(cell, slave, element
     assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = nodal_values(fields.force, slice(None))
     interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
-    unbalanced = unbalanced_forces(stack, state, stack.zero_load)
+    unbalanced = contact_and_support_forces(stack, state, stack.zero_load)
     assert force[interface_mask] == pytest.approx(
         unbalanced[interface_mask], abs=1e-10 * np.abs(unbalanced[interface_mask]).max()
     )
@@ -214,7 +214,7 @@ def test_forces_and_moments_balance_and_fields_contain_them(cell, slave, element
 def test_a_motion_moves_the_opposite_body_closer(motion):
     stack = StackedBlocks((4, 5), nu=0.0)
     (state,) = stack.solve_contact(
-        stack.make_pair("upper", 0.0, [motion]), stack.moved_top_supports((0.0, 0.0))
+        stack.make_pair("upper", 0.0, [motion]), stack.fixed_base_moved_top_supports((0.0, 0.0))
     )
     assert state.pairs[0].translation == pytest.approx([0.0, 0.02], rel=1e-9)
     assert state.pairs[0].force == pytest.approx([0.0, 0.01], rel=1e-9, abs=1e-12)
@@ -244,7 +244,7 @@ def test_invalid_mortar_pairs_are_refused(nodes, facets, kind, message):
     with pytest.raises(kind, match=message):
         STACKED_BLOCKS.solve_contact(
             ContactPair(nodes, DeformableSurface(facets)),
-            STACKED_BLOCKS.moved_top_supports([0.0, -0.01]),
+            STACKED_BLOCKS.fixed_base_moved_top_supports([0.0, -0.01]),
         )
 
 
@@ -257,9 +257,9 @@ def test_elements_without_piecewise_linear_weights_are_refused(cell):
     raises_error = pytest.raises(ValueError, match="forces by piecewise-linear weights")
     for element in ("galerkin", "taylor_hood"):
         with raises_error:
-            StackedBlocks((3, 2), cell, element=element).solve_uniaxial()
+            StackedBlocks((3, 2), cell, element=element).solve_uniaxial_compression()
     if cell == "triangle":
-        StackedBlocks((3, 2), cell, element="composite").solve_uniaxial()
+        StackedBlocks((3, 2), cell, element="composite").solve_uniaxial_compression()
         stack = StackedBlocks((3, 2), element="galerkin")
         sibling = Sibling.from_space(stack.space)
         stack.K = sibling.matrix(stack.K)
@@ -272,7 +272,7 @@ def test_a_coarse_slave_is_logged_as_a_warning(caplog):
     stack = StackedBlocks((3, 12))
     for slave, is_warned in (("upper", False), ("lower", True)):
         caplog.clear()
-        stack.solve_contact(stack.make_pair(slave), stack.moved_top_supports([0.0, -0.01]))
+        stack.solve_contact(stack.make_pair(slave), stack.fixed_base_moved_top_supports([0.0, -0.01]))
         assert ("facets are 4.0 times as large as those they face" in caplog.text) == is_warned
 
 
@@ -308,7 +308,7 @@ def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
         (i, lambda x: np.isin(np.arange(x.shape[1]), slave_nodes), translation[i])
         for i in range(up)
     ]
-    supports = stack.moved_top_supports(translation, side_conditions)
+    supports = stack.fixed_base_moved_top_supports(translation, side_conditions)
     with pytest.raises(ValueError, match="would get no friction: exchange both sides"):
         stack.solve_contact(stack.make_pair("upper", 0.3), supports)
     stack.solve_contact(stack.make_pair("upper"), supports)
@@ -321,7 +321,7 @@ def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
 def test_overlapping_bodies_are_refused():
     stack = StackedBlocks((3, 2), map_upper=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     with pytest.raises(ValueError, match="lie inside the body that they face"):
-        stack.solve_contact(stack.make_pair(), stack.moved_top_supports([0.0, 0.0]))
+        stack.solve_contact(stack.make_pair(), stack.fixed_base_moved_top_supports([0.0, 0.0]))
 
 
 def hat_functions(x, nodes):
@@ -368,7 +368,7 @@ def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave
         assert (nodal_values(contact_fields.status, unfaced_nodes) == OPEN).all()
 
 
-def make_rectangle(low, high, divisions):
+def make_rectangle_mesh(low, high, divisions):
     return create_rectangle(MPI.COMM_SELF, [low, high], divisions, CellType.triangle)
 
 
@@ -378,10 +378,10 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
     The two upper blocks meet above the inside of a facet. The plates have a thickness of 0.4.
     """
     end = 0.47
-    lower_mesh = make_rectangle((0.0, 0.0), (1.0, 1.0), (5, 4))
+    lower_mesh = make_rectangle_mesh((0.0, 0.0), (1.0, 1.0), (5, 4))
     upper_meshes = join_meshes(
-        make_rectangle((0.0, 1.0), (end, 2.0), (3, 3)),
-        make_rectangle((end, 1.0), (1.0, 2.0), (4, 4)),
+        make_rectangle_mesh((0.0, 1.0), (end, 2.0), (3, 3)),
+        make_rectangle_mesh((end, 1.0), (1.0, 2.0), (4, 4)),
     )
     body = ElasticBody(join_meshes(lower_mesh, upper_meshes), E=1.0, nu=0.0, thickness=0.4)
     master_facets, slave_facets = split_facets_by_side(
@@ -417,7 +417,7 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
 
 
 def test_a_body_between_two_others_has_the_pressure_of_each_pair():
-    levels = [make_rectangle((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
+    levels = [make_rectangle_mesh((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
     body = ElasticBody(join_meshes(join_meshes(levels[0], levels[1]), levels[2]), E=1.0)
     pairs, faces = [], []
     for height in (1.0, 2.0):

@@ -28,16 +28,16 @@ from tests.contact import test_turning as turning
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.histories import (
     HISTORIES,
-    RESUME_INCREMENT,
-    field_scale,
+    INCREMENTS_BEFORE_RESUME,
+    history_scale_of_field,
     resume_history,
     solve_history,
-    state_fields,
+    collect_comparable_fields,
 )
-from tests.contact.sliding import DIE_PATH, make_die_on_block, slide_along_path
+from tests.contact.sliding import DIE_TOP_TRANSLATIONS, make_die_on_block, slide_along_path
 from tests.contact.test_fields import solve_ball_on_block
 from tests.contact.test_matching import MatchingBlocks
-from tests.contact.test_refusals import refusal_messages
+from tests.contact.test_refusals import collect_refusal_messages
 from tests.contact.test_sensitivity import RandomRubber
 from tests.contact.two_bodies import StackedBlocks
 from tests.library import vtx
@@ -47,7 +47,7 @@ from tests.parallel import assert_same, run_on
 CASES_WITH_FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
-def solve_mortar(comm, cell, divisions):
+def solve_stacked_blocks(comm, cell, divisions):
     """Return a body that is pressed on another one and moved, and its state.
 
     The bodies have non-matching meshes, and the upper one covers the lower one in part.
@@ -56,7 +56,7 @@ def solve_mortar(comm, cell, divisions):
     return stack, [stack.solve_shifted_top("lower")]
 
 
-def solve_matching(comm):
+def solve_matching_blocks(comm):
     """Return two blocks with matching nodes and their states; contact alone holds the upper one."""
     blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
@@ -79,7 +79,7 @@ def solve_block(comm):
     return body, body.solve(0.3, 60.0, increments=2)
 
 
-def solve_random(comm, seed):
+def solve_random_contact(comm, seed):
     problem = random_problem(seed, comm)
     return problem, problem.solve()
 
@@ -87,15 +87,15 @@ def solve_random(comm, seed):
 CASES = {
     "block": solve_block,
     "drag": solve_ball_on_block,
-    "mortar": partial(solve_mortar, cell="tetrahedron", divisions=(3, 2)),
-    "flat mortar": partial(solve_mortar, cell="triangle", divisions=(5, 4)),
-    "matching": solve_matching,
+    "mortar": partial(solve_stacked_blocks, cell="tetrahedron", divisions=(3, 2)),
+    "flat mortar": partial(solve_stacked_blocks, cell="triangle", divisions=(5, 4)),
+    "matching": solve_matching_blocks,
     "rubber": partial(solve_ball_on_block, method=Spaces.hybrid, nu=0.5),
-    **{f"seed {seed}": partial(solve_random, seed=seed) for seed in (158, 316)},
+    **{f"seed {seed}": partial(solve_random_contact, seed=seed) for seed in (158, 316)},
 }
 
 
-def passing_error_numbers(comm, surface, depth):
+def numbers_in_surface_passed_error(comm, surface, depth):
     """Return the numbers in the error message about a surface that passes through the body."""
     case = PunchedBlock(comm=comm)
     pair = ContactPair(on_plane(1, 4.0), surface, 0.3, [Motion((0, -depth))])
@@ -104,11 +104,11 @@ def passing_error_numbers(comm, surface, depth):
     return [float(number) for number in re.findall(r"-?[0-9.]*[0-9]", str(error.value))]
 
 
-def collect_numbers(comm, folder):
+def solve_cases_and_collect_numbers(comm, folder):
     """Return all numbers of the cases by name, and write the cases' files."""
     numbers = {
-        "ball passes": passing_error_numbers(comm, Sphere((0, 6), 2.0), 5.0),
-        "plate passes": passing_error_numbers(comm, Plane((0, 4), (0, -1)), 6.0),
+        "ball passes": numbers_in_surface_passed_error(comm, Sphere((0, 6), 2.0), 5.0),
+        "plate passes": numbers_in_surface_passed_error(comm, Plane((0, 4), (0, -1)), 6.0),
     }
     for name, solve in CASES.items():
         body, states = solve(comm)
@@ -128,7 +128,7 @@ def collect_numbers(comm, folder):
     return numbers
 
 
-def write_errors(comm, folder):
+def collect_errors_of_obstructed_writing(comm, folder):
     """Return the errors of writing while rank 0 alone is obstructed, and the final file names."""
     body, states = solve_block(comm)
     path, messages = folder / "block.bp", []
@@ -158,7 +158,7 @@ def write_errors(comm, folder):
 
 
 def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
-    for rank, (messages, file_names) in enumerate(run_on(2, write_errors, tmp_path)):
+    for rank, (messages, file_names) in enumerate(run_on(2, collect_errors_of_obstructed_writing, tmp_path)):
         foreign_folder, *contents, full_disk = messages
         assert "does not say that it is a time series" in foreign_folder
         assert contents == ["mine"] * (rank == 0)
@@ -166,7 +166,7 @@ def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
         assert file_names == ["block.bp"]
 
 
-def fail_while_writing(comm, folder):
+def write_with_failure_on_rank_1(comm, folder):
     """Make one process fail while it writes a file and the others wait for it."""
     body, states = solve_block(comm)
     fill = ContactFields.fill
@@ -185,11 +185,11 @@ def fail_while_writing(comm, folder):
 
 def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
     with pytest.raises(AssertionError, match="writing failed on process 1 alone: no more"):
-        run_on(2, fail_while_writing, tmp_path, limit=300)
+        run_on(2, write_with_failure_on_rank_1, tmp_path, limit=300)
     assert not (tmp_path / "block.bp").exists()
 
 
-def solve_and_resume(name, problems, motions, folder, further_fields=()):
+def solve_whole_and_resumed_histories(name, problems, motions, folder, further_fields=()):
     """Return the fields at the end of the motions, computed in one history and in resumed ones.
 
     In the resumed histories, another problem starts from the state before the last motion, which it
@@ -202,27 +202,27 @@ def solve_and_resume(name, problems, motions, folder, further_fields=()):
     end_states = {f"{name} whole": end_state}
     for kind, start in (("resumed", second_problem.load(path)), ("taken up", previous)):
         (end_states[f"{name} {kind}"],) = large.step_through(second_problem, motions[-1:], start)
-    return large.collect_pair_fields(end_states, further_fields)
+    return large.collect_first_pair_fields(end_states, further_fields)
 
 
-def finite_strain_fields(comm, folder):
+def solve_and_collect_finite_strain_fields(comm, folder):
     """Return fields of problems at large strains: with moved tools, and with two rubber bodies.
 
     The fields include derivatives with respect to parameters.
     """
     fields = {}
     for name, solver in large.SOLVERS.items():
-        problems = [large.make_hardening_rubber(comm, solver=solver)[0].problem for _ in range(2)]
-        fields |= solve_and_resume(name, problems, large.CIRCLE_MOTIONS, folder)
-    roller = turning.make_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
-    fields |= solve_and_resume(
-        "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_FIELDS
+        problems = [large.make_hardening_rubber_and_hardness(comm, solver=solver)[0].problem for _ in range(2)]
+        fields |= solve_whole_and_resumed_histories(name, problems, large.CIRCLE_MOTIONS, folder)
+    roller = turning.make_rubber_under_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
+    fields |= solve_whole_and_resumed_histories(
+        "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_AND_TORQUE_FIELDS
     )
-    fields |= large.collect_pair_fields(
-        {"hybrid": large.solve_pressed_and_pushed("hybrid", Iterative(), comm)}
+    fields |= large.collect_first_pair_fields(
+        {"hybrid": large.solve_pressed_and_pushed_rubber("hybrid", Iterative(), comm)}
     )
     (pair,) = slide_along_path(
-        make_die_on_block(comm=comm, divisions=((8, 2), (6, 2))), DIE_PATH[:3]
+        make_die_on_block(comm=comm, divisions=((8, 2), (6, 2))), DIE_TOP_TRANSLATIONS[:3]
     )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         fields[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
@@ -234,10 +234,10 @@ def finite_strain_fields(comm, folder):
     return fields | {"adjoint": problem.sensitivity(*arguments, weights)}
 
 
-REFUSAL_TYPES = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
+EXPECTED_REFUSAL_TYPES = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
-def log_of_one_process(comm):
+def check_callback_and_collect_log(comm):
     """Return whether a callback given on rank 1 is called there alone, and the lines of the log."""
     case, lines, events = BlockOnFloor(8, comm=comm), [], []
     case.pressure_load.scale(0.01)  # reduces the load, so that displacements are small
@@ -261,47 +261,47 @@ def log_of_one_process(comm):
     return len(events) == (state.iterations + 1 if comm.rank == 1 else 0), lines
 
 
-def compared_fields(state):
+def comparable_fields_with_displacement_norm(state):
     """Return the fields of a state, with the norm of the displacement in place of its values."""
-    return state_fields(state) | {"displacement": state.displacement.norm()}
+    return collect_comparable_fields(state) | {"displacement": state.displacement.norm()}
 
 
-def compute_everything(comm, previous_folder, folder):
+def compute_results_to_compare(comm, resume_folder, folder):
     """Return all results that are compared between numbers of processes.
 
-    Histories that were stopped on fewer processes are continued from `previous_folder`.
+    Histories that were stopped on fewer processes are continued from `resume_folder`.
     """
     results = {
-        "numbers": collect_numbers(comm, folder),
-        "words": refusal_messages(comm),
+        "numbers": solve_cases_and_collect_numbers(comm, folder),
+        "words": collect_refusal_messages(comm),
         "histories": {},
     }
-    results["large"] = finite_strain_fields(comm, previous_folder or folder)
+    results["large"] = solve_and_collect_finite_strain_fields(comm, resume_folder or folder)
     for name, history in HISTORIES.items():
         problem, steps = history(comm)
-        if previous_folder is None:
+        if resume_folder is None:
             states = solve_history(problem, steps)
         else:
-            loaded_state = problem.load(previous_folder / f"{name}.npz")
-            states = [None] * (RESUME_INCREMENT - 1) + [
+            loaded_state = problem.load(resume_folder / f"{name}.npz")
+            states = [None] * (INCREMENTS_BEFORE_RESUME - 1) + [
                 loaded_state,
                 *resume_history(problem, steps, loaded_state),
             ]
-        problem.save(states[RESUME_INCREMENT - 1], folder / f"{name}.npz")
-        results["histories"][name] = list(map(compared_fields, states[RESUME_INCREMENT:]))
+        problem.save(states[INCREMENTS_BEFORE_RESUME - 1], folder / f"{name}.npz")
+        results["histories"][name] = list(map(comparable_fields_with_displacement_norm, states[INCREMENTS_BEFORE_RESUME:]))
     if comm.size > 1:
-        results["told"] = log_of_one_process(comm)
+        results["told"] = check_callback_and_collect_log(comm)
     return results
 
 
-def merge_coinciding_points(values):
+def merge_coinciding_points(step_fields):
     """Return a step's fields with each point once, sorted by position; copies have to agree."""
-    x = values["geometry"]
+    x = step_fields["geometry"]
     order = np.lexsort(np.round(x, 9).T)
     is_new_point = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
     group = np.cumsum(is_new_point) - 1
     merged = {}
-    for name, field in values.items():
+    for name, field in step_fields.items():
         if name != "connectivity":
             merged[name] = field[order][is_new_point]
             assert np.allclose(field[order], merged[name][group], 1e-12, 1e-14, equal_nan=True), (
@@ -310,14 +310,14 @@ def merge_coinciding_points(values):
     return merged
 
 
-def assert_same_files(name, folder, parallel_folder):
+def assert_same_time_series(case_name, serial_folder, parallel_folder):
     """Compare the time series of a case that were written by one and by several processes."""
     serial_steps, parallel_steps = (
-        vtx.read(path / f"{name}.bp") for path in (folder, parallel_folder)
+        vtx.read(path / f"{case_name}.bp") for path in (serial_folder, parallel_folder)
     )
     for (time, serial), (parallel_time, parallel) in zip(serial_steps, parallel_steps, strict=True):
         assert time == parallel_time
-        if name == "matching":  # nodes of both bodies coincide
+        if case_name == "matching":  # nodes of both bodies coincide
             ends = [
                 [np.nanmax(step["pressure"]), np.nanmin(step["contact_force"])]
                 for step in (serial, parallel)
@@ -335,7 +335,7 @@ def assert_same_files(name, folder, parallel_folder):
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 
-def assert_same_histories(name, serial_result, several_results, folder):
+def assert_same_histories(name, serial_result, parallel_results, folder):
     """Compare histories that were continued on other numbers of processes.
 
     They begin on one process, continue on several, and continue again on one.
@@ -344,16 +344,16 @@ def assert_same_histories(name, serial_result, several_results, folder):
     resumed_states = resume_history(problem, steps, problem.load(folder / f"{name}.npz"))
     serial_fields = serial_result["histories"][name]
     for states in (
-        *(result["histories"][name] for result in several_results),
-        map(compared_fields, resumed_states),
+        *(result["histories"][name] for result in parallel_results),
+        map(comparable_fields_with_displacement_norm, resumed_states),
     ):
         for state, expected in zip(states, serial_fields, strict=True):
             for field, values in expected.items():
-                scale = values if field == "displacement" else field_scale(field, resumed_states)
+                scale = values if field == "displacement" else history_scale_of_field(field, resumed_states)
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
 
-def assert_one_process_logs(rank_0_result, *other_results):
+def assert_rank_0_alone_logs(rank_0_result, *other_results):
     """Assert that rank 0 alone logs, and that callbacks are called on the expected processes."""
     (callback_is_right, lines), other_lines = (
         rank_0_result,
@@ -376,20 +376,20 @@ def test_one_and_several_processes_agree(tmp_path, request):
     folders = [tmp_path / name for name in ("one", "several")]
     for folder in folders:
         folder.mkdir()
-    serial = compute_everything(MPI.COMM_SELF, None, folders[0])
-    assert [message.split(":")[0] for message in serial["words"]] == REFUSAL_TYPES
+    serial = compute_results_to_compare(MPI.COMM_SELF, None, folders[0])
+    assert [message.split(":")[0] for message in serial["words"]] == EXPECTED_REFUSAL_TYPES
     for name, values in serial["large"].items():
         reference = serial["large"][re.sub("resumed|taken up", "whole", name)]
         assert np.abs(values - reference).max() < 1e-12, name
     parallel_results = run_on(
-        3 if request.config.getoption("--nightly") else 2, compute_everything, *folders
+        3 if request.config.getoption("--nightly") else 2, compute_results_to_compare, *folders
     )
     for parallel in parallel_results:
         assert parallel["words"] == serial["words"]
         assert_same(serial["numbers"], parallel["numbers"], 1e-10, "of several")
         assert_same(serial["large"], parallel["large"], 1e-9, "of several")
     for name in CASES_WITH_FILES if vtx.library() else ():
-        assert_same_files(name, *folders)
+        assert_same_time_series(name, *folders)
     for name in HISTORIES:
         assert_same_histories(name, serial, parallel_results, folders[-1])
-    assert_one_process_logs(*(parallel["told"] for parallel in parallel_results))
+    assert_rank_0_alone_logs(*(parallel["told"] for parallel in parallel_results))

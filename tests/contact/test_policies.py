@@ -19,13 +19,13 @@ from pw_elements.contact.nodes import ActiveSet, ContactNodes
 SELF = MPI.COMM_SELF
 
 
-def make_active_set(*status, direction=0.0):
+def make_active_set(*statuses, slip_direction=0.0):
     """Return an active set of the given statuses; slipping nodes have the given direction."""
-    n = len(status)
-    slipping = np.array(status) == SLIP
+    n = len(statuses)
+    slipping = np.array(statuses) == SLIP
     return ActiveSet(
-        np.array(status, dtype=np.int8),
-        np.where(slipping, direction, 0.0)[:, None] * np.ones((n, 1)),
+        np.array(statuses, dtype=np.int8),
+        np.where(slipping, slip_direction, 0.0)[:, None] * np.ones((n, 1)),
         *np.zeros((4, n)),
         *np.zeros((2, n, 1)),
     )
@@ -68,7 +68,7 @@ def test_nodes_that_cycle_change_one_at_a_time():
         [[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1]
     )
     assert cycling_nodes.next_active_set(first_set).status.tolist() == second_set.status.tolist()
-    assert update.propose_active_set(first_set, cycling_nodes).status.tolist() == [
+    assert update.propose_set_changing_one_cycling_node(first_set, cycling_nodes).status.tolist() == [
         STICK,
         OPEN,
         OPEN,
@@ -82,17 +82,17 @@ def test_nodes_that_cycle_change_one_at_a_time():
 
 def test_a_recurring_set_is_kept_until_its_equations_are_solved():
     history = ActiveSetHistory(SELF)
-    slip_set, open_set = make_active_set(SLIP, STICK, direction=1.0), make_active_set(OPEN, STICK)
+    slip_set, open_set = make_active_set(SLIP, STICK, slip_direction=1.0), make_active_set(OPEN, STICK)
     assert [
-        history.record_and_decide_to_keep(make_active_set(SLIP, STICK), 1.0) for _ in range(8)
+        history.record_and_decide_to_keep_set(make_active_set(SLIP, STICK), 1.0) for _ in range(8)
     ] == [False] * 8  # the set does not change
     answers = [
-        history.record_and_decide_to_keep((slip_set, open_set)[k % 2], 1.0) for k in range(6)
+        history.record_and_decide_to_keep_set((slip_set, open_set)[k % 2], 1.0) for k in range(6)
     ]
     assert answers == [False] * 5 + [True]
-    assert history.record_and_decide_to_keep(open_set, 1e-3)
-    assert not history.record_and_decide_to_keep(open_set, 1e-9)  # solved
-    assert [history.record_and_decide_to_keep(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
+    assert history.record_and_decide_to_keep_set(open_set, 1e-3)
+    assert not history.record_and_decide_to_keep_set(open_set, 1e-9)  # solved
+    assert [history.record_and_decide_to_keep_set(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
         False
     ]  # the set is not kept forever
 
@@ -100,13 +100,13 @@ def test_a_recurring_set_is_kept_until_its_equations_are_solved():
 def test_the_error_of_a_cycle_names_the_nodes_that_change():
     history, sets = (
         ActiveSetHistory(SELF),
-        (make_active_set(SLIP, STICK, direction=1.0), make_active_set(OPEN, STICK)),
+        (make_active_set(SLIP, STICK, slip_direction=1.0), make_active_set(OPEN, STICK)),
     )
     nodes = SimpleNamespace(
         pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gather_values=lambda x: x
     )
     assert str(history.make_error("no set", nodes)) == "no set"
     for k in range(8):
-        history.record_and_decide_to_keep(sets[k % 2], 1.0)
+        history.record_and_decide_to_keep_set(sets[k % 2], 1.0)
     message = str(history.make_error("no set", nodes))
     assert "2 active sets recur, which differ at 1 of the nodes, at (3, 1)" in message

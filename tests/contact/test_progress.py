@@ -14,7 +14,7 @@ BLOCK = BlockOnFloor(8)
 
 
 @pytest.fixture(autouse=True)
-def _clean_logger(monkeypatch):
+def _remove_logging_configuration(monkeypatch):
     """Remove logging handlers and levels that other tests or the study have set."""
     level = progress.logger.level
     monkeypatch.setattr(progress.logger, "handlers", [])
@@ -24,7 +24,7 @@ def _clean_logger(monkeypatch):
 
 
 def solve_block(callback=None):
-    loads = [0.01 * load for load in BLOCK.pull_loads(60.0, 2)]  # small displacements
+    loads = [0.01 * load for load in BLOCK.press_then_pull_loads(60.0, 2)]  # small displacements
     return BLOCK.solve_contact(BLOCK.floor_pair(0.3), loads=loads, callback=callback)
 
 
@@ -108,7 +108,7 @@ def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
     monkeypatch.setattr(progress, "_last_report", perf_counter())
     compute_modes_and_contact()
     assert capsys.readouterr() == ("", "")  # within ten seconds
-    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_SECONDS_BETWEEN_REPORTS", -1.0)
     compute_modes_and_contact()
     lines, n_dofs = capsys.readouterr().err.splitlines(), BLOCK.K.getSize()[0]
     template = "{} of 3 increments done, contact increment {}"
@@ -119,7 +119,7 @@ def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
 
 @pytest.mark.parametrize("case", ["log", "silent", "null"])
 def test_no_progress_line_is_written_where_a_log_is_configured(case, monkeypatch, caplog, capsys):
-    monkeypatch.setattr(progress, "_MIN_PAUSE", -1.0)
+    monkeypatch.setattr(progress, "_MIN_SECONDS_BETWEEN_REPORTS", -1.0)
     if case == "null":
         monkeypatch.setattr(progress.logger, "handlers", [logging.NullHandler()])
     else:

@@ -33,15 +33,15 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue import refusals
 from pw_elements.contact.rescue.refusals import (
-    NodeVelocities,
-    find_escape_motion,
+    NodeVelocitiesInRigidMotions,
+    find_unresisted_motion_of_most_work,
     find_proof,
-    proves_imbalance,
+    does_motion_prove_no_equilibrium,
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from pw_elements.solvers import matrices
-from tests.contact.cases import ElasticBody, GrecoPlate, on_plane
+from tests.contact.cases import ElasticBody, GrecoFrictionBenchmark, on_plane
 from tests.contact.test_large import RubberUnderCircle
 from tests.contact.test_matching import nodes_of_block_at_height
 from tests.contact.two_bodies import join_meshes
@@ -52,7 +52,7 @@ FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
 FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
 
-class StatedProblem(ElasticBody):
+class BodyWithSupports(ElasticBody):
     """A body with its supports; the pairs and loads of one increment are given later."""
 
     def __init__(self, mesh, state="plane strain", conditions=()):
@@ -68,19 +68,19 @@ class StatedProblem(ElasticBody):
         supports = Reduction.dirichlet(self.space, self.conditions)
         return self.solve_contact(pairs, supports, load)[0]
 
-    def nodal_push_load_at(self, position, force):
+    def nodal_force_load_at(self, position, force):
         """Assemble the load vector of a nodal force at a position."""
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], position), axis=1), force
         )
 
 
-def make_block(comm=SELF, conditions=(), state="plane strain", left=0.0):
-    return StatedProblem(triangles(comm, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
+def make_block(comm=SELF, conditions=(), state="plane strain", left_x=0.0):
+    return BodyWithSupports(triangles(comm, (left_x, 0.0), (left_x + 2.0, 1.0), (4, 2)), state, conditions)
 
 
 def make_ring(comm=SELF):
-    return make_block(comm, state="axisymmetric", left=1.0)
+    return make_block(comm, state="axisymmetric", left_x=1.0)
 
 
 def make_clamped_block(comm=SELF):
@@ -89,26 +89,26 @@ def make_clamped_block(comm=SELF):
 
 def make_solid_block(comm=SELF, conditions=()):
     mesh = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
-    return StatedProblem(mesh, "solid", conditions)
+    return BodyWithSupports(mesh, "solid", conditions)
 
 
 def floor_pair(mu=0.3, surface=FLOOR):
     return ContactPair(on_plane(1, 0.0), surface, mu)
 
 
-def make_two_blocks(comm=SELF, x=5.0, y=0.0):
+def make_two_blocks(comm=SELF, second_corner_x=5.0, second_corner_y=0.0):
     """Return two separate blocks of one mesh without supports.
 
     The lower left corner of the first block is the origin, that of the second one is (x, y).
     """
     first_mesh, second_mesh = (
         triangles(SELF, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
-        for corner in ((0.0, 0.0), (x, y))
+        for corner in ((0.0, 0.0), (second_corner_x, second_corner_y))
     )
-    return StatedProblem(join_meshes(first_mesh, second_mesh, comm))
+    return BodyWithSupports(join_meshes(first_mesh, second_mesh, comm))
 
 
-def stacked_pairs(body, floor_friction, block_friction):
+def make_stacked_pairs(body, floor_friction, block_friction):
     """Return the two contact pairs of a block on a second block, which lies on the floor."""
     lower_nodes, upper_nodes = (
         nodes_of_block_at_height(body.space, 1.0, of_upper) for of_upper in (False, True)
@@ -119,12 +119,12 @@ def stacked_pairs(body, floor_friction, block_friction):
     ]
 
 
-def solve_refused(problem, pairs, load, match=None, kind=NoEquilibrium):
+def catch_refusal_and_check_proof(problem, pairs, load, message_pattern=None, error_type=NoEquilibrium):
     """Return the error of a problem that is refused, after checking the proof in it."""
-    with pytest.raises(kind, match=match) as caught:
+    with pytest.raises(error_type, match=message_pattern) as caught:
         problem.solve(pairs, load)
-    assert type(caught.value) is kind
-    if kind is NoEquilibrium:
+    assert type(caught.value) is error_type
+    if error_type is NoEquilibrium:
         defects = measure_proof_defects(problem, 0, caught.value)
         assert is_valid_proof(defects), defects
     return caught.value
@@ -143,11 +143,11 @@ def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
     body = make_block()
     for slope_ratio, is_refused in ((0.99, False), (1.01, True), (1.001, True)):
         s, c = slope_ratio * mu / np.hypot(1, mu * slope_ratio), 1 / np.hypot(1, mu * slope_ratio)
-        load = body.nodal_push_load_at((1, 0), (s, -c))
+        load = body.nodal_force_load_at((1, 0), (s, -c))
         if not is_refused:
             assert body.solve(floor_pair(mu), load).residuals.largest() < 1e-10
             continue
-        error = solve_refused(body, floor_pair(mu), load, "the body slides along x on pair 0")
+        error = catch_refusal_and_check_proof(body, floor_pair(mu), load, "the body slides along x on pair 0")
         imbalance = s - mu * c
         missing_force = (-imbalance, 0) if mu < 1 else (0, -imbalance / mu)
         assert error.missing.force == pytest.approx(np.array([missing_force]), abs=2e-6 * c)
@@ -166,46 +166,46 @@ def test_a_body_in_space_slides_in_any_direction():
     body, ground_pair = make_solid_block(), ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
-        load = body.nodal_push_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
-        error = solve_refused(body, ground_pair, load, "the body slides along .* on pair 0")
+        load = body.nodal_force_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
+        error = catch_refusal_and_check_proof(body, ground_pair, load, "the body slides along .* on pair 0")
         velocity = error.velocity.translation[0]
         assert velocity[:2] / np.linalg.norm(velocity[:2]) == pytest.approx(pull / 0.3, abs=0.02)
-        body.solve(ground_pair, body.nodal_push_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
+        body.solve(ground_pair, body.nodal_force_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
 
 
-BOTH_SLIDE_MESSAGE = (
+BOTH_SLIDE_PATTERN = (
     "translation .* of the body around .* with .* of the body around .* slides along x on pair 0"
 )
-UPPER_SLIDES_MESSAGE = (
+UPPER_SLIDES_PATTERN = (
     r"the body around \(1, 1\.5\), by .* slides along x on pair 1\. .* of \(-0\.1, 0\)"
 )
 
 
 @pytest.mark.parametrize(
     ("floor_friction", "block_friction", "message"),
-    [(0.5, 0.3, UPPER_SLIDES_MESSAGE), (0.3, 0.5, BOTH_SLIDE_MESSAGE)],
+    [(0.5, 0.3, UPPER_SLIDES_PATTERN), (0.3, 0.5, BOTH_SLIDE_PATTERN)],
 )
 def test_the_upper_or_both_of_two_stacked_blocks_slide(floor_friction, block_friction, message):
-    body = make_two_blocks(x=0.0, y=1.0)
+    body = make_two_blocks(second_corner_x=0.0, second_corner_y=1.0)
     load = body.traction_load((0.2, -0.5), on_plane(1, 2.0))
-    error = solve_refused(body, stacked_pairs(body, floor_friction, block_friction), load, message)
+    error = catch_refusal_and_check_proof(body, make_stacked_pairs(body, floor_friction, block_friction), load, message)
     lower_velocity, upper_velocity = error.velocity.translation
     assert lower_velocity == pytest.approx(
-        upper_velocity if message == BOTH_SLIDE_MESSAGE else 0.0, abs=1e-9
+        upper_velocity if message == BOTH_SLIDE_PATTERN else 0.0, abs=1e-9
     )
 
 
 def test_only_the_loose_one_of_two_blocks_is_named():
     body = make_two_blocks()
-    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_push_load_at(
+    load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_force_load_at(
         (6, 1), (0, 5.0)
     )
-    error = solve_refused(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
+    error = catch_refusal_and_check_proof(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
     assert error.missing.force == pytest.approx(np.array([[0, 0], [0, -3]]), rel=1e-5)
 
 
 def test_an_axisymmetric_body_is_lifted_along_its_axis_only():
-    error = solve_refused(make_ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
+    error = catch_refusal_and_check_proof(make_ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
     volume = np.pi * (3**2 - 1)
     assert error.missing.force == pytest.approx(np.array([[0, -volume]]), rel=1e-6)
     assert error.velocity.translation == pytest.approx(np.array([[0, 1]]))
@@ -220,19 +220,19 @@ def pushed_surface_pair(surface, force, mu=0.3):
 def test_a_plate_that_is_pulled_off_or_along_is_refused():
     body = make_clamped_block()
     plate = pushed_surface_pair(CEILING, (0, 1.0))
-    error = solve_refused(
+    error = catch_refusal_and_check_proof(
         body, plate, body.zero_load, "y of the surface of pair 0, by .* lifts off pair 0"
     )
     assert error.missing.surface == pytest.approx(np.array([[0, -1]]), rel=1e-6)
     message = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
-    error = solve_refused(body, pushed_surface_pair(CEILING, (0.4, -1.0)), body.zero_load, message)
+    error = catch_refusal_and_check_proof(body, pushed_surface_pair(CEILING, (0.4, -1.0)), body.zero_load, message)
     assert error.missing.force == pytest.approx(0.0)
 
 
 # -- motions that are free --------------------------------------------------------------------
 
 
-class InclinedNormal:
+class HorizontalGapInclinedNormal:
     """A surface with the gap of a horizontal plane and the normal of an inclined one."""
 
     def gap(self, x):
@@ -242,7 +242,7 @@ class InclinedNormal:
         return np.tile([-0.6, 0.8], (len(x), 1))
 
 
-def at_origin(x):
+def is_at_origin(x):
     return np.all(np.isclose(x.T, 0.0), axis=1)
 
 
@@ -250,25 +250,25 @@ FRICTIONLESS_FLOOR, FRICTIONLESS_FLOOR_IN_SPACE = (
     floor_pair(0.0),
     ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE),
 )
-FREE_PLATE = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
-DISTANT_PUNCH = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
-EDGE_CONDITIONS = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
+FREE_PLATE_PAIR = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
+DISTANT_PUNCH_PAIR = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
+EDGE_SUPPORT_CONDITIONS = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
 FIRST_BODY, SECOND_BODY = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
-ROTATION_AXES = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
-THREE_ROTATIONS = " and ".join(
-    rf"rotation about the axis along {a} through \({point}\) of .*" for a, point in ROTATION_AXES
+ROTATION_AXES_AND_POINT_PATTERNS = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
+THREE_ROTATIONS_PATTERN = " and ".join(
+    rf"rotation about the axis along {a} through \({point}\) of .*" for a, point in ROTATION_AXES_AND_POINT_PATTERNS
 )
-SPIN_AND_TRANSLATION = (
+SPIN_AND_TRANSLATION_PATTERN = (
     r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
 )
-HINGE_MOTION = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
-RING_WALL = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
+HINGE_MOTION_PATTERN = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
+RING_WALL_PAIR = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
 GRAVITY, GRAVITY_IN_SPACE = (0.0, -1.0), (0.0, 0.0, -1.0)
-FREE_MOTIONS = {
+FREE_MOTION_CASES = {
     "ice": (make_block, FRICTIONLESS_FLOOR, GRAVITY, "^increment 0: translation x"),
     "inclined": (
         make_block,
-        floor_pair(0.0, InclinedNormal()),
+        floor_pair(0.0, HorizontalGapInclinedNormal()),
         GRAVITY,
         r"translation \(0\.8, 0\.6\)",
     ),
@@ -276,7 +276,7 @@ FREE_MOTIONS = {
     # a rough plate on a block on a frictionless floor is free together with the block
     "together": (
         make_block,
-        [FRICTIONLESS_FLOOR, FREE_PLATE],
+        [FRICTIONLESS_FLOOR, FREE_PLATE_PAIR],
         GRAVITY,
         "0: translation x of the body with translation x of",
     ),
@@ -284,31 +284,31 @@ FREE_MOTIONS = {
         make_solid_block,
         FRICTIONLESS_FLOOR_IN_SPACE,
         GRAVITY_IN_SPACE,
-        SPIN_AND_TRANSLATION,
+        SPIN_AND_TRANSLATION_PATTERN,
     ),
     "pinned": (
-        lambda c: make_solid_block(c, [(axis, at_origin) for axis in range(3)]),
-        DISTANT_PUNCH,
+        lambda c: make_solid_block(c, [(axis, is_at_origin) for axis in range(3)]),
+        DISTANT_PUNCH_PAIR,
         GRAVITY_IN_SPACE,
-        THREE_ROTATIONS,
+        THREE_ROTATIONS_PATTERN,
     ),
     "hinged": (
-        lambda c: make_solid_block(c, EDGE_CONDITIONS),
-        DISTANT_PUNCH,
+        lambda c: make_solid_block(c, EDGE_SUPPORT_CONDITIONS),
+        DISTANT_PUNCH_PAIR,
         GRAVITY_IN_SPACE,
-        HINGE_MOTION,
+        HINGE_MOTION_PATTERN,
     ),
-    "axis": (make_ring, RING_WALL, (0.0, 1.0), "0: translation y"),
+    "axis": (make_ring, RING_WALL_PAIR, (0.0, 1.0), "0: translation y"),
 }
 
 
-@pytest.mark.parametrize("name", FREE_MOTIONS)
+@pytest.mark.parametrize("name", FREE_MOTION_CASES)
 def test_free_motions_are_named(name):
-    make_body, pairs, load, message = FREE_MOTIONS[name]
-    solve_refused(make_body(SELF), pairs, load, f"{message}.*: held", FreeBody)
+    make_body, pairs, load, message = FREE_MOTION_CASES[name]
+    catch_refusal_and_check_proof(make_body(SELF), pairs, load, f"{message}.*: held", FreeBody)
 
 
-def refusal_messages(comm):
+def collect_refusal_messages(comm):
     """Return the messages of refusals without equilibrium, and then of free bodies."""
     upper_on_lower, floor_in_space = (
         make_two_blocks(comm, 0.0, 1.0),
@@ -323,11 +323,11 @@ def refusal_messages(comm):
         (make_block(comm), floor_pair(), (0.0, 1.0)),
         (make_clamped_block(comm), plate, (0.0, 0.0)),
         (make_two_blocks(comm), floor_pair(), (0.4, -1.0)),
-        (upper_on_lower, stacked_pairs(upper_on_lower, 0.6, 0.3), (0.4, -1.0)),
+        (upper_on_lower, make_stacked_pairs(upper_on_lower, 0.6, 0.3), (0.4, -1.0)),
         (make_solid_block(comm), floor_in_space, (0.3, 0.3, -1.0)),
         (make_ring(comm), floor_pair(0.0), (0.3, 1.0)),
     ]
-    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE_MOTIONS.values()]
+    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE_MOTION_CASES.values()]
     messages = []
     for problem, pairs, load in cases:
         with pytest.raises(ContactFailed) as error:
@@ -340,7 +340,7 @@ def refusal_messages(comm):
 
 
 def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path):
-    greco = GrecoPlate(16)
+    greco = GrecoFrictionBenchmark(16)
     with pytest.raises(NotFound, match="came nearest violates the law by") as caught:
         greco.solve(1.0, max_iterations=3, remedies=())
     state = caught.value.state
@@ -354,7 +354,7 @@ def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path
         problem.save(state, tmp_path / "state.npz")
 
 
-def capacity_in_message(error):
+def friction_capacity_in_message(error):
     """Return the largest friction force that an error message gives."""
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
@@ -364,7 +364,7 @@ def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity
 
     This force is mu times the normal force of the fit. Smaller increments cannot help.
     """
-    ring = StatedProblem(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
+    ring = BodyWithSupports(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
     problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
     fitted = problem.step(problem.undeformed, ring.traction_load((0, 1e-9), on_plane(1, 1.0)))
@@ -374,7 +374,7 @@ def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity
     with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
     assert "may find one" not in str(caught.value)
-    assert capacity_in_message(caught.value) == pytest.approx(capacity, rel=0.03)
+    assert friction_capacity_in_message(caught.value) == pytest.approx(capacity, rel=0.03)
 
 
 def test_the_refusal_of_a_tool_pushed_too_hard_states_the_friction_capacity():
@@ -383,11 +383,11 @@ def test_the_refusal_of_a_tool_pushed_too_hard_states_the_friction_capacity():
     normal = pressed.pairs[0].force_normal.sum()
     with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
         rubber.problem.step(pressed, motions=Motion((None, -0.15), (-0.6 * normal, 0.0)))
-    assert capacity_in_message(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
+    assert friction_capacity_in_message(caught.value) == pytest.approx(0.3 * normal, rel=0.15)
 
 
 def test_refusals_of_other_causes_do_not_blame_friction():
-    greco = GrecoPlate(16)
+    greco = GrecoFrictionBenchmark(16)
     with pytest.raises(NotFound, match=r"may find one$"):
         greco.solve(1.0, max_iterations=3, remedies=())
 
@@ -395,7 +395,7 @@ def test_refusals_of_other_causes_do_not_blame_friction():
 # -- another program, other forces ---------------------------------------------------------------
 
 
-def rigid_points(rng, count, dim):
+def draw_rigid_contact_points(rng, count, dim):
     """Return random contact points of a rigid body, and their data for the other program.
 
     The data are normals (n, dim), friction coefficients, and the rigid motions of the points.
@@ -417,27 +417,27 @@ def rigid_points(rng, count, dim):
     tangential = modes - n[:, :, None] * normal[:, None]
     none_marked = np.zeros(count, dtype=bool)
     return (
-        NodeVelocities(np.zeros(count, dtype=int), mu, none_marked, normal, tangential),
+        NodeVelocitiesInRigidMotions(np.zeros(count, dtype=int), mu, none_marked, normal, tangential),
         n,
         mu,
         modes,
     )
 
 
-def forces_balance(n, mu, modes, power, directions):
+def can_contact_forces_balance_loads(normals, mu, rigid_modes, load_power, tangential_directions):
     """Return whether some admissible contact forces balance the loads.
 
     Each contact force is a nonnegative combination of normal + mu * direction, with the tangential
     directions of its node.
     """
     generators = []
-    for normal, friction in zip(n, mu, strict=True):
+    for normal, friction in zip(normals, mu, strict=True):
         t = np.linalg.svd(normal[None])[2][1:]
-        for d in directions @ t:
+        for d in tangential_directions @ t:
             generators.append(normal + friction * d)
-    n_directions = len(directions)
-    work = np.array([modes[k // n_directions].T @ force for k, force in enumerate(generators)])
-    solution = linprog(np.zeros(len(work)), A_eq=work.T, b_eq=-power, bounds=(0, None))
+    n_directions = len(tangential_directions)
+    work = np.array([rigid_modes[k // n_directions].T @ force for k, force in enumerate(generators)])
+    solution = linprog(np.zeros(len(work)), A_eq=work.T, b_eq=-load_power, bounds=(0, None))
     assert solution.status in (0, 2)
     return solution.status == 0
 
@@ -451,7 +451,7 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
     """
     rng = np.random.default_rng((7, seed))
     dim = 2 + seed % 2
-    points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), dim)
+    points, n, mu, modes = draw_rigid_contact_points(rng, int(rng.integers(1, 8)), dim)
     power = rng.normal(size=modes.shape[2])
     if rng.random() < 0.6:  # loads that are balanced by nearly admissible forces
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
@@ -459,20 +459,20 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
     velocity_and_missing = find_proof(points, power, np.abs(power))
     is_proved = velocity_and_missing is not None
     if dim == 2:
-        assert is_proved is not forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        assert is_proved is not can_contact_forces_balance_loads(n, mu, modes, power, np.array([[1.0], [-1.0]]))
     else:
         angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
         circle = np.column_stack([np.cos(angle), np.sin(angle)])
-        if forces_balance(n, mu, modes, power, circle):
+        if can_contact_forces_balance_loads(n, mu, modes, power, circle):
             assert not is_proved
-        if not forces_balance(n, mu, modes, power, circle / np.cos(np.pi / 64)):
+        if not can_contact_forces_balance_loads(n, mu, modes, power, circle / np.cos(np.pi / 64)):
             assert is_proved
     if velocity_and_missing is not None:  # the smallest missing load is enough for an equilibrium
         velocity, missing = velocity_and_missing
         tolerance = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=tolerance)
         completed_power = power + missing
-        assert find_escape_motion(points, completed_power)[0] @ completed_power < tolerance
+        assert find_unresisted_motion_of_most_work(points, completed_power)[0] @ completed_power < tolerance
 
 
 def test_no_motion_is_a_proof_where_forces_balance_the_loads():
@@ -483,17 +483,17 @@ def test_no_motion_is_a_proof_where_forces_balance_the_loads():
     n_overstepped = n_proved = 0
     for seed in range(200):
         rng = np.random.default_rng((8, seed))
-        points, n, mu, modes = rigid_points(rng, int(rng.integers(1, 8)), 2)
+        points, n, mu, modes = draw_rigid_contact_points(rng, int(rng.integers(1, 8)), 2)
         power = rng.normal(size=modes.shape[2])
         if rng.random() < 0.6:
             forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
             power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-        is_balanced = forces_balance(n, mu, modes, power, np.array([[1.0], [-1.0]]))
-        velocity, _ = find_escape_motion(points, power)
+        is_balanced = can_contact_forces_balance_loads(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        velocity, _ = find_unresisted_motion_of_most_work(points, power)
         for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
-            violates_cone = points.cone_margin(motion).min() < -1e-3
+            violates_cone = points.friction_cone_margins(motion).min() < -1e-3
             n_overstepped += is_balanced and violates_cone and power @ motion > 1e-3
-            if proves_imbalance(points, power, np.abs(power), motion):
+            if does_motion_prove_no_equilibrium(points, power, np.abs(power), motion):
                 n_proved += 1
                 assert not is_balanced, (seed, motion)
     assert n_overstepped > 50  # motions with positive work of loads, but larger resistance
@@ -509,18 +509,18 @@ def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
     eye = np.eye(2)
     none_marked = np.zeros(1, dtype=bool)
     normal, tangential = np.array([[0.0, 1.0]]), np.array([[eye[0], [0.0, 0.0]]])
-    points = NodeVelocities(
+    points = NodeVelocitiesInRigidMotions(
         np.zeros(1, dtype=int), np.array([0.5]), none_marked, normal, tangential
     )
     power = np.array([0.3, -1.0])  # the push is smaller than friction under a unit normal force
     motion = np.array([1.0, 0.0])
-    monkeypatch.setattr(refusals, "find_escape_motion", lambda *_: (motion, np.zeros(2)))
+    monkeypatch.setattr(refusals, "find_unresisted_motion_of_most_work", lambda *_: (motion, np.zeros(2)))
     assert find_proof(points, power, np.abs(power)) is None
     assert find_proof(replace(points, friction_slope=np.zeros(1)), power, np.abs(power)) is not None
 
 
 @pytest.mark.parametrize("blocked", [False, True])
-def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
+def test_sparse_and_dense_algebra_find_the_same_free_motions(monkeypatch, blocked):
     """Sparse and dense algebra give the same messages about motions of bodies.
 
     Sparse algebra is used for many bodies. Stiffness matrices with blocks of nodal unknowns are
@@ -530,7 +530,7 @@ def test_motions_of_many_bodies_are_found_as_those_of_few(monkeypatch, blocked):
     two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
     for n_dense in (60, 0):
         monkeypatch.setattr(matrices, "_MAX_DENSE_MODES", n_dense)
-        refusal = solve_refused(two_blocks, floor_pair(0.3), (0.5, -1.0))
+        refusal = catch_refusal_and_check_proof(two_blocks, floor_pair(0.3), (0.5, -1.0))
         messages.append((str(refusal), refusal.missing.moment.round(9).tolist()))
         with pytest.raises(FreeBody) as free_body:
             two_blocks.solve(ContactPair(on_plane(1, 1.0), CEILING, 0.0), (0.0, 0.0))

@@ -8,24 +8,24 @@ from pw_elements.contact.steps.stepping import SmallStrainStepping
 from pw_elements.contact.system import AssembledTangent, ContactSystem
 from pw_elements.solvers import NotConverged
 from tests.contact.residuals import (
-    StepMotion,
+    DisplacementAndTranslations,
     largest_residual,
     measure_residuals,
-    split_into_substeps,
+    split_increments_at_substeps,
 )
 from tests.oracle.random_contact import make_problem
 
 # Seeds on which the iteration cycles, converges slowly or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING_SEEDS = [158, 264, 991, 1134, 132]
+SEEDS_ON_WHICH_ITERATION_FAILS = [158, 264, 991, 1134, 132]
 # Seeds on which the iteration frees a surface or a body that friction can hold
-RELEASING_SEEDS = [667]
+SEEDS_ON_WHICH_ITERATION_RELEASES_BODY = [667]
 
 
 # -- springs ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [*FAILING_SEEDS, *RELEASING_SEEDS])
+@pytest.mark.parametrize("seed", [*SEEDS_ON_WHICH_ITERATION_FAILS, *SEEDS_ON_WHICH_ITERATION_RELEASES_BODY])
 def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(seed, caplog):
     problem = make_problem(seed)
     with caplog.at_level("INFO", "pw_elements.contact"):
@@ -34,7 +34,7 @@ def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(
     assert "solved by springs of " in caplog.text
     assert (
         largest_residual(
-            measure_residuals(problem, [StepMotion.from_state(state) for state in states])
+            measure_residuals(problem, [DisplacementAndTranslations.from_state(state) for state in states])
         )
         < 1e-8
     )
@@ -51,7 +51,7 @@ def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps()
     problem = make_problem(1441)
     states = problem.solve()
     assert states[1].substates
-    substep_problem, steps, load_factors = split_into_substeps(problem, states)
+    substep_problem, steps, load_factors = split_increments_at_substeps(problem, states)
     assert largest_residual(measure_residuals(substep_problem, steps, load_factors)) < 1e-8
 
 
@@ -93,11 +93,11 @@ def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
     monkeypatch.setattr(AssembledTangent, "solve", count_factorisation)
     states = problem.solve(remedies=("cutback",))
     (cut_state,) = (state for state in states if state.substates)
-    assert largest_residual(measure_residuals(*split_into_substeps(problem, states))) < 1e-8
+    assert largest_residual(measure_residuals(*split_increments_at_substeps(problem, states))) < 1e-8
     # the ends of increments alone violate the law of whole increments
     assert (
         largest_residual(
-            measure_residuals(problem, [StepMotion.from_state(state) for state in states])
+            measure_residuals(problem, [DisplacementAndTranslations.from_state(state) for state in states])
         )
         > 1e-8
     )

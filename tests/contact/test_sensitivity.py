@@ -19,10 +19,10 @@ from pw_elements import (
 )
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import ElasticBody, finite_strain_residual, neo_hookean_stress, on_plane
-from tests.contact.test_large import RubberUnderCircle, make_hardening_rubber
+from tests.contact.cases import ElasticBody, make_finite_strain_unknown_and_residual, neo_hookean_piola_stress, on_plane
+from tests.contact.test_large import RubberUnderCircle, make_hardening_rubber_and_hardness
 
-RELATIVE_STEP = 1e-5  # change of a parameter, relative to its value
+RELATIVE_PARAMETER_STEP = 1e-5  # change of a parameter, relative to its value
 PARAMETER_NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 
 
@@ -42,8 +42,8 @@ class RandomRubber:
         self.load = fem.Constant(mesh, np.zeros(dim))
         spaces = Spaces.petrov_galerkin(mesh)
         self.space = spaces.trial
-        stress = lambda F: neo_hookean_stress(F, self.shear, self.lame)  # noqa: E731
-        self.u, internal_work = finite_strain_residual(spaces, stress, 3)
+        stress = lambda F: neo_hookean_piola_stress(F, self.shear, self.lame)  # noqa: E731
+        self.u, internal_work = make_finite_strain_unknown_and_residual(spaces, stress, 3)
         weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, on_plane(0, 1.0))
         self.residual = internal_work - ufl.inner(self.load, weight) * side
         F, dx = ufl.Identity(dim) + ufl.grad(self.u), ufl.dx(metadata={"quadrature_degree": 3})
@@ -80,9 +80,9 @@ class RandomRubber:
         self.values["friction"] = rng.uniform(0.1, 0.5)
         self.push_force = -rng.uniform(0.1, 0.2)
 
-    def solve(self, **changed):
+    def solve(self, **changed_values):
         """Return the problem and its states after changing the values of some parameters."""
-        values = self.values | changed
+        values = self.values | changed_values
         self.shear.value, self.lame.value = values["shear"], values["lame"]
         pair = ContactPair(self.top, self.surface, friction=values["friction"])
         problem = ContactProblem.of_residual(
@@ -151,7 +151,7 @@ def statuses(states):
     return [pair.status.tolist() for state in states for pair in state.pairs]
 
 
-class SteelBlock:
+class LinearBlockUnderCircle:
     """A block at small displacements on which a circle is pressed, slid, and pushed by a force."""
 
     max_iterations, loads = 25, ()
@@ -198,25 +198,25 @@ class SteelBlock:
         return np.hstack([pair_values, [[self.load.dot(state.unknowns)] for state in states[1:]]])
 
 
-def difference_errors(case, sensitivities, states, groups):
+def sensitivity_errors_by_group(case, sensitivities, states, n_groups):
     """Return the errors of derivatives relative to central differences, by parameter group.
 
     The parameters of a group change together. Groups in which a status changes are left out.
     """
     errors, names = {}, [*case.parameters]
-    for group in np.array_split(names, groups):
+    for group in np.array_split(names, n_groups):
         rates, end_results, same_statuses = (
             {name: abs(case.values[name]) for name in group},
             [],
             True,
         )
-        for step in (RELATIVE_STEP, -RELATIVE_STEP):
+        for step in (RELATIVE_PARAMETER_STEP, -RELATIVE_PARAMETER_STEP):
             changed = {name: case.values[name] + step * rate for name, rate in rates.items()}
             _, changed_states = case.solve(**changed)
             end_results.append(case.results(changed_states))
             same_statuses &= statuses(changed_states) == statuses(states)
         if same_statuses:
-            differences = (end_results[0] - end_results[1]) / (2 * RELATIVE_STEP)
+            differences = (end_results[0] - end_results[1]) / (2 * RELATIVE_PARAMETER_STEP)
             directional = sum(
                 rate * sensitivities[:, :, names.index(name)] for name, rate in rates.items()
             )
@@ -232,7 +232,7 @@ def difference_errors(case, sensitivities, states, groups):
         (lambda: RandomRubber(1), 1),
         (lambda: RandomRubber(5, dim=3), 1),
         (lambda: RandomRubber(6, max_iterations=4, steps=2), 1),
-        (SteelBlock, 2),
+        (LinearBlockUnderCircle, 2),
     ],
 )
 def test_sensitivities_agree_with_differences_and_with_the_adjoint(make_case, groups):
@@ -246,13 +246,13 @@ def test_sensitivities_agree_with_differences_and_with_the_adjoint(make_case, gr
     gradient = problem.sensitivity(*arguments, weights)
     expected = np.einsum("so,sop->p", weights, sensitivities)
     assert np.abs(gradient - expected).max() < 1e-10 * np.abs(gradient).max()
-    errors = difference_errors(case, sensitivities, states, groups)
+    errors = sensitivity_errors_by_group(case, sensitivities, states, groups)
     assert len(errors) > 0.6 * groups
     assert max(errors.values()) < 1e-6, errors
 
 
 def test_sensitivities_use_the_present_stiffness():
-    case = SteelBlock()
+    case = LinearBlockUnderCircle()
     problem, states = case.solve()
     arguments = states[:3], [("force", 0, 0), ("force", 0, 1)], [("friction", 0)]
     problem.sensitivity(*arguments)
@@ -286,11 +286,11 @@ def test_invalid_arguments_of_sensitivities_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             problem.sensitivity(*arguments)
-    rubber, _ = make_hardening_rubber()
+    rubber, _ = make_hardening_rubber_and_hardness()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):
         rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
-    steel = SteelBlock()
+    steel = LinearBlockUnderCircle()
     problem, states = steel.solve()
     with pytest.raises(ValueError, match="a stiffness K has no known constants"):
         problem.sensitivity(states, [("force", 0, 1)], [case.shear])
@@ -335,7 +335,7 @@ def test_parameters_without_effect_and_invalid_numbers_are_refused():
         assemble_scalar(ufl.inner(u, u) * ufl.dx), rel=1e-12
     )
     assert sensitivities[0, 0, 1] != 0
-    steel = SteelBlock()
+    steel = LinearBlockUnderCircle()
     problem, states = steel.solve()
     with pytest.raises(ValueError, match="`loads` belong to a residual"):
         problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)], [steel.load] * 3)

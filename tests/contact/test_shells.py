@@ -17,42 +17,42 @@ from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.meshes.mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
-    ProblemData,
+    LinearContactProblemData,
     largest_residual,
     measure_residuals,
-    split_into_substeps,
+    split_increments_at_substeps,
 )
 from tests.contact.two_bodies import PLANE_CELLS, StackedBlocks, join_meshes, split_facets_by_side
 
 INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3, 0.3
 
 
-def _make_tube(low, high, n, cell):
+def _make_quarter_tube_mesh(inner_radius, outer_radius, cells_per_length, cell):
     """Return a quarter of a tube between two radii, with n cells per unit of length."""
-    divisions = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 3))
+    divisions = (max(2, round(1.5 * cells_per_length * (outer_radius - inner_radius))), 2 * cells_per_length, max(1, cells_per_length // 3))
     if cell in PLANE_CELLS:
-        corners = [(low, 0.0), (high, 1.0)]
+        corners = [(inner_radius, 0.0), (outer_radius, 1.0)]
         return curved_mesh(
-            create_rectangle(MPI.COMM_SELF, corners, divisions[:2], CellType[cell]), _roll_strip
+            create_rectangle(MPI.COMM_SELF, corners, divisions[:2], CellType[cell]), _roll_strip_into_quarter_circle
         )
-    corners = [(low, 0, 0), (high, 1.0, 0.5)]
-    return curved_mesh(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), _roll_strip)
+    corners = [(inner_radius, 0, 0), (outer_radius, 1.0, 0.5)]
+    return curved_mesh(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), _roll_strip_into_quarter_circle)
 
 
-def _roll_strip(x):
+def _roll_strip_into_quarter_circle(x):
     """Map a strip to a quarter of a circle about the last axis."""
     angle = np.pi / 2 * x[:, 1]
     return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), x[:, 2]])
 
 
-def make_interface_pair(body, where, is_outside, slave, coincident=True, **options):
+def make_interface_pair(body, where, is_outside, slave, coincident=True, **pair_options):
     """Return the contact pair of two nested bodies at the marked faces."""
     inner_facets, outer_facets = split_facets_by_side(body, where, is_outside)
     slave_facets, master_facets = (
         (inner_facets, outer_facets) if slave == "inner" else (outer_facets, inner_facets)
     )
     nodes = fem.locate_dofs_topological(body.space, body.dim - 1, slave_facets)
-    return ContactPair(nodes, DeformableSurface(master_facets, coincident=coincident), **options)
+    return ContactPair(nodes, DeformableSurface(master_facets, coincident=coincident), **pair_options)
 
 
 class NestedShells(ElasticBody):
@@ -63,8 +63,8 @@ class NestedShells(ElasticBody):
             3 if kind == "revolved" else 2
         )  # exponent of the radius in the stresses; "revolved" is an axisymmetric sphere
         mesh = join_meshes(
-            _make_tube(INNER_RADIUS, INTERFACE_RADIUS, divisions[0], cell),
-            _make_tube(INTERFACE_RADIUS, OUTER_RADIUS, divisions[1], cell),
+            _make_quarter_tube_mesh(INNER_RADIUS, INTERFACE_RADIUS, divisions[0], cell),
+            _make_quarter_tube_mesh(INTERFACE_RADIUS, OUTER_RADIUS, divisions[1], cell),
         )
         state = {"tube": "plane strain", "revolved": "axisymmetric"}.get(kind, "solid")
         super().__init__(mesh, state=state, E=1.0, nu=NU)
@@ -122,7 +122,7 @@ SHELL_CASES = [
 ]
 
 
-def solve_and_measure_errors(shells):
+def solve_and_measure_errors_and_shear(shells):
     """Return the errors of displacement and pressures, and the largest shear stress of the master.
 
     The error of displacements is the largest one, divided by the largest displacement. Errors of
@@ -150,7 +150,7 @@ def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, 
     """
     errors, shear = zip(
         *(
-            solve_and_measure_errors(NestedShells(kind, cell, (k, 3 * k // 2), slave))
+            solve_and_measure_errors_and_shear(NestedShells(kind, cell, (k, 3 * k // 2), slave))
             for k in divisions
         ),
         strict=True,
@@ -165,13 +165,13 @@ def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, 
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_mesh_gaps_are_of_fourth_order(cell):
+def test_effects_of_mesh_gaps_are_of_fourth_order(cell):
     """Gaps between curved faces due to the mesh have an effect of fourth order.
 
     The gaps of sides that are not declared coincident are closed by pressure.
     """
     errors = [
-        solve_and_measure_errors(NestedShells("tube", cell, (k, 3 * k // 2), "outer", False))[0]
+        solve_and_measure_errors_and_shear(NestedShells("tube", cell, (k, 3 * k // 2), "outer", False))[0]
         for k in (4, 8)
     ]
     displacement_order, *pressure_orders = np.log2(np.divide(*errors))
@@ -191,10 +191,10 @@ def test_sides_that_do_not_coincide_are_refused():
 
 # -- press fits ------------------------------------------------------------------------------------
 
-FIT_DEPTH = 1e-3 * INTERFACE_RADIUS
+PRESS_FIT_DEPTH = 1e-3 * INTERFACE_RADIUS
 
 
-def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
+def press_fit_pressure_error(state, cells_per_ring, interference, depth=PRESS_FIT_DEPTH, slave="inner"):
     """Return the largest error of Lame's pressure on either side of a press fit of two rings.
 
     The rings are fixed along the axis. If `interference` is True, the bore of the outer ring is too
@@ -205,14 +205,14 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
     def ring(inner_radius, outer_radius, n):
         ends = [(inner_radius, 0.0), (outer_radius, 1.0 if is_plane else 0.5)]
         strip = create_rectangle(MPI.COMM_SELF, ends, (n // 2, n) if is_plane else (n, n // 2))
-        return curved_mesh(strip, _roll_strip) if is_plane else strip
+        return curved_mesh(strip, _roll_strip_into_quarter_circle) if is_plane else strip
 
     def radius(x):
         return np.hypot(x[0], x[1]) if is_plane else x[0]
 
     bore = INTERFACE_RADIUS - (0.0 if is_nominal else depth)
     mesh = join_meshes(
-        ring(INNER_RADIUS, INTERFACE_RADIUS, edges[0]), ring(bore, OUTER_RADIUS, edges[1])
+        ring(INNER_RADIUS, INTERFACE_RADIUS, cells_per_ring[0]), ring(bore, OUTER_RADIUS, cells_per_ring[1])
     )
     rings = ElasticBody(mesh, PW, state, 1.0, NU)
     near_interface = lambda x: np.abs(radius(x) - INTERFACE_RADIUS) < 2 * depth  # noqa: E731
@@ -231,24 +231,24 @@ def press_fit_error(state, edges, interference, depth=FIT_DEPTH, slave="inner"):
 
 @pytest.mark.parametrize("slave", ["inner", "outer"])
 def test_a_press_fit_has_lames_pressure(slave):
-    errors = [press_fit_error("axisymmetric", (n, 3 * n // 2), True, 1e-5, slave) for n in (4, 8)]
+    errors = [press_fit_pressure_error("axisymmetric", (n, 3 * n // 2), True, 1e-5, slave) for n in (4, 8)]
     assert errors[1] < 3e-3
     assert errors[0] > 2.5 * errors[1]
 
 
 @pytest.mark.parametrize(
-    "depth", [FIT_DEPTH, lambda x: FIT_DEPTH * np.hypot(x[0], x[1]) / INTERFACE_RADIUS]
+    "depth", [PRESS_FIT_DEPTH, lambda x: PRESS_FIT_DEPTH * np.hypot(x[0], x[1]) / INTERFACE_RADIUS]
 )
 def test_nominal_interference_has_lames_pressure_on_coarse_meshes(depth):
-    assert press_fit_error("plane strain", (5, 7), depth) < 0.01
+    assert press_fit_pressure_error("plane strain", (5, 7), depth) < 0.01
 
 
 def test_mesh_gaps_beside_an_interference_are_logged_as_warnings(caplog):
-    assert press_fit_error("plane strain", (5, 7), True) > 0.1
+    assert press_fit_pressure_error("plane strain", (5, 7), True) > 0.1
     (warning,) = caplog.messages
     assert "coincident=True" in warning
     caplog.clear()
-    assert press_fit_error("plane strain", (24, 24), True) < 0.04
+    assert press_fit_pressure_error("plane strain", (24, 24), True) < 0.04
     assert not caplog.messages
 
 
@@ -327,7 +327,7 @@ BORE_RADIUS, RIM_RADIUS, RING_HEIGHT = 2.0, 3.5, 0.6
 YOUNGS_MODULUS, INTERFERENCE = 500.0, 0.01
 
 
-def lame_pressure():
+def exact_shrink_fit_pressure():
     """Return the pressure of a ring on a shaft in plane strain (G. Lamé, 1852; any textbook)."""
     compliance = (1 - 2 * NU) * BORE_RADIUS + RIM_RADIUS**2 / BORE_RADIUS
     return (
@@ -366,7 +366,7 @@ def test_a_shrunk_ring_has_lames_pressure(method, build):
             abs(
                 first_state.pairs[0].force[0]
                 / (2 * np.pi * BORE_RADIUS * RING_HEIGHT)
-                / lame_pressure()
+                / exact_shrink_fit_pressure()
                 - 1
             )
         )
@@ -398,10 +398,10 @@ def test_a_fit_in_substeps_obeys_the_law_in_each_of_them(monkeypatch):
     monkeypatch.setattr(problem._small_strain_stepping, "_solve_substep", fail_above_half)
     cut_state = problem.step(undeformed, ring.zero_load)
     conditions = [prescribe(ring.space, 1, on_plane(1, z)) for z in (0.0, RING_HEIGHT)]
-    problem_data = ProblemData(ring.K, ring.space, [ring.zero_load], conditions, [ring.pair(0.2)])
+    problem_data = LinearContactProblemData(ring.K, ring.space, [ring.zero_load], conditions, [ring.pair(0.2)])
     assert [fraction for fraction, _ in cut_state.substates] == [0.5]
     assert (
-        largest_residual(measure_residuals(*split_into_substeps(problem_data, [cut_state]))) < 1e-9
+        largest_residual(measure_residuals(*split_increments_at_substeps(problem_data, [cut_state]))) < 1e-9
     )
-    substep_problem, steps, _ = split_into_substeps(problem_data, [cut_state])
+    substep_problem, steps, _ = split_increments_at_substeps(problem_data, [cut_state])
     assert largest_residual(measure_residuals(substep_problem, steps)) > 1e-3

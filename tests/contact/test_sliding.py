@@ -25,39 +25,39 @@ from pw_elements.contact.steps import finite
 from pw_elements.contact.steps.smallness import log_slip_differences
 from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
-    DIE_PATH,
-    STORED_INCREMENT,
+    DIE_TOP_TRANSLATIONS,
+    SAVED_INCREMENT_INDEX,
     SlidingBodies,
-    kernel_check_differences,
+    compare_mortar_with_verification,
     make_die_on_block,
     mesh_of_two_rectangles,
-    mortar_positions_in_states,
+    mortar_and_positions_in_states,
     slide_along_path,
 )
 
 FRICTION = 0.3
 
 
-def quadratic_trace(n, curve, first_node, outward):
+def make_curve_trace(n_facets, curve, first_node, outward_y):
     """Return a curve over the interval [-1, 1] that consists of n quadratic facets."""
-    s = np.linspace(-1, 1, 2 * n + 1)
+    s = np.linspace(-1, 1, 2 * n_facets + 1)
     x = np.stack([s, curve(s)], axis=1)
-    node = 2 * np.arange(n)[:, None] + [0, 2, 1]
-    return Trace(node + first_node, x[node], np.tile([0.0, outward], (n, 1)))
+    node = 2 * np.arange(n_facets)[:, None] + [0, 2, 1]
+    return Trace(node + first_node, x[node], np.tile([0.0, outward_y], (n_facets, 1)))
 
 
-def disturbed_sides(revolved):
+def make_mortar_and_disturbed_positions(revolved):
     """Return a mortar of two curved sides and two disturbed sets of positions of its nodes."""
-    slave_side = quadratic_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
-    master_side = quadratic_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
+    slave_side = make_curve_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
+    master_side = make_curve_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
 
 @pytest.mark.parametrize("revolved", [False, True])
-def test_derivatives_agree_with_central_differences(revolved):
-    mortar, x = disturbed_sides(revolved)
+def test_mortar_derivatives_agree_with_central_differences(revolved):
+    mortar, x = make_mortar_and_disturbed_positions(revolved)
     projected, h = mortar.linearise(x), 1e-6
     force = np.random.default_rng(5).normal(size=(mortar.n_slave_nodes, 2))
     assert 0 < projected.faces_master.sum() < len(projected.faces_master)
@@ -71,7 +71,7 @@ def test_derivatives_agree_with_central_differences(revolved):
     def quantities(x):
         projected = mortar.linearise(x)
         angles = np.arctan2(projected.normals[:, 1], projected.normals[:, 0])
-        slip, _ = projected.measure_slip_and_rates(reference, x)
+        slip, _ = projected.measure_slip_and_position_derivatives(reference, x)
         return [
             (projected.master_fractions.T @ force).ravel(),
             projected.mean_distance.ravel(),
@@ -83,7 +83,7 @@ def test_derivatives_agree_with_central_differences(revolved):
     derivatives = [
         projected.differentiate_master_forces(force),
         projected.distance_rate,
-        *projected.measure_slip_and_rates(reference, x)[1],
+        *projected.measure_slip_and_position_derivatives(reference, x)[1],
     ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
@@ -103,7 +103,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
 
     The sides are shifted and rotated. Normals at their ends may lie in symmetry planes.
     """
-    mortar, x = disturbed_sides(revolved)
+    mortar, x = make_mortar_and_disturbed_positions(revolved)
     end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
     mortar.allowed_components[end_nodes[0]] = at_ends
     mortar.allowed_components[end_nodes[1], 0] = seed % 2 == 0
@@ -115,7 +115,7 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
     if not revolved:
         start_x = start_x @ rotation_matrix(np.radians(rng.uniform(0, 360))).T
     for start, end in ((x, start_x), (start_x, x), (x, x)):
-        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-12
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-12
     assert mortar.linearise(x).faces_master.any()
 
 
@@ -125,7 +125,7 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
 
     Mortar operators are those at the start of the increment, so that paired points stay paired.
     """
-    mortar, x = disturbed_sides(False)
+    mortar, x = make_mortar_and_disturbed_positions(False)
     end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
     start, projected = mortar.make_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
@@ -136,7 +136,7 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
         faced_master=np.zeros_like(start.faced_master),
     )
     for reference in (start, unfaced_start):
-        assert np.abs(projected.measure_slip_and_rates(reference, end)[0]).max() < 1e-13
+        assert np.abs(projected.measure_slip_and_position_derivatives(reference, end)[0]).max() < 1e-13
 
 
 def test_linear_fields_are_transferred_exactly():
@@ -144,8 +144,8 @@ def test_linear_fields_are_transferred_exactly():
 
     The sides are straight, have non-matching meshes, and cover each other in part.
     """
-    slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_curve_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = make_curve_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
     x = mortar.x + shift[:, None] * [1, 0]
@@ -171,11 +171,11 @@ def die_history():
     return bodies, slide_along_path(bodies), tuple(violations)
 
 
-def test_the_verification_of_states_agrees_with_the_iteration(die_history):
-    bodies, states, _ = die_history
-    mortar, positions = mortar_positions_in_states(bodies, states)
+def test_the_verification_of_states_agrees_with_the_iteration(die_states_and_violations):
+    bodies, states, _ = die_states_and_violations
+    mortar, positions = mortar_and_positions_in_states(bodies, states)
     for start, end in itertools.pairwise([mortar.x, *positions]):
-        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-10
 
 
 @pytest.mark.parametrize("revolved", [False, True])
@@ -204,10 +204,10 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
     pair = replace(half_die.pair, surface=surface)
     half_die.problem = ContactProblem.of_residual(half_die.residual, half_die.u, conditions, pair)
     states = slide_along_path(half_die, [(0.0, -0.05), (0.0, -0.12), (0.0, -0.04)])
-    mortar, positions = mortar_positions_in_states(half_die, states)
+    mortar, positions = mortar_and_positions_in_states(half_die, states)
     assert not mortar.allowed_components.all()
     for start, end in itertools.pairwise([mortar.x, *positions]):
-        assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-10
 
 
 def cone_violation(state):
@@ -223,12 +223,12 @@ def cone_violation(state):
     return error.max() / np.abs(pair.force_vector).max()
 
 
-def test_a_die_slides_by_more_than_an_element(die_history):
+def test_a_die_slides_by_more_than_an_element(die_states_and_violations):
     """A die slides on a block by more than the length of an element.
 
     Forces balance, each node obeys the friction law, and Newton's method converges quadratically.
     """
-    _, states, violations = die_history
+    _, states, violations = die_states_and_violations
     for k, state in enumerate(states):
         (pair,) = state.pairs
         total_force = np.abs(pair.force).max()
@@ -241,10 +241,10 @@ def test_a_die_slides_by_more_than_an_element(die_history):
     assert np.abs(states[-1].pairs[0].slip).max() > 0.1
 
 
-def make_narrow_punch(divisions):
+def make_block_under_narrow_punch(n_block_cells):
     """Return a flat block as the slave under a narrower punch; both are rough."""
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
-    mesh = mesh_of_two_rectangles(*boxes, ((divisions, 4), (4, 4)), lambda x, y, _: (x, y))
+    mesh = mesh_of_two_rectangles(*boxes, ((n_block_cells, 4), (4, 4)), lambda x, y, _: (x, y))
     return SlidingBodies(
         mesh, *(on_plane(1, height) for height in (0.0, 0.01, -1.0, 1.0)), friction=0.8
     )
@@ -258,7 +258,7 @@ def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_clo
     """
     shears = []
     for n_increments in (1, 2, 4):
-        bodies = make_narrow_punch(divisions)
+        bodies = make_block_under_narrow_punch(divisions)
         path = [(0.0, -0.11 * (k + 1) / n_increments) for k in range(n_increments)]
         (pair,) = slide_along_path(bodies, path)[-1].pairs
         is_closed = pair.status != OPEN
@@ -276,8 +276,8 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
 
     A hollow slave side is moved so far away that the other side lies beyond this point.
     """
-    slave_side = quadratic_trace(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
-    master_side = quadratic_trace(4, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_curve_trace(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
+    master_side = make_curve_trace(4, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
@@ -307,12 +307,12 @@ def test_a_die_slides_off_its_block(upper_is_slave):
         assert np.abs(pair.displacement - np.array(end) * upper_is_slave).max() < 1e-9
 
 
-def test_slip_agrees_with_that_of_the_path(die_history, caplog):
+def test_slip_agrees_with_that_of_the_path(die_states_and_violations, caplog):
     """Slip agrees with the slip of material points along the path.
 
     The two slips are computed by different formulas. A warning is logged if the slip is incomplete.
     """
-    bodies, states, _ = die_history
+    bodies, states, _ = die_states_and_violations
     for state in states[2:]:
         (pair,) = state.pairs
         difference = np.linalg.norm(pair.slip - pair.path_slip, axis=1)
@@ -346,7 +346,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 
     def make_reference_by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest_points(x)
+        ends, parts = mortar._find_closest_master_facets_and_weights(x)
         rows = reference.distance_rows.tolil()
         for j in np.flatnonzero(~reference.faced_master):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
@@ -356,10 +356,10 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 
     monkeypatch.setattr(SlidingMortar, "make_reference", make_reference_by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
-        slide_along_path(make_narrow_punch(6), [(0.0, -0.11)])
+        slide_along_path(make_block_under_narrow_punch(6), [(0.0, -0.11)])
     monkeypatch.setattr(finite, "verify_state", lambda state, *_, **__: state)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        slide_along_path(make_narrow_punch(6), [(0.0, -0.11)])
+        slide_along_path(make_block_under_narrow_punch(6), [(0.0, -0.11)])
     (record,) = caplog.records
     assert "by up to 0.25" in record.getMessage()
     assert "at 2 contact nodes" in record.getMessage()
@@ -367,7 +367,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("path", [[(0.0, -3.0)], [(0.0, -0.12), (0.1, -3.0)]])
-def test_bodies_are_not_driven_through_each_other(upper_is_slave, path):
+def test_bodies_driven_through_each_other_are_refused(upper_is_slave, path):
     """Bodies whose supports would pass through each other are refused.
 
     No linear system is solved.
@@ -399,30 +399,30 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
 
     It is zero for nodes that were not outside of the other body at first.
     """
-    slave_side = quadratic_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    master_side = quadratic_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_curve_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = make_curve_trace(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
-    depth = mortar.measure_penetration(mortar.x, lowered_x)
+    depth = mortar.measure_max_penetration_along_path(mortar.x, lowered_x)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_penetration(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
-    assert not mortar.measure_penetration(lowered_x, lowered_x).any()
-    depth_behind = mortar.measure_penetration(mortar.x, mortar.x - is_slave * [0.0, 3.0])
+    assert not mortar.measure_max_penetration_along_path(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
+    assert not mortar.measure_max_penetration_along_path(lowered_x, lowered_x).any()
+    depth_behind = mortar.measure_max_penetration_along_path(mortar.x, mortar.x - is_slave * [0.0, 3.0])
     assert depth_behind[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
-def test_both_sides_may_be_the_slave(die_history):
+def test_resultants_agree_if_slave_and_master_are_exchanged(die_states_and_violations):
     """With exchanged slave and master, resultant forces agree to the accuracy of the mesh."""
-    histories = die_history[1], slide_along_path(make_die_on_block(upper_is_slave=False))
+    histories = die_states_and_violations[1], slide_along_path(make_die_on_block(upper_is_slave=False))
     forces = [states[-1].pairs[0].force for states in histories]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
 
 
-def test_a_rotated_problem_has_rotated_forces(die_history):
+def test_a_rotated_problem_has_rotated_forces(die_states_and_violations):
     (pair,), (rotated_pair,) = (
-        die_history[1][2].pairs,
-        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_PATH[:3])[-1].pairs,
+        die_states_and_violations[1][2].pairs,
+        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_TOP_TRANSLATIONS[:3])[-1].pairs,
     )
     largest = np.abs(pair.force_vector).max()
     assert (
@@ -435,12 +435,12 @@ def test_a_rotated_problem_has_rotated_forces(die_history):
     )
 
 
-def test_a_resumed_history_is_the_same_history(die_history, tmp_path):
-    bodies, states, _ = die_history
-    bodies.problem.save(states[STORED_INCREMENT], tmp_path / "state.npz")
+def test_a_resumed_history_is_the_same_history(die_states_and_violations, tmp_path):
+    bodies, states, _ = die_states_and_violations
+    bodies.problem.save(states[SAVED_INCREMENT_INDEX], tmp_path / "state.npz")
     loaded_state = bodies.problem.load(tmp_path / "state.npz")
     (pair,), (expected,) = (
-        slide_along_path(bodies, DIE_PATH[STORED_INCREMENT + 1 :], loaded_state)[-1].pairs,
+        slide_along_path(bodies, DIE_TOP_TRANSLATIONS[SAVED_INCREMENT_INDEX + 1 :], loaded_state)[-1].pairs,
         states[-1].pairs,
     )
     for name in ("force_vector", "opposite_force", "slip"):
@@ -448,8 +448,8 @@ def test_a_resumed_history_is_the_same_history(die_history, tmp_path):
         assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
 
 
-def test_fields_contain_pressures_and_forces_of_both_sides(die_history):
-    bodies, states, _ = die_history
+def test_fields_contain_pressures_and_forces_of_both_sides(die_states_and_violations):
+    bodies, states, _ = die_states_and_violations
     fields = ContactFields.from_state(states[0], bodies.body)
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
@@ -504,7 +504,7 @@ def test_a_uniform_pressure_is_transferred_exactly():
     assert abs(fields.pressure.x.array[both_sides[0]] - pair.force[1]) < 1e-9 * pair.force[1]
 
 
-def invalid_pairs():
+def make_invalid_pairs_and_bodies():
     """Return the cases (residual, pair, error message) of refused pairs, and the two bodies."""
     bodies = make_die_on_block()
     surface = bodies.pair.surface
@@ -528,7 +528,7 @@ def invalid_pairs():
 
 
 def test_unsupported_pairs_are_refused():
-    (cases, bodies), make_problem = invalid_pairs(), ContactProblem.of_residual
+    (cases, bodies), make_problem = make_invalid_pairs_and_bodies(), ContactProblem.of_residual
     for residual, pair, message in cases:
         with pytest.raises(ValueError, match=message):
             make_problem(residual, bodies.u, bodies.conditions, pair)

@@ -17,17 +17,17 @@ from pw_elements.contact import ContactPair, Motion, Plane
 from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.histories import (
     HISTORIES,
-    RESUME_INCREMENT,
-    field_scale,
+    INCREMENTS_BEFORE_RESUME,
+    history_scale_of_field,
     resume_history,
     solve_history,
-    state_fields,
+    collect_comparable_fields,
 )
 from tests.contact.test_matching import MatchingBlocks
 
 # Relative difference of two computations of a state. Their systems are solved to 1e-13 of the load
 # by factors of another matrix, and forces of two bodies are some ten times less accurate
-RESTART_TOLERANCE = 1e-11
+RELATIVE_RESTART_TOLERANCE = 1e-11
 BLOCK = BlockOnFloor(4)
 PROBLEM = BLOCK.contact_problem(BLOCK.floor_pair(0.3))
 LOWER_PLANE = Plane((0, -0.01), (0, 1))
@@ -36,12 +36,12 @@ LOWER_PLANE = Plane((0, -0.01), (0, 1))
 def relative_difference(states, reference_states, scale_states=()):
     """Return the largest difference of any field, relative to its scale in a history."""
     largest = 0.0
-    for name in state_fields(reference_states[-1]):
-        scale = field_scale(name, [*reference_states, *scale_states])
+    for name in collect_comparable_fields(reference_states[-1]):
+        scale = history_scale_of_field(name, [*reference_states, *scale_states])
         for state, reference in zip(states, reference_states, strict=True):
             largest = max(
                 largest,
-                np.abs(state_fields(state)[name] - state_fields(reference)[name]).max(initial=0.0)
+                np.abs(collect_comparable_fields(state)[name] - collect_comparable_fields(reference)[name]).max(initial=0.0)
                 / scale,
             )
     return largest
@@ -51,36 +51,36 @@ def relative_difference(states, reference_states, scale_states=()):
 def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
     problem, steps = HISTORIES[name]()
     states = solve_history(problem, steps)
-    stored_state = states[RESUME_INCREMENT - 1]
+    stored_state = states[INCREMENTS_BEFORE_RESUME - 1]
     second_problem, _ = HISTORIES[name]()  # another problem, which gets nothing but the state
     problem.save(stored_state, tmp_path / "state.npz")
     loaded_state = second_problem.load(tmp_path / "state.npz")
     assert (loaded_state.increment, loaded_state.unique, loaded_state.report) == (
-        RESUME_INCREMENT,
+        INCREMENTS_BEFORE_RESUME,
         stored_state.unique,
         stored_state.report,
     )
     for start in (stored_state, loaded_state):
         remaining_states = resume_history(second_problem, steps, start)
         assert (
-            relative_difference(remaining_states, states[RESUME_INCREMENT:], states)
-            < RESTART_TOLERANCE
+            relative_difference(remaining_states, states[INCREMENTS_BEFORE_RESUME:], states)
+            < RELATIVE_RESTART_TOLERANCE
         )
         assert [state.increment for state in remaining_states] == list(
-            range(RESUME_INCREMENT + 1, len(steps) + 1)
+            range(INCREMENTS_BEFORE_RESUME + 1, len(steps) + 1)
         )
 
 
 def test_a_step_changes_no_state_and_can_be_repeated():
     problem, steps = HISTORIES["block"]()
     first_state = problem.step(problem.undeformed, *steps[0])
-    copies = {name: values.copy() for name, values in state_fields(first_state).items()}
+    copies = {name: values.copy() for name, values in collect_comparable_fields(first_state).items()}
     second_state, other_state, repeated_state = (
         problem.step(first_state, *steps[k]) for k in (1, -2, 1)
     )
     assert relative_difference([repeated_state], [second_state]) < 1e-12
     assert relative_difference([other_state], [second_state]) > 1e-3
-    for name, values in state_fields(first_state).items():
+    for name, values in collect_comparable_fields(first_state).items():
         assert np.array_equal(values, copies[name])
     with pytest.raises(ValueError, match="read-only"):
         first_state.pairs[0].force_normal[:] = 0.0
@@ -88,7 +88,7 @@ def test_a_step_changes_no_state_and_can_be_repeated():
         first_state.iterations = 3
 
 
-def _archive(**arrays):
+def _serialise_as_npz(**arrays):
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()
@@ -104,7 +104,7 @@ def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
     assert_refused(r"state\.npz", OSError)
     path.write_text("nothing")
     assert_refused(r"state\.npz holds no contact state")
-    for foreign_content in (b"nothing", _archive(nodes=np.zeros(3))):
+    for foreign_content in (b"nothing", _serialise_as_npz(nodes=np.zeros(3))):
         path.write_bytes(foreign_content)
         with pytest.raises(FileExistsError, match="was not written by pw_elements"):
             PROBLEM.save(PROBLEM.undeformed, path)
@@ -252,7 +252,7 @@ def test_uniqueness_is_not_examined_without_determinants():
     assert difference.norm() < 1e-10 * by_mumps.displacement.norm()
 
 
-MAX_FACTORISATIONS = 4  # upper limit, for 51 linear systems
+MAX_FACTORISATIONS_OF_51_SYSTEMS = 4  # upper limit, for 51 linear systems
 
 
 def test_factors_are_reused_while_few_rows_change():
@@ -263,8 +263,8 @@ def test_factors_are_reused_while_few_rows_change():
     states = BlockOnFloor(48).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
-    assert sum(report.factorisations for report in reports) <= MAX_FACTORISATIONS
-    assert sum(state.iterations for state in states) > 10 * MAX_FACTORISATIONS
+    assert sum(report.factorisations for report in reports) <= MAX_FACTORISATIONS_OF_51_SYSTEMS
+    assert sum(state.iterations for state in states) > 10 * MAX_FACTORISATIONS_OF_51_SYSTEMS
 
 
 def test_motions_and_forces_may_alternate():

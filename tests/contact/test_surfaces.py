@@ -16,7 +16,7 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
 )
-from pw_elements.contact.model import measure_difference_step_error
+from pw_elements.contact.model import measure_gradient_change_at_half_step
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.polyline import Polyline
@@ -24,7 +24,7 @@ from tests.contact.polyline import Polyline
 RNG = np.random.default_rng(5)
 
 # from left to right, the body above: a step up (a re-entrant and a protruding corner) and a tip
-STEP_AND_TIP = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
+STEP_AND_TIP_CORNERS = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
 
 SURFACES = {
     "plane": Plane((1.0, 2.0), (1.0, -3.0)),
@@ -32,8 +32,8 @@ SURFACES = {
     "circle": Sphere((0.5, -0.2), 0.3),
     "sphere": Sphere((0.5, -0.2, 1.0), 0.3),
     "flat punch": FlatPunch((0.0, 1.0), (0.0, -2.0), 10.0),
-    "line": Polyline(STEP_AND_TIP),
-    "rounded line": Polyline(STEP_AND_TIP, 0.2),
+    "line": Polyline(STEP_AND_TIP_CORNERS),
+    "rounded line": Polyline(STEP_AND_TIP_CORNERS, 0.2),
     "signed distance": SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1),
 }
 
@@ -181,7 +181,7 @@ def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
         assert not is_logged
     x = RNG.uniform(-1, 1, (20, 2))
     flat = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1] - 1e4 - 1) - 1e4, step=1e-6)
-    assert measure_difference_step_error(flat, x) < 1e-5
+    assert measure_gradient_change_at_half_step(flat, x) < 1e-5
 
 
 def test_closest_points_are_infinitely_far_where_nothing_is_faced():

@@ -22,12 +22,12 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.iteration import (
-    IncrementTarget,
-    choose_first_set,
+    TargetLoadsAndMotions,
+    choose_first_active_set,
     solve_increment,
 )
 from pw_elements.contact.model import Residuals
-from pw_elements.contact.nodes import FORCE_TOLERANCE
+from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 from pw_elements.contact.steps.stepping import SmallStrainStepping
 from pw_elements.meshes import triangles
 from pw_elements.spaces import AssemblyRecord
@@ -48,7 +48,7 @@ def test_a_surface_with_an_edge_is_refused(cell):
         stack.contact_problem(pair)
 
 
-def test_a_user_assembled_stiffness_does_not_say_whether_it_is_axisymmetric():
+def test_revolved_has_to_be_given_and_to_agree_with_the_stiffness():
     stack = StackedBlocks((3, 2), state="axisymmetric")
     no_supports, pair = stack.make_supports(), stack.make_pair()
     with pytest.raises(ValueError, match="give DeformableSurface"):
@@ -115,13 +115,13 @@ def converged_increment():
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
     start = problem.undeformed
-    target = IncrementTarget.from_motions(punch.zero_load, [motion], n_motions=2)
+    target = TargetLoadsAndMotions.from_load_and_motions(punch.zero_load, [motion], n_motions=2)
     increment, kinematics = stepping._start_increment(start, target)
-    linearised = stepping._linearise_start(increment, kinematics, start, target)
+    linearised = stepping._check_and_linearise_initial_kinematics(increment, kinematics, start, target)
     rigid = stepping._system_for(target.free_motions)[1]
     solution = solve_increment(
         increment,
-        choose_first_set(
+        choose_first_active_set(
             stepping.interface,
             linearised,
             start,
@@ -129,29 +129,29 @@ def converged_increment():
             target.unloaded_free_surfaces,
         ),
         linearised,
-        stepping._make_set_update(rigid, "rough"),
+        stepping._make_active_set_update(rigid, "rough"),
         max_iterations=50,
         after_iteration=lambda *_: None,
     )
     return increment, solution, start
 
 
-def measure_violation(increment, state):
+def law_violation_over_tolerance(increment, newton_state):
     """Return the violation of the contact law in a Newton state, which may have been changed."""
-    largest_force, of_displacements, of_coordinates = increment._largest_force_and_round_offs(
-        state.force, state.displacement_size, state.kinematics.torque_map
+    largest_force, of_displacements, of_coordinates = increment._max_contact_force_and_round_off_forces(
+        newton_state.force, newton_state.displacement_size, newton_state.kinematics.torque_map
     )
-    allowed = FORCE_TOLERANCE * largest_force + of_displacements
-    return increment.violation(state, allowed, of_coordinates)
+    allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force + of_displacements
+    return increment.violation(newton_state, allowed, of_coordinates)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
-def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, name):
+def test_no_state_is_accepted_that_its_residuals_reject(increment_solution_and_start, name):
     """The iteration accepts no state that is rejected because of its residuals.
 
     Each condition is violated alone, by 1e-7 and by 1e-10 of the largest force.
     """
-    increment, solution, start = converged_increment
+    increment, solution, start = increment_solution_and_start
     contact = solution.nodes
     status, largest = contact.active_set.status, np.abs(solution.force).max()
     node_of_status = {kind: np.flatnonzero(status == kind)[0] for kind in (OPEN, STICK, SLIP)}
@@ -176,9 +176,9 @@ def test_no_state_is_accepted_that_its_residuals_reject(converged_increment, nam
             disturbed = replace(solution, nodes=replace(contact, force=force, gap=gap, slip=slip))
         _, force_size, length_size = increment.reference_sizes(disturbed, start.scale)
         residuals = increment.largest_residuals(disturbed, force_size, length_size)
-        assert (measure_violation(increment, disturbed) <= 1) == (relative_error == 1e-10)
+        assert (law_violation_over_tolerance(increment, disturbed) <= 1) == (relative_error == 1e-10)
         assert getattr(residuals, name) > relative_error / 100
-    assert measure_violation(increment, solution) <= 1
+    assert law_violation_over_tolerance(increment, solution) <= 1
 
 
 @pytest.mark.parametrize(("load_ratio", "is_unique"), [(0.9, True), (1.0, False)])
@@ -226,7 +226,7 @@ def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch)
     Only a substep that has already begun may exceed this budget.
     """
     budgets, remaining_budgets = [], []
-    budget = SmallStrainStepping._make_budget
+    budget = SmallStrainStepping._make_remaining_solves_counter
 
     def record_budget(stepping, remedy, free):
         remaining_budgets.extend(
@@ -236,7 +236,7 @@ def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch)
         budgets.append((remaining, remaining()))
         return remaining
 
-    monkeypatch.setattr(SmallStrainStepping, "_make_budget", record_budget)
+    monkeypatch.setattr(SmallStrainStepping, "_make_remaining_solves_counter", record_budget)
     for multiple in (0.1, 3.0):
         budgets.clear()
         remaining_budgets.clear()

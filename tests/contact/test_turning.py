@@ -21,19 +21,19 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.nodes import (
-    DeformedKinematics,
+    LargeStrainKinematics,
     IncrementStart,
     NoDeformablePairs,
     RigidSurfaceMotion,
 )
 from pw_elements.contact.steps import finite
-from tests.contact.cases import BlockOnFloor, finite_strain_residual, on_plane
+from tests.contact.cases import BlockOnFloor, make_finite_strain_unknown_and_residual, on_plane
 from tests.contact.test_large import (
     SOLVERS,
     SURFACES,
     RubberUnderCircle,
-    collect_pair_fields,
-    interface_of_one_surface,
+    collect_first_pair_fields,
+    make_interface_stand_in,
     on_top,
     step_through,
 )
@@ -42,12 +42,12 @@ from tests.parallel import assert_same
 PIVOT = (0.2, 0.5)
 PRESSING_MOTION = Motion((0.0, -0.15), rotation=0.1)
 # dragged under a force, and rotated by a torque
-FREE_MOTION = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
-ROLLER_MOTIONS = [PRESSING_MOTION, Motion((0.1, -0.2), rotation=-0.1), FREE_MOTION]
-POSE_FIELDS = ("translation", "rotation", "torque")
+MOTION_UNDER_FORCE_AND_TORQUE = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
+ROLLER_MOTIONS = [PRESSING_MOTION, Motion((0.1, -0.2), rotation=-0.1), MOTION_UNDER_FORCE_AND_TORQUE]
+POSE_AND_TORQUE_FIELDS = ("translation", "rotation", "torque")
 
 
-def make_roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
+def make_rubber_under_roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
     """Return the block of `RubberUnderCircle` under a circle that can rotate about a pivot."""
     rubber = RubberUnderCircle(mesh=mesh, friction=friction)
     rubber.problem = rubber.problem_with(options=options, pivot=pivot)
@@ -60,7 +60,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     dim, m, h = (3 if name == "sphere" else 2), 20, 1e-5
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
     axis = (1.0, -2.0, 0.5) if dim == 3 else None
-    interface = interface_of_one_surface(surface, x, dim)
+    interface = make_interface_stand_in(surface, x, dim)
     pair = ContactPair(on_top, surface, pivot=rng.normal(size=dim), axis=axis)
     surfaces = RigidSurfaceMotion(interface, [pair])
     q = np.append(rng.normal(size=dim) * 0.1, 0.7)[None]
@@ -69,7 +69,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     starts, ends = (rng.normal(size=(m, dim)) * 0.2 for _ in range(2))
     displacement = surfaces.displacement_from_surface_frame(start_q, starts)
     start = IncrementStart(displacement, np.zeros((m, dim)), start_q)
-    kinematics = DeformedKinematics(interface, surfaces, start, NoDeformablePairs())
+    kinematics = LargeStrainKinematics(interface, surfaces, start, NoDeformablePairs())
     a, r = surfaces.displacement_from_surface_frame(q, ends), rng.normal(size=(m, dim))
     linearised = kinematics.linearise(q, a, r)
     R, w = np.eye(dim) + surfaces.rotation_minus_identity(q), linearised.torque_map.w
@@ -132,8 +132,8 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
         assert np.abs(torque[:, 0] - expected).max() < 1e-7
 
 
-def rotate(vectors, angle):
-    cos, sin = np.cos(angle), np.sin(angle)
+def rotate(vectors, radians):
+    cos, sin = np.cos(radians), np.sin(radians)
     return vectors @ np.array([[cos, sin], [-sin, cos]])
 
 
@@ -143,11 +143,11 @@ def test_any_pivot_can_describe_the_same_poses():
     A rotation about another pivot needs an additional translation. The torques differ by the cross
     product of the vector between the pivots and the force.
     """
-    (pair,) = step_through(make_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
+    (pair,) = step_through(make_rubber_under_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
     other_pivot, shift = (-0.4, 0.1), np.array([-0.6, -0.4])
     translation = rotate(shift, 0.3) - shift + [0.05, -0.15]
     (other_pair,) = step_through(
-        make_roller(pivot=other_pivot).problem, [Motion(translation, rotation=0.3)]
+        make_rubber_under_roller(pivot=other_pivot).problem, [Motion(translation, rotation=0.3)]
     )[-1].pairs
     assert np.abs(pair.force_vector - other_pair.force_vector).max() < 1e-10
     assert np.abs(pair.slip - other_pair.slip).max() < 1e-10
@@ -166,7 +166,7 @@ def test_a_free_angle_under_a_torque_is_the_prescribed_one():
     Its height under a force agrees as well. Newton's method converges quadratically.
     """
     violations = []
-    rubber = make_roller(callback=lambda progress: violations.append(progress.violation))
+    rubber = make_rubber_under_roller(callback=lambda progress: violations.append(progress.violation))
     pressed_state, driven_state = step_through(
         rubber.problem, [PRESSING_MOTION, Motion((0.1, -0.2), rotation=-0.1)]
     )
@@ -190,7 +190,7 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
 
     Body and tool are rotated by a right angle: the forces rotate, and all nodes stick.
     """
-    rubber = make_roller()
+    rubber = make_rubber_under_roller()
     base_displacement = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
     nodes = fem.locate_dofs_geometrical(rubber.space, on_plane(1, -1.0))
@@ -215,9 +215,9 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
     assert end_pair.torque == pytest.approx(start_pair.torque, rel=1e-9)
 
 
-def rotate_in_increments(problem, pressed_state, depth, angle, n_increments):
+def rotate_tool_in_increments(problem, pressed_state, depth, total_angle, n_increments):
     """Return the state after a rotation in equal increments."""
-    ends = angle * np.arange(1, n_increments + 1) / n_increments
+    ends = total_angle * np.arange(1, n_increments + 1) / n_increments
     motions = [Motion((0.0, -depth), rotation=end) for end in ends]
     return step_through(problem, motions, pressed_state)[-1]
 
@@ -228,11 +228,11 @@ def test_whole_turns_are_counted_as_slip(angle):
 
     One increment gives the same state as several equal increments of at most a quarter turn.
     """
-    problem = make_roller((0.0, 0.6)).problem
+    problem = make_rubber_under_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     n_increments = 4 if abs(angle) < 7 else 8
     single_state, divided_state = (
-        rotate_in_increments(problem, pressed, 0.1, angle, count) for count in (1, n_increments)
+        rotate_tool_in_increments(problem, pressed, 0.1, angle, count) for count in (1, n_increments)
     )
     largest = np.abs(divided_state.pairs[0].force_vector).max()
     difference = single_state.pairs[0].force_vector - divided_state.pairs[0].force_vector
@@ -250,16 +250,16 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
 
     The slip along the path, with which it is compared, includes whole turns.
     """
-    problem = make_roller((0.0, 0.6)).problem
+    problem = make_rubber_under_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
+        (pair,) = rotate_tool_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
         assert np.abs(pair.slip - pair.path_slip).max() < 0.01 * np.abs(pair.slip).max()
         assert not caplog.records
-        monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", np.inf)
+        monkeypatch.setattr(finite, "MAX_SURFACE_RADIANS_PER_SUBSTEP", np.inf)
         # the verification would refuse the state, since its slip includes whole turns
         monkeypatch.setattr(finite, "verify_state", lambda found, *_, **__: found)
-        (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
+        (pair,) = rotate_tool_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
     is_closed = pair.status != OPEN
     path_lengths = np.linalg.norm(pair.path_slip[is_closed], axis=1)
     assert path_lengths == pytest.approx(
@@ -275,7 +275,7 @@ def test_rolling_in_smaller_increments_converges():
 
     A wheel that rolls with 5 % of slip sticks in places, and its shears depend on the increments.
     """
-    problem = make_roller((0.0, 0.6), friction=0.9).problem
+    problem = make_rubber_under_roller((0.0, 0.6), friction=0.9).problem
     pressed = problem.step(problem.undeformed, motions=Motion((-0.4, -0.1)))
     shears = []
     for n_increments in (1, 2, 4, 8, 16, 32):
@@ -292,9 +292,9 @@ def test_rolling_in_smaller_increments_converges():
     assert differences[4] < 0.05
 
 
-def problem_on_rotating_base(pivot, angle):
+def problem_and_load_of_rotating_base(pivot, angle):
     """Return a block's problem, and a load that rotates its base about the pivot of the tool."""
-    rubber = make_roller(pivot)
+    rubber = make_rubber_under_roller(pivot)
     base_displacement = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
     condition = fem.dirichletbc(
@@ -315,10 +315,10 @@ def test_rotations_of_the_body_by_supports_are_counted_as_slip():
     rotates backwards.
     """
     angle, pivot = 2 * np.pi, np.array([0.0, 0.6])
-    problem = make_roller(pivot).problem
+    problem = make_rubber_under_roller(pivot).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
-    (expected,) = rotate_in_increments(problem, pressed, 0.1, -angle, 8).pairs
-    problem, load = problem_on_rotating_base(pivot, angle)
+    (expected,) = rotate_tool_in_increments(problem, pressed, 0.1, -angle, 8).pairs
+    problem, load = problem_and_load_of_rotating_base(pivot, angle)
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     (pair,) = problem.step(pressed, load, Motion((0.0, -0.1))).pairs
     largest = np.abs(expected.force_vector).max()
@@ -331,17 +331,17 @@ def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
 
     The angle is known only at the end. No substep exceeds the allowed angle.
     """
-    problem = make_roller().problem
+    problem = make_rubber_under_roller().problem
     pressed = problem.step(problem.undeformed, motions=PRESSING_MOTION)
 
     def rotation_steps():
-        state = problem.step(pressed, motions=FREE_MOTION)
+        state = problem.step(pressed, motions=MOTION_UNDER_FORCE_AND_TORQUE)
         ends = [pressed, *(substate for _, substate in state.substates), state]
         return np.abs(np.diff([float(substate.pairs[0].rotation) for substate in ends]))
 
     uncut_steps = rotation_steps()
     max_turn = 0.6 * uncut_steps.max()
-    monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", max_turn)
+    monkeypatch.setattr(finite, "MAX_SURFACE_RADIANS_PER_SUBSTEP", max_turn)
     cut_steps = rotation_steps()
     assert len(cut_steps) > len(uncut_steps)
     assert cut_steps.max() <= max_turn
@@ -351,7 +351,7 @@ def make_ball_problem(friction, **options):
     """Return the problem of a fixed cube below a ball that rotates about its vertical axis."""
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron)
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = finite_strain_residual(spaces)
+    u, residual = make_finite_strain_unknown_and_residual(spaces)
     conditions = [prescribe(spaces.trial, k, on_plane(2, 0.0)) for k in range(3)]
     centre = 0.5, 0.4, 1.8
     pair = ContactPair(
@@ -391,22 +391,22 @@ def test_a_ball_rotates_about_an_axis():
     )
 
 
-def roller_and_motions(solver):
+def make_roller_problem_and_motions(solver):
     """Return the problem and motions of a plane roller that is free to rise in the last one."""
     weighted = Motion((0.1, None), (0.0, -0.3), rotation=-0.1)
-    return make_roller(solver=solver).problem, [PRESSING_MOTION, weighted]
+    return make_rubber_under_roller(solver=solver).problem, [PRESSING_MOTION, weighted]
 
 
-def ball_and_motions(solver):
+def make_ball_problem_and_motions(solver):
     """Return the problem and motions of a ball that rotates about its vertical axis."""
     down = (0.0, 0.0, -0.15)
     return make_ball_problem(0.5, solver=solver), [Motion(down), Motion(down, rotation=0.05)]
 
 
-@pytest.mark.parametrize("make_case", [roller_and_motions, ball_and_motions])
+@pytest.mark.parametrize("make_case", [make_roller_problem_and_motions, make_ball_problem_and_motions])
 def test_iterative_and_direct_solvers_rotate_tools_alike(make_case):
     direct, iterative = (
-        collect_pair_fields({"end": step_through(*make_case(solver))[-1]}, POSE_FIELDS)
+        collect_first_pair_fields({"end": step_through(*make_case(solver))[-1]}, POSE_AND_TORQUE_FIELDS)
         for solver in SOLVERS.values()
     )
     assert_same(direct, iterative, 1e-9, make_case.__name__)
@@ -420,15 +420,15 @@ def test_a_state_with_another_pivot_is_refused(tmp_path):
 
     The same angle would mean another position of the tool.
     """
-    problem, path = make_roller().problem, tmp_path / "state.npz"
+    problem, path = make_rubber_under_roller().problem, tmp_path / "state.npz"
     problem.save(problem.undeformed, path)
     for pivot in ((-0.4, 0.1), None):
         with pytest.raises(ValueError, match="another pivot"):
-            make_roller(pivot=pivot).problem.load(path)
+            make_rubber_under_roller(pivot=pivot).problem.load(path)
 
 
 def test_an_increment_that_is_cut_rotates_in_proportion():
-    rubber = make_roller(max_iterations=6)
+    rubber = make_rubber_under_roller(max_iterations=6)
     state = rubber.problem.step(
         rubber.problem.undeformed, motions=Motion((0.0, -0.25), rotation=-1.0)
     )
@@ -443,7 +443,7 @@ def test_sensitivities_of_rotated_tools_are_refused():
 
     They would lack the rotation of the frame in which slip is measured.
     """
-    problem = make_roller().problem
+    problem = make_rubber_under_roller().problem
     (state,) = step_through(problem, [PRESSING_MOTION])
     with pytest.raises(ValueError, match="has turned"):
         problem.sensitivity([problem.undeformed, state], [("force", 0, 0)], [("friction", 0)])

@@ -8,44 +8,44 @@ import pytest
 from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
 from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import Increment
-from pw_elements.contact.nodes import DeformedKinematics, UndeformedKinematics
+from pw_elements.contact.nodes import LargeStrainKinematics, SmallStrainKinematics
 from pw_elements.contact.steps.verification import (
-    ReferenceSizes,
+    VerificationScales,
     measure_residuals,
-    measure_undeformed,
+    measure_small_strain_kinematics,
 )
 from pw_elements.meshes import triangles
-from tests.contact.cases import BlockOnFloor, GrecoPlate, PunchedBlock, on_plane, rotation_matrix
-from tests.contact.sliding import DIE_PATH, iterate_along_path, make_die_on_block, slide_along_path
+from tests.contact.cases import BlockOnFloor, GrecoFrictionBenchmark, PunchedBlock, on_plane, rotation_matrix
+from tests.contact.sliding import DIE_TOP_TRANSLATIONS, yield_states_along_path, make_die_on_block, slide_along_path
 from tests.contact.test_large import RubberUnderCircle
-from tests.contact.test_refusals import SELF, StatedProblem, floor_pair, make_block
-from tests.contact.test_turning import ROLLER_MOTIONS, make_roller
+from tests.contact.test_refusals import SELF, BodyWithSupports, floor_pair, make_block
+from tests.contact.test_turning import ROLLER_MOTIONS, make_rubber_under_roller
 
 TOLERANCE = 1e-9
 
 
 def solve_roller():
     """Return the states of a circle that presses, slides and rotates on rubber."""
-    return step_roller(make_roller())
+    return step_through_roller_motions(make_rubber_under_roller())
 
 
-def step_roller(rubber):
+def step_through_roller_motions(rubber):
     states = [rubber.problem.undeformed]
     for motion in ROLLER_MOTIONS:
         states.append(rubber.problem.step(states[-1], motions=motion))
     return states[1:]
 
 
-def slide_die():
-    return list(iterate_along_path(make_die_on_block(friction=0.3), DIE_PATH))
+def slide_die_along_path():
+    return list(yield_states_along_path(make_die_on_block(friction=0.3), DIE_TOP_TRANSLATIONS))
 
 
 HISTORIES = {
     "block": lambda: BlockOnFloor(8).solve(0.3, 20.0, 3),
     "punch": lambda: PunchedBlock().solve(0.3, [Motion((0.0, -0.02)), Motion((0.01, -0.02))]),
-    "friction one": lambda: [GrecoPlate(8).solve(1.0)],
+    "friction one": lambda: [GrecoFrictionBenchmark(8).solve(1.0)],
     "large strains": solve_roller,
-    "two bodies": slide_die,
+    "two bodies": slide_die_along_path,
 }
 
 
@@ -73,7 +73,7 @@ def halve_slip(kinematics):
     return replace(kinematics, slip=0.5 * kinematics.slip)
 
 
-WRONG_KINEMATICS = {
+CORRUPTIONS_OF_KINEMATICS = {
     "slip": halve_slip,
     "gap": lambda kinematics: replace(kinematics, gap=kinematics.gap + 1e-3),
     "normal": lambda kinematics: replace(
@@ -82,27 +82,27 @@ WRONG_KINEMATICS = {
 }
 
 
-@pytest.mark.parametrize("wrong", WRONG_KINEMATICS)
+@pytest.mark.parametrize("wrong", CORRUPTIONS_OF_KINEMATICS)
 def test_wrong_kinematics_lead_to_no_state(wrong, monkeypatch):
     """No state is returned if gap, slip or normal of the iteration are wrong.
 
     Their derivatives are wrong in the same way, so that the iteration itself converges.
     """
-    linearise, change = DeformedKinematics.linearise, WRONG_KINEMATICS[wrong]
-    monkeypatch.setattr(DeformedKinematics, "linearise", lambda *a: change(linearise(*a)))
+    linearise, change = LargeStrainKinematics.linearise, CORRUPTIONS_OF_KINEMATICS[wrong]
+    monkeypatch.setattr(LargeStrainKinematics, "linearise", lambda *a: change(linearise(*a)))
     with pytest.raises(ContactFailed, match=r"computed anew|active set|singular"):
         solve_roller()
 
 
 @pytest.mark.parametrize("wrong", ["gap", "normal"])
 def test_wrong_kinematics_of_small_displacements_lead_to_no_state(wrong, monkeypatch):
-    linearise, change = UndeformedKinematics.linearise, WRONG_KINEMATICS[wrong]
-    monkeypatch.setattr(UndeformedKinematics, "linearise", lambda *a: change(linearise(*a)))
+    linearise, change = SmallStrainKinematics.linearise, CORRUPTIONS_OF_KINEMATICS[wrong]
+    monkeypatch.setattr(SmallStrainKinematics, "linearise", lambda *a: change(linearise(*a)))
     with pytest.raises(NotFound, match="computed anew"):
         HISTORIES["punch"]()
 
 
-WRONG_PROJECTIONS = {
+CORRUPTIONS_OF_LINEARISED_MORTAR = {
     "gap": lambda met: replace(met, mean_distance=met.mean_distance + 1e-4 * met.normals),
     "normal": lambda met: replace(met, normals=met.normals @ rotation_matrix(1e-3).T),
     "fractions": lambda met: replace(
@@ -113,27 +113,27 @@ WRONG_PROJECTIONS = {
 }
 
 
-@pytest.mark.parametrize("wrong", [*WRONG_PROJECTIONS, "slip"])
+@pytest.mark.parametrize("wrong", [*CORRUPTIONS_OF_LINEARISED_MORTAR, "slip"])
 def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
     """No state is returned if the mortar integrals of the iteration are wrong.
 
     The verification computes gap, normal, slip and forces on the master by independent code.
     """
     bodies = make_die_on_block(friction=0.3)
-    meet, motions = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_rates
+    meet, motions = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_position_derivatives
     if wrong == "slip":
 
         def slip_too_far(projected, *arguments):
             slip, derivatives = motions(projected, *arguments)
             return slip + 1e-4 * projected.faces_master, derivatives
 
-        monkeypatch.setattr(LinearisedMortar, "measure_slip_and_rates", slip_too_far)
+        monkeypatch.setattr(LinearisedMortar, "measure_slip_and_position_derivatives", slip_too_far)
     else:
         monkeypatch.setattr(
-            SlidingMortar, "linearise", lambda *a: WRONG_PROJECTIONS[wrong](meet(*a))
+            SlidingMortar, "linearise", lambda *a: CORRUPTIONS_OF_LINEARISED_MORTAR[wrong](meet(*a))
         )
     with pytest.raises(NotFound, match="computed anew"):
-        slide_along_path(bodies, DIE_PATH[:2])
+        slide_along_path(bodies, DIE_TOP_TRANSLATIONS[:2])
 
 
 def test_a_residual_of_the_wrong_sign_is_refused_at_once():
@@ -152,7 +152,7 @@ def test_residuals_agree_with_plain_arithmetic():
 
     The state is a randomly disturbed solution, so that its residuals are not small.
     """
-    body, mu = StatedProblem(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
+    body, mu = BodyWithSupports(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
     problem = body.contact_problem(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu))
     load = body.body_force_load((0.1, -1.0))
     state = problem.step(problem.undeformed, load)
@@ -165,11 +165,11 @@ def test_residuals_agree_with_plain_arithmetic():
     interface = stepping.interface
     residuals, _ = measure_residuals(
         disturbed_state,
-        measure_undeformed(interface, problem.undeformed, disturbed_state, 0.0),
+        measure_small_strain_kinematics(interface, problem.undeformed, disturbed_state, 0.0),
         unbalanced,
         interface,
         reduction=body.make_supports(),
-        sizes=ReferenceSizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
+        sizes=VerificationScales(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
         totals=np.empty(0),
     )
     is_contact_node = np.isclose(body.x[:, 1], 0.0)
@@ -197,7 +197,7 @@ def test_a_tool_that_rotates_in_one_increment_slips_all_the_way(angle):
 
     The pressed circle slips against its rotation, so that friction drags the body along.
     """
-    rubber = make_roller(pivot=(0.0, 0.6))
+    rubber = make_rubber_under_roller(pivot=(0.0, 0.6))
     translation = (0.0, -0.15)
     pressed_state = rubber.problem.step(rubber.problem.undeformed, motions=Motion(translation))
     short_state, end_state = (

@@ -23,7 +23,7 @@ from pw_elements.contact import (
     SurfacePassed,
 )
 from pw_elements.contact.model import Smallness
-from pw_elements.contact.steps.smallness import gradient_at_vertices, measure_largest_gradient
+from pw_elements.contact.steps.smallness import gradient_at_vertices, measure_max_strain_and_rotation
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.model.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
@@ -36,7 +36,7 @@ BALL_ABOVE = Sphere((2, 3), 1)
 PLATE_ABOVE = Plane((0, 2), (0, -1))
 
 
-def move_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPPORTS, level=2.0):
+def solve_under_moved_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPPORTS, level=2.0):
     """Return the states of the block under a surface that is moved by the given translations."""
     motions = [motion if isinstance(motion, Motion) else Motion(motion) for motion in motions]
     on_surface = on_plane(len(motions[0].translation) - 1, level)
@@ -46,38 +46,38 @@ def move_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPP
 # -- strain and rotation ---------------------------------------------------------------------
 
 
-def bend(x):
+def bend(points):
     """Return points after a smooth map that is invertible on the unit square and cube."""
-    return x + 0.08 * np.sin(2 * x[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
+    return points + 0.08 * np.sin(2 * points[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
 
 
-def make_plane_mesh(build):
-    return build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3))
+def make_unit_square_mesh(build_mesh):
+    return build_mesh(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3))
 
 
-def make_cube(cell):
-    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2), cell)
+def make_unit_cube_mesh(cell_type):
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2), cell_type)
 
 
 SPACES = {
-    "triangles": lambda: Spaces.galerkin(move_nodes(make_plane_mesh(triangles), bend)),
+    "triangles": lambda: Spaces.galerkin(move_nodes(make_unit_square_mesh(triangles), bend)),
     "curved triangles": lambda: Spaces.petrov_galerkin(
-        curved_mesh(make_plane_mesh(triangles), bend)
+        curved_mesh(make_unit_square_mesh(triangles), bend)
     ),
     "quadrilaterals": lambda: Spaces.petrov_galerkin(
-        move_nodes(make_plane_mesh(quadrilaterals), bend)
+        move_nodes(make_unit_square_mesh(quadrilaterals), bend)
     ),
-    "8 nodes": lambda: serendipity(make_plane_mesh(quadrilaterals)),
-    "composite": lambda: composite(move_nodes(make_plane_mesh(triangles), bend)),
-    "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(make_cube(CellType.tetrahedron), bend)),
-    "hexahedra": lambda: Spaces.galerkin(move_nodes(make_cube(CellType.hexahedron), bend)),
+    "8 nodes": lambda: serendipity(make_unit_square_mesh(quadrilaterals)),
+    "composite": lambda: composite(move_nodes(make_unit_square_mesh(triangles), bend)),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(make_unit_cube_mesh(CellType.tetrahedron), bend)),
+    "hexahedra": lambda: Spaces.galerkin(move_nodes(make_unit_cube_mesh(CellType.hexahedron), bend)),
 }
 
 
-def vector_of_field(space, field):
+def make_nodal_vector_of_field(space, field_at_positions):
     """Return the vector of the nodal values (n, dim) that a function of positions (n, 3) gives."""
     owned = space.dofmap.index_map.size_local
-    values = field(space.tabulate_dof_coordinates()[:owned])[:, : space.mesh.geometry.dim]
+    values = field_at_positions(space.tabulate_dof_coordinates()[:owned])[:, : space.mesh.geometry.dim]
     return PETSc.Vec().createWithArray(np.ascontiguousarray(values).ravel(), comm=MPI.COMM_SELF)
 
 
@@ -92,8 +92,8 @@ def test_uniform_gradients_are_measured_exactly(name):
     shortening = np.zeros((3, 3))
     shortening[0, 0] = -0.02
     for A in [shortening, rotation_gradient, *rng.normal(size=(5, 3, 3))]:
-        displacement = vector_of_field(space, lambda x, A=A: x @ A.T + 7.0)
-        strain, rotation = measure_largest_gradient(gradient_form, u, displacement)
+        displacement = make_nodal_vector_of_field(space, lambda x, A=A: x @ A.T + 7.0)
+        strain, rotation = measure_max_strain_and_rotation(gradient_form, u, displacement)
         gradient = A[:dim, :dim]
         assert strain == pytest.approx(np.linalg.norm(gradient + gradient.T, 2) / 2, abs=1e-12)
         assert rotation == pytest.approx(np.linalg.norm(gradient - gradient.T, 2) / 2, abs=1e-12)
@@ -110,7 +110,7 @@ def test_states_report_strain_rotation_and_slip():
     """
     supports = BLOCK.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     shear_motion = Motion((-0.3, -0.02))
-    first_state, resting_state, lifted_state = move_surface(
+    first_state, resting_state, lifted_state = solve_under_moved_surface(
         PLATE_ABOVE, shear_motion, shear_motion, (3.0, 1.0), supports=supports
     )
     widened, edge = 0.3 * 0.01 * 4, 4 / 16
@@ -141,7 +141,7 @@ def test_the_slip_of_matching_nodes_is_the_total_one():
 
 def test_leaving_the_range_of_small_displacements_is_logged_once(caplog):
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        move_surface(PLATE_ABOVE, (0, -0.001), (0, -0.2), (0, -0.25), (0, 0.0), friction=0.3)
+        solve_under_moved_surface(PLATE_ABOVE, (0, -0.001), (0, -0.2), (0, -0.25), (0, 0.0), friction=0.3)
     (record,) = caplog.records
     assert record.name == "pw_elements.contact"
     message = record.getMessage()
@@ -153,13 +153,13 @@ def test_leaving_the_range_of_small_displacements_is_logged_once(caplog):
 
 BALL_LEVEL_SET = SignedDistance(lambda x: (x[:, 0] - 2) ** 2 + (x[:, 1] - 3) ** 2 - 1)
 TIP_POLYLINE = Polyline([(6, 4), (2, 2), (-2, 4)])
-SMALL_STEPS = [(0, -0.1 * k) for k in range(1, 25)]
+SMALL_DOWNWARD_TRANSLATIONS = [(0, -0.1 * k) for k in range(1, 25)]
 
-PASSING_SURFACES = {
+REFUSED_SURFACE_PATHS = {
     "ball pulls": (BALL_ABOVE, [(0, -1.1)], "passes through .* nodes at .1.125, 2., .1.25, 2"),
     "ball is below": (BALL_ABOVE, [(0, -2.2)], "passes through"),
     "ball is far below": (BALL_ABOVE, [(0, -1e3)], "passes through"),
-    "ball in steps": (BALL_ABOVE, SMALL_STEPS, "passes through .* nodes at .2, 2.;"),
+    "ball in steps": (BALL_ABOVE, SMALL_DOWNWARD_TRANSLATIONS, "passes through .* nodes at .2, 2.;"),
     "ball in fine steps": (
         BALL_ABOVE,
         [(0, -0.93 - 0.02 * k) for k in range(9)],
@@ -177,15 +177,15 @@ PASSING_SURFACES = {
 }
 
 
-@pytest.mark.parametrize("name", PASSING_SURFACES)
+@pytest.mark.parametrize("name", REFUSED_SURFACE_PATHS)
 def test_surfaces_that_pass_through_the_body_are_refused(name):
-    surface, motions, message = PASSING_SURFACES[name]
+    surface, motions, message = REFUSED_SURFACE_PATHS[name]
     with pytest.raises(SurfacePassed, match="contact pair 0 .*" + message) as caught:
-        move_surface(surface, *motions)
+        solve_under_moved_surface(surface, *motions)
     assert len(caught.value.states) < len(motions)
 
 
-ALLOWED_SURFACES = {
+ALLOWED_SURFACE_PATHS = {
     "deep": (PLATE_ABOVE, [(0, -1.999998)]),
     "far along": (PLATE_ABOVE, [(1e2, -0.1)]),
     "lifted far": (PLATE_ABOVE, [(0, -0.1), (100, 1e5), (0, -0.1)]),
@@ -200,19 +200,19 @@ ALLOWED_SURFACES = {
 }
 
 
-@pytest.mark.parametrize("name", ALLOWED_SURFACES)
+@pytest.mark.parametrize("name", ALLOWED_SURFACE_PATHS)
 def test_surfaces_may_move_freely_outside_the_body(name):
-    surface, motions = ALLOWED_SURFACES[name]
-    states = move_surface(surface, *motions, friction=0.3)
+    surface, motions = ALLOWED_SURFACE_PATHS[name]
+    states = solve_under_moved_surface(surface, *motions, friction=0.3)
     assert len(states) == len(motions)
     assert all(state.residuals.largest() < 1e-10 for state in states)
 
 
 def test_a_plate_from_below_may_approach_the_far_side_as_far_as_one_from_above():
     options = {"supports": BLOCK.clamp(on_plane(1, 2.0)), "level": 0.0}
-    assert move_surface(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
+    assert solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
     with pytest.raises(SurfacePassed, match="whole thickness"):
-        move_surface(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
+        solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
@@ -221,14 +221,14 @@ def test_surfaces_that_pass_through_the_thickness_are_refused_in_space(cell):
     body = ElasticBody(mesh, state="solid")
     options = {"body": body, "supports": body.clamp(on_plane(2, 0.0)), "level": 1.0}
     plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
-    assert move_surface(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9
-    assert move_surface(ball, (0, 0, -0.02), **options)
+    assert solve_under_moved_surface(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9
+    assert solve_under_moved_surface(ball, (0, 0, -0.02), **options)
     for surface, depth, message in (
         (plate, 1.01, "whole thickness"),
         *((ball, depth, "passes through") for depth in (0.6, 1.6, 10.0)),
     ):
         with pytest.raises(SurfacePassed, match=message):
-            move_surface(surface, (0, 0, -depth), **options)
+            solve_under_moved_surface(surface, (0, 0, -depth), **options)
 
 
 def test_random_paths_through_the_body_agree_with_dense_sampling():
@@ -251,7 +251,7 @@ def test_random_paths_through_the_body_agree_with_dense_sampling():
         may_pass = np.any((inside > 0) & (upward_component > 0.1))
         message = ""
         try:
-            move_surface(BALL_ABOVE, tuple(translation))
+            solve_under_moved_surface(BALL_ABOVE, tuple(translation))
         except SurfacePassed as error:
             message = str(error)
         is_refused = "passes through" in message or "outwards" in message

@@ -36,13 +36,13 @@ def join_meshes(lower, upper, comm=MPI.COMM_SELF):
     return create_mesh(comm, cells=cells, x=x, e=lower.ufl_domain().ufl_coordinate_element())
 
 
-def split_facets_by_side(elastic, marker, is_beyond):
+def split_facets_by_side(elastic, marker, is_cell_beyond):
     """Return two arrays of the marked exterior facets: before and beyond an interface.
 
-    The function `is_beyond` decides this by the midpoints (n, dim) of cells.
+    The function `is_cell_beyond` decides this by the midpoints (n, dim) of cells.
     """
     facets = locate_exterior_facets(elastic.mesh, marker)
-    is_beyond_cell = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
+    is_beyond_cell = is_cell_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
     cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
     is_beyond_facet = np.array([is_beyond_cell[cells.links(f)[0]] for f in facets], dtype=bool)
     return facets[~is_beyond_facet], facets[is_beyond_facet]
@@ -97,9 +97,9 @@ class StackedBlocks(ElasticBody):
         low, high = split_facets_by_side(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )
-        self.sides = {"upper": self._along_interface(high), "lower": self._along_interface(low)}
+        self.sides = {"upper": self._keep_facets_between_blocks(high), "lower": self._keep_facets_between_blocks(low)}
 
-    def _along_interface(self, facets):
+    def _keep_facets_between_blocks(self, facets):
         """Return the given facets without those that lie in the sides of the blocks."""
         extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
@@ -121,7 +121,7 @@ class StackedBlocks(ElasticBody):
         surface = DeformableSurface(self.sides[master])
         return ContactPair(self.side_nodes(slave), surface, friction, motions)
 
-    def moved_top_supports(self, translation, side_conditions=()):
+    def fixed_base_moved_top_supports(self, translation, side_conditions=()):
         """Return supports that fix the base and move the top by a translation."""
         top_conditions = [(i, on_plane(self.up, 2.0), translation[i]) for i in range(self.dim)]
         return self.make_supports(
@@ -132,10 +132,10 @@ class StackedBlocks(ElasticBody):
 
     def solve_shifted_top(self, slave="upper", friction=0.2, **options):
         """Return the state of a non-uniform contact: the top is moved down and sideways."""
-        supports = self.moved_top_supports([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
+        supports = self.fixed_base_moved_top_supports([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
         return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
-    def solve_uniaxial(self, slave="upper", friction=0.0, load=None):
+    def solve_uniaxial_compression(self, slave="upper", friction=0.0, load=None):
         """Return the state of uniaxial stress, with symmetry planes and a pressure on the top."""
         load = self.traction_load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
         supports = self.make_supports(*((i, on_plane(i, 0.0)) for i in range(self.dim)))

@@ -14,24 +14,24 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.library.deck_models import DECK_MODELS
+from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
 
-ANSWERS = Path(__file__).with_suffix(".json")
-ELSETS = ("LEFT", "RIGHT", "BOTH", "SOME")
-NSETS = ("ALL", "BOTTOM", "EVERYTHING")
+CALCULIX_RESULTS_FILE = Path(__file__).with_suffix(".json")
+PRINTED_ELEMENT_SETS = ("LEFT", "RIGHT", "WITH_BOTH_SOLVERS", "SOME")
+PRINTED_NODE_SETS = ("ALL", "BOTTOM", "EVERYTHING")
 
 
 def executable():
     return shutil.which("ccx")
 
 
-def digest(kind):
-    return hashlib.sha256(DECK_MODELS[kind].encode()).hexdigest()
+def digest(element_type):
+    return hashlib.sha256(DECKS_BY_ELEMENT_TYPE[element_type].encode()).hexdigest()
 
 
-def compute(kind, ccx):
+def compute(element_type, ccx_path):
     """Return the volumes of elements by number, and the members of each set, from CalculiX."""
-    section = {"S": "SHELL", "M": "MEMBRANE"}.get(kind[0], "SOLID")
+    section = {"S": "SHELL", "M": "MEMBRANE"}.get(element_type[0], "SOLID")
     step = f"""*ELSET,ELSET=SECTION
 LEFT,RIGHT
 *MATERIAL,NAME=M
@@ -44,14 +44,14 @@ ALL,1,2
 *STEP
 *STATIC
 """
-    step += "".join(f"*EL PRINT,ELSET={name}\nEVOL\n" for name in ELSETS)
-    step += "".join(f"*NODE PRINT,NSET={name}\nU\n" for name in NSETS)
+    step += "".join(f"*EL PRINT,ELSET={name}\nEVOL\n" for name in PRINTED_ELEMENT_SETS)
+    step += "".join(f"*NODE PRINT,NSET={name}\nU\n" for name in PRINTED_NODE_SETS)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "deck.inp").write_text(f"{DECK_MODELS[kind]}{step}*END STEP\n", newline="")
-        run = subprocess.run([ccx, "deck"], cwd=folder, capture_output=True, text=True)
+        (folder / "deck.inp").write_text(f"{DECKS_BY_ELEMENT_TYPE[element_type]}{step}*END STEP\n", newline="")
+        run = subprocess.run([ccx_path, "deck"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
-            raise RuntimeError(f"{kind}: CalculiX failed:\n{run.stdout}")
+            raise RuntimeError(f"{element_type}: CalculiX failed:\n{run.stdout}")
         printed = (folder / "deck.dat").read_text()
     volumes, sets = {}, {}
     for line in printed.splitlines():
@@ -61,17 +61,17 @@ ALL,1,2
         elif line.strip():
             number, value, *_ = line.split()
             members.append(int(number))
-            if name in ELSETS:
+            if name in PRINTED_ELEMENT_SETS:
                 volumes[number] = float(value)
     sets = {name: sorted(set(members)) for name, members in sets.items()}
-    return {"sha256": digest(kind), "volumes": volumes, "sets": sets}
+    return {"sha256": digest(element_type), "volumes": volumes, "sets": sets}
 
 
 def main():
     if executable() is None:
         sys.exit("CalculiX (ccx, Debian's calculix-ccx) is not installed")
-    rows = [f'"{kind}": {json.dumps(compute(kind, executable()))}' for kind in DECK_MODELS]
-    ANSWERS.write_text("{\n" + ",\n".join(rows) + "\n}\n")
+    rows = [f'"{kind}": {json.dumps(compute(kind, executable()))}' for kind in DECKS_BY_ELEMENT_TYPE]
+    CALCULIX_RESULTS_FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Abaqus input files (decks) of all supported element types, each in another notation.
 
-`DECK_MODELS` maps element types such as "C3D20R" to the text of a deck up to *STEP. The meshes are
+`DECKS_BY_ELEMENT_TYPE` maps element types such as "C3D20R" to the text of a deck up to *STEP. The meshes are
 images of a lattice, so that edges of second-order elements are curved.
 """
 
@@ -9,15 +9,15 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 # Corners of the cells on a lattice with steps of two; mid-side nodes have odd coordinates
-QUAD_CORNERS = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
-TRIANGLE_CORNERS = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
-BRICK_CORNERS = [[(*at, z) for z in (0, 2) for at in QUAD_CORNERS[0]]]
+QUAD_CORNERS_PER_SQUARE = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
+TRIANGLE_CORNERS_PER_SQUARE = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
+BRICK_CORNERS_PER_CUBE = [[(*at, z) for z in (0, 2) for at in QUAD_CORNERS_PER_SQUARE[0]]]
 # tetrahedra along paths of edges between opposite corners of a brick, with positive volume
-TETRAHEDRON_CORNERS = []
+TETRAHEDRON_CORNERS_PER_CUBE = []
 for axes in permutations(range(3)):
     path = [tuple(2 * (axis in axes[:k]) for axis in range(3)) for k in range(4)]
     odd = sum(a > b for a, b in combinations(axes, 2)) % 2
-    TETRAHEDRON_CORNERS.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
+    TETRAHEDRON_CORNERS_PER_CUBE.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
 EDGES = {
     3: [(0, 1), (1, 2), (2, 0)],
     4: [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -26,8 +26,8 @@ EDGES = {
 EDGES[8] += [(a + 4, b + 4) for a, b in EDGES[8]] + [(k, k + 4) for k in range(4)]
 TETRAHEDRON_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
-PLANE_FAMILIES = ("CPS", "CPE", "CAX", "S", "M3D")
-ELEMENT_TYPES = [f"{family}{nodes}" for family in PLANE_FAMILIES for nodes in (3, 4, 6, 8)]
+PLANE_ELEMENT_FAMILIES = ("CPS", "CPE", "CAX", "S", "M3D")
+ELEMENT_TYPES = [f"{family}{nodes}" for family in PLANE_ELEMENT_FAMILIES for nodes in (3, 4, 6, 8)]
 ELEMENT_TYPES += [
     "CPS4R",
     "CPE4R",
@@ -43,32 +43,32 @@ ELEMENT_TYPES += [
 ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
 
 
-def count_nodes(kind):
+def count_nodes(element_type):
     """Return the number of nodes that an element type has."""
-    digits = kind.removeprefix("C3D").removeprefix("M3D").strip("CPSEAXRIT")
+    digits = element_type.removeprefix("C3D").removeprefix("M3D").strip("CPSEAXRIT")
     return int(digits)
 
 
-def distort(point, kind):
+def distort(lattice_point, element_type):
     """Return the image (3,) of a lattice point under a smooth map, rounded to six digits."""
-    x = np.array([*point, 0.0])[:3] / 2
-    bend = 0.12 if count_nodes(kind) not in (3, 4) or kind == "C3D4" else 0.2
+    x = np.array([*lattice_point, 0.0])[:3] / 2
+    bend = 0.12 if count_nodes(element_type) not in (3, 4) or element_type == "C3D4" else 0.2
     y = x + bend * np.sin(1 + np.array([x[1] + 0.3 * x[2], 0.7 * x[0] + x[2], x[0] - x[1]]))
     y[0] += 1.5
-    if not kind.startswith("C3D"):
+    if not element_type.startswith("C3D"):
         y[2] = 0.0
     return y.round(6)
 
 
-def make_mesh(kind):
+def make_mesh(element_type):
     """Return the points (n, 3), the cells as lists of indices of points, and the lattice points."""
-    n_nodes, is_solid = count_nodes(kind), kind.startswith("C3D")
+    n_nodes, is_solid = count_nodes(element_type), element_type.startswith("C3D")
     if is_solid:
-        pattern = BRICK_CORNERS if n_nodes in (8, 20) else TETRAHEDRON_CORNERS
+        pattern = BRICK_CORNERS_PER_CUBE if n_nodes in (8, 20) else TETRAHEDRON_CORNERS_PER_CUBE
         corner_edges = EDGES[8] if n_nodes in (8, 20) else TETRAHEDRON_EDGES
         blocks = product(range(2), range(2), range(2))
     else:
-        pattern = TRIANGLE_CORNERS if n_nodes in (3, 6) else QUAD_CORNERS
+        pattern = TRIANGLE_CORNERS_PER_SQUARE if n_nodes in (3, 6) else QUAD_CORNERS_PER_SQUARE
         corner_edges = EDGES[3] if n_nodes in (3, 6) else EDGES[4]
         blocks = product(range(3), range(2))
     lattice: dict[tuple, int] = {}
@@ -84,13 +84,13 @@ def make_mesh(kind):
                     for a, b in corner_edges
                 ]
             cells.append([lattice.setdefault(point, len(lattice)) for point in points])
-    return [distort(point, kind) for point in lattice], cells, list(lattice)
+    return [distort(point, element_type) for point in lattice], cells, list(lattice)
 
 
-def format_coordinate(value, rng):
+def format_in_random_fortran_notation(coordinate, rng):
     """Return a coordinate in a randomly chosen Fortran notation."""
-    text = f"{value:.6f}"
-    if value == 0:
+    text = f"{coordinate:.6f}"
+    if coordinate == 0:
         return str(rng.choice(["", "0.", " 0.0 ", "0.D0", "-0"]))
     ways = [
         text,
@@ -103,10 +103,10 @@ def format_coordinate(value, rng):
     return str(rng.choice(ways))
 
 
-def write_deck(kind):
+def write_deck(element_type):
     """Return the text of a deck with nodes, elements, sets and surfaces, but without materials."""
-    rng = np.random.default_rng(sum(map(ord, kind)) * 131 + len(kind))
-    points, cells, lattice = make_mesh(kind)
+    rng = np.random.default_rng(sum(map(ord, element_type)) * 131 + len(element_type))
+    points, cells, lattice = make_mesh(element_type)
     first_number, step = int(rng.integers(1, 90)), int(rng.integers(1, 4))
     node_numbers = rng.permutation(first_number + step * np.arange(len(points)))
     element_numbers = rng.permutation(int(rng.integers(1, 40)) + np.arange(len(cells)))
@@ -118,7 +118,7 @@ def write_deck(kind):
         f"*{case('node')}, NSET=All",
     ]
     for number, point in zip(node_numbers, points, strict=True):
-        row = ",".join([str(number), *(format_coordinate(c, rng) for c in point)])
+        row = ",".join([str(number), *(format_in_random_fortran_notation(c, rng) for c in point)])
         lines.append(row.rstrip(",") + str(rng.choice(["", ","])))
 
     # the cells are in two sets
@@ -127,7 +127,7 @@ def write_deck(kind):
         ("left", left_cells),
         ("Right", [k for k in range(len(cells)) if k not in left_cells]),
     ):
-        lines.append(f"*{case('element')} , {case('type')}={kind.lower()}, ELSET = {name}")
+        lines.append(f"*{case('element')} , {case('type')}={element_type.lower()}, ELSET = {name}")
         for k in members:
             row = [str(element_numbers[k]), *(str(node_numbers[n]) for n in cells[k])]
             line_length = 11 if len(row) > 16 else len(row)
@@ -135,8 +135,8 @@ def write_deck(kind):
             lines += [" , ".join(row[line_length:])] if len(row) > line_length else []
 
     # CalculiX calls the edges of shells S3, S4 ...
-    face = "S3" if kind.startswith(("S", "M3D")) else "S2"
-    lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"BOTH , {face}"]
+    face = "S3" if element_type.startswith(("S", "M3D")) else "S2"
+    lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"WITH_BOTH_SOLVERS , {face}"]
     lines += [f"{element_numbers[0]}, {'S5' if face == 'S3' else 'S3'}"]
     bottom = [int(n) for n, point in zip(node_numbers, lattice, strict=True) if point[1] == 0]
     lines += ["*NSET,NSET=bottom"]
@@ -158,4 +158,4 @@ def write_deck(kind):
     return line_end.join(lines) + line_end
 
 
-DECK_MODELS = {kind: write_deck(kind) for kind in ELEMENT_TYPES}
+DECKS_BY_ELEMENT_TYPE = {kind: write_deck(kind) for kind in ELEMENT_TYPES}

@@ -46,16 +46,16 @@ CORNERS = {("plane", 3): 3, ("plane", 6): 3, ("plane", 4): 4, ("plane", 8): 4}
 CORNERS |= {("solid", 4): 4, ("solid", 10): 4, ("solid", 8): 8, ("solid", 20): 8}
 
 
-def element_kind_of(kind):
+def parse_element_type(element_type):
     """Return "plane" or "solid", the number of nodes, and whether edges are called S3, S4 ..."""
-    type_match = re.fullmatch(r"D?(C3D|CPS|CPE|CAX|S|M3D)(\d+)[A-Z]*\d?", kind)
+    type_match = re.fullmatch(r"D?(C3D|CPS|CPE|CAX|S|M3D)(\d+)[A-Z]*\d?", element_type)
     if not type_match:
         return None
     dimension_kind = "solid" if type_match[1] == "C3D" else "plane"
     return dimension_kind, int(type_match[2]), type_match[1] in ("S", "M3D")
 
 
-class DeckReading:
+class IndependentDeckReader:
     """Content of a deck: nodes, elements, sets of numbers, and surfaces (element, face from 1)."""
 
     def __init__(self, path):
@@ -101,15 +101,15 @@ class DeckReading:
                 rows.append(fields)
                 continue
             yield keyword, options, rows
-            keyword, rows = self._normalize(fields[0][1:]), []
+            keyword, rows = self._unquote_or_uppercase(fields[0][1:]), []
             if keyword == "STEP":
                 return
             pairs = (field.partition("=") for field in fields[1:])
-            options = {self._normalize(key): self._normalize(value) for key, _, value in pairs}
+            options = {self._unquote_or_uppercase(key): self._unquote_or_uppercase(value) for key, _, value in pairs}
         yield keyword, options, rows
 
     @staticmethod
-    def _normalize(text):
+    def _unquote_or_uppercase(text):
         text = text.strip(" \t")
         if text.startswith('"'):
             return text.strip('"')
@@ -125,7 +125,7 @@ class DeckReading:
     def _add_elements(self, options, rows):
         numbers = iter([])
         rows = iter(rows)
-        element_kind = element_kind_of(options["TYPE"])
+        element_kind = parse_element_type(options["TYPE"])
         for row in rows:
             numbers = [int(n) for n in row if n]
             while element_kind and len(numbers) <= element_kind[1]:
@@ -137,9 +137,9 @@ class DeckReading:
             if "ELSET" in options:
                 self.sets["ELSET"].setdefault(options["ELSET"], set()).add(numbers[0])
 
-    def _add_set(self, sort, options, rows):
-        members = self.sets[sort].setdefault(options[sort], set())
-        numbers = self.nodes if sort == "NSET" else self.elements
+    def _add_set(self, set_keyword, options, rows):
+        members = self.sets[set_keyword].setdefault(options[set_keyword], set())
+        numbers = self.nodes if set_keyword == "NSET" else self.elements
         for row in rows:
             if "GENERATE" in options:
                 start, stop, step = [*map(int, row), 1][:3]
@@ -147,7 +147,7 @@ class DeckReading:
                 continue
             for entry in filter(None, row):
                 members |= (
-                    {int(entry)} if entry.isdigit() else self.sets[sort][self._normalize(entry)]
+                    {int(entry)} if entry.isdigit() else self.sets[set_keyword][self._unquote_or_uppercase(entry)]
                 )
 
     def _add_surface(self, options, rows):
@@ -155,26 +155,26 @@ class DeckReading:
         for member, *face in rows:
             if options.get("TYPE") == "NODE":
                 surface_rows.append(
-                    ({int(member)} if member.isdigit() else self._node_set(member), None)
+                    ({int(member)} if member.isdigit() else self._get_node_set(member), None)
                 )
             else:
-                name = self._normalize(member)
+                name = self._unquote_or_uppercase(member)
                 members = {int(name)} if name.isdigit() else self.sets["ELSET"][name]
-                surface_rows.append((members, self._normalize(face[0])))
+                surface_rows.append((members, self._unquote_or_uppercase(face[0])))
 
-    def _node_set(self, member):
-        return self.sets["NSET"][self._normalize(member)]
+    def _get_node_set(self, set_name):
+        return self.sets["NSET"][self._unquote_or_uppercase(set_name)]
 
     def cells(self):
         """Yield number, kind and nodes of each element of the highest dimension."""
         has_solids = any(kind.startswith("C3D") for kind, _ in self.elements.values())
         for number, (kind, nodes) in self.elements.items():
-            element_kind = element_kind_of(kind)
+            element_kind = parse_element_type(kind)
             if element_kind and (element_kind[0] == "solid") == has_solids:
                 yield number, element_kind, nodes
 
-    def _coordinates(self, nodes):
-        return frozenset(self.nodes[n] for n in nodes)
+    def _coordinates(self, node_numbers):
+        return frozenset(self.nodes[n] for n in node_numbers)
 
     def cell_sets(self):
         """Return the corners of the cells in each ELSET that contains cells."""
@@ -188,7 +188,7 @@ class DeckReading:
         }
         return {name: members for name, members in sets.items() if members}
 
-    def facet_sets(self):
+    def get_facet_corners_by_set(self):
         """Return the corners of the facets in each NSET and SURFACE that contains facets."""
         faces, n_cells = {}, Counter()
         for number, element_kind, nodes in self.cells():
@@ -232,7 +232,7 @@ class DeckReading:
         }
 
 
-def integrate_volume(x, element_kind):
+def integrate_volume(node_coordinates, element_kind):
     """Return the volume of an element with nodes (n, 3), by Gauss quadrature of its Jacobian."""
     dimension_kind, n_nodes, _ = element_kind
     dim = 2 if dimension_kind == "plane" else 3
@@ -283,6 +283,6 @@ def integrate_volume(x, element_kind):
             ]
             for j in range(dim)
         ]
-        jacobian = np.array(gradients) @ coefficients @ x[:, :dim]
+        jacobian = np.array(gradients) @ coefficients @ node_coordinates[:, :dim]
         integral += w * abs(np.linalg.det(jacobian))
     return integral

@@ -1,6 +1,6 @@
 """More than 200 hostile mesh files: scripts, contradictory, damaged and exhausting files.
 
-The function `describe_differences` compares a mesh that the library has read with its file.
+The function `describe_mesh_differences` compares a mesh that the library has read with its file.
 """
 
 import random
@@ -13,26 +13,26 @@ from dolfinx.mesh import entities_to_geometry
 from pw_elements._compat import cell_nodes
 from tests.library.msh_files import (
     EDGES,
-    FORMATS,
-    N_CORNERS,
+    COMMON_MSH_FORMATS,
+    N_CORNERS_BY_GMSH_TYPE,
     Block,
-    lattice_mesh,
+    make_grouped_lattice_mesh,
     read_msh,
-    write_msh,
+    encode_msh,
 )
 
-HEAD = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
+MSH_2_2_HEADER = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 
 
-def hostile_files():
+def make_hostile_files_with_error_patterns():
     """Return, by name, a file and a pattern of its error message, or None if it may be read."""
-    return {**_script_files(), **_contradictory_files(), **_damaged_files(), **_exhausting_files()}
+    return {**_make_script_and_foreign_files(), **_make_contradictory_files(), **_make_randomly_damaged_files(), **_make_resource_exhausting_files()}
 
 
-def _script_files():
+def _make_script_and_foreign_files():
     """Return scripts that create the file `ran` if anyone runs them, and other files."""
     system_call = 'SystemCall "touch {ran}";\n'
-    valid_mesh = write_msh(lattice_mesh("triangle", 1), "4.1").decode()
+    valid_mesh = encode_msh(make_grouped_lattice_mesh("triangle", 1), "4.1").decode()
     scripts = {
         "plain": system_call,
         "comment": "// a mesh\n" + system_call,
@@ -78,9 +78,9 @@ def _script_files():
     return {f"script {name}": (text.encode(), messages.get(name)) for name, text in scripts.items()}
 
 
-def _contradictory_files():
+def _make_contradictory_files():
     """Return files of each format whose numbers contradict each other or are not finite."""
-    nan, mesh = float("nan"), lattice_mesh("triangle", 2)
+    nan, mesh = float("nan"), make_grouped_lattice_mesh("triangle", 2)
 
     def change_mesh(function, mesh_data=mesh):
         copy = deepcopy(mesh_data)
@@ -157,41 +157,41 @@ def _contradictory_files():
     files = {}
     for k, (name, (mesh_data, options, message)) in enumerate(false_meshes.items()):
         mesh_data.blocks[0].kind = options.pop("kind", mesh_data.blocks[0].kind)
-        for file_format in FORMATS[k % 2 :: 2]:
-            files[f"{name} {file_format}"] = write_msh(mesh_data, file_format, **options), message
+        for file_format in COMMON_MSH_FORMATS[k % 2 :: 2]:
+            files[f"{name} {file_format}"] = encode_msh(mesh_data, file_format, **options), message
     huge_counts = {"nodes": 10**12, "elements": 10**12}
     unlisted = {(2, 1): (3,)}
     overlap = {(2, 1): (2**31 - 1, 3), (2, 2): (3,), (1, 5): (3,)}
-    for file_format in FORMATS[2:]:
-        files[f"1e12 {file_format}"] = write_msh(mesh, file_format, huge_counts), count_message
+    for file_format in COMMON_MSH_FORMATS[2:]:
+        files[f"1e12 {file_format}"] = encode_msh(mesh, file_format, huge_counts), count_message
         files[f"entity {file_format}"] = (
-            write_msh(mesh, file_format, entities=unlisted),
+            encode_msh(mesh, file_format, groups_by_entity=unlisted),
             r"is not in \$Entities",
         )
         files[f"group {file_format}"] = (
-            write_msh(mesh, file_format, entities=overlap),
+            encode_msh(mesh, file_format, groups_by_entity=overlap),
             "give all of these names",
         )
-    mixed = deepcopy(lattice_mesh("quadrilateral", 1))
+    mixed = deepcopy(make_grouped_lattice_mesh("quadrilateral", 1))
     a, b, c, d = mixed.blocks[0].elements[0][1:]
     mixed.blocks[0].elements[0][0] = 90
     mixed.blocks.append(Block(2, 1, (3,), [[91, a, b, c], [92, a, c, d]]))
     mixed.blocks[0].elements.pop(0)
-    cubic = deepcopy(lattice_mesh("triangle", 1))
+    cubic = deepcopy(make_grouped_lattice_mesh("triangle", 1))
     cubic.nodes += [[1000 + k, 0.1 * k, 0.3, 0.25] for k in range(7)]
     for block in cubic.blocks[:2]:
         block.kind = 21
         block.elements = [[*row, *range(1000, 1007)] for row in block.elements]
-    serendipity = lattice_mesh("quadrilateral", 2)
+    serendipity = make_grouped_lattice_mesh("quadrilateral", 2)
     for block in serendipity.blocks[:2]:
         block.kind = 16
         block.elements = [row[:-1] for row in block.elements]
-    shells = lattice_mesh("hexahedron", 1)
+    shells = make_grouped_lattice_mesh("hexahedron", 1)
     shells.blocks[2].kind = 2
     shells.blocks[2].elements = [row[:4] for row in shells.blocks[2].elements]
-    for file_format in FORMATS:
-        files[f"triangles on bricks {file_format}"] = write_msh(shells, file_format), None
-    lines = lattice_mesh("triangle", 1)
+    for file_format in COMMON_MSH_FORMATS:
+        files[f"triangles on bricks {file_format}"] = encode_msh(shells, file_format), None
+    lines = make_grouped_lattice_mesh("triangle", 1)
     lines.blocks = lines.blocks[2:]
     for name, mesh_data in (
         ("cells are 3 quadrilaterals of degree 1 (4 nodes) and 2 triangles", mixed),
@@ -200,16 +200,16 @@ def _contradictory_files():
         ("has no mesh of plane or solid cells", lines),
     ):
         for file_format in ("2.2", "4.1 binary"):
-            files[f"{name} {file_format}"] = write_msh(mesh_data, file_format), re.escape(name)
+            files[f"{name} {file_format}"] = encode_msh(mesh_data, file_format), re.escape(name)
     return files
 
 
-def _damaged_files():
+def _make_randomly_damaged_files():
     """Return files that are cut off or changed at random; some of them may still be valid."""
     files, rng = {}, random.Random(48)
-    for file_format in FORMATS:
+    for file_format in COMMON_MSH_FORMATS:
         for cell, degree in (("triangle", 2), ("hexahedron", 1)):
-            data = write_msh(lattice_mesh(cell, degree, 1), file_format)
+            data = encode_msh(make_grouped_lattice_mesh(cell, degree, 1), file_format)
             for k in range(2):
                 cut_position = rng.randrange(40, len(data) - 20)
                 files[f"cut {k} {cell} {file_format}"] = (
@@ -240,14 +240,14 @@ def _damaged_files():
     return files
 
 
-def _exhausting_files():
+def _make_resource_exhausting_files():
     """Return files of at most 1 MB that could take excessive time or memory."""
     nodes = b"$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
     cells = b"1 2 2 1 1 1 2 3\n2 2 2 1 1 1 3 4\n"
 
     def file_with_elements(rows):
         count = b"$Elements\n%d\n" % (len(rows) + 2)
-        return HEAD + nodes + count + cells + b"".join(rows) + b"$EndElements\n"
+        return MSH_2_2_HEADER + nodes + count + cells + b"".join(rows) + b"$EndElements\n"
 
     header_4_1 = b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
     node_4 = b"$Nodes\n1 4 1 4\n2 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n$EndNodes\n"
@@ -314,13 +314,13 @@ def _exhausting_files():
             None,
         ),
         "sections that do not end": (header_4_1 + b"$A\n" * 300_000, "not complete"),
-        "blank lines": (HEAD + b"\n" * 900_000 + mesh, None),
+        "blank lines": (MSH_2_2_HEADER + b"\n" * 900_000 + mesh, None),
         "dollars": (b"$" * 900_000, "between its sections"),
         "spaces": (b" " * 900_000, "no mesh file of Gmsh"),
-        "one line": (HEAD + mesh.replace(b"4 0 1 0", b"1" * 900_000), "has to have 4 numbers"),
-        "digits": (HEAD + mesh.replace(b"2 1 0 0", b"2 1%s 0 0" % (b"0" * 900_000)), "lies at"),
+        "one line": (MSH_2_2_HEADER + mesh.replace(b"4 0 1 0", b"1" * 900_000), "has to have 4 numbers"),
+        "digits": (MSH_2_2_HEADER + mesh.replace(b"2 1 0 0", b"2 1%s 0 0" % (b"0" * 900_000)), "lies at"),
         "far node numbers": (
-            HEAD
+            MSH_2_2_HEADER
             + nodes.replace(b"\n4 0 1", b"\n2000000000 0 1")
             + b"$Elements\n2\n"
             + far_cells
@@ -328,33 +328,33 @@ def _exhausting_files():
             None,
         ),
         "many names": (
-            HEAD + b"$PhysicalNames\n30000\n" + names + b"$EndPhysicalNames\n" + mesh,
+            MSH_2_2_HEADER + b"$PhysicalNames\n30000\n" + names + b"$EndPhysicalNames\n" + mesh,
             None,
         ),
         "name without end": (
-            HEAD + b'$PhysicalNames\n1\n2 1 "%s\n$EndPhysicalNames\n' % (b"a" * 900_000) + mesh,
+            MSH_2_2_HEADER + b'$PhysicalNames\n1\n2 1 "%s\n$EndPhysicalNames\n' % (b"a" * 900_000) + mesh,
             "is no dimension, number and name",
         ),
     }
 
 
-def summarise_mesh(mesh_data):
+def collect_groups_by_coordinates(file_content):
     """Return the groups of cells and facets of a mesh, identified by coordinates of their nodes.
 
     Keys of cells are (corners, edges with ends and middle). Keys of facets are their corners.
     """
-    dim = max(block.dim for block in mesh_data.blocks if block.elements)
-    x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in mesh_data.nodes}
-    assert len(x) == len(mesh_data.nodes)
-    has_groups = any(b.groups for b in mesh_data.blocks if b.dim == dim)
+    dim = max(block.dim for block in file_content.blocks if block.elements)
+    x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in file_content.nodes}
+    assert len(x) == len(file_content.nodes)
+    has_groups = any(b.groups for b in file_content.blocks if b.dim == dim)
     cells, facets = {}, {}
-    for block in mesh_data.blocks:
+    for block in file_content.blocks:
         for _, *nodes in block.elements if block.dim >= dim - 1 else ():
-            corners = frozenset(x[node] for node in nodes[: N_CORNERS.get(block.kind, 1)])
+            corners = frozenset(x[node] for node in nodes[: N_CORNERS_BY_GMSH_TYPE.get(block.kind, 1)])
             if block.dim == dim - 1 and block.groups:
                 facets.setdefault(corners, set()).update(block.groups)
             elif block.dim == dim and (block.groups or not has_groups):
-                edges = _edges_with_middles(block.kind, [x[node] for node in nodes])
+                edges = _pair_edge_ends_with_midpoints(block.kind, [x[node] for node in nodes])
                 cells.setdefault((corners, edges), set()).update(block.groups)
     sides = {corners for corners, _ in cells}
     n_corners = {(2, 3): 2, (2, 4): 2, (3, 4): 3, (3, 8): 4}[dim, len(next(iter(sides)))]
@@ -366,22 +366,22 @@ def summarise_mesh(mesh_data):
     return {"cells": cells, "facets": facets}
 
 
-def _edges_with_middles(type_number, positions):
+def _pair_edge_ends_with_midpoints(gmsh_type, node_positions):
     edge_corners = {6: "triangle", 9: "quadrilateral", 10: "tetrahedron", 27: "hexahedron"}
-    edge_corners = EDGES[edge_corners[len(positions)]] if len(positions) in edge_corners else []
-    n_corners = N_CORNERS[type_number]
+    edge_corners = EDGES[edge_corners[len(node_positions)]] if len(node_positions) in edge_corners else []
+    n_corners = N_CORNERS_BY_GMSH_TYPE[gmsh_type]
     return frozenset(
-        (frozenset((positions[a], positions[b])), positions[n_corners + k])
+        (frozenset((node_positions[a], node_positions[b])), node_positions[n_corners + k])
         for k, (a, b) in enumerate(edge_corners)
     )
 
 
-def describe_differences(part, mesh_data):
+def describe_mesh_differences(tagged_mesh, file_content):
     """Return a description of the differences between a mesh and the content of its file.
 
     It is an empty string if there are none.
     """
-    mesh, expected = part.mesh, summarise_mesh(mesh_data)
+    mesh, expected = tagged_mesh.mesh, collect_groups_by_coordinates(file_content)
     dim = mesh.topology.dim
     x = mesh.geometry.x[:, :dim].tolist()
     element = mesh.ufl_domain().ufl_coordinate_element().basix_element
@@ -396,13 +396,13 @@ def describe_differences(part, mesh_data):
     if sorted(map(hash, cells)) != sorted(map(hash, expected["cells"])):
         return f"{len(cells)} cells, stated are {len(expected['cells'])}, or others"
     mesh.topology.create_connectivity(dim - 1, dim)
-    tagged = part.facet_tags.indices
+    tagged = tagged_mesh.facet_tags.indices
     facets = entities_to_geometry(mesh, dim - 1, tagged) if len(tagged) else []
     n_corners = len(basix.topology(element.cell_type)[dim - 1][0])
     read_entities = {
-        "cells": (cells, part.cell_tags),
+        "cells": (cells, tagged_mesh.cell_tags),
         "facets": ([frozenset(tuple(x[k]) for k in row[:n_corners]) for row in facets],
-                   part.facet_tags),
+                   tagged_mesh.facet_tags),
     }  # fmt: skip
     for entity_kind, (positions, tags) in read_entities.items():
         tag = dict(zip(tags.indices.tolist(), tags.values.tolist(), strict=True))
@@ -411,7 +411,7 @@ def describe_differences(part, mesh_data):
         entity_dim = dim if entity_kind == "cells" else dim - 1
         groups = {position: {tag.get(k, 0)} - {0} for k, position in enumerate(positions)}
         names = {}
-        for (of_dim, group), name in mesh_data.names.items():
+        for (of_dim, group), name in file_content.names.items():
             if of_dim == entity_dim and name:
                 names.setdefault(name, set()).add(group)
         for position, expected_groups in expected[entity_kind].items():
@@ -422,7 +422,7 @@ def describe_differences(part, mesh_data):
                 )
             for name, members in names.items():
                 is_member = bool(
-                    groups.get(position, set()) & {*part.names[entity_kind].get(name, ())}
+                    groups.get(position, set()) & {*tagged_mesh.names[entity_kind].get(name, ())}
                 )
                 if is_member != bool(members & expected_groups):
                     return f"{entity_kind}: {name} at {position}"
@@ -431,9 +431,9 @@ def describe_differences(part, mesh_data):
     return ""
 
 
-def compare_with_file(part, path):
+def describe_differences_from_file(tagged_mesh, msh_path):
     """Return the differences between a mesh and an independent reading of its file.
 
     They are described by an empty string if there are none.
     """
-    return describe_differences(part, read_msh(path.read_bytes()))
+    return describe_mesh_differences(tagged_mesh, read_msh(msh_path.read_bytes()))

@@ -20,10 +20,10 @@ from pathlib import Path
 CPU_SECONDS, MAX_MEGABYTES = 2.0, 500
 PROJECT = Path(__file__).parents[2]
 # Includes address space that the libraries reserve without using it
-_ADDRESS_SPACE = 8_000_000_000
+_MAX_ADDRESS_SPACE_BYTES = 8_000_000_000
 
 
-def read_under_limits(paths, comparison):
+def read_files_under_cpu_and_memory_limits(paths, comparison_name):
     """Read files in child processes, and return a dictionary for each path.
 
     The value of "outcome" is "read", "refused" (by ValueError or FileNotFoundError), "raw error" or
@@ -32,7 +32,7 @@ def read_under_limits(paths, comparison):
     """
     results, remaining = {}, [*paths]
     while remaining:
-        command = [sys.executable, "-m", "tests.library.limited_reading", comparison]
+        command = [sys.executable, "-m", "tests.library.limited_reading", comparison_name]
         run = subprocess.run(
             [*command, *map(str, remaining)], cwd=PROJECT, capture_output=True, text=True
         )
@@ -55,7 +55,7 @@ def _read(path, compare):
 
     result, part = {"message": "", "differences": ""}, None
     Path("/proc/self/clear_refs").write_text("5")  # resets the peak of memory
-    megabytes, start = _memory("VmRSS"), time.process_time()
+    megabytes, start = _read_process_memory_in_mb("VmRSS"), time.process_time()
     signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)  # its signal ends the process
     try:
         part = from_file(path, MPI.COMM_SELF)
@@ -66,7 +66,7 @@ def _read(path, compare):
         result["outcome"], result["message"] = "raw error", traceback.format_exc()
     signal.setitimer(signal.ITIMER_PROF, 0)
     result["seconds"] = round(time.process_time() - start, 3)
-    result["megabytes"] = _memory("VmHWM") - megabytes
+    result["megabytes"] = _read_process_memory_in_mb("VmHWM") - megabytes
     if part is not None:
         try:
             result["differences"] = compare(part, path)
@@ -75,16 +75,16 @@ def _read(path, compare):
     return result
 
 
-def _memory(quantity):
+def _read_process_memory_in_mb(status_key):
     """Return a memory size of this process, such as "VmHWM", in MB."""
     for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(quantity):
+        if line.startswith(status_key):
             return int(line.split()[1]) // 1000
-    raise KeyError(quantity)
+    raise KeyError(status_key)
 
 
-def main(comparison, paths):
-    module, _, name = comparison.partition(":")
+def main(comparison_name, paths):
+    module, _, name = comparison_name.partition(":")
     compare = getattr(import_module(module), name)
     logging.disable()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
@@ -93,5 +93,5 @@ def main(comparison, paths):
 
 
 if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+    resource.setrlimit(resource.RLIMIT_AS, (_MAX_ADDRESS_SPACE_BYTES, _MAX_ADDRESS_SPACE_BYTES))
     main(sys.argv[1], sys.argv[2:])

@@ -29,8 +29,8 @@ FACES = {
     ],
 }
 # By cell, Gmsh's type numbers for degrees 1 and 2; by type, number of nodes, dimension and corners
-CELL_TYPE_NUMBERS = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
-CELL_TYPE_NUMBERS["hexahedron"] = (5, 12)
+GMSH_TYPES_BY_CELL_AND_DEGREE = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
+GMSH_TYPES_BY_CELL_AND_DEGREE["hexahedron"] = (5, 12)
 N_NODES = {15: 1, 1: 2, 8: 3, 2: 3, 9: 6, 3: 4, 10: 9, 4: 4, 11: 10, 5: 8, 12: 27, 21: 10, 6: 6}
 N_NODES |= {16: 8, 26: 4}
 TYPE_DIMENSION = {
@@ -50,9 +50,9 @@ TYPE_DIMENSION = {
     12: 3,
 }
 TYPE_DIMENSION |= {6: 3}
-N_CORNERS = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4, 4: 4, 11: 4, 5: 8, 12: 8}
-FORMATS = ("2.2", "2.2 binary", "4.0", "4.0 binary", "4.1", "4.1 binary")
-RARE_FORMATS = ("2", "2.2 binary >", "4.1 binary >", "4.1 binary 4")
+N_CORNERS_BY_GMSH_TYPE = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4, 4: 4, 11: 4, 5: 8, 12: 8}
+COMMON_MSH_FORMATS = ("2.2", "2.2 binary", "4.0", "4.0 binary", "4.1", "4.1 binary")
+RARE_MSH_FORMATS = ("2", "2.2 binary >", "4.1 binary >", "4.1 binary 4")
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Block:
 
 
 @dataclass
-class MeshData:
+class MshFileContent:
     """Content of a mesh file: nodes [number, x, y, z], blocks, and names by (dimension, group)."""
 
     nodes: list[list[float]]
@@ -78,7 +78,7 @@ class MeshData:
     names: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
-def lattice_mesh(cell, degree, divisions=2, seed=0):
+def make_grouped_lattice_mesh(cell, degree, divisions=2, seed=0):
     """Return a square or cube of cells in two groups, and one group of facets at x = 0.
 
     Nodes have random numbers, and random displacements that make all coordinates distinct.
@@ -95,11 +95,11 @@ def lattice_mesh(cell, degree, divisions=2, seed=0):
         for position in x.values():
             position[2] = 0.25
     blocks = []
-    type_number = CELL_TYPE_NUMBERS[cell][degree - 1]
+    type_number = GMSH_TYPES_BY_CELL_AND_DEGREE[cell][degree - 1]
     cells = [
         row
         for square in product(range(divisions), repeat=dim)
-        for row in _cells_of_square(cell, square)
+        for row in _yield_cell_corners_in_lattice_square(cell, square)
     ]
     half = len(cells) // 2
     for entity, (groups, cells_of_group) in enumerate(
@@ -114,7 +114,7 @@ def lattice_mesh(cell, degree, divisions=2, seed=0):
     facets = [[row[k] for k in side] for row in cells for side in sides]
     facets = [facet for facet in facets if all(p[0] == 0 for p in facet)]
     face = {2: "line", 3: "triangle" if cell == "tetrahedron" else "quadrilateral"}[dim]
-    type_number = ({"line": (1, 8)} | CELL_TYPE_NUMBERS)[face][degree - 1]
+    type_number = ({"line": (1, 8)} | GMSH_TYPES_BY_CELL_AND_DEGREE)[face][degree - 1]
     element_rows = [
         [0, *(number[p] for p in _add_middle_nodes(face, degree, row))] for row in facets
     ]
@@ -124,12 +124,12 @@ def lattice_mesh(cell, degree, divisions=2, seed=0):
     used = {node for block in blocks for row in block.elements for node in row[1:]}
     nodes = [[number[p], *x[p]] for p in rng.permutation(points).tolist() for p in [tuple(p)]]
     nodes = [node for node in nodes if node[0] in used]
-    return MeshData(nodes, blocks, {(dim, 3): "Körper", (dim - 1, 3): "left side"})
+    return MshFileContent(nodes, blocks, {(dim, 3): "Körper", (dim - 1, 3): "left side"})
 
 
-def _cells_of_square(cell, square):
+def _yield_cell_corners_in_lattice_square(cell, lattice_square):
     """Yield the cells in a square or cube of the lattice, as lists of their corners."""
-    origin = np.array([*square, 0][:3]) * 2
+    origin = np.array([*lattice_square, 0][:3]) * 2
     quad = [tuple(origin + 2 * np.array(c)) for c in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
     quad = [tuple(map(int, p)) for p in quad]
     brick = quad + [(p[0], p[1], p[2] + 2) for p in quad]
@@ -156,17 +156,17 @@ def _add_middle_nodes(cell, degree, corners):
     return [*corners, *(tuple(map(int, middle)) for middle in middles)]
 
 
-def write_msh(mesh_data, file_format, counts=(), entities=None):
+def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
     """Return the content of a mesh file, optionally with false counts.
 
     Args:
         mesh_data: nodes, blocks and group names of the mesh.
         file_format: version, then optionally " binary", " >" (big-endian) and " 4" (short counts).
-        counts: false counts of "nodes", "elements" (all), "node block", "element block" or "names".
-        entities: groups by (dimension, entity), which replace those of the blocks.
+        false_counts: false counts of "nodes", "elements" (all), "node block", "element block" or "names".
+        groups_by_entity: groups by (dimension, entity), which replace those of the blocks.
     """
     version, *words = file_format.split()
-    counts, binary = dict(counts), "binary" in words
+    false_counts, binary = dict(false_counts), "binary" in words
     order, count_letter = (">" if ">" in words else "<"), ("i" if "4" in words else "q")
 
     def row(letters, *values):
@@ -178,17 +178,17 @@ def write_msh(mesh_data, file_format, counts=(), entities=None):
     text += row("i", 1) + "\n" if binary else ""
     text += "$EndMeshFormat\n"
     if mesh_data.names:
-        text += f"$PhysicalNames\n{counts.get('names', len(mesh_data.names))}\n"
+        text += f"$PhysicalNames\n{false_counts.get('names', len(mesh_data.names))}\n"
         for (dim, group), name in mesh_data.names.items():
             text += f'{dim} {group} "{name.encode().decode("latin-1")}"\n'
         text += "$EndPhysicalNames\n"
     n_nodes, n_blocks = len(mesh_data.nodes), len(mesh_data.blocks)
     rows = [(block, element) for block in mesh_data.blocks for element in block.elements]
     if version[0] == "2":
-        text += f"$Nodes\n{counts.get('nodes', n_nodes)}\n"
+        text += f"$Nodes\n{false_counts.get('nodes', n_nodes)}\n"
         text += "".join(row("iddd", *node) for node in mesh_data.nodes)
         rows = [(block, *r) for block, r in rows for block in _split_by_group(block)]
-        text += f"\n$EndNodes\n$Elements\n{counts.get('elements', len(rows))}\n"
+        text += f"\n$EndNodes\n$Elements\n{false_counts.get('elements', len(rows))}\n"
         is_repeated = any(len(block.groups) > 1 for block in mesh_data.blocks)
         for k, (block, element_number, *nodes) in enumerate(rows):
             tags = (block.groups or (0,))[0], block.entity
@@ -199,23 +199,23 @@ def write_msh(mesh_data, file_format, counts=(), entities=None):
             text += row("i" * len(values), *values)
         return (text + "\n$EndElements\n").encode("latin-1")
     is_4_1 = version == "4.1"
-    if entities is None:
-        entities = {(block.dim, block.entity): block.groups for block in mesh_data.blocks}
-    entities_by_dim = [[key for key in entities if key[0] == dim] for dim in range(4)]
+    if groups_by_entity is None:
+        groups_by_entity = {(block.dim, block.entity): block.groups for block in mesh_data.blocks}
+    entities_by_dim = [[key for key in groups_by_entity if key[0] == dim] for dim in range(4)]
     text += "$Entities\n" + row("qqqq", *map(len, entities_by_dim))
     for dim, entity in [key for keys in entities_by_dim for key in keys]:
-        groups, box = entities[dim, entity], [0.0] * (3 if dim == 0 and is_4_1 else 6)
+        groups, box = groups_by_entity[dim, entity], [0.0] * (3 if dim == 0 and is_4_1 else 6)
         bounding_entities = (0,) if dim else ()
         letters = "i" + "d" * len(box) + "q" + "i" * len(groups) + "q" * len(bounding_entities)
         text += row(letters, entity, *box, len(groups), *groups, *bounding_entities)
     text += "\n$EndEntities\n$Nodes\n"
-    n_nodes, n_half = counts.get("nodes", n_nodes), n_nodes // 2
+    n_nodes, n_half = false_counts.get("nodes", n_nodes), n_nodes // 2
     extremes = (
         (1, max((int(abs(node[0])) for node in mesh_data.nodes), default=0) + 1) if is_4_1 else ()
     )
     text += row("qq" + "q" * len(extremes), 2, n_nodes, *extremes)
     for node_block in (mesh_data.nodes[:n_half], mesh_data.nodes[n_half:]):
-        count = counts.get("node block", len(node_block))
+        count = false_counts.get("node block", len(node_block))
         entity = (mesh_data.blocks[0].dim, mesh_data.blocks[0].entity)
         text += row("iiiq", *(entity if is_4_1 else entity[::-1]), 0, count)
         if is_4_1:
@@ -224,10 +224,10 @@ def write_msh(mesh_data, file_format, counts=(), entities=None):
         else:
             text += "".join(row("iddd", *node) for node in node_block)
     text += "\n$EndNodes\n$Elements\n"
-    text += row("qq" + "q" * len(extremes), n_blocks, counts.get("elements", len(rows)), *extremes)
+    text += row("qq" + "q" * len(extremes), n_blocks, false_counts.get("elements", len(rows)), *extremes)
     for block in mesh_data.blocks:
         entity = (block.dim, block.entity)
-        count = counts.get("element block", len(block.elements))
+        count = false_counts.get("element block", len(block.elements))
         text += row("iiiq", *(entity if is_4_1 else entity[::-1]), block.kind, count)
         letter = "q" if is_4_1 else "i"
         text += "".join(row(letter * len(element), *element) for element in block.elements)
@@ -244,17 +244,17 @@ def _format_number(value):
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
-class _NumberSource:
+class _SectionNumberReader:
     """Sequential reader of the numbers in a section, as text or binary."""
 
     def __init__(self, data, binary, order, size):
         self.data, self.binary, self.order, self.size, self.position = data, binary, order, size, 0
         self.words = iter(() if binary else data.split())
 
-    def read_numbers(self, letters):
+    def read_numbers(self, struct_letters):
         if not self.binary:
-            return [float(next(self.words)) if c == "d" else int(next(self.words)) for c in letters]
-        layout = self.order + letters.replace("q", self.size)
+            return [float(next(self.words)) if c == "d" else int(next(self.words)) for c in struct_letters]
+        layout = self.order + struct_letters.replace("q", self.size)
         values = struct.unpack_from(layout, self.data, self.position)
         self.position += struct.calcsize(layout)
         return list(values)
@@ -267,10 +267,10 @@ class _NumberSource:
         return value
 
 
-def read_msh(data):
+def read_msh(file_bytes):
     """Return the content of a mesh file, given as bytes."""
     sections = {}
-    for match in re.finditer(rb"\$(\w+)[ \t]*\r?\n(.*?)\$End\1", data, re.DOTALL):
+    for match in re.finditer(rb"\$(\w+)[ \t]*\r?\n(.*?)\$End\1", file_bytes, re.DOTALL):
         sections.setdefault(match[1].decode(), match[2])
     format_line, _, byte_order_mark = sections["MeshFormat"].partition(b"\n")
     version, binary, size = format_line.decode().split()
@@ -278,7 +278,7 @@ def read_msh(data):
 
     def source(name):
         letter = "i" if size == "4" else "q"
-        return _NumberSource(sections[name], binary == "1", order, letter)
+        return _SectionNumberReader(sections[name], binary == "1", order, letter)
 
     names = {}
     for line in sections.get("PhysicalNames", b"").split(b"\n")[1:]:
@@ -307,7 +307,7 @@ def read_msh(data):
                 row = [number, *element_source.read_numbers("i" * N_NODES[type_number])]
                 blocks.append(Block(type_number, 0, (group,) if group else (), [row]))
             n_left -= count
-        return MeshData(nodes, blocks, names)
+        return MshFileContent(nodes, blocks, names)
     is_4_1, groups_of = version == "4.1", {}
     if "Entities" in sections:
         entity_source = source("Entities")
@@ -339,4 +339,4 @@ def read_msh(data):
         letters = ("q" if is_4_1 else "i") * (1 + N_NODES[type_number])
         rows = [element_source.read_numbers(letters) for _ in range(count)]
         blocks.append(Block(type_number, entity[1], groups_of.get(entity, ()), rows))
-    return MeshData(nodes, blocks, names)
+    return MshFileContent(nodes, blocks, names)

@@ -33,7 +33,7 @@ from study.model.matrices import dense
 RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
 DIVISIONS = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
 # Random shifts of vertices, or of mid-side nodes on curved meshes, relative to the size of cells
-MOVED = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
+MAX_SHIFTS_RELATIVE_TO_CELL_SIZE = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
 
 
 class Sample(NamedTuple):
@@ -47,29 +47,29 @@ class Sample(NamedTuple):
     energy: float  # least eigenvalue of the symmetric part of L^-1 K L^-T
 
 
-def distorted_mesh(cell: str, n: int, moved: float, seed: int, mid_nodes: bool = False) -> Mesh:
+def make_distorted_mesh(cell: str, cells_per_side: int, relative_shift: float, seed: int, moves_mid_nodes: bool = False) -> Mesh:
     """Create a unit square or cube of n cells a side, with moved vertices or mid-side nodes."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    mesh = build(MPI.COMM_SELF, ends, [n] * dim, CellType[cell])
+    mesh = build(MPI.COMM_SELF, ends, [cells_per_side] * dim, CellType[cell])
     rng = np.random.default_rng(seed)
 
     def shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return random shifts (n, 3), zero in the base, and zero at vertices if `mid_nodes`."""
         shift = np.zeros_like(x)
-        shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * moved / n
-        vertex = np.isclose(x * n, np.round(x * n)).all(axis=1)
-        shift[vertex if mid_nodes else ~vertex] = 0.0
+        shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * relative_shift / cells_per_side
+        vertex = np.isclose(x * cells_per_side, np.round(x * cells_per_side)).all(axis=1)
+        shift[vertex if moves_mid_nodes else ~vertex] = 0.0
         shift[np.isclose(x[:, dim - 1], 0.0), dim - 1] = 0.0
         return shift
 
-    if mid_nodes:
+    if moves_mid_nodes:
         return curved_mesh(mesh, lambda x: x + shifts(x))
     mesh.geometry.x[:] += shifts(mesh.geometry.x)
     return mesh
 
 
-def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float64]]:
+def stiffnesses(spaces: Spaces, quadrature_degree: int | None) -> list[npt.NDArray[np.float64]]:
     """Assemble the matrices A and B of the stiffness mu A + lambda B, with clamped base.
 
     The factors mu and lambda are Lame's constants.
@@ -81,19 +81,19 @@ def stiffnesses(spaces: Spaces, degree: int | None) -> list[npt.NDArray[np.float
     reduction = Reduction.dirichlet(spaces.trial, base)
     matrices = []
     for nu in (0.0, 0.25):  # for these ratios lambda = 0 and mu = 1/2, or lambda = mu = 2/5
-        body = Body(spaces, Material(1.0, nu), state, quadrature_degree=degree)
+        body = Body(spaces, Material(1.0, nu), state, quadrature_degree=quadrature_degree)
         matrices.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
     A = 2 * matrices[0]
     return [A, matrices[1] / 0.4 - A]
 
 
-def samples(mesh: Mesh, ratios: Sequence[float], degree: int | None = None) -> list[Sample]:
+def samples(mesh: Mesh, poissons_ratios: Sequence[float], quadrature_degree: int | None = None) -> list[Sample]:
     """Return a sample for each Poisson's ratio."""
     pw, standard = (
-        stiffnesses(make(mesh), degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
+        stiffnesses(make(mesh), quadrature_degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
     )
     result = []
-    for nu in ratios:
+    for nu in poissons_ratios:
         lame = 2 * nu / (1 - 2 * nu)  # lambda divided by mu
         K, K_G = (A + lame * B for A, B in (pw, standard))
         L = np.linalg.cholesky((K_G + K_G.T) / 2)
@@ -117,11 +117,11 @@ def main() -> None:
     print(f"{'':32s}" + "".join(f"{nu:>13g}" for nu in options.ratios))
     for cell in options.cells:
         for mid_nodes in (False, True):
-            for distortion in MOVED[mid_nodes]:
+            for distortion in MAX_SHIFTS_RELATIVE_TO_CELL_SIZE[mid_nodes]:
                 n = DIVISIONS[cell]
                 ratios_of_meshes = [
                     samples(
-                        distorted_mesh(cell, n, distortion, seed, mid_nodes),
+                        make_distorted_mesh(cell, n, distortion, seed, mid_nodes),
                         options.ratios,
                         options.degree,
                     )

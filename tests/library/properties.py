@@ -29,11 +29,11 @@ from tests.library.random_meshes import Grid, Placement
 METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
-def unit_mesh(cell, n):
+def unit_mesh(cell_type, cells_per_side):
     """Create a square or cube of n cells a side, with randomly moved inner vertices."""
-    dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
+    dim = 2 if cell_type.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    return move_nodes(build(MPI.COMM_SELF, corners, [n] * dim, cell), smooth_distortion)
+    return move_nodes(build(MPI.COMM_SELF, corners, [cells_per_side] * dim, cell_type), smooth_distortion)
 
 
 def boundary_dofs(space):
@@ -61,15 +61,15 @@ def assert_small(error, bound):
     assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
 
 
-def max_row_entries(A):
+def max_nonzeros_per_row(A):
     """Return the largest number of entries in a row of A, a factor in bounds of round-off."""
     return np.count_nonzero(A, axis=1).max()
 
 
-def rigid_modes(x):
+def rigid_modes(node_positions):
     """Return translations and rotations about the centre (n, dim, modes) at nodes x (n, dim)."""
-    n, dim = x.shape
-    s = x - x.mean(axis=0)
+    n, dim = node_positions.shape
+    s = node_positions - node_positions.mean(axis=0)
     s = s / np.abs(s).max()
     planes = [(i, j) for i in range(dim) for j in range(i)]
     modes = np.zeros((n, dim, dim + len(planes)))
@@ -119,28 +119,28 @@ class Elastic:
 
     @functools.cached_property
     def round_off(self):
-        return self.placed_grid.slope_round_off()
+        return self.placed_grid.relative_gradient_round_off()
 
-    def side(self, axis, value=0.0):
-        return self.placement.side_marker(axis, value)
+    def side(self, axis, coordinate=0.0):
+        return self.placement.side_marker(axis, coordinate)
 
     def clamp(self, axis=0):
         conditions = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
         return Reduction.dirichlet(self.space, conditions)
 
-    def solve_statics(self, force):
+    def solve_statics(self, body_force):
         """Return displacements, reactions and loads, each (n, dim), under a body force."""
-        f = assemble_vector(self.body.body_load(force))
+        f = assemble_vector(self.body.body_load(body_force))
         a = solve(self.K, f, self.clamp())
         vectors = (a, reactions(self.K, a, f), f)
         return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
 
-    def error_of_forces(self, a):
+    def bound_round_off_of_forces(self, displacements):
         """Return a bound of the round-off of nodal forces K a and of a direct solver's residual."""
         K = np.abs(dense(self.K))
-        return len(K) * self.round_off * (K @ np.abs(a.ravel())).max()
+        return len(K) * self.round_off * (K @ np.abs(displacements.ravel())).max()
 
-    def error_of_solution(self, reduction, a, f, round_off=None):
+    def bound_errors_of_displacements_and_forces(self, reduction, a, f, relative_round_off=None):
         """Return bounds of the errors of displacements and forces due to round-off of the data.
 
         If entries of K and f have a relative error d, the error of the solution a is at most |K^-1|
@@ -148,7 +148,7 @@ class Elastic:
         is at most |K| times this plus d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
-        d = max_row_entries(full) * (self.round_off if round_off is None else round_off)
+        d = max_nonzeros_per_row(full) * (self.round_off if relative_round_off is None else relative_round_off)
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
         free = dense(reduction.right).T @ wrong
         displacement_bound = np.abs(np.linalg.inv(A)) @ free
@@ -157,14 +157,14 @@ class Elastic:
         ).max()
 
 
-def eigenvalue_error(A, B, which, wrong_A, wrong_B):
+def eigenvalue_and_error_bound(A, B, select_index, error_norm_A, error_norm_B):
     """Return an eigenvalue of A d = mu B d, and a bound of its error.
 
-    The errors of A and B have the norms `wrong_A` and `wrong_B`. To first order, the error is
+    The errors of A and B have the norms `error_norm_A` and `error_norm_B`. To first order, the error is
     |y|(|dA| + |mu||dB|)|x| / |y B x|, with the left and right eigenvectors y and x.
     """
     mu, left, right = scipy.linalg.eig(A, B, left=True)
-    k = which(mu)
+    k = select_index(mu)
     y, x = left[:, k], right[:, k]
     size = np.linalg.norm(y) * np.linalg.norm(x) / abs(y.conj() @ B @ x)
-    return mu[k], size * (wrong_A + abs(mu[k]) * wrong_B)
+    return mu[k], size * (error_norm_A + abs(mu[k]) * error_norm_B)

@@ -38,7 +38,7 @@ ROOT = Path(__file__).parents[2]
 FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
-def public_objects():
+def collect_public_callables_by_name():
     """Return a dictionary of public functions, classes and methods by their names."""
     objects = {}
     for module in (pw_elements, pw_elements.contact, pw_elements.meshes):
@@ -55,7 +55,7 @@ def public_objects():
     return objects
 
 
-def correct_calls(comm):
+def make_valid_collective_calls(comm):
     """Return valid calls of all collective functions, keyed by function name."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)

@@ -25,13 +25,13 @@ CELL_DIMENSION = {
     "hexahedron": 3,
 }
 CELLS = tuple(CELL_DIMENSION)
-BODY_CELLS = CELLS[1:]  # cells of elastic bodies
+BODY_CELL_NAMES = CELLS[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
 
 # Largest shift of a vertex in a structured mesh, relative to half the distance of its neighbour.
 # Cells stay convex if it is below 1/2
-_MAX_SHIFT = 0.4
+_MAX_SHIFT_OVER_HALF_SPACING = 0.4
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Grid:
         physical_gradients = np.einsum("jpn,cpji->cpni", gradients, np.linalg.inv(jacobian))
         return 1 / np.linalg.norm(physical_gradients, axis=-1).max()
 
-    def slope_round_off(self):
+    def relative_gradient_round_off(self):
         """Return the relative round-off of shape functions' gradients due to rounded vertices."""
         return MACHINE_EPSILON * np.abs(self.x).max() / self.altitude()
 
@@ -83,11 +83,11 @@ class Grid:
         x = np.empty_like(self.x)
         x[new_numbers] = self.x
         cells = new_numbers[self.cells[rng.permutation(len(self.cells))]]
-        cells = np.array([c[_random_symmetry(self.cell, rng)] for c in cells])
+        cells = np.array([c[_random_corner_permutation(self.cell, rng)] for c in cells])
         return replace(self, x=x, cells=cells)
 
 
-def _random_symmetry(cell, rng):
+def _random_corner_permutation(cell, rng):
     dim = CELL_DIMENSION[cell]
     if cell in SIMPLICES:
         return rng.permutation(dim + 1)
@@ -118,18 +118,18 @@ class Placement:
         inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
         return Placement(1.0, inverse).place_vectors(x / self.unit) - self.offset
 
-    def side_marker(self, axis, value):
+    def side_marker(self, axis, coordinate):
         """Return a function that marks the placed image of the plane x[axis] = value."""
 
         def is_on_side(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
             # far from the origin coordinates have errors of 1e-10; neighbours are over 1e-3 apart
-            return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
+            return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - coordinate) < 1e-6
 
         return is_on_side
 
 
-def random_rotation(dim, seed):
+def random_rotation_matrix(dim, seed):
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((dim, dim)))
     Q *= np.sign(np.diag(R))
     Q[0] *= np.sign(np.linalg.det(Q))
@@ -167,14 +167,14 @@ def random_cell_points(cell, n_points, seed):
 # -- builders ------------------------------------------------------------------------------------
 
 
-def structured_grid(cell, lines, seed=0, distortion=0.0):
+def structured_grid(cell, coordinate_lines, seed=0, distortion=0.0):
     """Return a grid of a box between coordinate lines; triangles have random diagonals.
 
     `distortion` (0 to 1) scales the random shifts of the vertices. Vertices on sides stay on them.
     """
     rng = np.random.default_rng(seed)
-    dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in lines)
-    x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, dim)
+    dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in coordinate_lines)
+    x = np.stack(np.meshgrid(*coordinate_lines, indexing="ij"), axis=-1).reshape(-1, dim)
     vertex_numbers = np.arange(len(x)).reshape(shape)
     offsets = np.array(np.meshgrid(*[(0, 1)] * dim, indexing="ij")).reshape(dim, -1)[::-1].T
     corner_numbers = [
@@ -184,7 +184,7 @@ def structured_grid(cell, lines, seed=0, distortion=0.0):
         for offset in offsets
     ]
     cells = np.stack(corner_numbers, axis=1)
-    x = x + distortion * _MAX_SHIFT * _random_shifts(lines, rng)
+    x = x + distortion * _MAX_SHIFT_OVER_HALF_SPACING * _random_vertex_shifts(coordinate_lines, rng)
     if cell == "triangle":
         has_other_diagonal = rng.random(len(cells)) < 0.5
         halves = np.where(
@@ -206,15 +206,15 @@ def structured_grid(cell, lines, seed=0, distortion=0.0):
     return Grid(cell, x, cells)
 
 
-def _random_shifts(lines, rng):
+def _random_vertex_shifts(coordinate_lines, rng):
     """Return random vectors (n, dim) at grid points, up to half the neighbours' distance."""
     max_shifts = []
-    for line in lines:
+    for line in coordinate_lines:
         spacing = np.diff(line)
         half_gap = np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing)) / 2
         half_gap[[0, -1]] = 0.0
         max_shifts.append(half_gap)
-    max_shifts = np.stack(np.meshgrid(*max_shifts, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    max_shifts = np.stack(np.meshgrid(*max_shifts, indexing="ij"), axis=-1).reshape(-1, len(coordinate_lines))
     return max_shifts * rng.uniform(-1, 1, max_shifts.shape)
 
 
@@ -230,30 +230,30 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @st.composite
-def grids(draw, cells=CELLS, size=None, max_divisions=None):
+def grids(draw, cells=CELLS, box_lengths=None, max_divisions=None):
     """Draw a graded grid of a box, by default of side 1, which may be distorted."""
     cell, seed, is_distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
     dim = CELL_DIMENSION[cell]
     max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
     lines = [
         random_graded_line(draw(st.integers(1, max_divisions)), length, (seed, axis))
-        for axis, length in enumerate([1.0] * dim if size is None else size)
+        for axis, length in enumerate([1.0] * dim if box_lengths is None else box_lengths)
     ]
     return structured_grid(cell, lines, seed, float(is_distorted))
 
 
-def random_skew_matrix(dim, seed):
+def random_deformation_gradient(dim, seed):
     """Return a random matrix (dim, dim) with singular values from 1/2 to 2 and det > 0."""
     rng = np.random.default_rng(seed)
     return (
-        random_rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ random_rotation(dim, rng)
+        random_rotation_matrix(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ random_rotation_matrix(dim, rng)
     )
 
 
-def powers_of_ten(low, high):
+def log_uniform_numbers(min_exponent, max_exponent):
     """Draw numbers from 10**low to 10**high whose exponents are uniformly distributed."""
-    return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
+    return st.integers(10 * min_exponent, 10 * max_exponent).map(lambda exponent: 10.0 ** (exponent / 10))
 
 
-LENGTH_UNITS = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
-MODULI = powers_of_ten(-9, 12)
+LENGTH_UNIT_STRATEGY = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
+MODULI = log_uniform_numbers(-9, 12)

@@ -65,7 +65,7 @@ FOOT, TOP, FLOOR, STILL = on_plane(1, 0.0), on_plane(1, 2.0), Plane((0, 0), (0, 
 NAN, INF = float("nan"), float("inf")
 
 
-class RankProblem:
+class BlockWithDifferingRank:
     """Block on a floor, for calls that differ on the last process with nodes on the floor."""
 
     def __init__(self):
@@ -83,12 +83,12 @@ class RankProblem:
         self.foot_conditions = [prescribe(self.U, i, FOOT) for i in (0, 1)]
         self.clamped = Reduction.dirichlet(self.U, self.foot_conditions)
 
-    def pick(self, wrong, right):
+    def pick(self, on_differing_rank, elsewhere):
         """Return the first value on the process that differs, the second value on the others."""
-        return wrong if self.is_selected else right
+        return on_differing_rank if self.is_selected else elsewhere
 
-    def make_body(self, *material, **named):
-        return Body(self.spaces, Material(*material, **named), "plane strain")
+    def make_body(self, *material_arguments, **material_options):
+        return Body(self.spaces, Material(*material_arguments, **material_options), "plane strain")
 
     def solve_contact(self, pair=None, **options):
         arguments = {"K": self.K, "loads": self.load, "reduction": self.free, "space": self.U}
@@ -134,15 +134,15 @@ class RankProblem:
     def make_constant(self, value):
         return fem.Constant(self.mesh, value)
 
-    def load_with_values(self, value):
+    def load_differing_on_one_rank(self, value):
         load = self.load.copy()
         if self.is_selected:
             load.array[:] = value
         return load
 
-    def solve_nonlinear(self, value=0.0, load=None, **options):
+    def solve_nonlinear(self, initial_displacement=0.0, load=None, **options):
         u, v = fem.Function(self.U), ufl.TestFunction(self.spaces.test)
-        u.x.array[:] = value
+        u.x.array[:] = initial_displacement
         form = ufl.inner((1 + ufl.inner(u, u)) * ufl.grad(u), ufl.grad(v)) * ufl.dx - v[1] * ufl.dx
         return PetrovGalerkinProblem(form, u, self.foot_conditions, **options).solve(load)
 
@@ -151,7 +151,7 @@ def floor_pair(friction=0.3, surface=FLOOR, motions=(), **options):
     return ContactPair(FOOT, surface, friction, motions, **options)
 
 
-class HiddenPlane:
+class PlaneWithPrivateData:
     """Plane with private attributes, which are not compared between processes."""
 
     def __init__(self, height, far_slope=0.0):
@@ -167,7 +167,7 @@ class HiddenPlane:
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
-class WrongClosestPoints(HiddenPlane):
+class PlaneWithWrongClosestPoints(PlaneWithPrivateData):
     """Plane with wrong derivatives of its closest points."""
 
     def closest(self, x):
@@ -178,7 +178,7 @@ class WrongClosestPoints(HiddenPlane):
         return x[:, 1]
 
 
-class HiddenLaw:
+class FrictionLawWithPrivateData:
     """Friction law with private attributes, which are not compared between processes."""
 
     def __init__(self, mu=0.3, max_force=1e3, size=None):
@@ -198,7 +198,7 @@ def communicate(values):
     return values
 
 
-class CommunicatingPlane(HiddenPlane):
+class CommunicatingPlane(PlaneWithPrivateData):
     """Plane that communicates with other processes in each of its methods."""
 
     def gap(self, x):
@@ -211,7 +211,7 @@ class CommunicatingPlane(HiddenPlane):
         return communicate(super().closest(x))
 
 
-class CommunicatingLaw(HiddenLaw):
+class CommunicatingLaw(FrictionLawWithPrivateData):
     """Friction law that communicates with other processes in each of its methods."""
 
     def parameter_at(self, x):
@@ -221,16 +221,16 @@ class CommunicatingLaw(HiddenLaw):
         return communicate(super().limit(mu, force))
 
 
-def distance_to_circle(x, radius=50.0):
+def signed_distance_to_circle(x, radius=50.0):
     return np.linalg.norm(x - [2.0, -radius], axis=1) - radius
 
 
-def circle_gradient(x, radius=50.0):
+def gradient_of_distance_to_circle(x, radius=50.0):
     from_centre = x - [2.0, -radius]
     return from_centre / np.linalg.norm(from_centre, axis=1)[:, None]
 
 
-def setter_of(function, value):
+def make_value_setter(function, value):
     """Return a function of the load factor that sets the values of a finite-element function."""
 
     def set_values(share=1.0):
@@ -240,7 +240,7 @@ def setter_of(function, value):
 
 
 # Arguments that are wrong on one process, by w.pick(wrong, right)
-REFUSED_ON_ONE = {
+CALLS_INVALID_ON_ONE_RANK = {
     "modulus -1": lambda w: w.make_body(w.pick(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.make_body(w.pick(NAN, 1.0), 0.3),
     "modulus a word": lambda w: w.make_body(w.pick("x", 1.0), 0.3),
@@ -279,13 +279,13 @@ REFUSED_ON_ONE = {
         floor_pair(surface=FlatPunch((2, 0), (0, 1), w.pick(0.0, 3.0)))
     ),
     "distance without function": lambda w: w.solve_contact(
-        floor_pair(surface=SignedDistance(w.pick(None, distance_to_circle)))
+        floor_pair(surface=SignedDistance(w.pick(None, signed_distance_to_circle)))
     ),
     "distance with a gradient 1": lambda w: w.solve_contact(
-        floor_pair(surface=SignedDistance(distance_to_circle, w.pick(1.0, None)))
+        floor_pair(surface=SignedDistance(signed_distance_to_circle, w.pick(1.0, None)))
     ),
     "distance with step 0": lambda w: w.solve_contact(
-        floor_pair(surface=SignedDistance(distance_to_circle, step=w.pick(0.0, 1e-6)))
+        floor_pair(surface=SignedDistance(signed_distance_to_circle, step=w.pick(0.0, 1e-6)))
     ),
     "friction -1": lambda w: w.solve_contact(floor_pair(w.pick(-1.0, 0.3))),
     "friction nan": lambda w: w.solve_contact(floor_pair(w.pick(NAN, 0.3))),
@@ -331,7 +331,7 @@ REFUSED_ON_ONE = {
 }
 
 # Valid arguments and functions that differ on one process
-DIFFERENT_ON_ONE = {
+CALLS_DIFFERENT_ON_ONE_RANK = {
     "modulus": lambda w: w.make_body(w.pick(2.0, 1.0), 0.3),
     "modulus by the last digit": lambda w: w.make_body(w.pick(1.0 + 2**-52, 1.0), 0.3),
     "density": lambda w: w.make_body(1.0, 0.3, w.pick(2.0, 1.0)),
@@ -345,25 +345,25 @@ DIFFERENT_ON_ONE = {
     "kind of a surface": lambda w: w.solve_contact(
         floor_pair(surface=w.pick(Parabola((2, 0), -9.0), FLOOR))
     ),
-    "hidden height": lambda w: w.solve_contact(floor_pair(surface=HiddenPlane(w.pick(-0.1, 0.0)))),
+    "hidden height": lambda w: w.solve_contact(floor_pair(surface=PlaneWithPrivateData(w.pick(-0.1, 0.0)))),
     "hidden height, hardly": lambda w: w.solve_contact(
-        floor_pair(surface=HiddenPlane(w.pick(-1e-4, 0.0)))
+        floor_pair(surface=PlaneWithPrivateData(w.pick(-1e-4, 0.0)))
     ),
     "hidden and far away": lambda w: w.solve_contact(
-        floor_pair(surface=HiddenPlane(0.0, w.pick(0.5, 0.0)))
+        floor_pair(surface=PlaneWithPrivateData(0.0, w.pick(0.5, 0.0)))
     ),
-    "hidden closest points": lambda w: w.solve_residual_step(WrongClosestPoints(w.pick(0.1, 0.0))),
+    "hidden closest points": lambda w: w.solve_residual_step(PlaneWithWrongClosestPoints(w.pick(0.1, 0.0))),
     "distance": lambda w: w.solve_contact(
         floor_pair(surface=SignedDistance(w.pick(lambda x: x[:, 1] + 0.1, lambda x: x[:, 1])))
     ),
     "radius in a function": lambda w: w.solve_residual_step(
-        SignedDistance(w.pick(lambda x: distance_to_circle(x, 51.0), distance_to_circle))
+        SignedDistance(w.pick(lambda x: signed_distance_to_circle(x, 51.0), signed_distance_to_circle))
     ),
     "gradient, of other sign": lambda w: w.solve_residual_step(
-        SignedDistance(distance_to_circle, w.pick(lambda x: -circle_gradient(x), circle_gradient))
+        SignedDistance(signed_distance_to_circle, w.pick(lambda x: -gradient_of_distance_to_circle(x), gradient_of_distance_to_circle))
     ),
     "gradient missing": lambda w: w.solve_residual_step(
-        SignedDistance(distance_to_circle, w.pick(None, circle_gradient))
+        SignedDistance(signed_distance_to_circle, w.pick(None, gradient_of_distance_to_circle))
     ),
     "friction in a function": lambda w: w.solve_contact(
         floor_pair(w.pick(lambda x: 0.4 + 0 * x[0], lambda x: 0.3 + 0 * x[0]))
@@ -372,14 +372,14 @@ DIFFERENT_ON_ONE = {
         floor_pair(w.pick(lambda x: 0.3 + (x[0] > 3.9), lambda x: 0.3 + 0 * x[0]))
     ),
     "hidden coefficient of a law": lambda w: w.solve_contact(
-        floor_pair(HiddenLaw(w.pick(0.4, 0.3)))
+        floor_pair(FrictionLawWithPrivateData(w.pick(0.4, 0.3)))
     ),
     "hidden limit of a law": lambda w: w.solve_contact(
-        floor_pair(HiddenLaw(max_force=w.pick(1e2, 1e3)))
+        floor_pair(FrictionLawWithPrivateData(max_force=w.pick(1e2, 1e3)))
     ),
-    "kind of a law": lambda w: w.solve_contact(floor_pair(w.pick(HiddenLaw(), Coulomb(0.3)))),
+    "kind of a law": lambda w: w.solve_contact(floor_pair(w.pick(FrictionLawWithPrivateData(), Coulomb(0.3)))),
     "size of a law's answer": lambda w: w.solve_contact(
-        floor_pair(HiddenLaw(size=w.pick(1, None)))
+        floor_pair(FrictionLawWithPrivateData(size=w.pick(1, None)))
     ),
     "depth of an interference": lambda w: w.solve_contact(
         floor_pair(interference=w.pick(True, False))
@@ -417,7 +417,7 @@ DIFFERENT_ON_ONE = {
         duration=1e-2, paths=lambda t: (0, t * (1 + w.pick(t > 5e-3, 0)))
     ),
     "duration": lambda w: w.solve_impact(duration=w.pick(2e-4, 1e-4)),
-    "load of a step": lambda w: step_with_constant(w, w.pick(2.0, 1.0)),
+    "load of a step": lambda w: solve_step_with_prescribed_constant(w, w.pick(2.0, 1.0)),
     "load of a problem": lambda w: w.solve_nonlinear(
         load=lambda share: w.foot_conditions[0].g.value.__setitem__((), w.pick(0.1, 0.0) * share)
     ),
@@ -437,36 +437,36 @@ DIFFERENT_ON_ONE = {
         "/nowhere/a.npz", w.pick(["friction"], [])
     ),
     "depth of a flux": lambda w: nodal_flux(
-        Spaces.petrov_galerkin(w.mesh, 0), flux_vector(w), FOOT, depth=w.pick(2.0, 1.0)
+        Spaces.petrov_galerkin(w.mesh, 0), make_flux_vector(w), FOOT, depth=w.pick(2.0, 1.0)
     ),
     "times of a file": lambda w: write(
-        "/nowhere/a.bp", initial_states(w), w.block.body, [w.pick(1.0, 2.0)]
+        "/nowhere/a.bp", make_undeformed_states(w), w.block.body, [w.pick(1.0, 2.0)]
     ),
-    "axis of a picture": lambda w: plot(initial_states(w)[0], w.block.body, along=w.pick(1, 0)),
+    "axis of a picture": lambda w: plot(make_undeformed_states(w)[0], w.block.body, along=w.pick(1, 0)),
     "pivot": lambda w: w.solve_contact(floor_pair(pivot=w.pick((0, 0), None))),
 }
 
 # Arguments and results of users' functions that are not finite on one process
-NAN_ON_ONE = {
-    "gap": lambda w: w.solve_contact(floor_pair(surface=HiddenPlane(w.pick(NAN, 0.0)))),
+CALLS_NAN_ON_ONE_RANK = {
+    "gap": lambda w: w.solve_contact(floor_pair(surface=PlaneWithPrivateData(w.pick(NAN, 0.0)))),
     "gap far away": lambda w: w.solve_contact(
-        floor_pair(surface=HiddenPlane(0.0, w.pick(NAN, 0.0)))
+        floor_pair(surface=PlaneWithPrivateData(0.0, w.pick(NAN, 0.0)))
     ),
-    "closest points": lambda w: w.solve_residual_step(WrongClosestPoints(w.pick(NAN, 0.0))),
-    "law": lambda w: w.solve_contact(floor_pair(HiddenLaw(max_force=w.pick(NAN, 1e3)))),
-    "law's parameter": lambda w: w.solve_contact(floor_pair(HiddenLaw(w.pick(NAN, 0.3)))),
+    "closest points": lambda w: w.solve_residual_step(PlaneWithWrongClosestPoints(w.pick(NAN, 0.0))),
+    "law": lambda w: w.solve_contact(floor_pair(FrictionLawWithPrivateData(max_force=w.pick(NAN, 1e3)))),
+    "law's parameter": lambda w: w.solve_contact(floor_pair(FrictionLawWithPrivateData(w.pick(NAN, 0.3)))),
     "friction": lambda w: w.solve_contact(floor_pair(lambda x: w.pick(NAN, 0.3) + 0 * x[0])),
     "distance": lambda w: w.solve_contact(
         floor_pair(surface=SignedDistance(lambda x: w.pick(NAN, 1.0) * x[:, 1]))
     ),
     "gradient": lambda w: w.solve_residual_step(
-        SignedDistance(distance_to_circle, lambda x: w.pick(NAN, 1.0) * circle_gradient(x))
+        SignedDistance(signed_distance_to_circle, lambda x: w.pick(NAN, 1.0) * gradient_of_distance_to_circle(x))
     ),
-    "load": lambda w: solve(w.K, w.load_with_values(NAN), w.clamped),
-    "load of contact": lambda w: w.solve_contact(loads=w.load_with_values(NAN)),
-    "load of a step": lambda w: w.solve_step(load=w.load_with_values(INF)),
-    "velocity": lambda w: w.solve_impact(velocity=w.load_with_values(NAN)),
-    "load in time": lambda w: w.solve_impact(load=lambda t: w.load_with_values(NAN)),
+    "load": lambda w: solve(w.K, w.load_differing_on_one_rank(NAN), w.clamped),
+    "load of contact": lambda w: w.solve_contact(loads=w.load_differing_on_one_rank(NAN)),
+    "load of a step": lambda w: w.solve_step(load=w.load_differing_on_one_rank(INF)),
+    "velocity": lambda w: w.solve_impact(velocity=w.load_differing_on_one_rank(NAN)),
+    "load in time": lambda w: w.solve_impact(load=lambda t: w.load_differing_on_one_rank(NAN)),
     "path": lambda w: w.solve_impact(paths=lambda t: (0, w.pick(NAN, 0.0))),
     "image": lambda w: move_nodes(square_mesh(), lambda x: w.pick(NAN, 1.0) * x),
     "prescribed function": lambda w: Reduction.dirichlet(
@@ -482,7 +482,7 @@ NAN_ON_ONE = {
     "state": lambda w: w.solve_step(state=nan_state(w)),
     "history that update sets": lambda w: w.solve_residual_step(
         history=[(variable := w.make_function(0.0))],
-        update=setter_of(variable, w.pick(NAN, 0.0)),
+        update=make_value_setter(variable, w.pick(NAN, 0.0)),
         load=lambda share: None,
         max_iterations=25,
         callback=None,
@@ -490,8 +490,8 @@ NAN_ON_ONE = {
     "history from the start": lambda w: w.solve_residual_step(
         history=[w.make_function(w.pick(NAN, 0.0))]
     ),
-    "reactions": lambda w: forces_along(w.U, w.load_with_values(NAN), FOOT),
-    "flux": lambda w: nodal_flux(Spaces.petrov_galerkin(w.mesh, 0), flux_vector(w, NAN), FOOT),
+    "reactions": lambda w: forces_along(w.U, w.load_differing_on_one_rank(NAN), FOOT),
+    "flux": lambda w: nodal_flux(Spaces.petrov_galerkin(w.mesh, 0), make_flux_vector(w, NAN), FOOT),
     "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.pick(NAN, 0.0)),
     "traction": lambda w: w.block.body.surface_load(
         (0.0, w.pick(NAN, 1.0)), boundary_measure(w.mesh, TOP)
@@ -507,29 +507,29 @@ NAN_ON_ONE = {
         w.spaces, Material(1.0), "plane stress", w.make_function(w.pick(NAN, 1.0))
     ),
     "coefficients": lambda w: Sibling.from_space(Spaces.galerkin(w.mesh).trial).displacement(
-        w.load_with_values(NAN)
+        w.load_differing_on_one_rank(NAN)
     ),
-    "mass": lambda w: lumped_mass(diagonal_matrix(w.K, w.load_with_values(NAN)), w.U),
-    "force": lambda w: reactions(w.K, w.load_with_values(NAN), w.load),
+    "mass": lambda w: lumped_mass(diagonal_matrix(w.K, w.load_differing_on_one_rank(NAN)), w.U),
+    "force": lambda w: reactions(w.K, w.load_differing_on_one_rank(NAN), w.load),
 }
 
 # Functions that communicate, and differences that are allowed: all processes succeed
-SAME_OUTCOME = {
+CALLS_SUCCEEDING_ON_ALL_RANKS = {
     "surface talks": lambda w: w.solve_contact(floor_pair(surface=CommunicatingPlane(0.0))),
     "surface talks at large strains": lambda w: w.solve_residual_step(CommunicatingPlane(0.0)),
     "distance talks": lambda w: w.solve_contact(
         floor_pair(surface=SignedDistance(lambda x: communicate(x[:, 1])))
     ),
     "distance talks at large strains": lambda w: w.solve_residual_step(
-        SignedDistance(lambda x: communicate(distance_to_circle(x)))
+        SignedDistance(lambda x: communicate(signed_distance_to_circle(x)))
     ),
     "gradient talks": lambda w: w.solve_residual_step(
-        SignedDistance(distance_to_circle, lambda x: communicate(circle_gradient(x)))
+        SignedDistance(signed_distance_to_circle, lambda x: communicate(gradient_of_distance_to_circle(x)))
     ),
     "infinite distance talks": lambda w: w.solve_residual_step(
         SignedDistance(
             lambda x: communicate(
-                np.where(np.abs(x[:, 0] - 2) < 1.3, distance_to_circle(x), np.inf)
+                np.where(np.abs(x[:, 0] - 2) < 1.3, signed_distance_to_circle(x), np.inf)
             )
         )
     ),
@@ -559,22 +559,22 @@ def square_mesh():
     return triangles(COMM, (0, 0), (1, 1), (4, 4))
 
 
-def initial_states(w):
-    return [ContactProblem(w.K, w.free, floor_pair(), w.U).undeformed]
+def make_undeformed_states(block):
+    return [ContactProblem(block.K, block.free, floor_pair(), block.U).undeformed]
 
 
-def nan_state(w):
-    (state,) = initial_states(w)
+def nan_state(block):
+    (state,) = make_undeformed_states(block)
     (pair,) = state.pairs
-    force = pair.force_normal + w.pick(NAN, 0.0)
+    force = pair.force_normal + block.pick(NAN, 0.0)
     return replace(state, pairs=(replace(pair, force_normal=force),))
 
 
-def flux_vector(w, value=0.0):
-    scalars = Spaces.petrov_galerkin(w.mesh, 0).trial.dofmap.index_map
+def make_flux_vector(block, value_on_differing_rank=0.0):
+    scalars = Spaces.petrov_galerkin(block.mesh, 0).trial.dofmap.index_map
     vector = PETSc.Vec().createMPI((scalars.size_local, scalars.size_global), comm=COMM)
-    if w.is_selected:
-        vector.array[:] += value
+    if block.is_selected:
+        vector.array[:] += value_on_differing_rank
     return vector
 
 
@@ -586,13 +586,13 @@ def diagonal_matrix(K, vector):
     return matrix
 
 
-def step_with_constant(w, value):
-    load = w.make_constant(0.0)
+def solve_step_with_prescribed_constant(block, displacement):
+    load = block.make_constant(0.0)
 
     def set_load(share):
-        load.value = value * share
+        load.value = displacement * share
 
-    return w.solve_residual_step(
+    return block.solve_residual_step(
         load=set_load,
-        conditions=[prescribe(w.U, 0, lambda x: on_plane(0, 0.0)(x) & (x[1] > 1), load)],
+        conditions=[prescribe(block.U, 0, lambda x: on_plane(0, 0.0)(x) & (x[1] > 1), load)],
     )

@@ -39,7 +39,7 @@ from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import BlockOnFloor, on_plane
 from tests.contact.iterative import SolidBlock
-from tests.library.public_calls import ROOT, altered_values, correct_calls, public_objects
+from tests.library.public_calls import ROOT, altered_values, make_valid_collective_calls, collect_public_callables_by_name
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
 
@@ -51,66 +51,66 @@ BLOCK = BlockOnFloor(8, comm=COMM)
 U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure_load
 FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 # The process on which calls fail: the last one that owns nodes on the floor
-OWNED_POINTS = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
-WRONG_RANK = max(COMM.allgather(COMM.rank if np.isclose(OWNED_POINTS[:, 1], 0.0).any() else -1))
-IS_WRONG_RANK = COMM.rank == WRONG_RANK
-NODE_NUMBERS = np.array([10**6 if IS_WRONG_RANK else 0])
+OWNED_NODE_POSITIONS = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
+FAILING_RANK = max(COMM.allgather(COMM.rank if np.isclose(OWNED_NODE_POSITIONS[:, 1], 0.0).any() else -1))
+IS_FAILING_RANK = COMM.rank == FAILING_RANK
+NODE_NUMBERS_INVALID_ON_FAILING_RANK = np.array([10**6 if IS_FAILING_RANK else 0])
 
 DIFFERENCE_MESSAGE = (
-    f"this differs between processes 0 and {WRONG_RANK}, but all of them have to state the same"
+    f"this differs between processes 0 and {FAILING_RANK}, but all of them have to state the same"
 )
-RANK_MESSAGE = f"of which process {WRONG_RANK} has "
-NUMBER_MESSAGE = f"1000000: local numbers are counted from 0, {RANK_MESSAGE}"
+FAILING_RANK_MESSAGE_PART = f"of which process {FAILING_RANK} has "
+INVALID_NUMBER_MESSAGE_PART = f"1000000: local numbers are counted from 0, {FAILING_RANK_MESSAGE_PART}"
 
 
 RAISED_ERROR = KeyError("x")
 
 
-def fail_on_one_rank(value):
+def return_or_fail_on_one_rank(value):
     """Return a value, or raise `RAISED_ERROR` if this process is the one that fails."""
-    if IS_WRONG_RANK:
+    if IS_FAILING_RANK:
         raise RAISED_ERROR
     return value
 
 
-def failing_marker(x):
-    return fail_on_one_rank(FOOT(x))
+def marker_failing_on_one_rank(x):
+    return return_or_fail_on_one_rank(FOOT(x))
 
 
-def scalar_on_one_rank(x):
-    return FOOT(x) if not IS_WRONG_RANK else True
+def marker_giving_scalar_on_one_rank(x):
+    return FOOT(x) if not IS_FAILING_RANK else True
 
 
-def square_mesh(n):
-    return triangles(COMM, (0, 0), (1, 1), (4, n))
+def square_mesh(n_rows):
+    return triangles(COMM, (0, 0), (1, 1), (4, n_rows))
 
 
 def solve_block(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
     return solve_contact(K, loads, reduction, pair or BLOCK.floor_pair(0.3), U, **options)
 
 
-class FailingClosestPoints(Plane):
+class PlaneWithClosestPointsFailingOnOneRank(Plane):
     """Plane whose method for closest points fails on one process."""
 
     def closest(self, x):
-        return fail_on_one_rank(super().closest(x))
+        return return_or_fail_on_one_rank(super().closest(x))
 
 
-class FailingLaw:
+class FrictionLawFailingOnOneRank:
     """Friction law that fails on one process, in its first call or after some calls."""
 
     def __init__(self, first="limit", last=0):
         self._first, self._left = first, last
 
     def parameter_at(self, _):
-        return fail_on_one_rank(0.0) if self._first == "at" else 0.3
+        return return_or_fail_on_one_rank(0.0) if self._first == "at" else 0.3
 
     def limit(self, mu, force):
         self._left -= 1
-        return (fail_on_one_rank(mu * force) if self._left < 0 else mu * force), mu + 0 * force
+        return (return_or_fail_on_one_rank(mu * force) if self._left < 0 else mu * force), mu + 0 * force
 
 
-class FailingKrylovSolver:
+class KrylovSolverFailingOnOneRank:
     """Krylov solver that fails on one process after a given number of products."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
@@ -124,7 +124,7 @@ class FailingKrylovSolver:
     def iterate(self, product, precondition, right, _):
         for k in range(self._steps):
             if k == self._products:
-                fail_on_one_rank(0)
+                return_or_fail_on_one_rank(0)
             product(precondition(right))
         return 0 * right
 
@@ -132,13 +132,13 @@ class FailingKrylovSolver:
         pass
 
 
-def solve_plate_by(solver):
+def solve_plate_contact(solver):
     solid = SolidBlock(n=2, comm=COMM)
-    plate = solid.case_arguments("plate by forces")
+    plate = solid.solve_contact_arguments("plate by forces")
     return solve_contact(*plate, solver=solver)
 
 
-def solve_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
+def solve_contact_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
     top_conditions = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
@@ -153,22 +153,22 @@ def singular(*_):
     raise np.linalg.LinAlgError("singular")
 
 
-def fail_in_proof():
+def solve_infeasible_with_failing_proof():
     """Solve a problem without solution; process 0 alone fails in the proof of this."""
-    with patch("pw_elements.contact.rescue.refusals._combine_proofs", singular):
-        return solve_block(loads=BLOCK.pull_loads(1e3, 1))
+    with patch("pw_elements.contact.rescue.refusals._prove_no_equilibrium_by_motion_groups", singular):
+        return solve_block(loads=BLOCK.press_then_pull_loads(1e3, 1))
 
 
-class FailingPlane:
+class PlaneFailingOnOneRank:
     """Plane with a method that fails or returns a wrong shape on one process."""
 
     def __init__(self, fails="", wrong=""):
         self._fails, self._wrong = fails, wrong
 
-    def return_or_fail(self, name, values):
-        if name == self._fails:
-            fail_on_one_rank(values)
-        return values[:1] if IS_WRONG_RANK and name == self._wrong else values
+    def return_or_fail(self, method_name, values):
+        if method_name == self._fails:
+            return_or_fail_on_one_rank(values)
+        return values[:1] if IS_FAILING_RANK and method_name == self._wrong else values
 
     def gap(self, x):
         return self.return_or_fail("gap", x[:, 1])
@@ -177,24 +177,24 @@ class FailingPlane:
         return self.return_or_fail("normal", np.tile([0.0, 1.0], (len(x), 1)))
 
 
-class FailingObject:
+class ObjectFailingOnOneRank:
     """Object that is passed instead of a reduction; one attribute fails on one process."""
 
     @property
     def mesh(self):
-        return fail_on_one_rank(None)
+        return return_or_fail_on_one_rank(None)
 
 
-def with_nan_on_one_rank(vector):
+def copy_with_nan_on_one_rank(vector):
     vector = vector.copy()
-    if IS_WRONG_RANK:
+    if IS_FAILING_RANK:
         vector.array[:] = np.nan
     return vector
 
 
-def stiffness_with_nan():
+def stiffness_with_nan_on_one_rank():
     matrix = K.copy()
-    if IS_WRONG_RANK:
+    if IS_FAILING_RANK:
         row = matrix.getOwnershipRange()[0]
         matrix.setValue(row, row, np.nan)
     matrix.assemble()
@@ -215,18 +215,18 @@ def solve_step(motions):
     return make_problem().step(make_problem().undeformed, LOAD, motions)
 
 
-def step_from_other_problem():
+def step_from_other_state_on_one_rank():
     problem_here, small_problem = make_problem(), make_problem(BlockOnFloor(4, comm=COMM))
-    return problem_here.step((small_problem if IS_WRONG_RANK else problem_here).undeformed, LOAD)
+    return problem_here.step((small_problem if IS_FAILING_RANK else problem_here).undeformed, LOAD)
 
 
-def step_from_changed_state(**values):
+def step_from_state_changed_on_one_rank(**changes_on_failing_rank):
     """Solve an increment from a state in which values are changed on one process."""
     start = make_problem().undeformed
     (pair,) = start.pairs
     wrong_values = {
-        name: getattr(pair, name) + (value if IS_WRONG_RANK else 0.0)
-        for name, value in values.items()
+        name: getattr(pair, name) + (value if IS_FAILING_RANK else 0.0)
+        for name, value in changes_on_failing_rank.items()
     }
     return make_problem().step(replace(start, pairs=(replace(pair, **wrong_values),)), LOAD)
 
@@ -252,159 +252,159 @@ def solve_nonlinear(load, **options):
     PetrovGalerkinProblem(F, u, prescribe(U, 0, FOOT), **options).solve(load)
 
 
-SCENARIOS = [
+FAILING_CALLS_WITH_MESSAGES = [
     (
-        f"the marker of the prescribed nodes failed on process {WRONG_RANK}: KeyError: 'x'",
-        lambda: prescribe(U, 0, failing_marker),
+        f"the marker of the prescribed nodes failed on process {FAILING_RANK}: KeyError: 'x'",
+        lambda: prescribe(U, 0, marker_failing_on_one_rank),
     ),
     (
         "the marker of the prescribed nodes gave bool of",
-        lambda: prescribe(U, 0, scalar_on_one_rank),
+        lambda: prescribe(U, 0, marker_giving_scalar_on_one_rank),
     ),
     (
         "the marker of the boundary gave bool of the shape ()",
-        lambda: boundary_measure(MESH, scalar_on_one_rank),
+        lambda: boundary_measure(MESH, marker_giving_scalar_on_one_rank),
     ),
     (
-        f"facets have the numbers 1000000 to {NUMBER_MESSAGE}",
-        lambda: boundary_measure(MESH, NODE_NUMBERS),
+        f"facets have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
+        lambda: boundary_measure(MESH, NODE_NUMBERS_INVALID_ON_FAILING_RANK),
     ),
     (
         "facets are float64 of the shape (1,)",
-        lambda: boundary_measure(MESH, np.array([0.0 if IS_WRONG_RANK else 0])),
+        lambda: boundary_measure(MESH, np.array([0.0 if IS_FAILING_RANK else 0])),
     ),
     (
-        f"facets are a mask of 3: it is one of all, {RANK_MESSAGE}",
-        lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if IS_WRONG_RANK else failing_marker),
+        f"facets are a mask of 3: it is one of all, {FAILING_RANK_MESSAGE_PART}",
+        lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if IS_FAILING_RANK else marker_failing_on_one_rank),
     ),
     (
         f"force: {DIFFERENCE_MESSAGE}",
-        lambda: nodal_load(U, FOOT, (np.nan if IS_WRONG_RANK else 1.0, 0.0)),
+        lambda: nodal_load(U, FOOT, (np.nan if IS_FAILING_RANK else 1.0, 0.0)),
     ),
     (
         "the mass matrix has entries that are not",
-        lambda: lumped_mass(diagonal_matrix(K, with_nan_on_one_rank(vector_of_ones())), U),
+        lambda: lumped_mass(diagonal_matrix(K, copy_with_nan_on_one_rank(vector_of_ones())), U),
     ),
     (
-        f"the nodes to be condensed have the numbers 1000000 to {NUMBER_MESSAGE}",
-        lambda: Reduction.condensation(K, U, NODE_NUMBERS),
+        f"the nodes to be condensed have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
+        lambda: Reduction.condensation(K, U, NODE_NUMBERS_INVALID_ON_FAILING_RANK),
     ),
-    ("the load is not finite", lambda: solve(K, with_nan_on_one_rank(LOAD), clamped_foot())),
+    ("the load is not finite", lambda: solve(K, copy_with_nan_on_one_rank(LOAD), clamped_foot())),
     (
-        "TypeError: the reduction is of the type FailingObject",
-        lambda: solve(K, LOAD, FailingObject()),
+        "TypeError: the reduction is of the type ObjectFailingOnOneRank",
+        lambda: solve(K, LOAD, ObjectFailingOnOneRank()),
     ),
     (
-        f"the nodes of contact pair 0 have the numbers 1000000 to {NUMBER_MESSAGE}",
-        lambda: solve_block(ContactPair([10**6] if IS_WRONG_RANK else FOOT, FLOOR)),
+        f"the nodes of contact pair 0 have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
+        lambda: solve_block(ContactPair([10**6] if IS_FAILING_RANK else FOOT, FLOOR)),
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block([BLOCK.floor_pair(0.3)] * (1 + IS_WRONG_RANK)),
+        lambda: solve_block([BLOCK.floor_pair(0.3)] * (1 + IS_FAILING_RANK)),
     ),
     (
         "the friction of contact pair 0 gave float64 of the shape",
-        lambda: solve_block(floor_pair(lambda x: x[0] if not IS_WRONG_RANK else x[0, :-1])),
+        lambda: solve_block(floor_pair(lambda x: x[0] if not IS_FAILING_RANK else x[0, :-1])),
     ),
-    (f"pairs: {DIFFERENCE_MESSAGE}", lambda: solve_block(floor_pair(0.3 + IS_WRONG_RANK))),
+    (f"pairs: {DIFFERENCE_MESSAGE}", lambda: solve_block(floor_pair(0.3 + IS_FAILING_RANK))),
     (
         "the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
-        lambda: solve_block(floor_pair(surface=FailingPlane(wrong="normal"))),
+        lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(wrong="normal"))),
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block(floor_pair(motions=[STILL] * (1 + IS_WRONG_RANK))),
+        lambda: solve_block(floor_pair(motions=[STILL] * (1 + IS_FAILING_RANK))),
     ),
     (
         "the load of increment 0 is not finite",
-        lambda: solve_block(loads=with_nan_on_one_rank(LOAD)),
+        lambda: solve_block(loads=copy_with_nan_on_one_rank(LOAD)),
     ),
-    ("the stiffness has entries that are not", lambda: solve_block(K=stiffness_with_nan())),
+    ("the stiffness has entries that are not", lambda: solve_block(K=stiffness_with_nan_on_one_rank())),
     (
         f"motions: {DIFFERENCE_MESSAGE}",
-        lambda: solve_step([Motion((0, 0.1 if IS_WRONG_RANK else 0.2))]),
+        lambda: solve_step([Motion((0, 0.1 if IS_FAILING_RANK else 0.2))]),
     ),
-    (f"state: {DIFFERENCE_MESSAGE}", step_from_other_problem),
-    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_changed_state(slip=1e-15)),
-    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_changed_state(displacement=np.nan)),
-    ("LinAlgError: singular", fail_in_proof),
+    (f"state: {DIFFERENCE_MESSAGE}", step_from_other_state_on_one_rank),
+    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_state_changed_on_one_rank(slip=1e-15)),
+    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_state_changed_on_one_rank(displacement=np.nan)),
+    ("LinAlgError: singular", solve_infeasible_with_failing_proof),
     (
         "FileNotFoundError: the state cannot be written to /nowhere/",
         lambda: make_problem().save(make_problem().undeformed, "/nowhere/state.npz"),
     ),
     (
         f"the paths: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block_impact(paths=[lambda time: (0, time + IS_WRONG_RANK)]),
+        lambda: solve_block_impact(paths=[lambda time: (0, time + IS_FAILING_RANK)]),
     ),
     (
         "the load at the time 0 is not finite",
-        lambda: solve_block_impact(load=lambda _: with_nan_on_one_rank(LOAD)),
+        lambda: solve_block_impact(load=lambda _: copy_with_nan_on_one_rank(LOAD)),
     ),
 ]
 
 
 # Calls of users' functions of all kinds, which fail on one process
-FAILING_FUNCTIONS = {
-    "marker of nodes": lambda: prescribe(U, 0, failing_marker),
-    "marker of loaded nodes": lambda: nodal_load(U, failing_marker, (1.0, 0.0)),
-    "marker of facets": lambda: boundary_measure(MESH, failing_marker),
-    "marker of a line": lambda: forces_along(U, LOAD, failing_marker),
-    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, failing_marker),
-    "marker of a pair": lambda: solve_block(ContactPair(failing_marker, FLOOR)),
-    "image": lambda: move_nodes(square_mesh(4), fail_on_one_rank),
-    "image of a curved mesh": lambda: curved_mesh(square_mesh(4), fail_on_one_rank),
-    "friction": lambda: solve_block(floor_pair(lambda x: fail_on_one_rank(0 * x[0]))),
-    "law, of a node": lambda: solve_block(floor_pair(FailingLaw("at"))),
-    "law, at once": lambda: solve_block(floor_pair(FailingLaw())),
-    "law, later": lambda: solve_block(floor_pair(FailingLaw(last=30))),
+CALLS_WITH_FAILING_USER_FUNCTION = {
+    "marker of nodes": lambda: prescribe(U, 0, marker_failing_on_one_rank),
+    "marker of loaded nodes": lambda: nodal_load(U, marker_failing_on_one_rank, (1.0, 0.0)),
+    "marker of facets": lambda: boundary_measure(MESH, marker_failing_on_one_rank),
+    "marker of a line": lambda: forces_along(U, LOAD, marker_failing_on_one_rank),
+    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, marker_failing_on_one_rank),
+    "marker of a pair": lambda: solve_block(ContactPair(marker_failing_on_one_rank, FLOOR)),
+    "image": lambda: move_nodes(square_mesh(4), return_or_fail_on_one_rank),
+    "image of a curved mesh": lambda: curved_mesh(square_mesh(4), return_or_fail_on_one_rank),
+    "friction": lambda: solve_block(floor_pair(lambda x: return_or_fail_on_one_rank(0 * x[0]))),
+    "law, of a node": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank("at"))),
+    "law, at once": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank())),
+    "law, later": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank(last=30))),
     "law, in an impact": lambda: solve_block_impact(
-        0.1, 0 * vector_of_ones(), floor_pair(FailingLaw(last=28)), load=LOAD
+        0.1, 0 * vector_of_ones(), floor_pair(FrictionLawFailingOnOneRank(last=28)), load=LOAD
     ),
-    "gap": lambda: solve_block(floor_pair(surface=FailingPlane(fails="gap"))),
-    "normal": lambda: solve_block(floor_pair(surface=FailingPlane(fails="normal"))),
-    "closest points": lambda: solve_at_large_strain(FailingClosestPoints((0, 0), (0, 1))),
-    "signed distance": lambda: solve_at_large_strain(
-        SignedDistance(lambda x: fail_on_one_rank(x[:, 1]))
+    "gap": lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(fails="gap"))),
+    "normal": lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(fails="normal"))),
+    "closest points": lambda: solve_contact_at_large_strain(PlaneWithClosestPointsFailingOnOneRank((0, 0), (0, 1))),
+    "signed distance": lambda: solve_contact_at_large_strain(
+        SignedDistance(lambda x: return_or_fail_on_one_rank(x[:, 1]))
     ),
-    "its gradient": lambda: solve_at_large_strain(
-        SignedDistance(lambda x: x[:, 1], lambda x: fail_on_one_rank(0 * x + [0, 1]))
+    "its gradient": lambda: solve_contact_at_large_strain(
+        SignedDistance(lambda x: x[:, 1], lambda x: return_or_fail_on_one_rank(0 * x + [0, 1]))
     ),
-    "callback": lambda: solve_block(callback=fail_on_one_rank),
+    "callback": lambda: solve_block(callback=return_or_fail_on_one_rank),
     "callback of one process": lambda: solve_block(
-        callback=fail_on_one_rank if IS_WRONG_RANK else None
+        callback=return_or_fail_on_one_rank if IS_FAILING_RANK else None
     ),
-    "load of a residual": lambda: solve_nonlinear(fail_on_one_rank),
-    "load of a step": lambda: solve_at_large_strain(load=fail_on_one_rank),
-    "update": lambda: solve_at_large_strain(update=lambda: fail_on_one_rank(0)),
-    "callback at large strains": lambda: solve_at_large_strain(callback=fail_on_one_rank),
-    "load of an impact": lambda: solve_block_impact(load=lambda _: fail_on_one_rank(LOAD)),
-    "path": lambda: solve_block_impact(paths=[lambda _: fail_on_one_rank((0, 0))]),
-    "iterate, at once": lambda: solve_plate_by(FailingKrylovSolver(0)),
-    "iterate, between products": lambda: solve_plate_by(FailingKrylovSolver(2)),
-    "iterate, at the end": lambda: solve_plate_by(FailingKrylovSolver(3, 4)),
+    "load of a residual": lambda: solve_nonlinear(return_or_fail_on_one_rank),
+    "load of a step": lambda: solve_contact_at_large_strain(load=return_or_fail_on_one_rank),
+    "update": lambda: solve_contact_at_large_strain(update=lambda: return_or_fail_on_one_rank(0)),
+    "callback at large strains": lambda: solve_contact_at_large_strain(callback=return_or_fail_on_one_rank),
+    "load of an impact": lambda: solve_block_impact(load=lambda _: return_or_fail_on_one_rank(LOAD)),
+    "path": lambda: solve_block_impact(paths=[lambda _: return_or_fail_on_one_rank((0, 0))]),
+    "iterate, at once": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(0)),
+    "iterate, between products": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(2)),
+    "iterate, at the end": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(3, 4)),
 }
 USER_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
 
 
-def failed_scenarios(comm, errors):
+def collect_unexpected_outcomes(comm, user_errors):
     """Return the scenarios in which any process has an unexpected error, with all errors."""
     failures = [
         (message, outcomes)
-        for message, scenario in SCENARIOS
-        if len(set(outcomes := gather_outcomes(comm, scenario))) > 1
+        for message, scenario in FAILING_CALLS_WITH_MESSAGES
+        if len(set(outcomes := gather_error_messages(comm, scenario))) > 1
         or not outcomes[0].startswith(message)
     ]
     global RAISED_ERROR
-    for RAISED_ERROR in errors:
-        for name, call in FAILING_FUNCTIONS.items():
-            outcomes = gather_outcomes(comm, call)
+    for RAISED_ERROR in user_errors:
+        for name, call in CALLS_WITH_FAILING_USER_FUNCTION.items():
+            outcomes = gather_error_messages(comm, call)
             message = "KeyError: 'x'" if isinstance(RAISED_ERROR, Exception) else repr(RAISED_ERROR)
             if len(set(outcomes)) > 1 or message not in outcomes[0]:
                 failures.append((name, repr(RAISED_ERROR), outcomes))
     return failures
 
 
-def gather_outcomes(comm, function):
+def gather_error_messages(comm, function):
     """Call a function, and return its error message or "nothing" for each process."""
     try:
         function()
@@ -417,19 +417,19 @@ def gather_outcomes(comm, function):
     return comm.allgather(outcome)
 
 
-def failed_argument_changes(comm, max_values):
+def collect_undetected_argument_changes(comm, max_values_per_argument):
     """Return the calls that raise no common error although an argument differs on one process.
 
     The second value returned is the number of calls.
     """
     failures, count = [], 0
-    for name, (function, arguments) in correct_calls(comm).items():
+    for name, (function, arguments) in make_valid_collective_calls(comm).items():
         for argument, value in arguments.items():
-            for altered in islice(altered_values(value), max_values):
+            for altered in islice(altered_values(value), max_values_per_argument):
                 changed_arguments = arguments | (
                     {argument: altered} if comm.rank == comm.size - 1 else {}
                 )
-                outcomes = gather_outcomes(
+                outcomes = gather_error_messages(
                     comm, lambda f=function, arguments_here=changed_arguments: f(**arguments_here)
                 )
                 count += 1
@@ -438,8 +438,8 @@ def failed_argument_changes(comm, max_values):
     return failures, count
 
 
-def all_failures(comm, errors, max_values):
-    return failed_scenarios(comm, errors), *failed_argument_changes(comm, max_values)
+def collect_all_failures(comm, user_errors, max_values_per_argument):
+    return collect_unexpected_outcomes(comm, user_errors), *collect_undetected_argument_changes(comm, max_values_per_argument)
 
 
 @pytest.mark.random
@@ -449,7 +449,7 @@ def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_
         processes, errors, max_values = 3, USER_ERRORS, 10
     limit = (1 + len(errors)) * WAITING
     for failures, argument_failures, count in run_on(
-        processes, all_failures, errors, max_values, limit=limit
+        processes, collect_all_failures, errors, max_values, limit=limit
     ):
         assert failures == argument_failures == []
         assert count > 200
@@ -464,10 +464,10 @@ def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
     local_names = set(
         re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0])
     )
-    collective_names = set(correct_calls(MPI.COMM_SELF))
-    assert local_names | collective_names == set(public_objects())
+    collective_names = set(make_valid_collective_calls(MPI.COMM_SELF))
+    assert local_names | collective_names == set(collect_public_callables_by_name())
     assert not local_names & collective_names
-    for name, obj in public_objects().items():
+    for name, obj in collect_public_callables_by_name().items():
         functions = (
             [obj]
             if not isinstance(obj, type)
@@ -478,7 +478,7 @@ def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
         ), name
 
 
-def test_only_a_writer_that_others_wait_for_ends_them_all():
+def test_only_the_time_series_writer_calls_mpi_abort():
     """The library calls MPI's Abort only while other processes wait for a writer.
 
     Inside ADIOS2, they would wait forever for a process that has failed.
@@ -487,7 +487,7 @@ def test_only_a_writer_that_others_wait_for_ends_them_all():
     assert [p.name for p in paths if "Abort(" in p.read_text()] == ["time_series.py"]
 
 
-def comparison_time_share(comm):
+def argument_comparison_time_over_solution_time(comm):
     """Return the time for digests and their comparison, divided by that of a contact solution."""
     block = BlockOnFloor(80, comm=comm)
     assert block.K.getSize()[0] > 25_600
@@ -514,7 +514,7 @@ def comparison_time_share(comm):
 
 
 @pytest.mark.random
-def test_comparing_arguments_takes_a_hundredth_at_most(request):
+def test_comparing_arguments_takes_below_one_percent_of_a_solution(request):
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    assert max(run_on(2, comparison_time_share, limit=600)) < 0.01
+    assert max(run_on(2, argument_comparison_time_over_solution_time, limit=600)) < 0.01

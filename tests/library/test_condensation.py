@@ -18,20 +18,20 @@ from tests.library.properties import dense_solution
 MATERIAL = Material(7.0, 0.3)
 
 
-def square(cell, divisions=(3, 2), pattern="right"):
+def square(cell, divisions=(3, 2), diagonal_pattern="right"):
     if cell == "quadrilateral":
         return move_nodes(
             quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), smooth_distortion
         )
     return move_nodes(
-        triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, pattern), smooth_distortion
+        triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, diagonal_pattern), smooth_distortion
     )
 
 
 left = on_plane(0, 0.0)
 
 
-def sort_points(points):
+def sort_rounded_points(points):
     return sorted(map(tuple, np.round(points[:, :2], 12)))
 
 
@@ -48,8 +48,8 @@ def problem(request):
     return body, f, inner
 
 
-def test_left_and_right_matrices_against_dense_algebra(problem):
-    body, _, inner = problem
+def test_condensation_matrices_equal_dense_algebra(square_load_and_inner_dofs):
+    body, _, inner = square_load_and_inner_dofs
     reduction = body.supports([])
     K = dense(body.K)
     kept = np.setdiff1d(np.arange(len(K)), inner)
@@ -64,8 +64,8 @@ def test_left_and_right_matrices_against_dense_algebra(problem):
     assert np.abs(dense(reduction.matrix(body.K)) - left.T @ K @ right).max() < 1e-12
 
 
-def test_displacements_and_reactions_are_those_of_all_nodes(problem):
-    body, f, inner = problem
+def test_condensation_changes_no_displacement_or_reaction(square_load_and_inner_dofs):
+    body, f, inner = square_load_and_inner_dofs
     conditions = [prescribe(body.space, 0, left), prescribe(body.space, 1, left, 0.03)]
     a = solve(body.K, f, body.supports(conditions))
     exact = dense_solution(body.K, f, conditions)
@@ -76,8 +76,8 @@ def test_displacements_and_reactions_are_those_of_all_nodes(problem):
     assert np.abs(r[inner]).max() < 1e-13
 
 
-def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
-    body, f, _ = problem
+def test_reduced_load_does_not_depend_on_the_inner_offset(square_load_and_inner_dofs):
+    body, f, _ = square_load_and_inner_dofs
     reduction = body.supports([prescribe(body.space, 1, left, 0.03)])
     loaded = reduction.for_load(body.K, f)
     assert (loaded.offset - reduction.offset).norm() > 1e-3
@@ -96,10 +96,10 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
     midpoints = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
     x = grade(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
     middles = [(a, b) for b in (1 / 6, 3 / 6, 5 / 6) for a in (x[1:] + x[:-1]) / 2]
-    assert sort_points(midpoints) == sort_points(np.array(middles))
+    assert sort_rounded_points(midpoints) == sort_rounded_points(np.array(middles))
 
 
-def test_refuses_triangles_without_partner():
+def test_condensation_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
     h = np.sqrt(0.75)  # four equal-sided triangles in a row, where no side is the longest one
     corners = np.array([[0, 0], [1, 0], [2, 0], [0.5, h], [1.5, h], [2.5, h]])
@@ -116,13 +116,13 @@ def test_refuses_triangles_without_partner():
             centre_nodes(spaces.trial)
 
 
-def _mesh(x, cells):
+def _mesh(corner_coordinates, cells):
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=x, e=element)
+    return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=corner_coordinates, e=element)
 
 
-def test_nodes_that_cannot_be_condensed_are_refused(problem):
-    body, _, _ = problem
+def test_nodes_that_cannot_be_condensed_are_refused(square_load_and_inner_dofs):
+    body, _, _ = square_load_and_inner_dofs
     U, inner = body.space, body.inner_nodes()
     everywhere = prescribe(U, 0, lambda x: x[0] > -9)
     with pytest.raises(ValueError, match="is to be condensed"):

@@ -14,8 +14,8 @@ from pw_elements import assemble_scalar
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import from_file
 from tests.library import deck_calculix
-from tests.library.deck_models import DECK_MODELS
-from tests.library.deck_reading import DeckReading
+from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
+from tests.library.deck_reading import IndependentDeckReader
 from tests.library.hostile_decks import HOSTILE_DECKS
 
 COMM = MPI.COMM_SELF
@@ -25,74 +25,74 @@ needs_calculix = pytest.mark.skipif(
 )
 
 
-def read_text(tmp_path, text, **options):
-    data = text if isinstance(text, bytes) else text.encode()
-    (tmp_path / "deck.inp").write_bytes(data)
-    return from_file(tmp_path / "deck.inp", COMM, **options)
+def read_text(folder, deck_text, **options):
+    data = deck_text if isinstance(deck_text, bytes) else deck_text.encode()
+    (folder / "deck.inp").write_bytes(data)
+    return from_file(folder / "deck.inp", COMM, **options)
 
 
-def corner_coordinates(part, dim, entities):
+def corner_coordinates(tagged_mesh, dim, entity_numbers):
     """Return the corners of cells or facets, each as a frozen set of coordinates."""
-    mesh = part.mesh
+    mesh = tagged_mesh.mesh
     cell_type = mesh.basix_cell()
     corner_columns = np.arange(len(basix.geometry(cell_type)))[None]  # corners are the first nodes
-    cells, local_facet = np.asarray(entities), np.zeros(len(entities), dtype=int)
+    cells, local_facet = np.asarray(entity_numbers), np.zeros(len(entity_numbers), dtype=int)
     if dim < mesh.topology.dim:
         mesh.topology.create_connectivity(dim, mesh.topology.dim)
         cells_of_facet = mesh.topology.connectivity(dim, mesh.topology.dim)
         facets_of_cell = mesh.topology.connectivity(mesh.topology.dim, dim)
-        cells = np.array([cells_of_facet.links(entity)[0] for entity in entities], dtype=int)
+        cells = np.array([cells_of_facet.links(entity)[0] for entity in entity_numbers], dtype=int)
         local_facet = [
             np.flatnonzero(facets_of_cell.links(cell) == entity)[0]
-            for cell, entity in zip(cells, entities, strict=True)
+            for cell, entity in zip(cells, entity_numbers, strict=True)
         ]
         corner_columns = np.array(basix.topology(cell_type)[dim])
     nodes = np.take_along_axis(cell_nodes(mesh)[cells], corner_columns[local_facet], axis=1)
     return [frozenset(map(tuple, rows)) for rows in mesh.geometry.x[nodes].tolist()]
 
 
-def integrate_volume(part, cells=None, weight=1.0, degree=9):
+def integrate_volume(tagged_mesh, cells=None, weight=1.0, quadrature_degree=9):
     """Return the integral of a weight over the given cells; over all cells if `cells` is None."""
-    mesh, metadata = part.mesh, {"quadrature_degree": degree}
+    mesh, metadata = tagged_mesh.mesh, {"quadrature_degree": quadrature_degree}
     if cells is None:
         return assemble_scalar(weight * ufl.dx(mesh, metadata=metadata))
     dx = ufl.Measure("dx", mesh, subdomain_data=[(1, cells)], metadata=metadata)
     return assemble_scalar(weight * dx(1))
 
 
-def check_against_second_reading(part, path):
+def assert_equal_to_independent_reading(tagged_mesh, deck_path):
     """Compare all sets and the volume of a mesh with a second reading of its file.
 
     Sets are compared by the coordinates of corners.
     """
-    reading, dim = DeckReading(path), part.mesh.topology.dim
-    mesh = part.mesh
+    reading, dim = IndependentDeckReader(deck_path), tagged_mesh.mesh.topology.dim
+    mesh = tagged_mesh.mesh
     expected = {name: members for name, members in reading.cell_sets().items() if name[0] != "_"}
-    assert {*part.names["cells"]} == {*expected}
+    assert {*tagged_mesh.names["cells"]} == {*expected}
     for name, members in expected.items():
-        facets_or_cells = corner_coordinates(part, dim, part.cells(name))
+        facets_or_cells = corner_coordinates(tagged_mesh, dim, tagged_mesh.cells(name))
         assert len(facets_or_cells) == len({*facets_or_cells})
         assert {*facets_or_cells} == members, name
-    expected = {name: members for name, members in reading.facet_sets().items() if name[0] != "_"}
-    assert {*part.names["facets"]} == {*expected}
+    expected = {name: members for name, members in reading.get_facet_corners_by_set().items() if name[0] != "_"}
+    assert {*tagged_mesh.names["facets"]} == {*expected}
     for name, members in expected.items():
-        assert {*corner_coordinates(part, dim - 1, part.facets(name))} == members, name
+        assert {*corner_coordinates(tagged_mesh, dim - 1, tagged_mesh.facets(name))} == members, name
     used_nodes = {reading.nodes[n] for _, _, nodes in reading.cells() for n in nodes}
     assert used_nodes <= {*map(tuple, mesh.geometry.x.tolist())}
     volumes = reading.volumes()
     assert mesh.topology.index_map(dim).size_local == len(volumes)
-    assert integrate_volume(part) == pytest.approx(sum(volumes.values()), rel=1e-12)
+    assert integrate_volume(tagged_mesh) == pytest.approx(sum(volumes.values()), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", DECK_MODELS)
-def test_a_second_reading_finds_the_same_sets_and_volume(tmp_path, kind):
-    part = read_text(tmp_path, DECK_MODELS[kind])
+@pytest.mark.parametrize("kind", DECKS_BY_ELEMENT_TYPE)
+def test_an_independent_reader_finds_the_same_sets_and_volume(tmp_path, kind):
+    part = read_text(tmp_path, DECKS_BY_ELEMENT_TYPE[kind])
     assert len(part.names["cells"]) == 4
     assert {*part.names["facets"]} == {"ALL", "EVERYTHING", "BOTTOM", "BASE", "FRONT"}
-    check_against_second_reading(part, tmp_path / "deck.inp")
+    assert_equal_to_independent_reading(part, tmp_path / "deck.inp")
 
 
-def check_against_calculix(part, path, element_type, answer):
+def assert_equal_to_calculix(tagged_mesh, deck_path, element_type, calculix_result):
     """Compare the cells of sets, the volumes of cells, and the facets of node sets with CalculiX.
 
     CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees. The round
@@ -111,37 +111,37 @@ def check_against_calculix(part, path, element_type, answer):
     if element_type.startswith("CAX"):
         angle = np.radians(2)
         is_straight = element_type in ("CAX3", "CAX4")
-        weight = ufl.SpatialCoordinate(part.mesh)[0] * (np.sin(angle) if is_straight else angle)
-    for name in deck_calculix.ELSETS:
-        expected = sorted(answer["volumes"][str(n)] for n in answer["sets"][name])
-        cells = part.cells(name)
-        volumes = sorted(integrate_volume(part, np.array([cell]), weight, degree) for cell in cells)
+        weight = ufl.SpatialCoordinate(tagged_mesh.mesh)[0] * (np.sin(angle) if is_straight else angle)
+    for name in deck_calculix.PRINTED_ELEMENT_SETS:
+        expected = sorted(calculix_result["volumes"][str(n)] for n in calculix_result["sets"][name])
+        cells = tagged_mesh.cells(name)
+        volumes = sorted(integrate_volume(tagged_mesh, np.array([cell]), weight, degree) for cell in cells)
         assert volumes == pytest.approx(expected, rel=1e-6), name
-    reading, dim = DeckReading(path), part.mesh.topology.dim - 1
-    reading.sets["NSET"] = {name: {*answer["sets"][name]} for name in deck_calculix.NSETS}
+    reading, dim = IndependentDeckReader(deck_path), tagged_mesh.mesh.topology.dim - 1
+    reading.sets["NSET"] = {name: {*calculix_result["sets"][name]} for name in deck_calculix.PRINTED_NODE_SETS}
     reading.surfaces = {}
-    for name, expected in reading.facet_sets().items():
-        assert {*corner_coordinates(part, dim, part.facets(name))} == expected, name
+    for name, expected in reading.get_facet_corners_by_set().items():
+        assert {*corner_coordinates(tagged_mesh, dim, tagged_mesh.facets(name))} == expected, name
 
 
-@pytest.mark.parametrize("kind", DECK_MODELS)
+@pytest.mark.parametrize("kind", DECKS_BY_ELEMENT_TYPE)
 def test_calculix_has_the_same_sets_and_volumes(tmp_path, kind):
-    answer = json.loads(deck_calculix.ANSWERS.read_text())[kind]
+    answer = json.loads(deck_calculix.CALCULIX_RESULTS_FILE.read_text())[kind]
     assert answer["sha256"] == deck_calculix.digest(kind)
-    check_against_calculix(
-        read_text(tmp_path, DECK_MODELS[kind]), tmp_path / "deck.inp", kind, answer
+    assert_equal_to_calculix(
+        read_text(tmp_path, DECKS_BY_ELEMENT_TYPE[kind]), tmp_path / "deck.inp", kind, answer
     )
 
 
 @needs_calculix
-def test_calculix_answers_as_it_did():
-    answers = json.loads(deck_calculix.ANSWERS.read_text())
-    assert {*answers} == {*DECK_MODELS}
+def test_installed_calculix_reproduces_the_stored_results():
+    answers = json.loads(deck_calculix.CALCULIX_RESULTS_FILE.read_text())
+    assert {*answers} == {*DECKS_BY_ELEMENT_TYPE}
     for kind, answer in answers.items():
         assert deck_calculix.compute(kind, deck_calculix.executable()) == answer
 
 
-TWO_SQUARES = """*NODE, NSET=ALL
+TWO_SQUARE_CELLS_DECK = """*NODE, NSET=ALL
 1, 0., 0.
 2, 1., 0.
 3, 2., 0.
@@ -155,19 +155,19 @@ TWO_SQUARES = """*NODE, NSET=ALL
 """
 
 
-def test_cells_of_a_set_are_read_alone(tmp_path):
-    part = read_text(tmp_path, TWO_SQUARES, cells="right")
+def test_only_cells_of_the_requested_sets_are_read(tmp_path):
+    part = read_text(tmp_path, TWO_SQUARE_CELLS_DECK, cells="right")
     assert integrate_volume(part) == pytest.approx(1.0)
     assert {*part.names["cells"]} == {"RIGHT"}
     assert integrate_volume(
-        read_text(tmp_path, TWO_SQUARES, cells=["LEFT", "RIGHT"])
+        read_text(tmp_path, TWO_SQUARE_CELLS_DECK, cells=["LEFT", "RIGHT"])
     ) == pytest.approx(2.0)
     with pytest.raises(ValueError, match="no ELSET is called TOP; known are LEFT, RIGHT"):
-        read_text(tmp_path, TWO_SQUARES, cells="TOP")
+        read_text(tmp_path, TWO_SQUARE_CELLS_DECK, cells="TOP")
     for wrong_value in (5, [5]):
         with pytest.raises(TypeError, match=r"cells .*: give the name of an ELSET, or several"):
-            read_text(tmp_path, TWO_SQUARES, cells=wrong_value)
-    mixed = TWO_SQUARES + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
+            read_text(tmp_path, TWO_SQUARE_CELLS_DECK, cells=wrong_value)
+    mixed = TWO_SQUARE_CELLS_DECK + "*ELEMENT, TYPE=CPS3, ELSET=T\n3, 3, 7, 6\n*NODE\n7, 3., .5\n"
     with pytest.raises(ValueError, match=r"of degree 1 and triangles .* cells=NAME"):
         read_text(tmp_path, mixed)
     assert integrate_volume(read_text(tmp_path, mixed, cells="T")) == pytest.approx(0.5)
@@ -175,7 +175,7 @@ def test_cells_of_a_set_are_read_alone(tmp_path):
 
 def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplog):
     text = (
-        DECK_MODELS["C3D10"]
+        DECKS_BY_ELEMENT_TYPE["C3D10"]
         + """*NODE
 9001, 9., 9., 9.
 9002, 10., 9., 9.
@@ -200,7 +200,7 @@ def test_shells_and_springs_beside_solids_are_left_out_and_named(tmp_path, caplo
     ("axes", "message"), [((0, 2), "y = 7: x and z"), ((1, 2), "x = 7: y and z")]
 )
 def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, message):
-    lines = TWO_SQUARES.splitlines()
+    lines = TWO_SQUARE_CELLS_DECK.splitlines()
     for k in range(1, 7):
         number, *x = lines[k].split(",")
         coordinates = ["7."] * 3
@@ -216,12 +216,12 @@ def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, mes
     ]
 
 
-def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
+def test_20_node_bricks_get_face_nodes_and_keep_their_facet_sets(tmp_path, caplog):
     """A set of all nodes of a face selects the facet, and cells keep their shape.
 
     Faces of C3D20 elements have eight nodes, the facet of the mesh has nine.
     """
-    part = read_text(tmp_path, DECK_MODELS["C3D20"])
+    part = read_text(tmp_path, DECKS_BY_ELEMENT_TYPE["C3D20"])
     assert "8 cells of 20 nodes have got 7 more" in caplog.text
     space = functionspace(part.mesh, ("Lagrange", 2))
     part.mesh.topology.create_connectivity(2, 3)
@@ -230,13 +230,13 @@ def test_cells_keep_their_shape_and_faces_hold_added_nodes(tmp_path, caplog):
     assert count == 25
 
 
-def test_rows_that_are_too_long_are_cut_and_counted(tmp_path, caplog):
-    read_text(tmp_path, TWO_SQUARES.replace("1, 1, 2, 5, 4", "1, 1, 2, 5, 4, 6"))
+def test_element_rows_with_too_many_nodes_are_cut_and_counted(tmp_path, caplog):
+    read_text(tmp_path, TWO_SQUARE_CELLS_DECK.replace("1, 1, 2, 5, 4", "1, 1, 2, 5, 4, 6"))
     assert "1 rows of CPS4 have more than 4 nodes" in caplog.text
 
 
-def test_names_in_quotes_keep_commas_and_their_case(tmp_path):
-    text = TWO_SQUARES + '*NSET, NSET="A=b, C"\n1, 2\n*SURFACE, NAME=S, TYPE=NODE\n"A=b, C"\n'
+def test_quoted_set_names_keep_commas_and_case(tmp_path):
+    text = TWO_SQUARE_CELLS_DECK + '*NSET, NSET="A=b, C"\n1, 2\n*SURFACE, NAME=S, TYPE=NODE\n"A=b, C"\n'
     part = read_text(tmp_path, text)
     assert {*part.names["facets"]} == {"ALL", "A=b, C", "S"}
     assert np.array_equal(part.facets("A=b, C"), part.facets("s"))
@@ -244,30 +244,30 @@ def test_names_in_quotes_keep_commas_and_their_case(tmp_path):
         part.facets("A=B")
 
 
-def test_nodes_and_elements_of_a_set_make_others(tmp_path):
-    text = TWO_SQUARES + "*NSET, NSET=N, ELSET=LEFT\n*NSET, NSET=GAPS, GENERATE\n1, 90\n"
+def test_node_sets_may_be_made_of_an_element_set_or_a_range_with_gaps(tmp_path):
+    text = TWO_SQUARE_CELLS_DECK + "*NSET, NSET=N, ELSET=LEFT\n*NSET, NSET=GAPS, GENERATE\n1, 90\n"
     part = read_text(tmp_path, text)
     assert len(part.facets("N")) == 3
     assert len(part.facets("GAPS")) == 6
 
 
-def test_ranges_with_gaps_are_named(tmp_path, caplog):
-    read_text(tmp_path, TWO_SQUARES + "*NSET, NSET=GAPS, GENERATE\n1, 90\n")
+def test_set_ranges_with_missing_numbers_give_a_warning(tmp_path, caplog):
+    read_text(tmp_path, TWO_SQUARE_CELLS_DECK + "*NSET, NSET=GAPS, GENERATE\n1, 90\n")
     assert "ranges of NSET GAPS have numbers of nothing that is there" in caplog.text
     caplog.clear()
-    read_text(tmp_path, TWO_SQUARES + "*NSET, NSET=WHOLE, GENERATE\n1, 6\n")
+    read_text(tmp_path, TWO_SQUARE_CELLS_DECK + "*NSET, NSET=WHOLE, GENERATE\n1, 6\n")
     assert not caplog.text
 
 
-def test_nodes_are_read_from_the_file_that_they_name(tmp_path):
-    nodes, cells = TWO_SQUARES.split("*ELEMENT", 1)
+def test_nodes_are_read_from_the_file_named_by_input(tmp_path):
+    nodes, cells = TWO_SQUARE_CELLS_DECK.split("*ELEMENT", 1)
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "Nodes.txt").write_text(nodes.partition("\n")[2])
     text = f"*NODE, NSET=ALL, INPUT=sub/Nodes.txt\n*ELEMENT{cells}"
     assert integrate_volume(read_text(tmp_path, text)) == pytest.approx(2.0)
 
 
-PART_DECK = """*PART, NAME=P
+PART_AND_ASSEMBLY_DECK_TEMPLATE = """*PART, NAME=P
 {nodes}*ELSET, ELSET=SAME
 1
 *END PART
@@ -281,14 +281,14 @@ PART_DECK = """*PART, NAME=P
 
 
 def test_sets_of_one_name_in_part_and_assembly_stay_two(tmp_path):
-    part = read_text(tmp_path, PART_DECK.format(nodes=TWO_SQUARES, shift="", inside=""))
+    part = read_text(tmp_path, PART_AND_ASSEMBLY_DECK_TEMPLATE.format(nodes=TWO_SQUARE_CELLS_DECK, shift="", inside=""))
     assert {*part.names["cells"]} == {"LEFT", "RIGHT", "I.SAME", "SAME"}
     assert part.cells("I.SAME").tolist() != part.cells("SAME").tolist()
 
 
 def test_a_mesh_may_stand_in_the_instance_unless_that_is_moved(tmp_path):
-    inside = TWO_SQUARES.replace("*ELEMENT", "** the part is empty\n*ELEMENT")
-    text = PART_DECK.replace("*ELSET, ELSET=SAME\n1\n", "")
+    inside = TWO_SQUARE_CELLS_DECK.replace("*ELEMENT", "** the part is empty\n*ELEMENT")
+    text = PART_AND_ASSEMBLY_DECK_TEMPLATE.replace("*ELSET, ELSET=SAME\n1\n", "")
     assert integrate_volume(
         read_text(tmp_path, text.format(nodes="", shift="", inside=inside))
     ) == pytest.approx(2)
@@ -296,7 +296,7 @@ def test_a_mesh_may_stand_in_the_instance_unless_that_is_moved(tmp_path):
         read_text(tmp_path, text.format(nodes="", shift="1., 0., 0.\n", inside=inside))
 
 
-def test_errors_name_file_and_line(tmp_path):
+def test_deck_errors_name_file_and_line(tmp_path):
     with pytest.raises(ValueError, match=r"deck\.inp, line 4, \*NODE: 'nan' is no number"):
         read_text(tmp_path, "*NODE\n1, 0., 0.\n** comment\n3, nan, 0.\n")
     with pytest.raises(ValueError, match="edge between nodes 2 and 3 has the node"):

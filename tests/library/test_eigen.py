@@ -53,7 +53,7 @@ def strip(method, stress=-1.0, divisions=(16, 4)):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_first_three_modes_of_a_strip(method):
+def test_first_three_buckling_factors_of_a_strip_are_exact(method):
     modes = buckling(*strip(method), count=3)
     exact = [Strip(E, 0.2, LENGTH).elasticity(n, "G") for n in (1, 2, 3)]
     assert modes.factors == pytest.approx(exact, rel=2e-3)
@@ -64,7 +64,7 @@ def test_first_three_modes_of_a_strip(method):
         assert shape.norm(3) == pytest.approx(1.0)  # the largest entry is one
 
 
-def test_against_dense_eigenvalues():
+def test_buckling_factors_equal_dense_eigenvalues():
     K, K_sigma, supports = strip(PW, divisions=(6, 2))
     A, B = (dense(supports.matrix(matrix)) for matrix in (K_sigma, K))
     for symmetrised in (False, True):
@@ -81,7 +81,7 @@ def test_buckling_under_tension_is_refused():
         buckling(*strip(GALERKIN, stress=1.0))
 
 
-def clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
+def assemble_clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
     """Return stiffness, initial stress matrix and supports of a column that is loaded from above.
 
     The column has the height 1 and is clamped at its base.
@@ -102,8 +102,8 @@ def clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
 @pytest.mark.parametrize("hybrid", [False, True])
 def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
     with pytest.raises(NoModes, match=r"prestress is .* times the stiffness.*reverse it"):
-        buckling(*clamped_column(1.0, E, 0.5, form, hybrid))
-    modes = buckling(*clamped_column(-1.0, E, 0.5, form, hybrid), count=2)
+        buckling(*assemble_clamped_column(1.0, E, 0.5, form, hybrid))
+    modes = buckling(*assemble_clamped_column(-1.0, E, 0.5, form, hybrid), count=2)
     # strain of the first one: sigma (1 - nu^2) / E, within the range of one mode's shape
     assert 0.3 < modes.prestress_ratios[0] / (modes.factors[0] * 0.91 / E) < 1.5
     assert (modes.prestress_ratios < 0.4).all()
@@ -114,8 +114,8 @@ def test_prestress_ratio_is_that_of_the_part_that_buckles():
 
     A loaded soft column buckles; a separate block is a million times as stiff.
     """
-    K, K_sigma, supports = clamped_column(1.0)
-    stiff = clamped_column(0.0, 1e6)[0]
+    K, K_sigma, supports = assemble_clamped_column(1.0)
+    stiff = assemble_clamped_column(0.0, 1e6)[0]
     pair = [
         PETSc.Mat().createNest([[A, None], [None, B]]) for A, B in ((K, stiff), (K_sigma, 0 * K))
     ]
@@ -129,8 +129,8 @@ def test_prestress_ratio_is_that_of_the_part_that_buckles():
         buckling(K, K_sigma, doubled)
 
 
-def square(n=6):
-    return move_nodes(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (n, n)), smooth_distortion)
+def square(cells_per_side=6):
+    return move_nodes(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side)), smooth_distortion)
 
 
 def box():
@@ -146,7 +146,7 @@ BODIES = {
 }
 
 
-def free_steel_body(setting, method=PW):
+def make_free_steel_body(setting, method=PW):
     """Return a free steel body and the number of its rigid modes."""
     make_mesh, state, rigid = BODIES[setting]
     material = Material(2.1e11, 0.3, density=7856.0)
@@ -156,8 +156,8 @@ def free_steel_body(setting, method=PW):
 @pytest.mark.parametrize("symmetrised", [False, True])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("setting", BODIES)
-def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
-    body, rigid = free_steel_body(setting, method)
+def test_free_bodies_have_the_exact_number_of_rigid_modes(setting, method, symmetrised):
+    body, rigid = make_free_steel_body(setting, method)
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
     assert modes.imaginary_ratio == 0
     if setting == "2-D curved" and symmetrised and method == PW:
@@ -176,7 +176,7 @@ def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
 
 
 @pytest.mark.parametrize("element", ["pw-Q8", "pw-Q9"])
-def test_both_left_matrices_of_guyans_reduction(element):
+def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(element):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), smooth_distortion)
@@ -208,7 +208,7 @@ def test_both_left_matrices_of_guyans_reduction(element):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
-    body, rigid = free_steel_body("slender", method)
+    body, rigid = make_free_steel_body("slender", method)
     n_rigid = [
         vibration_modes(body.K, body.M, body.make_supports(), n).n_rigid for n in range(1, 9)
     ]
@@ -225,7 +225,7 @@ def test_slender_cantilever_is_not_taken_for_free():
     assert vibration_modes(bar.K, bar.M, bar.make_supports(), 4).n_rigid == 3
 
 
-def test_double_buckling_factor_of_a_square_column():
+def test_square_column_has_eulers_double_buckling_factor():
     mesh = create_box(COMM, [(-0.5, -0.5, 0), (0.5, 0.5, 8)], (2, 2, 12), CellType.hexahedron)
     column = ElasticBody(mesh, PW, "solid", 1.0, 0.0)
     S = ufl.as_matrix(((0, 0, 0), (0, 0, 0), (0, 0, -1.0)))
@@ -237,8 +237,8 @@ def test_double_buckling_factor_of_a_square_column():
 
 
 @pytest.mark.parametrize("setting", BODIES)
-def test_lumped_mass_of_the_new_element(setting):
-    body, rigid = free_steel_body(setting)
+def test_lumped_mass_of_the_new_element_is_positive_and_keeps_the_total(setting):
+    body, rigid = make_free_steel_body(setting)
     lumped = lumped_mass(body.M, body.space)
     diagonal = lumped.getDiagonal()
     assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]

@@ -31,28 +31,28 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved_mesh
-from pw_elements.spaces import add_sub_cell_rules, macro_element, quadratic_element
-from pw_elements.spaces.elements import CELLS, twelve_cell_rule
+from pw_elements.spaces import add_sub_cell_quadrature_rules, piecewise_linear_element, quadratic_element
+from pw_elements.spaces.elements import CELLS, tetrahedron_twelve_cell_quadrature
 from study.model.elements import one_cut, one_cut_element, serendipity_element
 from study.model.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
-from tests.oracle.elements import ELEMENTS, gauss_rule, shape_functions
+from tests.oracle.elements import ELEMENTS, gauss_points_and_weights, shape_functions_and_gradients
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_equals_the_builtin_macro_element(cell):
+def test_weight_functions_equal_basixs_macro_element(cell):
     points = random_cell_points(cell, 200, 1)
     builtin = basix.ufl.element("iso", cell, 1)
-    ours = one_cut_element() if cell == "tetrahedron" else macro_element(cell)
+    ours = one_cut_element() if cell == "tetrahedron" else piecewise_linear_element(cell)
     ours = ours.tabulate(0, points)
     assert np.abs(ours - builtin.tabulate(0, points)).max() < 1e-14
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_slopes_are_those_of_the_values(cell):
+def test_weight_gradients_equal_differences_of_the_values(cell):
     # Basix 0.9's own slopes are wrong on intervals, quadrilaterals and hexahedra
-    element, step = macro_element(cell), 1e-3
+    element, step = piecewise_linear_element(cell), 1e-3
     points = random_cell_points(cell, 200, 1)
     table = element.tabulate(1, points)
     for direction, slope in enumerate(table[1:]):
@@ -67,7 +67,7 @@ def test_slopes_are_those_of_the_values(cell):
 
 def test_serendipity_is_nodal_and_holds_the_right_polynomials():
     element = serendipity_element()
-    nodes = quadratic_element("quadrilateral")._element.points[:8]
+    nodes = quadratic_element("quadrilateral")._quadratic_facet_element.points[:8]
     assert element.dim == 8
     assert np.abs(element.tabulate(0, nodes)[0] - np.eye(8)).max() < 1e-13
     points = random_cell_points("quadrilateral", 200, 1)
@@ -94,7 +94,7 @@ def meshes():
 
 
 @pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
-def test_poisson_with_the_test_space_meets_a_quadratic(mesh):
+def test_poisson_reproduces_a_quadratic_solution(mesh):
     # a quadratic solution is in the trial space, so that any consistent test space returns it
     V = fem.functionspace(mesh, ("Lagrange", 2))
     d = mesh.geometry.dim
@@ -127,12 +127,12 @@ def cuts():
         yield corners + [(*diagonal, *pair) for pair in ((a, c), (c, b), (b, d), (d, a))]
 
 
-def integrate_over_cuts(integrand):
+def integrate_mean_over_cuts(integrand):
     """Return the mean of the three integrals over the sub-cells of each cut.
 
     The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
     """
-    points, measure = gauss_rule(True, 3, 4)
+    points, measure = gauss_points_and_weights(True, 3, 4)
     hats = np.column_stack([1 - points.sum(axis=1), points])
     total = 0.0
     for cells in cuts():
@@ -156,11 +156,11 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
     M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
     f = assemble_vector(v * ufl.dx).array[cell]
-    exact_K = integrate_over_cuts(
-        lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions("T10", x)[1])
+    exact_K = integrate_mean_over_cuts(
+        lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions_and_gradients("T10", x)[1])
     )
-    exact_M = integrate_over_cuts(
-        lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions("T10", x)[0])
+    exact_M = integrate_mean_over_cuts(
+        lambda w, _, x: np.einsum("qm,qn->qmn", w, shape_functions_and_gradients("T10", x)[0])
     )
     assert np.abs(K - exact_K).max() < 1e-14 * np.abs(K).max()
     assert np.abs(M - exact_M).max() < 1e-14 * np.abs(M).max()
@@ -170,10 +170,10 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 5, 8, 12, 15])
-def test_rule_is_exact_on_each_cell_of_every_cut(degree):
-    points, weights = twelve_cell_rule(degree)
+def test_twelve_cell_rule_is_exact_on_each_cell_of_every_cut(degree):
+    points, weights = tetrahedron_twelve_cell_quadrature(degree)
     assert len(points) % 12 == 0
-    gauss_points, gauss_weights = gauss_rule(True, 3, (degree + 4) // 2)
+    gauss_points, gauss_weights = gauss_points_and_weights(True, 3, (degree + 4) // 2)
     hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
     direction = np.array([0.3, -0.7, 0.5])
     for cells in cuts():
@@ -188,7 +188,7 @@ def test_rule_is_exact_on_each_cell_of_every_cut(degree):
 
 
 @pytest.mark.parametrize("degree", [2, 4])
-def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
+def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
     """Slopes of weights are evaluated inside sub-cells, never on their sides.
 
     Basix's rules of degree 4, 5 and 7 have points on these sides, where slopes jump. Therefore the
@@ -205,7 +205,7 @@ def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
     assert difference < 1e-13 if degree == 2 else difference > 1e-2
 
 
-def test_own_forms_are_integrated_on_the_twelve_cells():
+def test_user_forms_are_integrated_on_the_twelve_cells():
     spaces = PW(tetrahedra(7).mesh(), 0)
     mesh, W = spaces.mesh, spaces.test
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(W)
@@ -236,7 +236,7 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     # four points are enough for slopes times linear functions on straight cells
     slopes = x[0] * v.dx(1)
     for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
-        (integral,) = add_sub_cell_rules(integrand * ufl.dx).integrals()
+        (integral,) = add_sub_cell_quadrature_rules(integrand * ufl.dx).integrals()
         assert len(integral.metadata()["quadrature_points"]) == number
 
     # a degree that the user gives is used
@@ -250,14 +250,14 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
 
 def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
     scalar = basix.ufl.element("Lagrange", "tetrahedron", 1)
-    weights = macro_element("tetrahedron", (3,))
+    weights = piecewise_linear_element("tetrahedron", (3,))
     for degree in (1, 2):
         box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         mesh = box if degree == 1 else curved_mesh(box, lambda x: x + 0.1 * x**2)
         V = fem.functionspace(
-            mesh, basix.ufl.mixed_element([quadratic_element("tetrahedron", (3,)), scalar])
+            mesh, basix.ufl.displacement_pressure_element([quadratic_element("tetrahedron", (3,)), scalar])
         )
-        W = fem.functionspace(mesh, basix.ufl.mixed_element([weights, scalar]))
+        W = fem.functionspace(mesh, basix.ufl.displacement_pressure_element([weights, scalar]))
         (u, p), (w, q) = ufl.TrialFunctions(V), ufl.TestFunctions(W)
         integrand = ufl.inner(ufl.grad(u), ufl.grad(w)) - p * ufl.div(w) - q * ufl.div(u)
         ours = assemble_matrix(integrand * ufl.dx)
@@ -266,7 +266,7 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
         assert fine.norm() < (1e-13 if degree == 1 else 1e-3) * ours.norm()
 
 
-def test_subdomains_are_kept():
+def test_subdomain_tags_are_kept_in_assembled_loads():
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2)
     v = ufl.TestFunction(PW(mesh, 0).test)
     cells = np.arange(20, dtype=np.int32)
@@ -278,15 +278,15 @@ def test_subdomains_are_kept():
 
 @pytest.mark.parametrize("degree", DEGREES)
 @pytest.mark.parametrize("polyset", [STANDARD, MACRO])
-def test_refuses_the_points_of_basixs_rules(degree, polyset):
+def test_tabulation_at_basixs_quadrature_points_is_refused(degree, polyset):
     points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree, polyset_type=polyset)
     for derivatives in (0, 1):
         with pytest.raises(ValueError, match="cell_measure"):
-            macro_element("tetrahedron").tabulate(derivatives, points)
+            piecewise_linear_element("tetrahedron").tabulate(derivatives, points)
     one_cut_element().tabulate(1, points)
 
 
-def test_refuses_dolfinx_own_integrals():
+def test_dolfinx_own_integrals_of_weight_functions_are_refused():
     spaces = PW(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     w = fem.Function(spaces.test)
@@ -309,8 +309,8 @@ def test_refuses_dolfinx_own_integrals():
         assemble_vector(v * ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1}))
 
 
-def test_values_and_nodal_slopes_may_be_asked_for():
-    element, nodes = macro_element("tetrahedron"), NODES
+def test_weights_can_be_tabulated_and_interpolated_at_nodes():
+    element, nodes = piecewise_linear_element("tetrahedron"), NODES
     assert np.abs(element.tabulate(1, nodes)[0] - np.eye(10)).max() < 1e-15
     somewhere = np.array([[0.2, 0.3, 0.1]])
     assert np.abs(element.tabulate(0, somewhere)[0].sum() - 1) < 1e-15

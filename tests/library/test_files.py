@@ -15,7 +15,7 @@ import pytest
 
 from pw_elements import files
 from pw_elements.files import (
-    MARK_NAME,
+    FOLDER_MARK_FILE_NAME,
     FolderReplacement,
     ForeignEntry,
     check_folder_replaceable,
@@ -39,7 +39,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.parametrize("error", ERROR_NUMBERS, ids=lambda number: errno.errorcode[number])
 @pytest.mark.parametrize("name", CASES)
-def test_a_call_that_fails_leaves_the_old_or_the_new_and_nothing_else(name, error):
+def test_a_failing_system_call_leaves_the_old_or_the_new_content_only(name, error):
     case, errors = CASES[name], []
     for number in count(1):
         with user_folder() as folder:
@@ -57,28 +57,28 @@ def test_a_call_that_fails_leaves_the_old_or_the_new_and_nothing_else(name, erro
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_kill_at_any_call_leaves_the_old_or_the_new_and_the_next_call_cleans(name):
+def test_a_kill_leaves_old_or_new_content_and_the_next_replacement_cleans_up(name):
     command = [sys.executable, "-W", "ignore", "-m", "tests.faults", name]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert int(run.stdout.split()[2]) > 20, run.stdout
 
 
-def make_folder(path, **content):
+def replace_folder_with_files(path, **text_by_file_name):
     with replacing_folder(path, FOLDER_KIND) as replacement:
-        for name, text in content.items():
+        for name, text in text_by_file_name.items():
             (replacement.folder / name).write_text(text)
 
 
 def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
     path = tmp_path / "made"
-    make_folder(path, one="1", two="2")
-    make_folder(path, one="11")
-    assert sorted(os.listdir(path)) == [MARK_NAME, "one"]
+    replace_folder_with_files(path, one="1", two="2")
+    replace_folder_with_files(path, one="11")
+    assert sorted(os.listdir(path)) == [FOLDER_MARK_FILE_NAME, "one"]
     (path / "two").write_text("mine")
     (path / "deep").mkdir()
     with pytest.raises(ForeignEntry, match="it holds deep/, two, not written with it"):
-        make_folder(path, one="111")
+        replace_folder_with_files(path, one="111")
     assert (path / "two").read_text() == "mine"
     assert (path / "one").read_text() == "11"
     (path / "two").unlink()
@@ -86,7 +86,7 @@ def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
     (path / "one").unlink()
     (path / "one").mkdir()
     with pytest.raises(ForeignEntry, match="it holds one/"):
-        make_folder(path)
+        replace_folder_with_files(path)
     assert os.listdir(tmp_path) == ["made"]
 
 
@@ -100,42 +100,42 @@ def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
         path.mkdir()
         (path / "one").write_text("mine")
         if mark is not None:
-            (path / MARK_NAME).write_text(mark.replace("K", FOLDER_KIND))
+            (path / FOLDER_MARK_FILE_NAME).write_text(mark.replace("K", FOLDER_KIND))
     with pytest.raises(ForeignEntry, match="does not say that it is a folder of this test"):
-        make_folder(path, one="2")
+        replace_folder_with_files(path, one="2")
     with pytest.raises(ForeignEntry, match="is not empty, and does not say"):
         claim_folder(path, FOLDER_KIND)
     assert (path / "one").read_text() == "mine"
     assert os.listdir(tmp_path) == ["made"]
     if mark is not None:  # the mark may be the only thing that the user has in the folder
         (path / "one").unlink()
-        content = (path / MARK_NAME).read_text()
+        content = (path / FOLDER_MARK_FILE_NAME).read_text()
         with pytest.raises(ForeignEntry):
             claim_folder(path, FOLDER_KIND)
         with pytest.raises(ForeignEntry):
-            make_folder(path, one="2")
-        assert (path / MARK_NAME).read_text() == content
+            replace_folder_with_files(path, one="2")
+        assert (path / FOLDER_MARK_FILE_NAME).read_text() == content
 
 
-def test_files_and_links_in_the_place_of_a_folder(tmp_path):
+def test_a_file_is_not_replaced_by_a_folder_and_links_are_followed(tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(ForeignEntry, match="is no folder"):
-        make_folder(tmp_path / "file")
+        replace_folder_with_files(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     link = tmp_path / "link"
     link.symlink_to(elsewhere / "made")
     for text in ("1", "2"):
-        make_folder(link, one=text)
+        replace_folder_with_files(link, one=text)
         assert link.is_symlink()
         assert (elsewhere / "made" / "one").read_text() == text
     (elsewhere / "made" / "two").symlink_to(tmp_path / "file")
     with pytest.raises(ForeignEntry, match="it holds two"):
-        make_folder(link, one="3")
+        replace_folder_with_files(link, one="3")
 
 
-def test_what_comes_into_a_folder_while_another_one_is_made_is_kept(tmp_path):
+def test_files_added_while_a_folder_is_replaced_are_kept(tmp_path):
     path = tmp_path / "made"
     for has_old_folder in (False, True):
         replacement = FolderReplacement(path, FOLDER_KIND)
@@ -150,13 +150,13 @@ def test_what_comes_into_a_folder_while_another_one_is_made_is_kept(tmp_path):
         assert os.listdir(tmp_path) == ["made"]
         (path / "late").unlink()
         if not has_old_folder:
-            make_folder(path, one="old")
+            replace_folder_with_files(path, one="old")
 
 
 @pytest.mark.parametrize("can_exchange", [True, False])
-def test_what_comes_at_the_last_moment_is_kept_too(tmp_path, monkeypatch, can_exchange):
+def test_a_file_added_just_before_the_exchange_is_kept(tmp_path, monkeypatch, can_exchange):
     path, exchange_folders = tmp_path / "made", files._exchange_folders
-    make_folder(path, one="old")
+    replace_folder_with_files(path, one="old")
 
     def add_file_and_exchange(first, second):
         if (path / "one").read_text() == "old":
@@ -165,12 +165,12 @@ def test_what_comes_at_the_last_moment_is_kept_too(tmp_path, monkeypatch, can_ex
 
     monkeypatch.setattr(files, "_exchange_folders", add_file_and_exchange)
     with pytest.raises(ForeignEntry, match="it holds late"):
-        make_folder(path, one="new")
+        replace_folder_with_files(path, one="new")
     assert ((path / "one").read_text(), (path / "late").read_text()) == ("old", "mine")
     assert os.listdir(tmp_path) == ["made"]
 
 
-def test_only_files_of_ours_are_replaced_and_no_others_than_regular_ones(tmp_path):
+def test_only_own_and_regular_files_are_replaced(tmp_path):
     path = tmp_path / "file"
 
     def is_ours(existing):
@@ -191,14 +191,14 @@ def test_only_files_of_ours_are_replaced_and_no_others_than_regular_ones(tmp_pat
     assert path.read_bytes() == NEW_CONTENT
 
 
-def test_errors_name_what_was_to_be_written(tmp_path):
-    for call in (lambda at: replace_file(at, NEW_CONTENT), make_folder):
+def test_errors_name_the_target_path(tmp_path):
+    for call in (lambda at: replace_file(at, NEW_CONTENT), replace_folder_with_files):
         with pytest.raises(FileNotFoundError) as raised:
             call(tmp_path / "nowhere" / "made")
         assert raised.value.filename == str(tmp_path / "nowhere" / "made")
 
 
-def test_a_mark_of_a_folder_of_files_outlives_its_own_replacement(tmp_path):
+def test_claimed_folders_keep_their_mark_and_kind(tmp_path):
     out = tmp_path / "deep" / "out"
     for _ in range(2):
         claim_folder(out, FOLDER_KIND)
@@ -212,15 +212,15 @@ def test_a_mark_of_a_folder_of_files_outlives_its_own_replacement(tmp_path):
     unmarked.mkdir()
     (unmarked / "mine").write_text("more")
     claim_folder(unmarked, FOLDER_KIND, lambda folder: (folder / "mine").exists())
-    assert sorted(os.listdir(unmarked)) == [MARK_NAME, "mine"]
+    assert sorted(os.listdir(unmarked)) == [FOLDER_MARK_FILE_NAME, "mine"]
 
 
-WRITER_SCRIPT = """
+UNFINISHED_WRITER_SCRIPT = """
 import sys
 from pathlib import Path
-from pw_elements.files import replacing_file, replacing_folder
+from pw_elements.files import open_replacement_file, replacing_folder
 folder = Path(sys.argv[1])
-with replacing_file(folder / "file") as stream, replacing_folder(folder / "made", "K") as made:
+with open_replacement_file(folder / "file") as stream, replacing_folder(folder / "made", "K") as made:
     stream.write(b"begun")
     (made.folder / "one").write_text("begun")
     print("begun", flush=True)
@@ -228,8 +228,8 @@ with replacing_file(folder / "file") as stream, replacing_folder(folder / "made"
 """
 
 
-def test_what_live_processes_write_is_not_swept_and_what_killed_ones_left_is(tmp_path):
-    command = [sys.executable, "-c", WRITER_SCRIPT, str(tmp_path)]
+def test_unfinished_files_of_killed_but_not_of_live_processes_are_removed(tmp_path):
+    command = [sys.executable, "-c", UNFINISHED_WRITER_SCRIPT, str(tmp_path)]
     foreign_names = [
         ".a.json.0123456789abcdef.4.pw-elements-unfinished",
         ".0123456789abcdef.pw-elements-unfinished.txt",
@@ -250,21 +250,21 @@ def test_what_live_processes_write_is_not_swept_and_what_killed_ones_left_is(tmp
         assert {*os.listdir(tmp_path)} == {*foreign_names}
 
 
-def test_without_locks_nothing_is_swept_and_all_is_written(tmp_path, monkeypatch):
+def test_without_file_locks_files_are_written_and_none_removed(tmp_path, monkeypatch):
     def no_locks(*_):
         raise OSError(errno.ENOLCK, "No locks available")
 
     (tmp_path / ".0123456789abcdef.pw-elements-unfinished").write_text("perhaps another's")
     monkeypatch.setattr(fcntl, "flock", no_locks)
     replace_file(tmp_path / "file", NEW_CONTENT)
-    make_folder(tmp_path / "made", one="1")
+    replace_folder_with_files(tmp_path / "made", one="1")
     assert len(os.listdir(tmp_path)) == 3
     monkeypatch.undo()
     remove_unfinished(tmp_path)
     assert sorted(os.listdir(tmp_path)) == ["file", "made"]
 
 
-def test_names_of_unfinished_files_are_not_foreseeable_and_long_names_no_obstacle(
+def test_temporary_names_are_unpredictable_and_long_names_work(
     tmp_path, monkeypatch
 ):
     temporary_names, replace = [], os.replace

@@ -3,20 +3,20 @@
 import pytest
 
 from tests.library.hostile_decks import HOSTILE_DECKS
-from tests.library.limited_reading import MAX_MEGABYTES, read_under_limits
+from tests.library.limited_reading import MAX_MEGABYTES, read_files_under_cpu_and_memory_limits
 
-N_PARTS = 4
+N_TEST_BATCHES = 4
 # Largest deck (bytes) that is compared with the second, slow reading
-MAX_COMPARED_BYTES = 100_000
+MAX_DECK_BYTES_TO_COMPARE = 100_000
 
 
-def compare_small_decks(part, path):
+def check_small_deck_by_independent_reading(tagged_mesh, deck_path):
     """Return "" if a second reading finds the same mesh; raise AssertionError otherwise."""
-    from tests.library.test_decks import check_against_second_reading
+    from tests.library.test_decks import assert_equal_to_independent_reading
 
-    files = [file for file in path.parent.rglob("*") if file.is_file()]
-    if sum(file.stat().st_size for file in files) < MAX_COMPARED_BYTES:
-        check_against_second_reading(part, path)
+    files = [file for file in deck_path.parent.rglob("*") if file.is_file()]
+    if sum(file.stat().st_size for file in files) < MAX_DECK_BYTES_TO_COMPARE:
+        assert_equal_to_independent_reading(tagged_mesh, deck_path)
     return ""
 
 
@@ -29,14 +29,14 @@ def write_deck(folder, files):
     return folder / "deck.inp"
 
 
-@pytest.mark.parametrize("index", range(N_PARTS))
+@pytest.mark.parametrize("index", range(N_TEST_BATCHES))
 def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, index):
-    names = [*HOSTILE_DECKS][index::N_PARTS]
+    names = [*HOSTILE_DECKS][index::N_TEST_BATCHES]
     assert len(names) > 37
     paths = {
         write_deck(tmp_path / str(k), HOSTILE_DECKS[name][0]): name for k, name in enumerate(names)
     }
-    results = read_under_limits(paths, "tests.library.test_hostile_decks:compare_small_decks")
+    results = read_files_under_cpu_and_memory_limits(paths, "tests.library.test_hostile_decks:check_small_deck_by_independent_reading")
     for path, name in paths.items():
         result, is_refused = results[path], HOSTILE_DECKS[name][1]
         allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[is_refused]

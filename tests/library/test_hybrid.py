@@ -38,7 +38,7 @@ from pw_elements import (
 )
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
-from pw_elements.spaces.hybrid import mixed_element
+from pw_elements.spaces.hybrid import displacement_pressure_element
 from study.benchmarks.v15_incompressible.fields import layer_error, make_layered_mesh
 from study.model.elements import taylor_hood
 from tests.contact.cases import PW, ElasticBody, on_plane
@@ -46,38 +46,38 @@ from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
-MAKERS = {"new": Spaces.hybrid, "standard": taylor_hood}
-BOTH = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
+SPACE_MAKERS_BY_METHOD = {"new": Spaces.hybrid, "standard": taylor_hood}
+WITH_BOTH_SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
 DX = ufl.dx(metadata={"quadrature_degree": 6})
 
 
-def block(cell, n=3):
+def block(cell, cells_per_side=3):
     """Create a unit square or cube whose inner vertices are moved."""
     flat = cell in CELLS[:2]
     build = create_unit_square if flat else create_unit_cube
-    mesh = build(COMM, *[n] * (2 if flat else 3), CellType[cell])
+    mesh = build(COMM, *[cells_per_side] * (2 if flat else 3), CellType[cell])
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     inner = np.all((x > 1e-9) & (x < 1 - 1e-9), axis=1)
-    x[inner] += 0.2 / n * np.sin(9 * x + 5 * np.roll(x, 1, axis=1))[inner]
+    x[inner] += 0.2 / cells_per_side * np.sin(9 * x + 5 * np.roll(x, 1, axis=1))[inner]
     return mesh
 
 
-def tag_cells(mesh, numbers):
+def tag_cells(mesh, tag_values):
     """Create cell tags with the given numbers for the first cells."""
-    cells = np.arange(len(numbers), dtype=np.int32)
-    return meshtags(mesh, mesh.topology.dim, cells, np.asarray(numbers, dtype=np.int32))
+    cells = np.arange(len(tag_values), dtype=np.int32)
+    return meshtags(mesh, mesh.topology.dim, cells, np.asarray(tag_values, dtype=np.int32))
 
 
-def state_of(mesh):
+def default_stress_state(mesh):
     return "solid" if mesh.geometry.dim == 3 else "plane strain"
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
-@pytest.mark.parametrize("method", MAKERS)
+@pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     E, t = 2e11, 1e6
-    body = ElasticBody(mesh := block(cell), MAKERS[method], state_of(mesh), E, nu)
+    body = ElasticBody(mesh := block(cell), SPACE_MAKERS_BY_METHOD[method], default_stress_state(mesh), E, nu)
     W, dim = body.space, body.dim
     supports = body.make_supports(*((k, on_plane(k, 0.0)) for k in range(dim)))
     pull = np.eye(dim)[-1] * t
@@ -97,7 +97,7 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     assert below.sum(axis=0) == pytest.approx(-pull, abs=1e-9 * t)
 
 
-def ring(method, n):
+def ring(method, cells_per_side):
     """Return relative errors of displacement and pressure of an incompressible ring.
 
     The ring is axisymmetric, and an inner pressure acts on it.
@@ -105,9 +105,9 @@ def ring(method, n):
     inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
     C = load / (2 * E / 3 * (1 / inner**2 - 1 / outer**2))
     exact_p = -2 * E / 3 * C / outer**2
-    mesh = create_unit_square(COMM, n, n)
+    mesh = create_unit_square(COMM, cells_per_side, cells_per_side)
     mesh.geometry.x[:, 0] += inner
-    body = ElasticBody(mesh, MAKERS[method], "axisymmetric", E, 0.5)
+    body = ElasticBody(mesh, SPACE_MAKERS_BY_METHOD[method], "axisymmetric", E, 0.5)
     supports = body.make_supports(*((1, on_plane(1, end)) for end in (0.0, 1.0)))
     u, p = split(
         body.space, solve(body.K, body.traction_load((load, 0), on_plane(0, inner)), supports)
@@ -121,7 +121,7 @@ def ring(method, n):
     return norm(u - exact) / norm(exact), norm(p - exact_p) / abs(exact_p)
 
 
-@pytest.mark.parametrize("method", MAKERS)
+@pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
 def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
     coarse, fine = ring(method, 4), ring(method, 8)
     assert fine[0] < 1e-4
@@ -130,10 +130,10 @@ def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
     assert coarse[1] / fine[1] > 2**1.7
 
 
-@BOTH
+@WITH_BOTH_SOLVERS
 @pytest.mark.parametrize(("cell", "n"), [("triangle", 4), ("tetrahedron", 3)])
 def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solver):
-    body = ElasticBody(mesh := block(cell, n), Spaces.hybrid, state_of(mesh), 1.0, 0.5)
+    body = ElasticBody(mesh := block(cell, n), Spaces.hybrid, default_stress_state(mesh), 1.0, 0.5)
     W, dim, force = body.space, body.dim, np.array([2.0, 1.0, -4.0])
     rim = [fem.dirichletbc(fem.Function(W), boundary_dofs(W.sub(0)))]
     f, enclosed = body.body_force_load(force[:dim]), Reduction.dirichlet(W, rim)
@@ -204,7 +204,7 @@ def test_shear_vibrations_of_an_incompressible_block_are_exact():
     mu, rho = 7e9 / 3, 2e3
     for method, near in (("standard", 1e-4), ("new", 1e-2)):
         material = Material(3 * mu, 0.5, rho)
-        body = ElasticBody(create_unit_square(COMM, 6, 6), MAKERS[method], material=material)
+        body = ElasticBody(create_unit_square(COMM, 6, 6), SPACE_MAKERS_BY_METHOD[method], material=material)
         ends = [(1, on_plane(0, 0.0)), (1, on_plane(0, 1.0)), (1, on_plane(1, 1.0))]
         supports = body.make_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0)), *ends)
         values = vibration_modes(body.K, body.M, supports, 6).eigenvalues
@@ -225,7 +225,7 @@ def test_an_incompressible_column_buckles_as_euler_says():
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_a_mixed_space_of_ones_own_has_the_same_weights(cell):
+def test_weights_of_a_users_mixed_space_equal_those_of_hybrid_spaces(cell):
     mesh = block(cell, 2)
     mixed_space, pair = taylor_hood(mesh).trial, Spaces.hybrid(mesh)
     dx = ufl.dx(metadata={"quadrature_degree": 4})
@@ -235,12 +235,12 @@ def test_a_mixed_space_of_ones_own_has_the_same_weights(cell):
     )
     assert (mine - theirs).norm() < 1e-14 * mine.norm()
     straight = element("Lagrange", cell, 1, shape=(mesh.geometry.dim,))
-    linear = fem.functionspace(mesh, mixed_element(straight))
+    linear = fem.functionspace(mesh, displacement_pressure_element(straight))
     with pytest.raises(ValueError, match="alone or beside a pressure of degree 1"):
         test_space(linear)
 
 
-def test_conditions_contradict_each_other_field_by_field():
+def test_contradictions_of_conditions_are_judged_for_each_field():
     W = Spaces.hybrid(block("triangle", 2)).trial
     corner = lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)  # noqa: E731
     conditions = [prescribe(W, "pressure", corner, 1e12), prescribe(W, 0, on_plane(0, 0.0), 1e-3)]
@@ -249,7 +249,7 @@ def test_conditions_contradict_each_other_field_by_field():
         Reduction.dirichlet(W, [*conditions, prescribe(W, 0, on_plane(1, 0.0), 2e-3)])
 
 
-def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
+def test_von_mises_stress_of_hybrid_bodies_does_not_depend_on_pressure():
     mesh = block("triangle", 2)
     tags = tag_cells(mesh, np.arange(8) % 2)
     material = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
@@ -274,7 +274,7 @@ def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
         (0.5, "plane stress", False),
     ],
 )
-def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, hybrid):
+def test_nearly_incompressible_materials_select_the_hybrid_element(caplog, nu, state, hybrid):
     caplog.set_level("INFO", logger="pw_elements")
     mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
     body = Body.on(mesh, Material(1.0, nu), state)
@@ -282,7 +282,7 @@ def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, hyb
     assert (f"hybrid: nu = {nu:g}" in caplog.text) is hybrid
 
 
-def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog):
+def test_the_largest_poissons_ratio_of_a_body_selects_its_element(caplog):
     mesh = block("triangle", 2)
     nu = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     nu.x.array[:] = 0.3
@@ -301,7 +301,7 @@ class Clamped(ElasticBody):
     """Block that is clamped at its base and pushed sideways and down."""
 
     def __init__(self, mesh, nu=0.5, E=2e11, method=Spaces.hybrid, state=None, length=1.0):
-        super().__init__(mesh, method, state or state_of(mesh), E, nu)
+        super().__init__(mesh, method, state or default_stress_state(mesh), E, nu)
         vertical, kept = self.dim - 1, slice(3 - self.dim, None)
         self.f = self.body_force_load([2e8, 1e8, -4e8][kept])
         self.f += self.traction_load([1e8, 1e8, -2e8][kept], on_plane(vertical, 1.0))
@@ -325,16 +325,16 @@ class Clamped(ElasticBody):
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
-@pytest.mark.parametrize("method", MAKERS.values())
+@pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD.values())
 @pytest.mark.parametrize("cell", CELLS)
-def test_both_fields_are_those_of_factors(cell, method, nu):
+def test_displacement_and_pressure_equal_those_of_the_direct_solver(cell, method, nu):
     case = Clamped(block(cell, 12 if cell in CELLS[:2] else 3), nu, method=method)
     off, iterations = case.differences()
     assert off < 1e-9
     assert iterations < 55
 
 
-def test_iterations_depend_neither_on_the_mesh_nor_on_units():
+def test_krylov_iterations_depend_neither_on_the_mesh_nor_on_units():
     counts = [Clamped(block("tetrahedron", n)).differences()[1] for n in (2, 3, 5)]
     assert max(counts) < 60
     assert counts[2] <= counts[1] + 3
@@ -351,7 +351,7 @@ def test_iterations_depend_neither_on_the_mesh_nor_on_units():
     assert max(counts) - min(counts) <= 2
 
 
-def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_known():
+def test_krylov_solver_handles_a_varying_modulus_and_axisymmetry():
     mesh = block("tetrahedron", 3)
     E = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
     E.interpolate(lambda x: 10.0 ** (4 * x[0]))
@@ -364,7 +364,7 @@ def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_kn
 
 
 @pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
-def test_modes_are_those_of_factors(held, nu):
+def test_vibration_modes_equal_those_of_the_direct_solver(held, nu):
     """Vibration modes by Krylov's method agree with those by matrix factors.
 
     Frequencies, displacements and pressures of the modes are compared.
@@ -388,7 +388,7 @@ def test_modes_are_those_of_factors(held, nu):
             assert min(np.abs(a - b).max(), np.abs(a + b).max()) < 1e-7 * np.abs(b).max()
 
 
-def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
+def test_buckling_factors_equal_those_of_the_direct_solver_and_free_bodies_are_refused():
     case = Clamped(block("tetrahedron", 2), E=2e9)
     K_sigma = case.initial_stress_matrix(case.f, case.supports)
     mine, exact = (
@@ -406,7 +406,7 @@ def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
 # -- large strains, by the residual ----------------------------------------------------------------
 
 
-def incompressible(spaces, mu=1.0):
+def incompressible(spaces, shear_modulus=1.0):
     """Return the unknowns and the residual of an incompressible neo-Hookean body.
 
     The pressure is zero in the undeformed body.
@@ -415,12 +415,12 @@ def incompressible(spaces, mu=1.0):
     u, p = ufl.split(w)
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, inverse = ufl.det(F), ufl.inv(F).T
-    stress = mu * (F - inverse) - p * J * inverse
+    stress = shear_modulus * (F - inverse) - p * J * inverse
     return w, ufl.inner(stress, ufl.grad(v)) * DX - q * (J - 1) * DX
 
 
 @pytest.mark.parametrize(("cell", "mu"), [("triangle", 7e10), ("tetrahedron", 1.0)])
-@pytest.mark.parametrize("method", MAKERS)
+@pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
 def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method, cell, mu):
     """The stretch of an incompressible block is exact in any units.
 
@@ -430,7 +430,7 @@ def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method,
     size, stretch = 1e-3, 1.4
     mesh = block(cell, 2)
     mesh.geometry.x[:] *= size
-    spaces, dim = MAKERS[method](mesh), mesh.geometry.dim
+    spaces, dim = SPACE_MAKERS_BY_METHOD[method](mesh), mesh.geometry.dim
     (w, residual), end = incompressible(spaces, mu), fem.Constant(mesh, (stretch - 1) * size)
 
     def side(axis, coordinate):

@@ -19,7 +19,7 @@ from pw_elements import (
     prescribe,
     solve,
 )
-from pw_elements.checks import call_user_function, collective_errors
+from pw_elements.checks import call_user_function, raise_errors_on_all_processes
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
@@ -38,7 +38,7 @@ def solve_one_pair(pair, **options):
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64, np.uint8, bool, list])
-def test_facets_of_any_integer_type_and_masks(kind):
+def test_facets_may_be_integers_of_any_type_or_a_mask(kind):
     """Facets may be given by numbers of any integer type or by a mask.
 
     A mask must not be taken for the facets 0 and 1, which give a load of 1 instead of 12.
@@ -52,13 +52,13 @@ def test_facets_of_any_integer_type_and_masks(kind):
     assert load.sum() == pytest.approx(12.0)
 
 
-def test_a_marker_may_give_every_second_value_of_an_array():
+def test_a_marker_may_return_a_strided_array():
     marked = boundary_measure(MESH, lambda x: np.repeat(np.isclose(x[1], 0.0), 2)[::2])
     load = assemble_vector(BLOCK.body.surface_load((0, 1.0), marked))
     assert load.sum() == pytest.approx(4.0)
 
 
-def test_a_process_without_points_does_not_ask_a_marker():
+def test_markers_are_not_called_without_points():
     """A marker is not called on a process that has no points.
 
     Without points, the maximum of the coordinates in this marker is undefined.
@@ -68,14 +68,14 @@ def test_a_process_without_points_does_not_ask_a_marker():
     ).shape == (0,)
 
 
-def test_nodes_of_tagged_facets_as_the_refusal_of_tags_says():
+def test_nodes_located_on_tagged_facets_make_a_contact_pair():
     tags = meshtags(MESH, 1, EXTERIOR_FACETS, np.ones(len(EXTERIOR_FACETS), dtype=np.int32))
     nodes = fem.locate_dofs_topological(U, 1, tags.find(1))
     low = nodes[np.isclose(U.tabulate_dof_coordinates()[nodes, 1], 0.0)]
     assert len(solve_one_pair(ContactPair(low, FLOOR, 0.3)).position) == len(low)
 
 
-def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_mesh():
+def test_mesh_maps_may_return_two_components_and_failed_ones_change_nothing():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     original = mesh.geometry.x.copy()
     for map_mesh in (move_nodes, curved_mesh):
@@ -86,7 +86,7 @@ def test_images_in_the_plane_may_have_two_components_and_wrong_ones_leave_the_me
     assert largest == move_nodes(mesh, lambda x: 2 * x[:, :2]).geometry.x.max() == 2.0
 
 
-def test_one_of_a_kind_needs_no_list():
+def test_a_single_pair_motion_or_condition_needs_no_list():
     pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
     assert pair.translation == pytest.approx((0, 0.1))
     problem = ContactProblem(K, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
@@ -102,7 +102,7 @@ def test_one_of_a_kind_needs_no_list():
     assert size_of_one == size_of_list
 
 
-def test_numbers_may_be_of_any_type_and_friction_a_function_of_one():
+def test_numbers_may_be_of_any_type_and_friction_functions_may_return_one_number():
     for radius in (1, np.float32(1), np.array(1.0), np.int64(1)):
         assert Sphere((0, 0), radius).gap(np.array([[0.0, 2.0]])) == pytest.approx([1.0])
     for mu in (np.array(0.25), lambda _: 0.25):
@@ -115,7 +115,7 @@ def test_numbers_may_be_of_any_type_and_friction_a_function_of_one():
     assert body.state is StressState.AXISYMMETRIC
 
 
-def test_scalar_spaces_have_a_component_to_prescribe():
+def test_component_0_of_a_scalar_space_can_be_prescribed():
     V = fem.functionspace(MESH, ("Lagrange", 2))
     condition = prescribe(V, 0, BOTTOM, 2.0)
     assert (
@@ -134,26 +134,26 @@ def test_conditions_that_say_the_same_do_not_contradict():
     assert Reduction.dirichlet(U, conditions).right.getSize()[1] < K.getSize()[0]
 
 
-def test_errors_of_users_functions_are_the_cause_of_the_librarys():
+def test_user_function_errors_are_the_cause_of_the_library_error():
     comm = MPI.COMM_SELF
     message = r"^the marker failed: KeyError: 'x'$"
-    with pytest.raises(ValueError, match=message) as raised, collective_errors(comm):
+    with pytest.raises(ValueError, match=message) as raised, raise_errors_on_all_processes(comm):
         call_user_function(comm, "the marker", {}.__getitem__, "x")
     assert isinstance(raised.value.__cause__, KeyError)
 
 
-def scale_load(size):
+def make_load_of_size(max_entry):
     load = BLOCK.pressure_load.copy()
-    load.scale(size / load.norm(3))
+    load.scale(max_entry / load.norm(3))
     return load
 
 
-def stretch(value):
+def stretch(displacement):
     clamped = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
-    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, on_plane(1, 1.0), value)])
+    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, on_plane(1, 1.0), displacement)])
 
 
-def solve_residual(modulus=1.0, load=0.0, depth=0.0, contact=False):
+def solve_residual_problem(modulus=1.0, load=0.0, depth=0.0, contact=False):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     E, body_force = fem.Constant(mesh, modulus), fem.Constant(mesh, load)
@@ -170,10 +170,10 @@ def solve_residual(modulus=1.0, load=0.0, depth=0.0, contact=False):
     return problem.step(problem.undeformed, motions=Motion((0.0, -depth)))
 
 
-OUT_OF_RANGE_CALLS = {
-    "a small load": lambda: solve(K, scale_load(1e-300), BLOCK.clamp(BOTTOM)),
-    "a large load": lambda: solve(K, scale_load(1e300), BLOCK.clamp(BOTTOM)),
-    "a load of contact": lambda: solve_contact_under(scale_load(1e-300)),
+CALLS_WITH_OUT_OF_RANGE_NUMBERS = {
+    "a small load": lambda: solve(K, make_load_of_size(1e-300), BLOCK.clamp(BOTTOM)),
+    "a large load": lambda: solve(K, make_load_of_size(1e300), BLOCK.clamp(BOTTOM)),
+    "a load of contact": lambda: solve_floor_contact(make_load_of_size(1e-300)),
     "a modulus": lambda: Material(1e-300),
     "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
     "a stiffness": lambda: solve(1e-300 * K, BLOCK.pressure_load, BLOCK.clamp(BOTTOM)),
@@ -184,15 +184,15 @@ OUT_OF_RANGE_CALLS = {
     "a traction": lambda: BLOCK.body.surface_load(
         (0, 1e300), boundary_measure(MESH, EXTERIOR_FACETS)
     ),
-    "a residual's modulus": lambda: solve_residual(modulus=1e-300),
-    "a residual's load": lambda: solve_residual(load=1e-300),
-    "a residual's condition": lambda: solve_residual(depth=1e300),
-    "a residual's modulus in contact": lambda: solve_residual(1e-300, contact=True),
-    "a residual's load in contact": lambda: solve_residual(load=1e-300, contact=True),
+    "a residual's modulus": lambda: solve_residual_problem(modulus=1e-300),
+    "a residual's load": lambda: solve_residual_problem(load=1e-300),
+    "a residual's condition": lambda: solve_residual_problem(depth=1e300),
+    "a residual's modulus in contact": lambda: solve_residual_problem(1e-300, contact=True),
+    "a residual's load in contact": lambda: solve_residual_problem(load=1e-300, contact=True),
 }
 
 
-def solve_contact_under(load):
+def solve_floor_contact(load):
     solve_contact(K, load, BLOCK.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
 
 
@@ -202,14 +202,14 @@ def constant_function(value):
     return function
 
 
-@pytest.mark.parametrize("what", OUT_OF_RANGE_CALLS)
+@pytest.mark.parametrize("what", CALLS_WITH_OUT_OF_RANGE_NUMBERS)
 def test_numbers_that_lose_their_digits_are_refused(what):
     """Numbers so small or large that they lose their digits are refused.
 
     Norms of such numbers underflow or overflow, because their squares do.
     """
     with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
-        OUT_OF_RANGE_CALLS[what]()
+        CALLS_WITH_OUT_OF_RANGE_NUMBERS[what]()
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e60])
@@ -219,6 +219,6 @@ def test_numbers_in_range_keep_their_digits(unit):
     solution.scale(unit)
     assert (solution - reference).norm() < 1e-10 * reference.norm()
     small_load = min(unit, 1 / unit)
-    u, small_u = solve_residual(load=1.0), solve_residual(load=small_load)
+    u, small_u = solve_residual_problem(load=1.0), solve_residual_problem(load=small_load)
     assert small_u.x.array / small_load == pytest.approx(u.x.array, rel=1e-9, abs=1e-15)
-    assert solve_residual(depth=0.01, contact=True).pairs[0].force[1] < 0
+    assert solve_residual_problem(depth=0.01, contact=True).pairs[0].force[1] < 0

@@ -39,7 +39,7 @@ from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, 
 from study.meshes.inner_nodes import centre_nodes
 from study.model.elements import composite
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
-from tests.contact.iterative import SolidBlock, nearly_sliding_arguments
+from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
 from tests.library.properties import boundary_dofs
 
 
@@ -54,8 +54,8 @@ def rectangle(cell):
     return move_nodes(mesh, lambda x: x + 0.05 * np.sin(3 * x[:, [1, 2, 0]]) * [1, 1, 0])
 
 
-def bend_edges(build):
-    return curved_mesh(build, lambda x: x + 0.1 * np.sin(2 * x[:, [1, 2, 0]]) * (x**0 * [1, 1, 0]))
+def bend_edges(mesh):
+    return curved_mesh(mesh, lambda x: x + 0.1 * np.sin(2 * x[:, [1, 2, 0]]) * (x**0 * [1, 1, 0]))
 
 
 BODIES = {
@@ -94,7 +94,7 @@ def difference(a, b):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_displacements_are_those_of_the_direct_solver(name):
+def test_iterative_displacements_are_those_of_the_direct_solver(name):
     case = Case(name)
     norm = case.K.norm()
     a = case.solve_by(Iterative())
@@ -106,7 +106,7 @@ def test_displacements_are_those_of_the_direct_solver(name):
     assert 5 < report.krylov_iterations < 80
 
 
-def test_a_brief_solution_takes_one_cycle_an_iteration():
+def test_flexible_gmres_applies_one_multigrid_cycle_per_iteration():
     case = Case("pw-T10")
     prepared = Iterative().prepare(case.K, supports=case.supports.supports)
     prepared.set_up()
@@ -190,8 +190,8 @@ def test_the_coarse_level_follows_the_constraints(blocked, sprung):
 
 
 @pytest.mark.parametrize("rows", [12_000, 90])
-def test_matrices_in_blocks(monkeypatch, rows):
-    monkeypatch.setattr(matrices, "_CONVERTED_ROWS", rows)
+def test_block_matrices_give_the_same_results(monkeypatch, rows):
+    monkeypatch.setattr(matrices, "_MIN_ROWS_PER_CONVERTED_PART", rows)
     case = Case("pw-T10")
     blocked = assemble_matrix(case.body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"
@@ -208,7 +208,7 @@ def test_matrices_in_blocks(monkeypatch, rows):
     assert modes[0] == pytest.approx(modes[1], rel=1e-10)
 
 
-def test_a_scalar_field():
+def test_iterative_solver_solves_scalar_fields_and_refuses_singular_ones():
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (4, 4, 4))
     V = fem.functionspace(mesh, ("Lagrange", 2))
     u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
@@ -220,7 +220,7 @@ def test_a_scalar_field():
         solve(K, f, Reduction.dirichlet(V, []), Iterative())
 
 
-def test_options_pass_through():
+def test_petsc_options_reach_the_iterative_solver():
     case = Case("pw-T10")
     options = {"ksp_type": "fgmres", "mg_levels_1_ksp_max_it": 6, "-mg_coarse_pc_type": "lu"}
     plain, thorough, rough = (
@@ -245,7 +245,7 @@ def test_a_body_without_supports_is_refused():
             solve(case.K, case.f, case.make_supports(*few), Iterative())
 
 
-def two_cubes():
+def make_mesh_of_two_separate_cubes():
     cube = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2))
     x, cells = cube.geometry.x, cell_nodes(cube)
     meshes = np.vstack([x, x + np.array([3.0, 0, 0])]), np.vstack([cells, cells + len(x)])
@@ -258,7 +258,7 @@ def two_cubes():
 
 
 def test_each_of_two_bodies_needs_supports():
-    body = ElasticBody(two_cubes(), state="solid")
+    body = ElasticBody(make_mesh_of_two_separate_cubes(), state="solid")
     f, left = body.body_force_load((0.0, 1.0, 1.0)), [(i, on_plane(0, 0.0)) for i in range(3)]
     with pytest.raises(SingularSystem, match="the supports leave a rigid motion free"):
         solve(body.K, f, body.make_supports(*left), Iterative())
@@ -267,7 +267,7 @@ def test_each_of_two_bodies_needs_supports():
     assert difference(a, expected) < 1e-10
 
 
-def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
+def test_auto_selects_direct_for_plane_and_small_bodies(caplog):
     small, large = (
         Reduction.dirichlet(Spaces.galerkin(box("hexahedron", n)).trial, []).supports
         for n in (4, 7)
@@ -322,7 +322,7 @@ def test_buckling_factors_are_those_of_the_direct_solver(name):
         buckling(case.K, K_sigma, case.make_supports(), solver=Iterative())
 
 
-def test_modes_that_need_factors_or_more_iterations():
+def test_modes_that_the_iterative_solver_cannot_compute_are_refused():
     case = Case("pw-T10")
     problem = case.K, case.M, case.supports
     with pytest.raises(ValueError, match="does not count negative pivots"):
@@ -331,7 +331,7 @@ def test_modes_that_need_factors_or_more_iterations():
         vibration_modes(*problem, solver=Iterative(options={"ksp_max_it": 3}))
 
 
-def test_condensation_needs_factors():
+def test_iterative_solver_refuses_condensation():
     case = Case("pw-Q9")
     U = case.space
     conditions = [prescribe(U, i, lambda x: x[0] < 1.1) for i in (0, 1)]
@@ -341,7 +341,7 @@ def test_condensation_needs_factors():
     assert solve(case.K, case.f, condensed).getAttr("report").method == "LU by mumps"
 
 
-GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
+FALLBACK_LOG_MESSAGE = "auto: Iterative gave up, Direct goes on; factors take some"
 
 
 @pytest.fixture
@@ -349,17 +349,17 @@ def small(monkeypatch):
     """Make "auto" treat bodies of any size as large."""
     for limit in (
         "_MIN_KRYLOV_DOFS",
-        "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS",
+        "_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT",
         "_MIN_KRYLOV_DOFS_FOR_MODES",
     ):
         monkeypatch.setattr(automatic, limit, 1)
     monkeypatch.setattr(
-        preconditioners, "_MIN_STICKING_NODES", 0
+        preconditioners, "_MIN_STICKING_NODES_WITHOUT_ANCHORS", 0
     )  # GMRES then fails where no node sticks
 
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
-def test_auto_takes_factors_for_larger_bodies_that_only_contact_holds(monkeypatch, held, method):
+def test_auto_selects_direct_for_larger_bodies_that_only_contact_supports(monkeypatch, held, method):
     monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 1)
     solid = SolidBlock(n=2)
     supports = (
@@ -376,8 +376,8 @@ def test_auto_takes_factors_for_larger_bodies_that_only_contact_holds(monkeypatc
 
 
 @pytest.mark.usefixtures("small")
-def test_contact_goes_on_with_factors(caplog):
-    arguments = nearly_sliding_arguments(SolidBlock(n=2))
+def test_contact_falls_back_to_the_direct_solver(caplog):
+    arguments = nearly_sliding_contact_arguments(SolidBlock(n=2))
     expected = solve_contact(*arguments, solver=Direct())
     with pytest.raises(NotConverged, match=r"use Direct\(\)") as failed:
         solve_contact(*arguments, solver=Iterative())
@@ -389,7 +389,7 @@ def test_contact_goes_on_with_factors(caplog):
     assert methods == ["GMRES with p-multigrid", "LU by mumps", "LU by mumps"]
     assert [state.increment for state in states] == [1, 2, 3]
     said = [record.getMessage() for record in caplog.records if record.name == "pw_elements"]
-    assert sum(words.startswith(GAVE_UP) for words in said) == 1
+    assert sum(words.startswith(FALLBACK_LOG_MESSAGE) for words in said) == 1
     assert [progress.state for progress in messages if progress.state] == states
     for state, exact in zip(states, expected, strict=True):
         assert difference(state.displacement, exact.displacement) < 1e-9
@@ -398,9 +398,9 @@ def test_contact_goes_on_with_factors(caplog):
 
 
 @pytest.mark.usefixtures("small")
-def test_without_memory_for_factors_the_error_stays(monkeypatch):
-    arguments = nearly_sliding_arguments(SolidBlock(n=2))
-    monkeypatch.setattr(automatic, "free_memory", lambda _: 1e6)
+def test_auto_raises_if_memory_is_too_small_for_the_direct_solver(monkeypatch):
+    arguments = nearly_sliding_contact_arguments(SolidBlock(n=2))
+    monkeypatch.setattr(automatic, "total_free_memory_in_bytes", lambda _: 1e6)
     with pytest.raises(NotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
         solve_contact(*arguments)
 
@@ -412,14 +412,14 @@ def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
 
     The body is pushed by more than friction can carry, so that Krylov's method fails.
     """
-    K, loads, supports, pair, U = nearly_sliding_arguments(SolidBlock(n=2), push_ratio=0.8)
+    K, loads, supports, pair, U = nearly_sliding_contact_arguments(SolidBlock(n=2), push_over_pressure=0.8)
     with caplog.at_level(logging.INFO), pytest.raises(NoEquilibrium, match="slides along"):
         solve_contact(K, loads, supports, pair, U, solver=solver)
-    assert not any(GAVE_UP in record.getMessage() for record in caplog.records)
+    assert not any(FALLBACK_LOG_MESSAGE in record.getMessage() for record in caplog.records)
 
 
 @pytest.mark.usefixtures("small")
-def test_linear_problems_go_on_with_factors(monkeypatch):
+def test_linear_problems_fall_back_to_the_direct_solver(monkeypatch):
     monkeypatch.setattr(automatic, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
     rubber = ElasticBody(box("tetrahedron"), Spaces.hybrid, "solid", 1.0, 0.5)
     f, foot = rubber.body_force_load((0.0, 0.0, -1.0)), rubber.clamp(on_plane(0, 0.0))
@@ -439,14 +439,14 @@ def test_linear_problems_go_on_with_factors(monkeypatch):
         assert getattr(modes, name) == pytest.approx(getattr(expected, name), rel=1e-10)
 
 
-def test_factors_and_free_memory_are_estimated():
+def test_memory_of_factors_and_free_memory_are_estimated():
     """The memory for factors and the free memory are estimated well.
 
     MUMPS took 6.2 GB for 212 355 unknowns. Free memory is less than the memory of the machine.
     """
-    assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
+    assert iterative.estimate_factor_memory_in_bytes(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (
         0
-        < automatic.free_memory(MPI.COMM_WORLD)
+        < automatic.total_free_memory_in_bytes(MPI.COMM_WORLD)
         < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     )

@@ -18,31 +18,31 @@ from tests.library.properties import dense, dense_solution
 COMM, N = MPI.COMM_SELF, 200
 
 
-def unit_square(method=PW, n=3):
-    return ElasticBody(create_unit_square(COMM, n, n), method, "plane stress", 7.0)
+def make_unit_square_body(method=PW, cells_per_side=3):
+    return ElasticBody(create_unit_square(COMM, cells_per_side, cells_per_side), method, "plane stress", 7.0)
 
 
 @pytest.fixture(params=[GALERKIN, PW])
 def square(request):
-    return unit_square(request.param)
+    return make_unit_square_body(request.param)
 
 
-def test_prescribed_values_against_dense_algebra(square):
+def test_displacements_with_prescribed_values_equal_dense_algebra(unit_square_body):
     prescribed = [(0, on_plane(0, 0.0)), (1, on_plane(0, 0.0)), (0, on_plane(0, 1.0), 0.03)]
-    f = square.traction_load((1.0, 0.2), on_plane(0, 1.0))
-    a = solve(square.K, f, square.make_supports(*prescribed)).array
-    conditions = [prescribe(square.space, *condition) for condition in prescribed]
-    assert np.abs(a - dense_solution(square.K, f, conditions)).max() < 1e-12
+    f = unit_square_body.traction_load((1.0, 0.2), on_plane(0, 1.0))
+    a = solve(unit_square_body.K, f, unit_square_body.make_supports(*prescribed)).array
+    conditions = [prescribe(unit_square_body.space, *condition) for condition in prescribed]
+    assert np.abs(a - dense_solution(unit_square_body.K, f, conditions)).max() < 1e-12
 
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
-def test_missing_supports_end_in_an_error(square, components):
+def test_missing_supports_raise_singular_system(unit_square_body, components):
     """Missing supports are detected, even if a balanced load makes the residual small."""
-    supports = square.make_supports(*((i, on_plane(0, 0.0)) for i in components))
-    pull = square.traction_load((1.0, 0.0), on_plane(0, 1.0))
-    for f in (pull, pull + square.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
+    supports = unit_square_body.make_supports(*((i, on_plane(0, 0.0)) for i in components))
+    pull = unit_square_body.traction_load((1.0, 0.0), on_plane(0, 1.0))
+    for f in (pull, pull + unit_square_body.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
         with pytest.raises(SingularSystem, match="rigid motion"):
-            solve(square.K, f, supports)
+            solve(unit_square_body.K, f, supports)
 
 
 def test_bad_conditioning_alone_is_no_singularity():
@@ -60,18 +60,18 @@ def test_bad_conditioning_alone_is_no_singularity():
     assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
 
 
-def test_symmetric_part_and_inertia(square):
-    part, K = dense(symmetric_part(square.K)), dense(square.K)
+def test_symmetric_part_and_its_negative_pivots_are_exact(unit_square_body):
+    part, K = dense(symmetric_part(unit_square_body.K)), dense(unit_square_body.K)
     assert np.abs(part - part.T).max() == 0
     assert np.abs(part - (K + K.T) / 2).max() < 1e-15
-    reduced = symmetric_part(square.clamp(on_plane(0, 0.0)).matrix(square.K))
+    reduced = symmetric_part(unit_square_body.clamp(on_plane(0, 0.0)).matrix(unit_square_body.K))
     eigenvalues = np.linalg.eigvalsh(dense(reduced))
     assert factorise(reduced, symmetric=True).negative_pivots == (eigenvalues < 0).sum()
 
 
 def test_matrices_and_vectors_outlive_their_mesh():
     def system():
-        square = unit_square(n=8)
+        square = make_unit_square_body(cells_per_side=8)
         return square.K, square.body_force_load((0.0, -1.0)), square.clamp(on_plane(0, 0.0))
 
     systems = [system() for _ in range(5)]
@@ -83,7 +83,7 @@ def test_matrices_and_vectors_outlive_their_mesh():
 # -- factors ---------------------------------------------------------------------------------------
 
 
-def matrix_of(dense):
+def make_petsc_matrix(dense):
     matrix = PETSc.Mat().createAIJ(dense.shape, comm=COMM)
     matrix.setUp()
     return change_rows(matrix, range(len(dense)), dense)
@@ -102,7 +102,7 @@ def random_matrix(seed=5):
 def test_one_factorisation_serves_after_small_changes():
     A, right = random_matrix(), PETSc.Vec().createSeq(N)
     right.setArray(np.arange(float(N)))
-    matrix, sign = matrix_of(A), int(np.sign(np.linalg.det(A)))
+    matrix, sign = make_petsc_matrix(A), int(np.sign(np.linalg.det(A)))
     factors = Direct().prepare(matrix)
     assert factors.report.factorisations == 0
     assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
@@ -121,7 +121,7 @@ def test_one_factorisation_serves_after_small_changes():
 
 
 def test_unannounced_row_changes_are_noticed():
-    matrix, right = matrix_of(random_matrix()), PETSc.Vec().createSeq(N)
+    matrix, right = make_petsc_matrix(random_matrix()), PETSc.Vec().createSeq(N)
     right.set(1.0)
     factors = Direct().prepare(matrix)
     factors.solve(right)
@@ -132,13 +132,13 @@ def test_unannounced_row_changes_are_noticed():
 @pytest.mark.parametrize("package", ["mumps", "superlu_dist", "petsc"])
 def test_singular_matrices_are_refused_by_any_package(package):
     options = {"pc_factor_mat_solver_type": package}
-    prepared = Direct(options).prepare(matrix_of(np.diag(np.arange(30.0))))
+    prepared = Direct(options).prepare(make_petsc_matrix(np.diag(np.arange(30.0))))
     with pytest.raises((SingularSystem, PETSc.Error)):
         prepared.set_up()
 
 
 def test_factors_recover_from_a_matrix_with_nan():
-    matrix, right = matrix_of(random_matrix(5)), PETSc.Vec().createSeq(N)
+    matrix, right = make_petsc_matrix(random_matrix(5)), PETSc.Vec().createSeq(N)
     right.set(1.0)
     factors = Direct().prepare(matrix)
     expected = factors.solve(right).array_r.copy()
@@ -167,29 +167,29 @@ def beam():
         (Direct({"mat_mumps_icntl_7": 0}), "mumps"),  # ordering by minimum degree
     ],
 )
-def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
-    f = beam.traction_load((-1.0, 0.0), on_plane(0, 8.0))
-    a, reference = solve(beam.K, f, beam.foot, solver=solver), solve(beam.K, f, beam.foot)
+def test_statics_and_vibration_use_and_report_the_given_solver(clamped_beam, solver, package):
+    f = clamped_beam.traction_load((-1.0, 0.0), on_plane(0, 8.0))
+    a, reference = solve(clamped_beam.K, f, clamped_beam.foot, solver=solver), solve(clamped_beam.K, f, clamped_beam.foot)
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")
     assert (report.method, report.factorisations) == (f"LU by {package}", 1)
     modes, expected_modes = (
-        vibration_modes(beam.K, beam.M, beam.foot, 3, solver=s) for s in (solver, None)
+        vibration_modes(clamped_beam.K, clamped_beam.M, clamped_beam.foot, 3, solver=s) for s in (solver, None)
     )
     assert modes.eigenvalues == pytest.approx(expected_modes.eigenvalues, rel=1e-9)
     assert modes.report.method == f"LU by {package}"
     assert modes.report.factorisations == 1  # slender bodies need a second shift
 
 
-def test_a_symmetric_pair_wants_its_pivots_counted(beam):
+def test_symmetrised_modes_refuse_packages_without_pivot_counts(clamped_beam):
     solver = Direct({"pc_factor_mat_solver_type": "petsc"})
     with pytest.raises(ValueError, match="does not count negative pivots"):
-        vibration_modes(beam.K, beam.M, beam.foot, 1, symmetrised=True, solver=solver)
+        vibration_modes(clamped_beam.K, clamped_beam.M, clamped_beam.foot, 1, symmetrised=True, solver=solver)
 
 
-def test_options_reach_mumps(beam):
+def test_options_reach_mumps(clamped_beam):
     def parameters(options, *numbers):
-        prepared = Direct(options).prepare(beam.foot.matrix(beam.K))
+        prepared = Direct(options).prepare(clamped_beam.foot.matrix(clamped_beam.K))
         prepared.set_up()
         factor = prepared.ksp.getPC().getFactorMatrix()
         return [factor.getMumpsIcntl(n) for n in numbers]

@@ -22,16 +22,16 @@ from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 MATERIAL = Material(10.0, 0.3, density=2.0)
 
 
-def square(n=3):
-    return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n))
+def square(cells_per_side=3):
+    return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side))
 
 
 def quadrilaterals():
     return create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], [3, 3], CellType.quadrilateral)
 
 
-def cube(cell):
-    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell)
+def cube(cell_type):
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell_type)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(fiel
     ],
     ids=["triangles", "parallelograms", "tetrahedra", "parallelepipeds"],
 )
-def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
+def test_quadrature_is_exact_with_no_more_points_than_needed(make_mesh, state, method):
     """Quadrature of stiffness and mass is exact, with no more points than necessary.
 
     With four more degrees nothing changes, with fewer points the matrices do. Cells may be oblique.
@@ -86,21 +86,21 @@ def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
         assert degree == 1 or np.abs(crude - fine).max() > 1e-4 * size
 
 
-def test_cells_that_are_no_parallelograms_keep_three_points_a_direction():
+def test_quadrature_degree_is_higher_on_cells_that_are_no_parallelograms():
     meshes = quadrilaterals(), move_nodes(quadrilaterals(), smooth_distortion)
     bodies = [Body(PW(mesh), MATERIAL, "plane strain") for mesh in meshes]
     degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in bodies]
     assert degrees == [3, 5]
 
 
-def halves(mesh, first=3, second=7):
+def halves(mesh, left_tag=3, right_tag=7):
     dim = mesh.topology.dim
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     right = compute_midpoints(mesh, dim, cells)[:, 0] > 0.5
-    return meshtags(mesh, dim, cells, np.where(right, second, first).astype(np.int32))
+    return meshtags(mesh, dim, cells, np.where(right, right_tag, left_tag).astype(np.int32))
 
 
-def test_a_material_per_tag():
+def test_each_cell_tag_has_its_own_material():
     mesh = square(4)
     parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
     material = Material.by_tag(mesh, halves(mesh), parts)
@@ -142,7 +142,7 @@ def test_materials_without_matching_tags_are_refused():
     assert_refused({3: soft}, "28 of 32 cells have no tag, so no material", few)
 
 
-def test_incompressible_in_plane_stress():
+def test_plane_stress_allows_incompressible_materials():
     spaces = PW(square())
     K = assemble_matrix(Body(spaces, Material(2.0, 0.5), "plane stress").stiffness())
     near = Body(spaces, Material(2.0, 0.5 - 1e-9), "plane stress")
@@ -158,7 +158,7 @@ def test_incompressible_in_plane_stress():
         ("axisymmetric", (0.0, 1.0), 10.0 / 1.3),
     ],
 )
-def test_equivalent_stress_of_known_strains(state, strain, expected):
+def test_von_mises_stress_of_known_strains_is_exact(state, strain, expected):
     mesh = cube(CellType.tetrahedron) if state == "solid" else square()
     body = Body(GALERKIN(mesh), MATERIAL, state)
     u = fem.Function(body.spaces.trial)

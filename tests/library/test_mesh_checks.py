@@ -23,14 +23,14 @@ from pw_elements.meshes import curved_mesh
 from tests.library.random_meshes import SEEDS, Grid, grids, structured_grid
 from tests.parallel import PROJECT, run_on
 
-GRID_LINE = np.linspace(0.0, 1.0, 4)
+UNIT_LINE_OF_THREE_CELLS = np.linspace(0.0, 1.0, 4)
 
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
 # cells beside the edge from (1, 0) to (1, 1), which is divided into two halves
-HALF_TRIANGLES = [[1, 4, 6], [6, 4, 5], [6, 5, 2]]
-TORN_NODES = [*SQUARE, [2, 0], [2, 1], [1, 0.5]]
-CRACK_NODES = [
+TRIANGLES_BESIDE_DIVIDED_EDGE = [[1, 4, 6], [6, 4, 5], [6, 5, 2]]
+NODES_WITH_HANGING_NODE = [*SQUARE, [2, 0], [2, 1], [1, 0.5]]
+CRACKED_MESH_NODES = [
     [0, 0],
     [1, 0],
     [2, 0],
@@ -43,7 +43,7 @@ CRACK_NODES = [
     [1, 0],
     [2, 0],
 ]
-CRACK_CELLS = [
+CRACKED_MESH_CELLS = [
     [0, 1, 3],
     [1, 4, 3],
     [1, 2, 4],
@@ -54,15 +54,15 @@ CRACK_CELLS = [
     [8, 10, 9],
 ]
 
-HANGING_MESSAGE = (
+HANGING_NODES_MESSAGE = (
     "have hanging nodes: smaller facets of their neighbours lie on them, and the mesh is torn "
     "apart there"
 )
-FOLD_MESSAGE = "lie on the same side of a facet as their neighbour"
+FOLDED_CELLS_MESSAGE = "lie on the same side of a facet as their neighbour"
 
 
-def box_grid(cell, counts, low, high):
-    ends = zip(low, high, counts, strict=True)
+def make_box_grid(cell, divisions, lower_corner, upper_corner):
+    ends = zip(lower_corner, upper_corner, divisions, strict=True)
     return structured_grid(cell, [np.linspace(a, b, n + 1) for a, b, n in ends], 1)
 
 
@@ -72,18 +72,18 @@ def join_grids(*grids):
     return Grid(grids[0].cell, np.vstack([grid.x for grid in grids]), np.vstack(cells))
 
 
-def two_boxes(cell, counts, other_counts, low):
-    dim = len(low)
-    high = [a + 1.0 for a in low]
+def make_two_unit_boxes(cell, divisions, other_divisions, other_lower_corner):
+    dim = len(other_lower_corner)
+    high = [a + 1.0 for a in other_lower_corner]
     grid = join_grids(
-        box_grid(cell, counts, [0.0] * dim, [1.0] * dim), box_grid(cell, other_counts, low, high)
+        make_box_grid(cell, divisions, [0.0] * dim, [1.0] * dim), make_box_grid(cell, other_divisions, other_lower_corner, high)
     )
     return grid.cell, grid.x, grid.cells
 
 
-def coarse_beside_fine_box():
+def make_brick_beside_four_smaller_bricks():
     """Return a hexahedron and four smaller hexahedra that share four of its corners."""
-    fine = box_grid("hexahedron", (1, 2, 2), (1, 0, 0), (2, 1, 1))
+    fine = make_box_grid("hexahedron", (1, 2, 2), (1, 0, 0), (2, 1, 1))
     corners = np.array([[0, y, z] for z in (0, 1) for y in (0, 1)], dtype=float)
     shared = [
         int(np.flatnonzero(np.isclose(fine.x, [1, y, z]).all(axis=1))[0])
@@ -96,20 +96,20 @@ def coarse_beside_fine_box():
 
 
 VALID_MESHES = {
-    "two bodies that match": lambda: two_boxes("triangle", (3, 3), (3, 3), (0.0, 1.0)),
-    "two bodies that match in 3-D": lambda: two_boxes(
+    "two bodies that match": lambda: make_two_unit_boxes("triangle", (3, 3), (3, 3), (0.0, 1.0)),
+    "two bodies that match in 3-D": lambda: make_two_unit_boxes(
         "hexahedron", (2, 2, 2), (2, 2, 2), (0.0, 0.0, 1.0)
     ),
-    "two bodies that touch": lambda: two_boxes("triangle", (4, 4), (3, 3), (0.3, 1.0)),
-    "two bodies that touch in 3-D": lambda: two_boxes(
+    "two bodies that touch": lambda: make_two_unit_boxes("triangle", (4, 4), (3, 3), (0.3, 1.0)),
+    "two bodies that touch in 3-D": lambda: make_two_unit_boxes(
         "tetrahedron", (2, 2, 2), (3, 3, 3), (0.0, 0.3, 1.0)
     ),
-    "a crack": lambda: ("triangle", CRACK_NODES, CRACK_CELLS),
+    "a crack": lambda: ("triangle", CRACKED_MESH_NODES, CRACKED_MESH_CELLS),
 }
-DEGENERATE_MESHES = {
+DEGENERATE_MESHES_WITH_MESSAGES = {
     "folded": (
         lambda: ("triangle", [*SQUARE, [1.2, 0.9]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]),
-        "cells around (0.7333, 0.3), (0.7333, 0.9667), (1.067, 0.6333) " + FOLD_MESSAGE,
+        "cells around (0.7333, 0.3), (0.7333, 0.9667), (1.067, 0.6333) " + FOLDED_CELLS_MESSAGE,
     ),
     "flat": (
         lambda: ("triangle", [[0, 0], [1, 0], [2, 0], [0, 1]], [[0, 1, 3], [0, 1, 2]]),
@@ -120,31 +120,31 @@ DEGENERATE_MESHES = {
         "cells around (0.325, 0.325) are turned inside out in a part of them",
     ),
     "hanging nodes": (
-        lambda: ("triangle", TORN_NODES, [[0, 1, 2], [0, 2, 3], *HALF_TRIANGLES]),
-        f"facets around (1, 0.5) {HANGING_MESSAGE}",
+        lambda: ("triangle", NODES_WITH_HANGING_NODE, [[0, 1, 2], [0, 2, 3], *TRIANGLES_BESIDE_DIVIDED_EDGE]),
+        f"facets around (1, 0.5) {HANGING_NODES_MESSAGE}",
     ),
     "hanging nodes in 3-D": (
-        coarse_beside_fine_box,
-        f"facets around (1, 0.5, 0.5) {HANGING_MESSAGE}",
+        make_brick_beside_four_smaller_bricks,
+        f"facets around (1, 0.5, 0.5) {HANGING_NODES_MESSAGE}",
     ),
     "overlap": (
-        lambda: two_boxes("quadrilateral", (2, 2), (2, 2), (0.5, 0.5)),
+        lambda: make_two_unit_boxes("quadrilateral", (2, 2), (2, 2), (0.5, 0.5)),
         "cells around (0.75, 0.75) lie in other parts of the mesh",
     ),
     "overlap in 3-D": (
-        lambda: two_boxes("hexahedron", (2, 2, 2), (2, 2, 2), (0.5, 0.5, 0.5)),
+        lambda: make_two_unit_boxes("hexahedron", (2, 2, 2), (2, 2, 2), (0.5, 0.5, 0.5)),
         "cells around (0.75, 0.75, 0.75) lie in other parts of the mesh",
     ),
 }
 
 
-CROWDED_MESSAGE = (
+THREE_CELLS_AT_FACET_MESSAGE = (
     "cells around (0.5833, 0.6667), (0.5833, 0.6833), (0.6667, 0.5833) share a facet with two "
     "others"
 )
 
 
-def crowded_edge():
+def make_three_triangles_at_edge():
     """Return a grid in which three triangles share one edge.
 
     The grid is needed because DOLFINx may crash for few cells.
@@ -155,13 +155,13 @@ def crowded_edge():
     return "triangle", x, [*cells, [12, 18, 25]]
 
 
-def build_mesh(comm, kind, x, cells):
+def build_mesh(comm, cell_name, node_coordinates, cells):
     """Create a mesh from nodes and cells, of which only those of process 0 are used."""
-    x, cells = np.array(x, dtype=float), np.array(cells, dtype=np.int64)
+    node_coordinates, cells = np.array(node_coordinates, dtype=float), np.array(cells, dtype=np.int64)
     if comm.rank > 0:
-        x, cells = x[:0], cells[:0]
-    element = basix.ufl.element("Lagrange", kind, 1, shape=(x.shape[1],))
-    return create_mesh(comm, cells=cells, x=x, e=element)
+        node_coordinates, cells = node_coordinates[:0], cells[:0]
+    element = basix.ufl.element("Lagrange", cell_name, 1, shape=(node_coordinates.shape[1],))
+    return create_mesh(comm, cells=cells, x=node_coordinates, e=element)
 
 
 def is_refused(mesh):
@@ -175,7 +175,7 @@ def is_refused(mesh):
 @given(SEEDS, st.floats(0.0, 0.6), st.sampled_from(["triangle", "tetrahedron"]))
 def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed, distortion, cell):
     dim = 2 if cell == "triangle" else 3
-    grid = structured_grid(cell, [GRID_LINE] * dim, seed)
+    grid = structured_grid(cell, [UNIT_LINE_OF_THREE_CELLS] * dim, seed)
     is_inner = np.all((grid.x > 0.01) & (grid.x < 0.99), axis=1)
     rng = np.random.default_rng(seed)
     x = grid.x + is_inner[:, None] * distortion * rng.uniform(-1, 1, grid.x.shape)
@@ -188,7 +188,7 @@ def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed
 
 @given(SEEDS, st.floats(0.0, 0.5))
 def test_quadrilaterals_are_refused_unless_convex_and_beside_each_other(seed, distortion):
-    grid = structured_grid("quadrilateral", [GRID_LINE] * 2, seed)
+    grid = structured_grid("quadrilateral", [UNIT_LINE_OF_THREE_CELLS] * 2, seed)
     rng = np.random.default_rng(seed)
     x = grid.x + distortion * rng.uniform(-1, 1, grid.x.shape)
     a, b, c, d = np.swapaxes(x[grid.cells], 0, 1)
@@ -242,14 +242,14 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
 
 
 @given(grids(("triangle", "quadrilateral", "tetrahedron", "hexahedron")))
-def test_boxes_in_smooth_images_pass(grid):
+def test_smoothly_deformed_boxes_pass_the_mesh_checks(grid):
     curved = curved_mesh(grid.mesh(), lambda x: x + 0.01 * np.sin(3 * x[:, [1, 2, 0]]))
     for mesh in (grid.mesh(), curved):
         check_mesh(mesh)
 
 
 @pytest.mark.parametrize("name", VALID_MESHES)
-def test_legitimate_meshes_pass(name, caplog):
+def test_valid_meshes_pass_and_cracks_are_logged(name, caplog):
     caplog.set_level(logging.INFO, "pw_elements")
     check_mesh(build_mesh(MPI.COMM_SELF, *VALID_MESHES[name]()))
     logged = [(record.levelname, record.getMessage()) for record in caplog.records]
@@ -264,17 +264,17 @@ def test_legitimate_meshes_pass(name, caplog):
         assert not logged
 
 
-@pytest.mark.parametrize("name", DEGENERATE_MESHES)
-def test_degenerate_meshes_are_named(name):
-    make_mesh, message = DEGENERATE_MESHES[name]
+@pytest.mark.parametrize("name", DEGENERATE_MESHES_WITH_MESSAGES)
+def test_degenerate_meshes_raise_their_messages(name):
+    make_mesh, message = DEGENERATE_MESHES_WITH_MESSAGES[name]
     with pytest.raises(ValueError, match=re.escape(message)) as raised:
         check_mesh(build_mesh(MPI.COMM_SELF, *make_mesh()))
     assert (raised.type, str(raised.value)) == (DegenerateMesh, message)
 
 
-def collect_outcomes(comm, cases):
+def collect_mesh_check_outcomes(comm, mesh_makers):
     outcome = {}
-    for name, make_mesh in cases.items():
+    for name, make_mesh in mesh_makers.items():
         outcome[name] = "passes"
         try:
             check_mesh(build_mesh(comm, *make_mesh()))
@@ -283,43 +283,43 @@ def collect_outcomes(comm, cases):
     return outcome
 
 
-def collect_all_outcomes(comm):
-    return collect_outcomes(
-        comm, VALID_MESHES | {name: make_mesh for name, (make_mesh, _) in DEGENERATE_MESHES.items()}
+def collect_outcomes_of_all_meshes(comm):
+    return collect_mesh_check_outcomes(
+        comm, VALID_MESHES | {name: make_mesh for name, (make_mesh, _) in DEGENERATE_MESHES_WITH_MESSAGES.items()}
     )
 
 
-CROWDED_SCRIPT = """
+THREE_CELLS_AT_FACET_SCRIPT = """
 import os
 from mpi4py import MPI
-from tests.library.test_mesh_checks import collect_outcomes, crowded_edge
-print(*collect_outcomes(MPI.COMM_SELF, {"": crowded_edge}).values(), flush=True)
+from tests.library.test_mesh_checks import collect_mesh_check_outcomes, make_three_triangles_at_edge
+print(*collect_mesh_check_outcomes(MPI.COMM_SELF, {"": make_three_triangles_at_edge}).values(), flush=True)
 os._exit(0)
 """
 
 
-def test_more_than_two_cells_at_a_facet():
+def test_more_than_two_cells_at_a_facet_are_refused():
     """Meshes with more than two cells at a facet are refused.
 
     They are built in a separate process, because DOLFINx may crash or hang.
     """
-    command, outputs = [sys.executable, "-c", CROWDED_SCRIPT], []
-    while CROWDED_MESSAGE not in outputs and len(outputs) < 5:
+    command, outputs = [sys.executable, "-c", THREE_CELLS_AT_FACET_SCRIPT], []
+    while THREE_CELLS_AT_FACET_MESSAGE not in outputs and len(outputs) < 5:
         outputs.append("a hang")
         with suppress(subprocess.TimeoutExpired):
             run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
             outputs[-1] = run.stdout.strip()
-    assert CROWDED_MESSAGE in outputs
+    assert THREE_CELLS_AT_FACET_MESSAGE in outputs
 
 
-def test_all_processes_say_the_same():
-    expected = {name: words for name, (_, words) in DEGENERATE_MESHES.items()} | dict.fromkeys(
+def test_all_processes_give_the_same_mesh_check_outcome():
+    expected = {name: words for name, (_, words) in DEGENERATE_MESHES_WITH_MESSAGES.items()} | dict.fromkeys(
         VALID_MESHES, "passes"
     )
-    assert run_on(2, collect_all_outcomes) == [expected] * 2
+    assert run_on(2, collect_outcomes_of_all_meshes) == [expected] * 2
 
 
-def test_a_mesh_is_looked_at_once_until_it_moves_and_is_not_kept(monkeypatch):
+def test_a_mesh_is_checked_once_until_it_moves_and_is_not_kept_alive(monkeypatch):
     checks = []
     original = meshes._CellChecks
     monkeypatch.setattr(meshes, "_CellChecks", lambda mesh: checks.append(1) or original(mesh))

@@ -17,17 +17,17 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.elasticity.incompressibility import (
-    MAX_RATIO_CURVED,
-    MAX_RATIO_STRAIGHT,
-    TangentRatio,
+    MAX_BULK_OVER_SHEAR_CURVED_CELLS,
+    MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS,
+    TangentBulkShearRatio,
     bulk_over_shear,
-    has_parallel_cells,
-    has_straight_cells,
-    max_bulk_over_shear,
+    has_only_parallelepiped_cells,
+    has_only_straight_cells,
+    max_bulk_over_shear_without_pressure,
 )
 from pw_elements.meshes import curved_mesh, triangles
-from tests.contact.cases import finite_strain_residual, neo_hookean_stress
-from tests.library.near_incompressible import DIVISIONS, distorted_mesh, samples
+from tests.contact.cases import make_finite_strain_unknown_and_residual, neo_hookean_piola_stress
+from tests.library.near_incompressible import DIVISIONS, make_distorted_mesh, samples
 
 WORDS = "may be singular there"
 
@@ -41,9 +41,9 @@ def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
     """
     distortion = 0.05 if mid_nodes else 0.2
     meshes = [
-        distorted_mesh(cell, DIVISIONS[cell], distortion, seed, mid_nodes) for seed in range(3)
+        make_distorted_mesh(cell, DIVISIONS[cell], distortion, seed, mid_nodes) for seed in range(3)
     ]
-    limits = {max_bulk_over_shear(mesh) for mesh in meshes}
+    limits = {max_bulk_over_shear_without_pressure(mesh) for mesh in meshes}
     (limit,) = limits
     # Poisson's ratio for which the ratio of bulk and shear modulus is at the limit
     safe = 0.49999 if np.isinf(limit) else (3 * limit - 2) / (6 * limit + 2)
@@ -59,30 +59,30 @@ def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
         assert any(sample.sign == -1 for sample in beyond)
 
 
-def test_limits_are_those_of_the_ratios_of_poisson_that_the_guide_names():
-    assert bulk_over_shear(0.49) < MAX_RATIO_CURVED < bulk_over_shear(0.491)
-    assert bulk_over_shear(0.498) < MAX_RATIO_STRAIGHT < bulk_over_shear(0.4981)
+def test_ratio_limits_equal_the_poissons_ratios_in_the_guide():
+    assert bulk_over_shear(0.49) < MAX_BULK_OVER_SHEAR_CURVED_CELLS < bulk_over_shear(0.491)
+    assert bulk_over_shear(0.498) < MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS < bulk_over_shear(0.4981)
     assert bulk_over_shear(0.5) == np.inf
 
 
-def skewed_box():
+def make_skewed_brick_mesh():
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.hexahedron)
     mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 2]
     return mesh
 
 
 MESHES = {  # mesh, Poisson's ratio without a warning, and ratio with a warning, or None
-    "straight triangles": (lambda: distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
+    "straight triangles": (lambda: make_distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
-        lambda: curved_mesh(distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
+        lambda: curved_mesh(make_distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
         0.49999,
         None,
     ),
-    "straight quadrilaterals": (lambda: distorted_mesh("quadrilateral", 2, 0.2, 0), 0.49999, None),
-    "parallelepipeds": (skewed_box, 0.49999, None),
-    "curved triangles": (lambda: distorted_mesh("triangle", 2, 0.05, 0, True), 0.49, 0.492),
-    "tetrahedra": (lambda: distorted_mesh("tetrahedron", 2, 0.0, 0), 0.498, 0.499),
-    "hexahedra": (lambda: distorted_mesh("hexahedron", 2, 0.1, 0), 0.498, 0.499),
+    "straight quadrilaterals": (lambda: make_distorted_mesh("quadrilateral", 2, 0.2, 0), 0.49999, None),
+    "parallelepipeds": (make_skewed_brick_mesh, 0.49999, None),
+    "curved triangles": (lambda: make_distorted_mesh("triangle", 2, 0.05, 0, True), 0.49, 0.492),
+    "tetrahedra": (lambda: make_distorted_mesh("tetrahedron", 2, 0.0, 0), 0.498, 0.499),
+    "hexahedra": (lambda: make_distorted_mesh("hexahedron", 2, 0.1, 0), 0.498, 0.499),
 }
 
 
@@ -110,35 +110,35 @@ def test_a_body_warns_of_a_singular_stiffness_where_one_may_be(name, caplog):
 
 def test_straight_and_parallel_cells_are_recognised():
     for cell in DIVISIONS:
-        straight = distorted_mesh(cell, 2, 0.2, 0)
-        assert has_straight_cells(straight)
-        assert has_straight_cells(curved_mesh(straight, lambda x: x))
-        assert not has_straight_cells(distorted_mesh(cell, 2, 1e-3, 0, mid_nodes=True))
-    assert has_parallel_cells(skewed_box())
-    assert has_parallel_cells(curved_mesh(skewed_box(), lambda x: x))
-    assert not has_parallel_cells(distorted_mesh("hexahedron", 2, 0.01, 0))
+        straight = make_distorted_mesh(cell, 2, 0.2, 0)
+        assert has_only_straight_cells(straight)
+        assert has_only_straight_cells(curved_mesh(straight, lambda x: x))
+        assert not has_only_straight_cells(make_distorted_mesh(cell, 2, 1e-3, 0, moves_mid_nodes=True))
+    assert has_only_parallelepiped_cells(make_skewed_brick_mesh())
+    assert has_only_parallelepiped_cells(curved_mesh(make_skewed_brick_mesh(), lambda x: x))
+    assert not has_only_parallelepiped_cells(make_distorted_mesh("hexahedron", 2, 0.01, 0))
 
 
 @pytest.mark.parametrize("cell", DIVISIONS)
 @pytest.mark.parametrize("nu", [-0.2, 0.3, 0.4999])
-def test_ratio_of_a_linear_elastic_tangent_is_that_of_its_moduli(cell, nu):
-    mesh = distorted_mesh(cell, 2, 0.2, 0)
+def test_bulk_over_shear_of_an_elastic_tangent_is_that_of_its_moduli(cell, nu):
+    mesh = make_distorted_mesh(cell, 2, 0.2, 0)
     spaces = Spaces.petrov_galerkin(mesh)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     body = Body(spaces, Material(3e9, nu), "plane strain" if mesh.geometry.dim == 2 else "solid")
     residual = ufl.inner(body.stress(u), body.strain(v)) * ufl.dx - v[0] * ufl.dx
-    ratios = TangentRatio(residual, u).compute()
+    ratios = TangentBulkShearRatio(residual, u).compute()
     assert len(ratios) == mesh.topology.index_map(mesh.topology.dim).size_local
     assert ratios == pytest.approx(2 * (1 + nu) / (3 * (1 - 2 * nu)), rel=1e-9)
 
 
-def energy(F, shear, lame):
-    """Return the energy per volume whose derivative is `neo_hookean_stress`."""
+def energy(F, shear_modulus, lame_parameter):
+    """Return the energy per volume whose derivative is `neo_hookean_piola_stress`."""
     log = np.log(np.linalg.det(F))
-    return shear * (np.sum(F**2) / 2 - log) + lame * log**2 / 2
+    return shear_modulus * (np.sum(F**2) / 2 - log) + lame_parameter * log**2 / 2
 
 
-def ratio_by_differences(F, shear, lame, step=1e-4):
+def bulk_over_shear_by_differences(F, shear_modulus, lame_parameter, step=1e-4):
     """Return the bulk stiffness divided by the shear stiffness, from differences of the energy.
 
     Second differences are taken along exp(t H) F, with the deformation gradient F, a symmetric
@@ -155,29 +155,29 @@ def ratio_by_differences(F, shear, lame, step=1e-4):
     basis = [np.eye(dim) / np.sqrt(dim), *basis.reshape(-1, dim, dim)]
     values = []
     for H in basis:
-        energies = [energy(scipy.linalg.expm(t * H) @ F, shear, lame) for t in (-step, 0.0, step)]
+        energies = [energy(scipy.linalg.expm(t * H) @ F, shear_modulus, lame_parameter) for t in (-step, 0.0, step)]
         values.append((energies[0] - 2 * energies[1] + energies[2]) / step**2)
     return 2 * (values[0] - np.mean(values[1:])) / (dim * np.mean(values[1:])) + 2 / 3
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_ratio_of_a_deformed_tangent_is_that_of_the_energy(seed):
+def test_bulk_over_shear_of_a_deformed_tangent_is_that_of_the_energy(seed):
     rng = np.random.default_rng(seed)
     dim, lame = 2 + seed % 2, 10 ** rng.uniform(0, 3)
-    mesh = distorted_mesh("triangle" if dim == 2 else "tetrahedron", 1, 0.0, 0)
+    mesh = make_distorted_mesh("triangle" if dim == 2 else "tetrahedron", 1, 0.0, 0)
     spaces = Spaces.petrov_galerkin(mesh)
-    u, residual = finite_strain_residual(spaces, lambda F: neo_hookean_stress(F, 1.0, lame))
+    u, residual = make_finite_strain_unknown_and_residual(spaces, lambda F: neo_hookean_piola_stress(F, 1.0, lame))
     F = np.eye(dim) + rng.uniform(-0.3, 0.3, (dim, dim))
     u.interpolate(lambda x: (F - np.eye(dim)) @ x[:dim] + 2.0)
-    ratios = TangentRatio(residual, u).compute()
-    assert ratios == pytest.approx(ratio_by_differences(F, 1.0, lame), rel=1e-5)
+    ratios = TangentBulkShearRatio(residual, u).compute()
+    assert ratios == pytest.approx(bulk_over_shear_by_differences(F, 1.0, lame), rel=1e-5)
     # the same ratio after a rotation
     R = scipy.linalg.expm(np.array([[0, 1, 2], [-1, 0, 3], [-2, -3, 0]])[:dim, :dim] * 0.7)
     u.interpolate(lambda x: (R @ F - np.eye(dim)) @ x[:dim])
-    assert TangentRatio(residual, u).compute() == pytest.approx(ratios, rel=1e-9)
+    assert TangentBulkShearRatio(residual, u).compute() == pytest.approx(ratios, rel=1e-9)
 
 
-def test_pressure_alone_is_no_stiffness_of_shape():
+def test_pressure_adds_nothing_to_the_shear_stiffness():
     """A pressure alone adds nothing to the shear stiffness.
 
     Even a pressure of many shear moduli does no work in shear, which preserves volume.
@@ -185,10 +185,10 @@ def test_pressure_alone_is_no_stiffness_of_shape():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)
     for lame, scale in ((100.0, 0.9), (100.0, 1.05), (5.0, 0.5)):
-        u, residual = finite_strain_residual(
-            spaces, lambda F, lame=lame: neo_hookean_stress(F, 1.0, lame)
+        u, residual = make_finite_strain_unknown_and_residual(
+            spaces, lambda F, lame=lame: neo_hookean_piola_stress(F, 1.0, lame)
         )
         u.interpolate(lambda x, scale=scale: (scale - 1) * x[:2])
-        expected = ratio_by_differences(scale * np.eye(2), 1.0, lame)
-        ratios = TangentRatio(residual, u).compute()
+        expected = bulk_over_shear_by_differences(scale * np.eye(2), 1.0, lame)
+        ratios = TangentBulkShearRatio(residual, u).compute()
         assert ratios == pytest.approx(expected, rel=1e-5)

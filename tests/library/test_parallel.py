@@ -38,24 +38,24 @@ from pw_elements.solvers import automatic
 from study.benchmarks.v15_incompressible.fields import layer_error, make_layered_mesh
 from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import discretise, mass_left
-from tests.contact.cases import GALERKIN, PW, ElasticBody, finite_strain_residual, on_plane
-from tests.contact.iterative import STACKED_CASES, SolidBlock, nearly_sliding_arguments
+from tests.contact.cases import GALERKIN, PW, ElasticBody, make_finite_strain_unknown_and_residual, on_plane
+from tests.contact.iterative import STACKED_CASE_MAKERS_BY_NAME, SolidBlock, nearly_sliding_contact_arguments
 from tests.contact.two_bodies import StackedBlocks
 from tests.parallel import assert_same_on_processes
 
 
-def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
-    return create_box(comm, [(0, 0, 0), size], cells, CellType[cell])
+def box(comm, size=(1, 1, 2), divisions=(3, 3, 5), cell_name="tetrahedron"):
+    return create_box(comm, [(0, 0, 0), size], divisions, CellType[cell_name])
 
 
-def foot_supports(body, axis, values=(0.0, 0.0, 0.0)):
+def make_lower_end_supports(body, axis, displacements=(0.0, 0.0, 0.0)):
     """Create supports that fix the lower end of a body along an axis."""
-    return body.make_supports(*((i, on_plane(axis, 0.0), values[i]) for i in range(body.dim)))
+    return body.make_supports(*((i, on_plane(axis, 0.0), displacements[i]) for i in range(body.dim)))
 
 
-def sizes(W, a):
+def sizes(hybrid_space, solution):
     """Return the norms of displacement and pressure of a hybrid body."""
-    fields = zip(("displacement", "pressure"), split(W, a), strict=True)
+    fields = zip(("displacement", "pressure"), split(hybrid_space, solution), strict=True)
     return {field: function.x.petsc_vec.norm() for field, function in fields}
 
 
@@ -65,7 +65,7 @@ def sizes(W, a):
 def beam(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
     body = ElasticBody(mesh, method, "plane stress", 2.0)
-    U, K, M, supports = body.space, body.K, body.M, foot_supports(body, 0, (0.0, 0.01))
+    U, K, M, supports = body.space, body.K, body.M, make_lower_end_supports(body, 0, (0.0, 0.01))
     f = body.traction_load((-1.0, 0.0), on_plane(0, 8.0))
     f.axpy(1.0, nodal_load(U, lambda x: on_plane(0, 8.0)(x) & on_plane(1, 0.0)(x), (0, 1e-3)))
     a = solve(K, f, supports)
@@ -110,12 +110,12 @@ def identity(comm):
     return {}
 
 
-def element(comm, name):
+def element(comm, element_name):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), smooth_distortion)
 
-    body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
+    body = discretise(element_name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     supports = body.supports([prescribe(U, i, on_plane(0, 0.0), 0.01 * i) for i in range(2)])
@@ -128,7 +128,7 @@ def element(comm, name):
         f"guyan {left}": vibration_modes(K, M, mass_left(supports, left), 3).eigenvalues
         for left in ("transposed", "same")
     }
-    if name == "pw-Q8":
+    if element_name == "pw-Q8":
         lumped = vibration_modes(K, lumped_mass(M, U), supports, 3)
         numbers["lumped"] = lumped.eigenvalues
     return numbers | {
@@ -143,7 +143,7 @@ def element(comm, name):
 def rubber(comm):
     mesh = box(comm, (1, 1, 1), (3, 3, 3))
     spaces = Spaces.petrov_galerkin(mesh)
-    U, (u, residual) = spaces.trial, finite_strain_residual(spaces, degree=3)
+    U, (u, residual) = spaces.trial, make_finite_strain_unknown_and_residual(spaces, quadrature_degree=3)
     depth = fem.Constant(mesh, -0.3)
     conditions = [prescribe(U, i, on_plane(2, 0.0)) for i in range(3)]
     conditions.append(prescribe(U, 2, on_plane(2, 1.0), depth))
@@ -163,7 +163,7 @@ def hybrid(comm, state):
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
-    a = solve(body.K, f, foot_supports(body, 0, (0.0, 0.01, 0.02)))
+    a = solve(body.K, f, make_lower_end_supports(body, 0, (0.0, 0.01, 0.02)))
     return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
 
 
@@ -211,9 +211,9 @@ def impact(comm):
 # -- the iterative solver --------------------------------------------------------------------------
 
 
-def supported_numbers(comm, cell):
+def compute_iterative_clamped_body_numbers(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
-    f, supports = body.body_force_load((0.0, 0.3, -1.0)), foot_supports(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 0.3, -1.0)), make_lower_end_supports(body, 0, (0.0, 0.1, 0.2))
     with pytest.raises(SingularSystem):
         solve(
             body.K, f, body.make_supports((0, on_plane(0, 0.0)), (1, on_plane(0, 0.0))), Iterative()
@@ -225,11 +225,11 @@ def supported_numbers(comm, cell):
 
 def incompressible(comm, cell):
     body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
-    f, supports = body.body_force_load((0.0, 3e8, -1e9)), foot_supports(body, 0, (0.0, 0.1, 0.2))
+    f, supports = body.body_force_load((0.0, 3e8, -1e9)), make_lower_end_supports(body, 0, (0.0, 0.1, 0.2))
     return sizes(body.space, solve(body.K, f, supports, Iterative()))
 
 
-def sum_states(states):
+def sum_contact_states(states):
     """Return sums of the numbers in contact states, which do not depend on the order of nodes."""
     sums = {}
     for k, state in enumerate(states):
@@ -241,10 +241,10 @@ def sum_states(states):
     return sums
 
 
-def blocked_numbers(comm):
+def compute_block_matrix_numbers(comm):
     solid = SolidBlock(n=3, comm=comm)
     solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
-    (state,) = solve_contact(*solid.case_arguments("rough floor"), solver=Iterative())
+    (state,) = solve_contact(*solid.solve_contact_arguments("rough floor"), solver=Iterative())
     return {
         "contact": state.displacement.norm(),
         "of K": solve(
@@ -254,36 +254,36 @@ def blocked_numbers(comm):
     }
 
 
-def by_auto(comm):
+def compute_auto_fallback_numbers(comm):
     """Return the results of "auto", where Krylov's method fails in the second increment.
 
     It fails because the preconditioner is prevented from fixing nodes.
     """
-    arguments = nearly_sliding_arguments(SolidBlock(n=2, comm=comm))
+    arguments = nearly_sliding_contact_arguments(SolidBlock(n=2, comm=comm))
     with pytest.MonkeyPatch.context() as patch:
-        for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_WITHOUT_SUPPORTS"):
+        for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT"):
             patch.setattr(automatic, limit, 1)
-        patch.setattr(preconditioners, "_MIN_STICKING_NODES", 0)
+        patch.setattr(preconditioners, "_MIN_STICKING_NODES_WITHOUT_ANCHORS", 0)
         states = solve_contact(*arguments)
-        patch.setattr(automatic, "free_memory", lambda _: 1e6)
+        patch.setattr(automatic, "total_free_memory_in_bytes", lambda _: 1e6)
         with pytest.raises(NotConverged) as caught:
             solve_contact(*arguments)
     assert len(set(comm.allgather(str(caught.value)))) == 1
     return {
         "factorisations": [state.report.factorisations for state in states],
-        **sum_states(states),
+        **sum_contact_states(states),
     }
 
 
 # -- all of them -----------------------------------------------------------------------------------
 
 
-def prefix_names(cases):
-    return {f"{case} {key}": n for case, numbers in cases.items() for key, n in numbers.items()}
+def prefix_numbers_with_case_names(numbers_by_case):
+    return {f"{case} {key}": n for case, numbers in numbers_by_case.items() for key, n in numbers.items()}
 
 
-def direct_numbers(comm):
-    return prefix_names(
+def compute_all_direct_numbers(comm):
+    return prefix_numbers_with_case_names(
         {"galerkin": beam(comm, GALERKIN), "pw": beam(comm, PW)}
         | {"identity": identity(comm)}
         | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9")}
@@ -292,35 +292,35 @@ def direct_numbers(comm):
     )
 
 
-SINGLE = ("corner", "tilted", "sphere by forces", "plate by forces")
+SINGLE_BODY_CASES = ("corner", "tilted", "sphere by forces", "plate by forces")
 
 
-def iterative_numbers(comm):
+def compute_all_iterative_numbers(comm):
     def contact(arguments):
-        return sum_states(solve_contact(*arguments, solver=Iterative()))
+        return sum_contact_states(solve_contact(*arguments, solver=Iterative()))
 
     def stack_numbers(case, **body):
         """Return the results of stacked blocks whose upper block is the slave."""
         stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
-        return contact(STACKED_CASES[case](stack, "upper"))
+        return contact(STACKED_CASE_MAKERS_BY_NAME[case](stack, "upper"))
 
     rubber = SolidBlock(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
-    return prefix_names(
-        {cell: supported_numbers(comm, cell) for cell in ("tetrahedron", "hexahedron")}
+    return prefix_numbers_with_case_names(
+        {cell: compute_iterative_clamped_body_numbers(comm, cell) for cell in ("tetrahedron", "hexahedron")}
         | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
-        | {case: contact(SolidBlock(n=2, comm=comm).case_arguments(case)) for case in SINGLE}
-        | {"hybrid sphere": contact(rubber.case_arguments("sphere"))}
+        | {case: contact(SolidBlock(n=2, comm=comm).solve_contact_arguments(case)) for case in SINGLE_BODY_CASES}
+        | {"hybrid sphere": contact(rubber.solve_contact_arguments("sphere"))}
         | {
             case: stack_numbers(case, modulus_ratio=0.5)
             for case in ("on a floor", "forces through contact")
         }
         | {"hybrid stacked": stack_numbers("held by contact", element="hybrid", nu=0.5)}
-        | {"sliding": contact(nearly_sliding_arguments(SolidBlock(n=2, comm=comm)))}
-        | {"blocked": blocked_numbers(comm), "auto": by_auto(comm)}
+        | {"sliding": contact(nearly_sliding_contact_arguments(SolidBlock(n=2, comm=comm)))}
+        | {"blocked": compute_block_matrix_numbers(comm), "auto": compute_auto_fallback_numbers(comm)}
     )
 
 
-@pytest.mark.parametrize(("numbers", "rel"), [(direct_numbers, 1e-10), (iterative_numbers, 1e-8)])
+@pytest.mark.parametrize(("numbers", "rel"), [(compute_all_direct_numbers, 1e-10), (compute_all_iterative_numbers, 1e-8)])
 def test_same_numbers_on_several_processes(numbers, rel, request):
     processes = 3 if request.config.getoption("--nightly") else 2
     assert_same_on_processes(numbers, processes=[processes], rel=rel)

@@ -34,13 +34,13 @@ def axes():
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
+def test_a_plane_body_is_drawn_where_it_has_moved(figure_axes, cell):
     mesh = create_rectangle(COMM, [[0, 0], [2, 1]], [3, 2], CellType[cell])
     u = fem.Function(fem.functionspace(mesh, ("Lagrange", 2, (2,))))
     u.interpolate(lambda x: np.array([0.1 * x[0], 0.2 + 0 * x[1]]))
-    draw(mesh, u[0], u, scale=10, axes=axes)
-    (body,) = (c for c in axes.collections if c.get_array() is not None)
-    ends = body.get_datalim(axes.transData)
+    draw(mesh, u[0], u, scale=10, axes=figure_axes)
+    (body,) = (c for c in figure_axes.collections if c.get_array() is not None)
+    ends = body.get_datalim(figure_axes.transData)
     assert [ends.x0, ends.x1, ends.y0, ends.y1] == pytest.approx([0, 4, 2, 3])
     assert body.get_clim() == pytest.approx((0.0, 0.2))
 
@@ -49,48 +49,48 @@ def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
     ("cell", "view", "faces"),
     [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
 )
-def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(axes, cell, view, faces):
+def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(figure_axes, cell, view, faces):
     """Faces of a box that are turned to the viewer are drawn.
 
     Their projected area is the area of the box's shadow along the line of sight.
     """
     size = np.array([1.0, 2.0, 3.0])
     mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
-    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=view)
+    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=figure_axes, view=view)
     up, turned = np.radians(view)
     eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
     shadow = np.abs(eye) @ (np.prod(size) / size)
-    assert sum(area(p) for p, _ in coloured_polygons(axes)) == pytest.approx(shadow)
-    assert len(coloured_polygons(axes)) == faces * 128  # each face is drawn in 128 parts
+    assert sum(area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(shadow)
+    assert len(coloured_polygons(figure_axes)) == faces * 128  # each face is drawn in 128 parts
 
 
-def test_higher_is_drawn_higher_and_in_its_colour(axes):
+def test_height_and_colour_in_the_picture_follow_the_z_coordinate(figure_axes):
     mesh = create_box(COMM, [np.zeros(3), np.ones(3)], [2, 2, 2])
-    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=(0, 0), colours="gray")
-    parts = coloured_polygons(axes)
+    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=figure_axes, view=(0, 0), colours="gray")
+    parts = coloured_polygons(figure_axes)
     height = np.array([p[:, 1].mean() for p, _ in parts])
     grey = np.array([c[0] for _, c in parts])
     assert np.corrcoef(height, grey)[0, 1] > 0.99
 
 
-def test_a_ball_is_seen_as_a_disc(axes):
+def test_a_ball_is_seen_as_a_disc(figure_axes):
     box = create_box(COMM, [-np.ones(3), np.ones(3)], [4, 4, 4])
 
     def ball(x):
         size = np.linalg.norm(x, axis=1, keepdims=True)
         return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
 
-    draw(curved_mesh(box, ball), axes=axes, view=(17, 33))
-    assert sum(area(p) for p, _ in coloured_polygons(axes)) == pytest.approx(np.pi, rel=0.02)
+    draw(curved_mesh(box, ball), axes=figure_axes, view=(17, 33))
+    assert sum(area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(np.pi, rel=0.02)
 
 
-def test_stress_on_the_axis_of_rotation_is_drawn(axes):
+def test_stress_on_the_axis_of_rotation_is_drawn(figure_axes):
     mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
     body = Body(Spaces.galerkin(mesh), Material(1.0, 0.3), "axisymmetric")
     u = fem.Function(body.spaces.trial)
     u.interpolate(lambda x: np.array([x[0], 0 * x[1]]))
-    draw(mesh, body.stress(u)[1, 1], axes=axes)
-    (drawn,) = (c for c in axes.collections if c.get_array() is not None)
+    draw(mesh, body.stress(u)[1, 1], axes=figure_axes)
+    (drawn,) = (c for c in figure_axes.collections if c.get_array() is not None)
     assert np.isfinite(drawn.get_array()).all()
     assert np.asarray(drawn.get_array()) == pytest.approx(2 * 0.3 / (1.3 * 0.4))
 

@@ -24,14 +24,14 @@ from pw_elements import (
     solve,
     test_space,
 )
-from tests.contact.cases import finite_strain_residual, on_plane
+from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane
 from tests.library.properties import boundary_dofs, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
 A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 
-def scalar_problem(mesh):
+def make_scalar_functions_and_rim(mesh):
     V = fem.functionspace(mesh, ("Lagrange", 2))
     return V, fem.Function(V), ufl.TestFunction(test_space(V)), boundary_dofs(V)
 
@@ -44,12 +44,12 @@ def interpolate(V, field):
 
 def rubber(mesh, method=Spaces.petrov_galerkin):
     spaces = method(mesh)
-    return spaces.trial, *finite_strain_residual(spaces, degree=6)
+    return spaces.trial, *make_finite_strain_unknown_and_residual(spaces, quadrature_degree=6)
 
 
-def pressed_square(depth, n=4):
+def make_pressed_square_problem(depth, cells_per_side=4):
     """Create a square whose left half is pressed from above and cannot slide."""
-    mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [n, n])
+    mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [cells_per_side, cells_per_side])
     (V, u, F), move = rubber(mesh), fem.Constant(mesh, depth)
 
     def above(x):
@@ -68,10 +68,10 @@ def pressed_square(depth, n=4):
         (CellType.tetrahedron, (3, 6)),
     ],
 )
-def test_nonlinear_poisson_has_orders_three_and_two(cell, sizes):
+def test_nonlinear_poisson_converges_with_orders_three_and_two(cell, sizes):
     errors = []
     for n in sizes:
-        V, u, v, rim = scalar_problem(unit_mesh(cell, n))
+        V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(cell, n))
         x = ufl.SpatialCoordinate(V.mesh)
         exact = ufl.sin(2 * x[0]) * ufl.exp(x[1])
         f = -ufl.div((1 + exact**2) * ufl.grad(exact))
@@ -87,7 +87,7 @@ def test_nonlinear_poisson_has_orders_three_and_two(cell, sizes):
 
 
 def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
-    V, u, v, rim = scalar_problem(unit_mesh(CellType.tetrahedron, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.tetrahedron, 2))
     x, w = ufl.SpatialCoordinate(V.mesh), ufl.TrialFunction(V)
     a = (1 + x[0]) * ufl.inner(ufl.grad(w), ufl.grad(v)) * DX + 3.0 * w * v * DX
     L = ufl.exp(x[1]) * v * DX
@@ -129,18 +129,18 @@ def test_homogeneous_deformation_is_exact(cell):
 
 
 def test_an_increment_is_cut_where_it_fails_as_a_whole():
-    problem, move = pressed_square(-0.6, 8)
+    problem, move = make_pressed_square_problem(-0.6, 8)
     problem.solve(move)
     assert len(problem.increments) > 1
     assert problem.increments[-1].load_factor == 1.0
     assert move.value == -0.6
-    gentle, small = pressed_square(-0.6, 8)
+    gentle, small = make_pressed_square_problem(-0.6, 8)
     gentle.solve(small, increments=8)
     assert np.abs(problem.u.x.array - gentle.u.x.array).max() < 1e-8
 
 
 def test_after_a_failure_u_is_the_last_solution():
-    problem, move = pressed_square(-1.5)  # the top would be pressed through the bottom
+    problem, move = make_pressed_square_problem(-1.5)  # the top would be pressed through the bottom
     with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
         problem.solve(move)
     reached = problem.increments[-1].load_factor
@@ -154,19 +154,19 @@ def test_after_a_failure_u_is_the_last_solution():
     assert problem.increments[0].relative_corrections[0] < 0.5
 
 
-def test_without_a_load_nothing_is_cut_and_u_stays():
-    problem, _ = pressed_square(-1.5)
+def test_a_failed_solve_without_load_is_not_cut_and_keeps_u():
+    problem, _ = make_pressed_square_problem(-1.5)
     with pytest.raises(NotConverged, match="u is as before: start nearer"):
         problem.solve()
     assert not problem.u.x.array.any()
 
 
-def test_a_second_load_grows_from_the_first():
-    problem, move = pressed_square(-0.1)
+def test_a_second_load_starts_from_the_first_solution():
+    problem, move = make_pressed_square_problem(-0.1)
     problem.solve(move)
     move.value = -0.2
     problem.solve([move], increments=2)
-    at_once, whole = pressed_square(-0.2)
+    at_once, whole = make_pressed_square_problem(-0.2)
     at_once.solve(whole)
     assert np.abs(problem.u.x.array - at_once.u.x.array).max() < 1e-12
     assert [i.load_factor for i in problem.increments] == [0.5, 1.0]
@@ -174,7 +174,7 @@ def test_a_second_load_grows_from_the_first():
     assert increment.relative_corrections[0] < 0.6  # starts from -0.1, not from 0
 
 
-def test_a_body_that_is_not_held_is_singular():
+def test_a_body_without_supports_is_refused_as_singular():
     _, u, F = rubber(unit_mesh(CellType.triangle, 2))
     v = F.arguments()[0]
     problem = PetrovGalerkinProblem(F - v[0] * DX, u)
@@ -182,19 +182,19 @@ def test_a_body_that_is_not_held_is_singular():
         problem.solve()
 
 
-def residual_of(u, v):
+def laplace_residual(u, v):
     return ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
 
 
 def test_invalid_problems_are_refused():
-    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.triangle, 2))
     linear_space = fem.functionspace(V.mesh, ("Lagrange", 1))
     problem_type, test, trial = (
         PetrovGalerkinProblem,
         ufl.TestFunction(linear_space),
         ufl.TrialFunction(linear_space),
     )
-    F, twice = residual_of(u, v), [fem.dirichletbc(value, rim, V) for value in (0.0, 1.0)]
+    F, twice = laplace_residual(u, v), [fem.dirichletbc(value, rim, V) for value in (0.0, 1.0)]
     problem, one_free = problem_type(F, u, twice[0]), "solve with one free matrix under supports"
     for attempt, kind, words in (
         (lambda: problem_type(u * ufl.dx, u), ValueError, "no test function"),
@@ -205,13 +205,13 @@ def test_invalid_problems_are_refused():
             "no form linear in its weights",
         ),
         (
-            lambda: problem_type(residual_of(fem.Function(V), v), u),
+            lambda: problem_type(laplace_residual(fem.Function(V), v), u),
             ValueError,
             "does not depend on u",
         ),
-        (lambda: problem_type(residual_of(trial, v), u), ValueError, "and no trial function"),
+        (lambda: problem_type(laplace_residual(trial, v), u), ValueError, "and no trial function"),
         (
-            lambda: problem_type(residual_of(u, test), u),
+            lambda: problem_type(laplace_residual(u, test), u),
             RuntimeError,
             "number their nodes differently",
         ),
@@ -230,17 +230,17 @@ def test_invalid_problems_are_refused():
 
 
 def test_a_residual_that_is_not_finite_is_no_solution():
-    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.triangle, 2))
     condition = fem.dirichletbc(0.0, rim, V)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(residual_of(u, v) - ufl.ln(u) * v * DX, u, condition).solve()
+        PetrovGalerkinProblem(laplace_residual(u, v) - ufl.ln(u) * v * DX, u, condition).solve()
     source = fem.Constant(V.mesh, np.nan)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(residual_of(u, v) - source * v * DX, u, condition).solve()
+        PetrovGalerkinProblem(laplace_residual(u, v) - source * v * DX, u, condition).solve()
     assert not u.x.array.any()
 
 
-def test_functionals_of_weights_on_tetrahedra_have_their_points():
+def test_functionals_of_weight_functions_on_tetrahedra_are_exact():
     mesh = unit_mesh(CellType.tetrahedron, 2)
     W = Spaces.petrov_galerkin(mesh, 0).test
     w, v = fem.Function(W), ufl.TestFunction(W)

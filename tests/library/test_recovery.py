@@ -33,9 +33,9 @@ PLANE = [
 ]
 
 
-def uneven_block(build=triangles, method=PW, state="plane stress", thickness=1.0):
+def uneven_block(make_mesh=triangles, method=PW, state="plane stress", thickness=1.0):
     """Create a block 2 x 1 with cells of different widths."""
-    mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
+    mesh = make_mesh(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
@@ -50,7 +50,7 @@ def uniform_pressure_forces(body, where, pressure=3.0):
 
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
-def test_forces_along_any_side_are_in_its_order(side, axis):
+def test_forces_along_a_side_are_ordered_by_position(side, axis):
     """Forces along a side are in the order of positions along this side.
 
     On a side at constant x, round-off of x must not decide the order.
@@ -65,7 +65,7 @@ def test_forces_along_any_side_are_in_its_order(side, axis):
 
 
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)
-def test_pressures_of_an_even_pressure(build, method, state):
+def test_nodal_pressures_reproduce_a_uniform_pressure(build, method, state):
     thickness = 1.0 if state == "axisymmetric" else 0.4
     body = uneven_block(build, method, state, thickness)
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
@@ -86,7 +86,7 @@ def test_pressures_of_an_even_pressure(build, method, state):
 
 
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
-def test_sawtooth_of_an_even_pressure(method, expected):
+def test_sawtooth_of_uniform_pressure_is_two_for_standard_and_one_for_new_element(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
     body = ElasticBody(mesh, method, "plane stress")
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
@@ -98,7 +98,7 @@ def test_sawtooth_of_an_even_pressure(method, expected):
     assert np.isnan(surface.sawtooth(force, np.zeros(len(force), dtype=bool)))
 
 
-def test_measures_leave_out_open_and_rim_nodes():
+def test_sawtooth_and_unevenness_leave_out_open_and_rim_nodes():
     surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
@@ -107,7 +107,7 @@ def test_measures_leave_out_open_and_rim_nodes():
 
 @pytest.mark.parametrize("cell", CELLS[:2])
 @pytest.mark.parametrize("method", [GALERKIN, PW])
-def test_faces_in_space(cell, method):
+def test_surface_nodes_and_pressures_on_faces_of_solids(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
     body = ElasticBody(mesh, method, "solid")
     surface = SurfaceNodes.from_body(body.body, on_plane(2, 0.0))
@@ -130,7 +130,7 @@ def test_faces_in_space(cell, method):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_transferred_loads_are_those_of_the_weights(cell):
+def test_transferred_loads_are_those_of_the_weight_functions(cell):
     dim = 3 if cell in CELLS[:2] else 2
     if dim == 3:
         mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
@@ -150,7 +150,7 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     assert transferred.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
 
 
-def test_edges_and_rim_of_a_line():
+def test_edges_rim_and_tributary_areas_of_a_line_are_exact():
     surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
@@ -165,7 +165,7 @@ def side(x):
     return np.isclose(x[0], 0.0)
 
 
-def solve_poisson(cell, method, components=0, field=None, source=0.0):
+def solve_poisson_for_reactions(cell, method, components=0, field=None, source=0.0):
     """Return the reactions of div grad u = -source with u prescribed on the whole boundary."""
     spaces = method(mesh := unit_mesh(cell, 3), components)
     U = spaces.trial
@@ -186,10 +186,10 @@ def solve_poisson(cell, method, components=0, field=None, source=0.0):
 
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("components", [0, 2])
-def test_an_even_flux_is_exact_at_every_node(cell, components):
+def test_a_uniform_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
-    new, r_new, _ = solve_poisson(cell, PW, components)
-    standard, r, _ = solve_poisson(cell, GALERKIN, components)
+    new, r_new, _ = solve_poisson_for_reactions(cell, PW, components)
+    standard, r, _ = solve_poisson_for_reactions(cell, GALERKIN, components)
     ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
     ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
     if cell != CellType.tetrahedron:
@@ -206,7 +206,7 @@ def test_the_total_flux_balances_the_source(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
 
-    spaces, r, f = solve_poisson(CellType.tetrahedron, method, field=field, source=-2.0)
+    spaces, r, f = solve_poisson_for_reactions(CellType.tetrahedron, method, field=field, source=-2.0)
     heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
     assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
     assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # of moved vertices
@@ -214,6 +214,6 @@ def test_the_total_flux_balances_the_source(method):
 
 
 def test_fluxes_are_divided_by_the_depth():
-    spaces, r, _ = solve_poisson(CellType.triangle, PW)
+    spaces, r, _ = solve_poisson_for_reactions(CellType.triangle, PW)
     thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

@@ -51,7 +51,7 @@ def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_displacements_and_spectrum_are_galerkins(cell):
+def test_sibling_displacements_and_spectrum_are_galerkins(cell):
     block = Block(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
     f = block.traction_load(np.arange(1.0, block.dim + 1), on_plane(0, 0.0))
@@ -75,7 +75,7 @@ def test_displacements_and_spectrum_are_galerkins(cell):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_lumped_mass_falls_evenly(cell):
+def test_lumped_mass_equals_the_load_of_a_unit_body_force(cell):
     """Lumped masses distribute the mass like a uniform body force.
 
     Both are integrals of the basis functions, which are the row sums of the mass matrix.

@@ -30,9 +30,9 @@ def points(dim):
     return [*vertices, *((vertices[a] + vertices[b]) / 2 for a, b in SIDES[dim])]
 
 
-def shapes(*variables):
-    L = [1 - sum(variables), *variables]
-    return [*(k * (2 * k - 1) for k in L), *(4 * L[a] * L[b] for a, b in SIDES[len(variables)])]
+def shapes(*coordinates):
+    L = [1 - sum(coordinates), *coordinates]
+    return [*(k * (2 * k - 1) for k in L), *(4 * L[a] * L[b] for a, b in SIDES[len(coordinates)])]
 
 
 def transfer(dim):
@@ -44,7 +44,7 @@ def transfer(dim):
     return T
 
 
-def triangle_weights():
+def triangle_weight_functions():
     """Return the corners of each sub-triangle and the weights there, by Eqs (15) to (20)."""
     printed = {
         (1, 4, 6): (1 - 2 * X - 2 * Y, ZERO, ZERO, 2 * X, ZERO, 2 * Y),
@@ -60,7 +60,7 @@ def triangle_weights():
     ]
 
 
-def tetrahedron_weights(diagonal):
+def tetrahedron_weight_functions(diagonal):
     """Return the corners of each sub-tetrahedron and the weight functions there.
 
     Four sub-tetrahedra are at the vertices. The octahedron is cut into the others along a diagonal.
@@ -77,15 +77,15 @@ def tetrahedron_weights(diagonal):
     return pieces
 
 
-DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of two sides without a common end
+OCTAHEDRON_DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of two sides without a common end
 
 
-def integral(function, corners, variables):
+def integral(polynomial, corners, variables):
     """Return the integral of a polynomial over a simplex."""
     local = sp.symbols(f"s1:{len(corners)}")
     edges = sp.Matrix.hstack(*(corner - corners[0] for corner in corners[1:]))
     position = corners[0] + edges * sp.Matrix(local)
-    integrand = sp.sympify(function).subs(
+    integrand = sp.sympify(polynomial).subs(
         list(zip(variables, position, strict=True)), simultaneous=True
     )
     total = sum(
@@ -110,32 +110,32 @@ def vanishes(weights, variables, *forms):
     return all(not any(defect(weights, variables, form)) for form in forms)
 
 
-def derivatives(variables, first, second, factor=1):
+def derivatives(variables, weight_derivative, shape_derivative, factor=1):
     """Return the forms of a stiffness matrix, one for each of its columns.
 
     They are products of the first derivative of a weight and the second derivative of a shape
     function.
     """
     return [
-        lambda w, n=n: factor * sp.diff(w, first) * sp.diff(n, second) for n in shapes(*variables)
+        lambda w, n=n: factor * sp.diff(w, weight_derivative) * sp.diff(n, shape_derivative) for n in shapes(*variables)
     ]
 
 
-TRIANGLE = triangle_weights()
+TRIANGLE_WEIGHT_FUNCTIONS = triangle_weight_functions()
 
 
-def test_the_lemma():
+def test_weights_and_transferred_shape_functions_have_equal_moments():
     """The difference w - T N of weights w and shape functions N is orthogonal to constants.
 
     Its mean over the triangle vanishes. Along each side its mean and its first moment vanish.
     """
-    assert vanishes(TRIANGLE, (X, Y), lambda w: w)
+    assert vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: w)
     for a, b in SIDES[2]:
         ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
         for moment in (1, X + 2 * Y):  # X + 2 Y is not constant on any side
             side_moments = {}
             for half in ((ends[0], middle), (middle, ends[1])):
-                (functions,) = [w for corners, w in TRIANGLE if all(h in corners for h in half)]
+                (functions,) = [w for corners, w in TRIANGLE_WEIGHT_FUNCTIONS if all(h in corners for h in half)]
                 for i, w in enumerate(functions):
                     side_moments[i] = side_moments.get(i, 0) + integral(moment * w, half, (X, Y))
             whole = sp.Matrix([integral(moment * n, ends, (X, Y)) for n in shapes(X, Y)])
@@ -143,7 +143,7 @@ def test_the_lemma():
             assert any(whole)
 
 
-def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
+def test_new_stiffness_is_transferred_for_any_triangle_and_constant_elasticity():
     """The new stiffness is T times the standard one for any triangle and any constant elasticity.
 
     Coordinates of corners and nine moduli are symbols. Each entry times the determinant is a
@@ -169,13 +169,13 @@ def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
                 K += integral(1, corners, (X, Y)) / 3 * left.T * D * right
         return K.applyfunc(sp.expand)
 
-    new, standard = stiffness_of(TRIANGLE), stiffness_of([(points(2)[:3], shapes(X, Y))])
+    new, standard = stiffness_of(TRIANGLE_WEIGHT_FUNCTIONS), stiffness_of([(points(2)[:3], shapes(X, Y))])
     T = sp.kronecker_product(transfer(2), sp.eye(2))
     assert (new - T * standard).applyfunc(sp.expand) == sp.zeros(12, 12)
     assert new != standard
 
 
-def test_the_stiffness_of_an_interval():
+def test_new_stiffness_of_an_interval_is_transferred():
     start, end, middle = points(1)
     weights = [
         ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
@@ -184,14 +184,14 @@ def test_the_stiffness_of_an_interval():
     assert vanishes(weights, (X,), *derivatives((X,), X, X))
 
 
-def test_loads():
+def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
     """The new load vector is T times the standard one for uniform loads and forces at vertices.
 
-    Tractions are covered by `test_the_lemma`. The relation does not hold for linear body loads and
+    Tractions are covered by `test_weights_and_transferred_shape_functions_have_equal_moments`. The relation does not hold for linear body loads and
     for forces at mid-side nodes.
     """
     assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
-    assert not vanishes(TRIANGLE, (X, Y), lambda w: X * w)  # a linear body load
+    assert not vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: X * w)  # a linear body load
     assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force at a mid-side node
 
 
@@ -209,13 +209,13 @@ def test_loads():
         derivatives((X, Y), X, X, factor=-4 * Y),
     ],
 )
-def test_constant_data_in_a_plane_body_with_straight_sides_are_needed(forms):
-    assert vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, Y))
-    assert not vanishes(TRIANGLE, (X, Y), *forms)
+def test_transfer_fails_without_constant_data_or_straight_sides(forms):
+    assert vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *derivatives((X, Y), X, Y))
+    assert not vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *forms)
 
 
-@pytest.mark.parametrize("cuts", [DIAGONALS[:1], DIAGONALS], ids=str)
-def test_tetrahedra_have_no_such_matrix(cuts):
+@pytest.mark.parametrize("cuts", [OCTAHEDRON_DIAGONALS[:1], OCTAHEDRON_DIAGONALS], ids=str)
+def test_tetrahedra_have_no_force_transfer_matrix(cuts):
     """No matrix T exists that relates the stiffness matrices of tetrahedra.
 
     A mid-side node's row of the new element is no multiple of its standard row, for any cut. Within
@@ -236,12 +236,12 @@ def test_tetrahedra_have_no_such_matrix(cuts):
         pairs_of_rows = zip(rows(variables, pieces), rows(variables, standard), strict=True)
         return [new.col_join(old).rank() == 1 for new, old in pairs_of_rows]
 
-    assert parallel((X, Y), TRIANGLE) == [True] * 3
-    pieces = [piece for cut in cuts for piece in tetrahedron_weights(cut)]
+    assert parallel((X, Y), TRIANGLE_WEIGHT_FUNCTIONS) == [True] * 3
+    pieces = [piece for cut in cuts for piece in tetrahedron_weight_functions(cut)]
     assert parallel((X, Y, Z), pieces) == [False] * 6
 
 
-def test_neither_slip_nor_lift_off():
+def test_transferred_forces_violate_contact_laws_at_status_changes():
     """The transfer matrix T does not keep the contact law where statuses change along a side.
 
     T couples nodes with different statuses: slip and stick, or closed and open.
@@ -257,7 +257,7 @@ def test_neither_slip_nor_lift_off():
     assert (T * open_at_the_middle)[2] > 0  # an open node gets a force
 
 
-def test_the_library_s_matrix_is_the_t_of_the_proof():
+def test_the_librarys_force_transfer_equals_that_of_the_proof():
     U = Spaces.galerkin(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))).trial
     T = force_transfer(U)
     for cell in U.dofmap.list:

@@ -30,7 +30,7 @@ def library():
     return None
 
 
-def read_steps(path):
+def iterate_adios2_steps(path):
     """Yield the library, the open file and its variables at each step."""
     adios = library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
@@ -52,7 +52,7 @@ def read_steps(path):
 def read(path):
     """Return time and fields (points, components) of each step, with the blocks of all writers."""
     steps = []
-    for adios, io, engine in read_steps(path):
+    for adios, io, engine in iterate_adios2_steps(path):
         values = {}
         for name in NAMES.split():
             variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, name.encode()))
@@ -69,13 +69,13 @@ def read(path):
 def scheme(path):
     """Return the XML schema that ParaView reads."""
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
-    for adios, io, _ in read_steps(path):
+    for adios, io, _ in iterate_adios2_steps(path):
         attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))
         assert adios.adios2_attribute_data(text, ctypes.byref(size), attribute) == 0
     return text.value.decode()
 
 
-def blocks(adios, engine, variable, step, kind):
+def blocks(adios, engine, variable, step, dtype):
     # {int Dims; size_t *Shape; int IsValue, IsReverseDims; size_t nblocks; ...}
     count = adios.adios2_inquire_blockinfo(engine, variable, ctypes.c_size_t(step))[3]
     arrays = []
@@ -83,7 +83,7 @@ def blocks(adios, engine, variable, step, kind):
         assert adios.adios2_set_block_selection(variable, ctypes.c_size_t(block)) == 0
         shape = (ctypes.c_size_t * 2)()
         assert adios.adios2_variable_count(shape, variable) == 0
-        values = np.empty(tuple(shape), dtype=kind)
+        values = np.empty(tuple(shape), dtype=dtype)
         assert adios.adios2_get(engine, variable, pointer(values), SYNC) == 0
         arrays.append(values)
     return np.concatenate(arrays) if arrays else None

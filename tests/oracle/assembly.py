@@ -51,7 +51,7 @@ class Body:
         lame_lambda, mu = self._lame_constants()
         identity = np.eye(self.nodes.shape[1])
         cell_matrices = 0.0
-        for point in self._gauss_points():
+        for point in self._iterate_gauss_points():
             G, H = point.gradients, point.weight_gradients
             div_u, div_w = G.copy(), H.copy()
             if self.state == "axisymmetric":
@@ -69,7 +69,7 @@ class Body:
     def mass(self) -> sparse.csc_matrix:
         scalar_matrices = sum(
             np.einsum("i,j,c->cij", point.weights, point.shapes, self.rho * point.volume)
-            for point in self._gauss_points()
+            for point in self._iterate_gauss_points()
         )
         return self._assemble_for_each_component(scalar_matrices)
 
@@ -81,7 +81,7 @@ class Body:
         u = displacement.reshape(self.nodes.shape)[self.cells]
         lame_lambda, mu = self._lame_constants()
         scalar_matrices = 0.0
-        for point in self._gauss_points():
+        for point in self._iterate_gauss_points():
             displacement_gradient = np.einsum("cik,cid->ckd", u, point.gradients)
             S = mu * (displacement_gradient + displacement_gradient.transpose(0, 2, 1))
             S += (
@@ -93,15 +93,15 @@ class Body:
             scalar_matrices = scalar_matrices + entry * point.volume[:, None, None]
         return self._assemble_for_each_component(scalar_matrices)
 
-    def body_load(self, force: tuple[float, ...]) -> np.ndarray:
+    def body_load(self, force_per_volume: tuple[float, ...]) -> np.ndarray:
         """Assemble the load vector of a constant force per volume."""
-        per_node = sum(np.outer(point.volume, point.weights) for point in self._gauss_points())
-        return self._assemble_vector(per_node, force)
+        per_node = sum(np.outer(point.volume, point.weights) for point in self._iterate_gauss_points())
+        return self._assemble_vector(per_node, force_per_volume)
 
     def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
         """Assemble the load vector of a traction on the facets whose nodes all satisfy `where`."""
-        boundary = self._boundary_body(where)
-        per_node = sum(np.outer(point.volume, point.weights) for point in boundary._gauss_points())
+        boundary = self._boundary_facets_as_body(where)
+        per_node = sum(np.outer(point.volume, point.weights) for point in boundary._iterate_gauss_points())
         return boundary._assemble_vector(per_node, traction)
 
     def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
@@ -110,7 +110,7 @@ class Body:
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
-    def _boundary_body(self, where: NodeMarker) -> "Body":
+    def _boundary_facets_as_body(self, where: NodeMarker) -> "Body":
         """Return a body that consists of the facets whose nodes all satisfy `where`."""
         element = ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
@@ -124,7 +124,7 @@ class Body:
             return E * nu / (1 - nu**2), E / (2 * (1 + nu))
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
-    def _gauss_points(self) -> Iterator[GaussPointData]:
+    def _iterate_gauss_points(self) -> Iterator[GaussPointData]:
         """Yield the data of each Gauss point of the cells; for facets they contain no gradients."""
         functions, x = (
             tabulate_at_gauss_points(self.element, self.linear_weights, self.n_gauss),
@@ -149,23 +149,23 @@ class Body:
                 measure * jacobian_measure * depth_by_state.get(self.state, self.thickness),
             )
 
-    def _assemble_for_each_component(self, scalar: np.ndarray) -> sparse.csc_matrix:
+    def _assemble_for_each_component(self, scalar_cell_matrices: np.ndarray) -> sparse.csc_matrix:
         """Assemble a matrix from scalar cell matrices (c, n, n), repeated for each component."""
         return self._assemble_matrix(
-            np.einsum("cij,kl->cikjl", scalar, np.eye(self.nodes.shape[1]))
+            np.einsum("cij,kl->cikjl", scalar_cell_matrices, np.eye(self.nodes.shape[1]))
         )
 
-    def _assemble_matrix(self, entries: np.ndarray) -> sparse.csc_matrix:
+    def _assemble_matrix(self, cell_matrices: np.ndarray) -> sparse.csc_matrix:
         """Assemble a matrix from cell matrices (c, n, dim, n, dim) of c cells with n nodes."""
         dim = self.nodes.shape[1]
         dofs = (self.cells[:, :, None] * dim + np.arange(dim)).reshape(len(self.cells), -1)
         rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
         shape = (self.nodes.size, self.nodes.size)
         positions = (rows.ravel(), columns.ravel())
-        return sparse.coo_matrix((entries.ravel(), positions), shape).tocsc()
+        return sparse.coo_matrix((cell_matrices.ravel(), positions), shape).tocsc()
 
-    def _assemble_vector(self, per_node: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
+    def _assemble_vector(self, scalar_cell_vectors: np.ndarray, constant_vector: tuple[float, ...]) -> np.ndarray:
         """Assemble the global vector from cell vectors (c, n) times a constant vector (dim,)."""
         total = np.zeros(len(self.nodes))
-        np.add.at(total, self.cells, per_node)
-        return np.outer(total, direction).ravel()
+        np.add.at(total, self.cells, scalar_cell_vectors)
+        return np.outer(total, constant_vector).ravel()

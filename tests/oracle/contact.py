@@ -30,7 +30,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 MAX_SWEEPS, SWEEPS_PER_NEWTON = 5_000, 10
-LAW_TOLERANCE = 1e-11  # tolerance of the law's conditions, used by `relative_violation`
+LAW_TOLERANCE_OVER_LARGEST_FORCE = 1e-11  # tolerance of the law's conditions, used by `violation_over_tolerance`
 SINGULAR_CONDITION_NUMBER = 1e13  # tangents with a larger condition number count as singular
 MACHINE_EPSILON = float(np.finfo(float).eps)
 PointFunction = Callable[[np.ndarray], np.ndarray]
@@ -68,27 +68,27 @@ def solve_increments(
     loads: Sequence[np.ndarray],
     prescribed_mask: np.ndarray,
     pairs: Sequence[Pair],
-    nodes: np.ndarray,
-    spring_factor: float = 1.0,
+    node_positions: np.ndarray,
+    spring_over_mean_stiffness: float = 1.0,
 ) -> list[State]:
     """Return the states at the ends of all increments, by the method of this module.
 
-    The springs of the method have `spring_factor` times a mean stiffness of the contact nodes.
+    The springs of the method have `spring_over_mean_stiffness` times a mean stiffness of the contact nodes.
     """
     n_contact = sum(len(pair.nodes) for pair in pairs)
     previous_motion, translations = (
-        np.zeros((n_contact, nodes.shape[1])),
-        np.zeros((len(pairs), nodes.shape[1])),
+        np.zeros((n_contact, node_positions.shape[1])),
+        np.zeros((len(pairs), node_positions.shape[1])),
     )
     system, spring_force_sum, states = None, np.zeros_like(previous_motion), []
     for k, load in enumerate(loads):
         prescribed, forces = (
             np.array(part)
-            for part in zip(*(_prescribed_motion(p, k, nodes) for p in pairs), strict=True)
+            for part in zip(*(_prescribed_translation_and_force(p, k, node_positions) for p in pairs), strict=True)
         )
         free = np.isnan(prescribed)
         if system is None or not np.array_equal(free, system.free):
-            system = _ContactCompliance(K, prescribed_mask, pairs, nodes, free, spring_factor)
+            system = _ContactCompliance(K, prescribed_mask, pairs, node_positions, free, spring_over_mean_stiffness)
         translations = np.where(free, translations, prescribed)
         state, previous_motion, spring_force_sum = system.solve_increment(
             load, translations, forces, previous_motion, spring_force_sum
@@ -98,13 +98,13 @@ def solve_increments(
     return states
 
 
-def measure_law_violation(r: np.ndarray, y: np.ndarray, mu: np.ndarray) -> float:
+def relative_law_violation(forces: np.ndarray, scaled_gaps_and_slips: np.ndarray, mu: np.ndarray) -> float:
     """Return the largest violation of the law's conditions, divided by the largest force.
 
-    The forces `r` and the gaps and slips `y`, times a stiffness, have the normal component first.
+    The forces `forces` and the gaps and slips `scaled_gaps_and_slips`, times a stiffness, have the normal component first.
     """
-    largest = np.abs(r).max() or 1.0
-    (r_n, r_t), (g, v) = ((x[:, 0] / largest, x[:, 1:] / largest) for x in (r, y))
+    largest = np.abs(forces).max() or 1.0
+    (r_n, r_t), (g, v) = ((x[:, 0] / largest, x[:, 1:] / largest) for x in (forces, scaled_gaps_and_slips))
     friction, slip = np.linalg.norm(r_t, axis=1), np.linalg.norm(v, axis=1)
     friction_error = (slip[:, None] * r_t + (mu * r_n)[:, None] * v) / np.maximum(1.0, slip)[
         :, None
@@ -113,20 +113,20 @@ def measure_law_violation(r: np.ndarray, y: np.ndarray, mu: np.ndarray) -> float
     return float(max(violation.max() for violation in violations))
 
 
-def _prescribed_motion(pair: Pair, k: int, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _prescribed_translation_and_force(pair: Pair, increment: int, node_positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the prescribed translation in increment k, NaN where it is free, and the force."""
-    zero = np.zeros(nodes.shape[1])
-    translation, force = pair.motions[k] if pair.motions else (zero, zero)
+    zero = np.zeros(node_positions.shape[1])
+    translation, force = pair.motions[increment] if pair.motions else (zero, zero)
     return np.array([np.nan if u is None else u for u in translation]), np.array(force, dtype=float)
 
 
-def _project_onto_cone(r: np.ndarray, mu: float) -> np.ndarray:
+def _shrink_to_friction_cone(trial_force: np.ndarray, mu: float) -> np.ndarray:
     """Project a trial force (dim,), normal component first, onto Coulomb's cone.
 
     The shear is shortened to the friction limit of the normal force, which is no orthogonal
     projection.
     """
-    normal, tangential = max(0.0, r[0]), r[1:]
+    normal, tangential = max(0.0, trial_force[0]), trial_force[1:]
     friction = np.sqrt(tangential @ tangential)
     shrink = min(1.0, mu * normal / friction) if friction > 0 else 1.0
     return np.concatenate([[normal], shrink * tangential])
@@ -163,18 +163,18 @@ class _ContactCompliance:
         self.factors = splu(self.A)
         self.C = self.B @ self.factors.solve(self.B.T.toarray())
 
-    def solve_increment(self, load, translations, forces, previous_motion, s):
+    def solve_increment(self, load, translations, surface_forces, previous_relative_motion, augmented_forces):
         """Return the state, relative motion w (m, dim) and augmented force s (m, dim) at the end.
 
         Free translations change the gaps, and they do so linearly only for planes. Therefore gaps
         are recomputed until they are constant. See the module for w and s.
         """
-        f = np.concatenate([load[self.free_dofs], forces[self.free]])
+        f = np.concatenate([load[self.free_dofs], surface_forces[self.free]])
         for _ in range(100):
             prescribed_translation = np.where(self.free, 0.0, translations)[self.pair]
             frame, gap = self._frames_and_gaps(translations)
-            z, w, s, error = self._solve_fixed_geometry(
-                f, prescribed_translation, frame, gap, previous_motion, s
+            z, w, augmented_forces, error = self._solve_with_fixed_frames_and_gaps(
+                f, prescribed_translation, frame, gap, previous_relative_motion, augmented_forces
             )
             translations = translations.copy()
             translations[self.free] = z[len(self.free_dofs) :]
@@ -185,7 +185,7 @@ class _ContactCompliance:
             raise NotConverged(f"the surfaces do not come to rest: gaps change by {change}")
         u = np.zeros(self.nodes.size)
         u[self.free_dofs] = z[: len(self.free_dofs)]
-        r, gap = s - self.spring_stiffness * w, gap + np.sum(frame[:, 0] * w, axis=1)
+        r, gap = augmented_forces - self.spring_stiffness * w, gap + np.sum(frame[:, 0] * w, axis=1)
         pair_masks = [self.pair == k for k in range(len(self.pairs))]
         state = State(
             u.reshape(self.nodes.shape),
@@ -194,7 +194,7 @@ class _ContactCompliance:
             error,
             [gap[of_pair] for of_pair in pair_masks],
         )
-        return state, w, s
+        return state, w, augmented_forces
 
     def _frames_and_gaps(self, translations):
         """Return frames (m, dim, dim), normal first, and the gaps (m,) at zero relative motion."""
@@ -209,7 +209,7 @@ class _ContactCompliance:
         frame = np.eye(self.dim) - 2 * np.einsum("ma,mb->mab", h, h) / size[:, None, None]
         return frame, np.concatenate(gap) + np.sum(normal * shift, axis=1)
 
-    def _solve_fixed_geometry(self, f, prescribed_translation, frame, gap, previous_motion, s):
+    def _solve_with_fixed_frames_and_gaps(self, load, prescribed_translation, frame, gap, previous_relative_motion, s):
         """Return z, w and s (m, dim) that obey the law in a fixed geometry, and its violation.
 
         See the module for z, w, s, C and alpha. Long slips, times alpha, lose digits of C s.
@@ -217,8 +217,8 @@ class _ContactCompliance:
         effect on the law.
         """
         Q = sparse.block_diag(list(frame)).tocsr()
-        solver = _LawSolver(Q @ (Q @ self.C.T).T, self.spring_stiffness, self.mu)
-        y0 = -np.einsum("mab,mb->ma", frame, previous_motion)
+        solver = _ContactLawSolver(Q @ (Q @ self.C.T).T, self.spring_stiffness, self.mu)
+        y0 = -np.einsum("mab,mb->ma", frame, previous_relative_motion)
         y0[:, 0] = gap
 
         def equilibrium(z, s):
@@ -227,7 +227,7 @@ class _ContactCompliance:
             Here y are the gaps and slips, and r are the contact forces.
             """
             z = z + self.factors.solve(
-                f
+                load
                 + self.B.T @ (s + self.spring_stiffness * prescribed_translation).ravel()
                 - self.A @ z
             )
@@ -236,18 +236,18 @@ class _ContactCompliance:
             return z, w, y + y0, r
 
         z, w, y, r = equilibrium(np.zeros(self.A.shape[0]), s)
-        ds = solver.solve_by_gauss_seidel(y, r)
+        ds = solver.force_change_by_gauss_seidel(y, r)
         for _ in range(5):
             s = s + np.einsum("mba,mb->ma", frame, ds)
             z, w, y, r = equilibrium(equilibrium(z, s)[0], s)
-            error = solver.relative_violation(y, r)
+            error = solver.violation_over_tolerance(y, r)
             if error <= 1:
                 return z, w, s, error
-            ds = solver.solve_by_newton(y, r)
+            ds = solver.force_change_by_newton(y, r)
         raise NotConverged(f"refinement ends {error} times the accuracy from the law")
 
 
-class _LawSolver:
+class _ContactLawSolver:
     """The law at m nodes in their frames, as a problem for the augmented forces s.
 
     Changes of the gaps and slips y are dy = C ds, and the contact forces are r = s - alpha w. See
@@ -262,57 +262,57 @@ class _LawSolver:
         self.ds_of_dr = np.linalg.inv(np.eye(dim) - alpha * blocks)  # from dr to ds
         self.node_stiffness = 1 / np.linalg.norm(self.ds_of_dr @ blocks, ord=2, axis=(1, 2))
 
-    def relative_violation(self, y, r):
+    def violation_over_tolerance(self, gaps_and_slips, forces):
         """Return the violation of the law, divided by its tolerance.
 
-        Gaps and slips are multiplied by a stiffness. The tolerance is `LAW_TOLERANCE` plus the
+        Gaps and slips are multiplied by a stiffness. The tolerance is `LAW_TOLERANCE_OVER_LARGEST_FORCE` plus the
         bounded round-off of these products. It is larger only where slips are long compared with
         the body's deformation, as for a wedge on soft springs.
         """
-        as_forces = self.node_stiffness[:, None] * y
-        round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(r).max() or 1.0)
-        return measure_law_violation(r, as_forces, self.mu) / (
-            LAW_TOLERANCE + min(round_off, 10 * LAW_TOLERANCE)
+        as_forces = self.node_stiffness[:, None] * gaps_and_slips
+        round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(forces).max() or 1.0)
+        return relative_law_violation(forces, as_forces, self.mu) / (
+            LAW_TOLERANCE_OVER_LARGEST_FORCE + min(round_off, 10 * LAW_TOLERANCE_OVER_LARGEST_FORCE)
         )
 
-    def solve_by_gauss_seidel(self, y, r):
+    def force_change_by_gauss_seidel(self, gaps_and_slips, forces):
         """Return the change (m, dim) of s from an equilibrium to one that obeys the law."""
-        m, dim = r.shape
+        m, dim = forces.shape
         total_ds = np.zeros((m, dim))
         for sweep in range(1, MAX_SWEEPS + 1):
             for i in range(m)[:: 1 if sweep % 2 else -1]:
-                projected = _project_onto_cone(r[i] - self.node_stiffness[i] * y[i], self.mu[i])
-                ds = self.ds_of_dr[i] @ (projected - r[i])
+                projected = _shrink_to_friction_cone(forces[i] - self.node_stiffness[i] * gaps_and_slips[i], self.mu[i])
+                ds = self.ds_of_dr[i] @ (projected - forces[i])
                 dy = (self.C[:, i * dim : (i + 1) * dim] @ ds).reshape(m, dim)
-                y, r = y + dy, r - self.alpha * dy
-                r[i] += ds
+                gaps_and_slips, forces = gaps_and_slips + dy, forces - self.alpha * dy
+                forces[i] += ds
                 total_ds[i] += ds
             if sweep % SWEEPS_PER_NEWTON == 0:
-                ds = self.solve_by_newton(y, r)
+                ds = self.force_change_by_newton(gaps_and_slips, forces)
                 dy = (self.C @ ds.ravel()).reshape(m, dim)
                 dr = ds - self.alpha * dy
-                violation = self.relative_violation(y + dy, r + dr)
-                if violation < 0.1 * self.relative_violation(
-                    y, r
+                violation = self.violation_over_tolerance(gaps_and_slips + dy, forces + dr)
+                if violation < 0.1 * self.violation_over_tolerance(
+                    gaps_and_slips, forces
                 ):  # only a large decrease is accepted, which excludes cycles
-                    y, r, total_ds = y + dy, r + dr, total_ds + ds
+                    gaps_and_slips, forces, total_ds = gaps_and_slips + dy, forces + dr, total_ds + ds
                 if violation <= 1:
                     return total_ds
         raise NotConverged(f"{MAX_SWEEPS} sweeps")
 
-    def solve_by_newton(self, y, r):
+    def force_change_by_newton(self, gaps_and_slips, forces):
         """Return the change (m, dim) of s by Newton's method with the present statuses."""
-        m, dim = r.shape
+        m, dim = forces.shape
         trial = [
-            _project_onto_cone(*node_data)
-            for node_data in zip(r - self.node_stiffness[:, None] * y, self.mu, strict=True)
+            _shrink_to_friction_cone(*node_data)
+            for node_data in zip(forces - self.node_stiffness[:, None] * gaps_and_slips, self.mu, strict=True)
         ]
         dr_ds, total_ds = np.eye(m * dim) - self.alpha * self.C, np.zeros((m, dim))
         for _ in range(8 if dim == 3 else 2):
-            as_forces = self.node_stiffness[:, None] * y
+            as_forces = self.node_stiffness[:, None] * gaps_and_slips
             equations = [
-                _status_equations(*node_data)
-                for node_data in zip(trial, as_forces, r, self.mu, strict=True)
+                _linearised_status_equations(*node_data)
+                for node_data in zip(trial, as_forces, forces, self.mu, strict=True)
             ]
             E, G, residual = (list(items) for items in zip(*equations, strict=True))
             G = [step * block for step, block in zip(self.node_stiffness, G, strict=True)]
@@ -323,31 +323,31 @@ class _LawSolver:
             ):  # the statuses leave the body free
                 break
             ds = np.linalg.solve(tangent, -np.concatenate(residual))
-            y = y + (self.C @ ds).reshape(m, dim)
-            r = r + (dr_ds @ ds).reshape(m, dim)
+            gaps_and_slips = gaps_and_slips + (self.C @ ds).reshape(m, dim)
+            forces = forces + (dr_ds @ ds).reshape(m, dim)
             total_ds += ds.reshape(m, dim)
-            if self.relative_violation(y, r) <= 1:
+            if self.violation_over_tolerance(gaps_and_slips, forces) <= 1:
                 break
         return total_ds
 
 
-def _status_equations(trial, y, r, mu):
+def _linearised_status_equations(trial_force, scaled_gap_and_slip, force, mu):
     """Return the linear equations E dr + G dy = -residual for the status of a node.
 
     The status is that of the trial force. The gap and slip y (dim,) of the node are multiplied by a
     stiffness, so that E and G are of one size. Its force is r (dim,).
     """
-    dim = len(r)
+    dim = len(force)
     identity, zero = np.eye(dim), np.zeros((dim, dim))
-    friction = np.sqrt(trial[1:] @ trial[1:])
-    if trial[0] <= 0:  # open
-        return identity, zero, r
-    if friction < mu * trial[0] * (1 - 1e-12):  # stick
-        return zero, identity, y
+    friction = np.sqrt(trial_force[1:] @ trial_force[1:])
+    if trial_force[0] <= 0:  # open
+        return identity, zero, force
+    if friction < mu * trial_force[0] * (1 - 1e-12):  # stick
+        return zero, identity, scaled_gap_and_slip
     # slip: r_t + mu r_n d = 0 with d the direction of slip; in the plane the trial force gives d
-    slip_size = np.sqrt(y[1:] @ y[1:]) or 1.0
-    d = y[1:] / slip_size if dim == 3 else -np.sign(trial[1:])
+    slip_size = np.sqrt(scaled_gap_and_slip[1:] @ scaled_gap_and_slip[1:]) or 1.0
+    d = scaled_gap_and_slip[1:] / slip_size if dim == 3 else -np.sign(trial_force[1:])
     E, G = np.eye(dim), zero
     E[0, 0], E[1:, 0], G[0, 0] = 0.0, mu * d, 1.0
-    G[1:, 1:] = mu * r[0] / slip_size * (np.eye(dim - 1) - np.outer(d, d)) * (dim == 3)
-    return E, G, np.concatenate([y[:1], r[1:] + mu * r[0] * d])
+    G[1:, 1:] = mu * force[0] / slip_size * (np.eye(dim - 1) - np.outer(d, d)) * (dim == 3)
+    return E, G, np.concatenate([scaled_gap_and_slip[:1], force[1:] + mu * force[0] * d])

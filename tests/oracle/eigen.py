@@ -5,7 +5,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 
-def eigenvalues_nearest_to(
+def eigenvalues_nearest_to_shift(
     K: sparse.spmatrix,
     M: sparse.spmatrix,
     prescribed_mask: np.ndarray,
@@ -26,13 +26,13 @@ def eigenvalues_nearest_to(
 
 
 def guyan_reduction(
-    K: sparse.spmatrix, M: sparse.spmatrix, inner: np.ndarray
+    K: sparse.spmatrix, M: sparse.spmatrix, inner_nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K and M after Guyan's reduction, in which inner nodes follow the others as in statics.
 
     Rows and columns of both matrices are reduced by those of K, so that M may become unsymmetric.
     """
-    inner_dofs = (2 * inner[:, None] + [0, 1]).ravel()
+    inner_dofs = (2 * inner_nodes[:, None] + [0, 1]).ravel()
     outer_dofs = np.setdiff1d(np.arange(K.shape[0]), inner_dofs)
     K = K.tocsc()
     inverse = splu(K[inner_dofs][:, inner_dofs])

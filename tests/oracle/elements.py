@@ -27,20 +27,20 @@ class Element:
     centre: tuple = ()
 
 
-_TRIANGLE = ((0, 0), (2, 0), (0, 2), (1, 1), (0, 1), (1, 0))
+_TRIANGLE_NODES_TIMES_2 = ((0, 0), (2, 0), (0, 2), (1, 1), (0, 1), (1, 0))
 _SQUARE = ((0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1))
 _TETRAHEDRON = (
     *((0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2)),
     *((0, 1, 1), (1, 0, 1), (1, 1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)),
 )
-_SIDES_OF_SQUARE = ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7))
+_NODE_NUMBERS_OF_SQUARE_SIDES = ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7))
 
 ELEMENTS = {
     "L3": Element(True, ((0,), (2,), (1,)), ((0,), (1,), (2,)), ((0, 2), (2, 1))),
     "T6": Element(
         True,
-        _TRIANGLE,
-        _TRIANGLE,  # the nodes equal the exponents of the monomials up to degree 2
+        _TRIANGLE_NODES_TIMES_2,
+        _TRIANGLE_NODES_TIMES_2,  # the nodes equal the exponents of the monomials up to degree 2
         ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
         ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
         "L3",
@@ -50,7 +50,7 @@ ELEMENTS = {
         _SQUARE[:8],
         tuple(p for p in product(range(3), repeat=2) if p != (2, 2)),
         (),
-        _SIDES_OF_SQUARE,
+        _NODE_NUMBERS_OF_SQUARE_SIDES,
         "L3",
     ),
     "Q9": Element(
@@ -58,7 +58,7 @@ ELEMENTS = {
         _SQUARE,
         tuple(product(range(3), repeat=2)),
         ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
-        _SIDES_OF_SQUARE,
+        _NODE_NUMBERS_OF_SQUARE_SIDES,
         "L3",
     ),
     "T10": Element(
@@ -92,31 +92,31 @@ class FunctionTable(NamedTuple):
 
 
 @cache
-def tabulate_at_gauss_points(name: str, linear_weights: bool, n_gauss: int) -> FunctionTable:
-    """Tabulate an element's functions at Gauss points, `n_gauss` in each direction.
+def tabulate_at_gauss_points(element_name: str, linear_weights: bool, points_per_direction: int) -> FunctionTable:
+    """Tabulate an element's functions at Gauss points, `points_per_direction` in each direction.
 
     The rule covers the whole element if weights are quadratic, and each sub-cell if they are
     piecewise linear.
     """
-    element = ELEMENTS[name]
+    element = ELEMENTS[element_name]
     return tabulate_at_points(
-        name, linear_weights, *gauss_rule(element.simplex, len(element.nodes[0]), n_gauss)
+        element_name, linear_weights, *gauss_points_and_weights(element.simplex, len(element.nodes[0]), points_per_direction)
     )
 
 
 def tabulate_at_points(
-    name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray
+    element_name: str, linear_weights: bool, points: np.ndarray, quadrature_weights: np.ndarray
 ) -> FunctionTable:
     """Tabulate an element's functions at points (q, d) of a rule for a cell or each sub-cell."""
-    element = ELEMENTS[name]
+    element = ELEMENTS[element_name]
     if not linear_weights:
-        values, slopes = shape_functions(name, points)
-        return FunctionTable(values, slopes, values, slopes, measure)
+        values, slopes = shape_functions_and_gradients(element_name, points)
+        return FunctionTable(values, slopes, values, slopes, quadrature_weights)
     nodes, nodal = np.array(element.nodes) / 2, np.eye(len(element.nodes))
     if element.centre:
         centre = list(element.centre)
         nodes, nodal = (np.vstack([a, a[centre].mean(axis=0)]) for a in (nodes, nodal))
-    vertex_values, vertex_slopes = _vertex_functions(element.simplex, points)
+    vertex_values, vertex_slopes = _vertex_functions_and_gradients(element.simplex, points)
     tables = []
     for sub_cell in map(list, element.sub_cells):
         jacobian = np.einsum("ka,qkb->qab", nodes[sub_cell], vertex_slopes)
@@ -124,33 +124,33 @@ def tabulate_at_points(
         weight_slopes = np.einsum(
             "qka,kn->qna", vertex_slopes @ np.linalg.inv(jacobian), nodal[sub_cell]
         )
-        values_and_slopes = shape_functions(name, vertex_values @ nodes[sub_cell])
+        values_and_slopes = shape_functions_and_gradients(element_name, vertex_values @ nodes[sub_cell])
         determinant = np.abs(np.linalg.det(jacobian))
-        tables.append((*values_and_slopes, weights, weight_slopes, measure * determinant))
+        tables.append((*values_and_slopes, weights, weight_slopes, quadrature_weights * determinant))
     return FunctionTable(*(np.concatenate(arrays) for arrays in zip(*tables, strict=True)))
 
 
-def shape_functions(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions_and_gradients(element_name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return quadratic shape functions (q, n) at points (q, d), and their gradients (q, n, d)."""
-    element = ELEMENTS[name]
+    element = ELEMENTS[element_name]
     powers = np.array(element.exponents)
-    at_nodes, _ = _monomials(np.array(element.nodes) / 2, powers)
-    values, slopes = _monomials(points, powers)
+    at_nodes, _ = _monomials_and_gradients(np.array(element.nodes) / 2, powers)
+    values, slopes = _monomials_and_gradients(points, powers)
     inverse = np.linalg.inv(at_nodes)
     return values @ inverse, np.einsum("qmd,mn->qnd", slopes, inverse)
 
 
-def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_points_and_weights(is_simplex: bool, dimension: int, points_per_direction: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (q, d) and weights (q,) of a Gauss rule.
 
     On simplices it is a collapsed rule. The rule is exact for polynomials of degree 2 n_points - 1
     on lines, squares and cubes, and of degree 2 n_points - d on simplices of dimension d.
     """
-    t, w = np.polynomial.legendre.leggauss(n_points)
+    t, w = np.polynomial.legendre.leggauss(points_per_direction)
     t, w = (t + 1) / 2, w / 2
     points = np.array(list(product(t, repeat=dimension)))
     weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
-    if simplex:
+    if is_simplex:
         remaining = np.ones(len(points))  # 1 - x - y ... with the coordinates so far
         for axis in range(dimension):
             weights = weights * remaining ** (axis > 0)
@@ -159,28 +159,28 @@ def gauss_rule(simplex: bool, dimension: int, n_points: int) -> tuple[np.ndarray
     return points, weights
 
 
-def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _monomials_and_gradients(points: np.ndarray, exponents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values (q, m) and gradients (q, m, d) of m monomials at points (q, d)."""
-    factors = points[:, None, :] ** powers
+    factors = points[:, None, :] ** exponents
     slopes = np.empty_like(factors)
     for axis in range(points.shape[1]):
         other_factors = np.delete(factors, axis, axis=2).prod(axis=2)
-        power = powers[:, axis]
+        power = exponents[:, axis]
         slopes[:, :, axis] = (
             other_factors * power * points[:, None, axis] ** np.maximum(power - 1, 0)
         )
     return factors.prod(axis=2), slopes
 
 
-def _vertex_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _vertex_functions_and_gradients(is_simplex: bool, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the k vertex functions (q, k) and their gradients (q, k, d) at points (q, d).
 
     They are linear on simplices and bilinear on squares.
     """
-    if simplex:
-        slopes = np.vstack([-np.ones(x.shape[1]), np.eye(x.shape[1])])
-        return np.column_stack([1 - x.sum(axis=1), x]), np.tile(slopes, (len(x), 1, 1))
-    (s, t), ones = x.T, np.ones(len(x))
+    if is_simplex:
+        slopes = np.vstack([-np.ones(points.shape[1]), np.eye(points.shape[1])])
+        return np.column_stack([1 - points.sum(axis=1), points]), np.tile(slopes, (len(points), 1, 1))
+    (s, t), ones = points.T, np.ones(len(points))
     values = np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
     s_slopes = np.column_stack([t - 1, 1 - t, -t, t])
     t_slopes = np.column_stack([s - 1, -s, ones - s, s])

@@ -54,12 +54,12 @@ class NeoHookeanBody:
         return forces
 
 
-def cross_product(a, b):
+def cross_product_in_plane(a, b):
     """Return the scalar cross product of two vectors in the plane, each (2, ...)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
-def law_violations(r_n, r_t, g, v, mu):
+def contact_law_violations(r_n, r_t, g, v, mu):
     """Return, by name, the violation of each condition of the contact law at nodes.
 
     `r_n` and `r_t` are the normal and tangential force, `g` the gap, `v` the slip, and `mu` the
@@ -109,7 +109,7 @@ class CircleContact:
         distance = np.linalg.norm(from_centre, axis=1)
         n, forces = from_centre / distance[:, None], self.body.nodal_forces(u) / force
         angle = np.arctan(
-            cross_product(from_centre_before.T, from_centre.T)
+            cross_product_in_plane(from_centre_before.T, from_centre.T)
             / np.sum(from_centre_before * from_centre, axis=1)
         )  # correct below 90 degrees
         gap, slip = (distance - circle.radius) / length, circle.radius * angle / length
@@ -119,7 +119,7 @@ class CircleContact:
             "supports": np.abs(u[self.prescribed_mask]) / length,
             "equilibrium": np.abs(forces[free]),
         }
-        values |= law_violations(
-            np.sum(n * r, axis=1), cross_product(n.T, r.T), gap, slip, circle.friction
+        values |= contact_law_violations(
+            np.sum(n * r, axis=1), cross_product_in_plane(n.T, r.T), gap, slip, circle.friction
         )
         return {name: float(max(0.0, value.max())) for name, value in values.items()}

@@ -42,84 +42,84 @@ class StudyComparison:
         return differences
 
 
-def assert_agrees(problem, element):
+def assert_study_agrees_with_oracle(comparison, element_name):
     """Assert that the oracle reproduces all values of an element.
 
     Differences are relative to the largest number of each value.
     """
-    differences = problem.differences(element.startswith("pw"))
+    differences = comparison.differences(element_name.startswith("pw"))
     assert len(differences) > 0
     assert max(differences.values()) < TOLERANCE, differences
 
 
-def assert_differs(problem):
+def assert_quadratic_weights_differ(comparison):
     """Assert that the oracle with quadratic weights gives other values."""
-    differences = problem.differences(False)
+    differences = comparison.differences(False)
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
 
-def assert_agrees_with_these_weights_alone(problem, element):
+def assert_agrees_with_own_weights_alone(comparison, element_name):
     """Assert that the oracle agrees, and that with quadratic weights it differs from pw-T6."""
-    assert_agrees(problem, element)
-    if element == "pw-T6":
-        assert_differs(problem)
+    assert_study_agrees_with_oracle(comparison, element_name)
+    if element_name == "pw-T6":
+        assert_quadratic_weights_differ(comparison)
 
 
-def rows_on_plane(axis, value):
+def rows_on_plane(axis, coordinate):
     """Return a function that marks the rows of points (n, dim) with x[axis] = value."""
-    return lambda x: np.isclose(x[:, axis], value)
+    return lambda x: np.isclose(x[:, axis], coordinate)
 
 
-def rows_within(limit):
+def rows_with_abs_x_below(limit):
     """Return a function that marks the rows of points (n, dim) whose |x| is below a limit."""
     return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
-def all_of(*conditions):
+def all_of(*markers):
     """Return a function that marks the points that satisfy all conditions."""
-    return lambda x: np.all([condition(x) for condition in conditions], axis=0)
+    return lambda x: np.all([condition(x) for condition in markers], axis=0)
 
 
-def any_of(*conditions):
+def any_of(*markers):
     """Return a function that marks the points that satisfy at least one condition."""
-    return lambda x: np.any([condition(x) for condition in conditions], axis=0)
+    return lambda x: np.any([condition(x) for condition in markers], axis=0)
 
 
-def sorted_nodes(curves, where):
+def marked_nodes_sorted_by_x(curves, where):
     """Return the numbers of the nodes that satisfy a condition, sorted by x, then y."""
     x = curves["nodes"]
     nodes = np.flatnonzero(where(x))
     return nodes[np.lexsort((x[nodes, 1], x[nodes, 0].round(9)))]
 
 
-def oracle_body(result, element, linear, state, E, nu, **options):
+def make_oracle_body(result, element_name, linear_weights, state, E, nu, **options):
     """Return the oracle's body on the mesh of a result.
 
     For pw-Q8 it consists of T6 triangles and keeps their inner nodes.
     """
-    kind = element.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
-    kind = "T6" if element == "pw-Q8" else kind
+    kind = element_name.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
+    kind = "T6" if element_name == "pw-Q8" else kind
     curves = result.curves
-    return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **options)
+    return Body(curves["nodes"], curves["cells"], kind, linear_weights, state, E, nu, **options)
 
 
-def plane_functions(normal, level=0.0):
+def plane_gap_and_normal_functions(normal, level=0.0):
     """Return the gap and normal functions of a horizontal plane, for a `Pair`."""
     return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
-def parabola_functions(apex, radius):
+def parabola_gap_and_normal_functions(apex_height, radius):
     """Return the gap and normal functions of a parabolic punch that presses downwards."""
-    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane_functions(NORMAL_DOWN)[
+    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex_height)), plane_gap_and_normal_functions(NORMAL_DOWN)[
         1
     ]
 
 
-def no_prescribed_displacements(body):
+def mask_without_prescribed_displacements(body):
     return np.zeros(body.nodes.shape, dtype=bool)
 
 
-def compare_contact_line(
+def make_contact_line_comparison(
     result, solve_by_oracle, normal, tangent=(-1.0, 0.0), with_displacement=True, **further_values
 ):
     """Compare the forces along a contact line and their sums with those of the oracle.
@@ -146,7 +146,7 @@ def compare_contact_line(
     return StudyComparison(study_values, compute_oracle_values, scales)
 
 
-def solve_displacement(K, f, prescribed_mask):
+def solve_with_zero_supports(K, f, prescribed_mask):
     """Solve K u = f with zero displacements where `prescribed_mask` is True."""
     free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     u = np.zeros(len(f))
@@ -158,16 +158,16 @@ def symmetric_part(A):
     return (A + A.T) / 2
 
 
-def condense_inner_nodes(body, element, prescribed_mask):
+def condensed_stiffness_mass_and_mask(body, element, prescribed_mask):
     """Return stiffness, mass and support mask after Guyan's reduction of inner nodes, if any."""
-    K, M, inner = body.stiffness(), body.mass(), _inner_nodes(body, element)
+    K, M, inner = body.stiffness(), body.mass(), _nodes_to_condense(body, element)
     if not len(inner):
         return K, M, prescribed_mask
     outer_nodes = np.setdiff1d(np.arange(len(body.nodes)), inner)
     return *map(csc_matrix, guyan_reduction(K, M, inner)), prescribed_mask[outer_nodes]
 
 
-def _inner_nodes(body, element):
+def _nodes_to_condense(body, element):
     """Return the nodes that Guyan's reduction removes: on diagonals or in the centres of cells."""
     if element == "pw-Q9":
         return body.cells[:, 8]

@@ -15,7 +15,7 @@ A curved surface that is free to move is sampled at many positions. Its normals 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import label_connected_components
 from scipy.spatial import cKDTree
 
 from pw_elements.contact import ContactPair, NoEquilibrium
@@ -64,7 +64,7 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
         defects["supports"] = max(defects["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
         defects["cones"] = max(
             defects["cones"],
-            _largest_cone_violation(pair, space, translation, free, v, surfaces[k], prescribed_mask)
+            _largest_velocity_cone_violation(pair, space, translation, free, v, surfaces[k], prescribed_mask)
             / speed,
         )
         if free.any() and _largest_relative_velocity(pair, space, v, surfaces[k]) > 1e-9 * speed:
@@ -92,7 +92,7 @@ def node_velocities(space, error: NoEquilibrium) -> Array:
     cells = space.dofmap.list
     row = np.repeat(np.arange(len(cells)), cells.shape[1]) + len(x)
     links = sp.csr_matrix((np.ones(cells.size), (row, cells.ravel())), [len(x) + len(cells)] * 2)
-    n_bodies, body_of_node = connected_components(links, directed=False)
+    n_bodies, body_of_node = label_connected_components(links, directed=False)
     body_of_node, velocity = body_of_node[: len(x)], error.velocity
     assert n_bodies == len(velocity.centre)
     v = np.zeros((len(x), dim))
@@ -111,34 +111,34 @@ def node_velocities(space, error: NoEquilibrium) -> Array:
 
 
 def _relative_velocities(
-    pair: ContactPair, space, nodes: npt.NDArray, v: Array, surface: Array
+    pair: ContactPair, space, nodes: npt.NDArray, velocities: Array, surface_velocity: Array
 ) -> Array:
     """Return the velocities of nodes relative to the surface, or to the nodes that they face."""
-    relative = v[nodes] - surface
+    relative = velocities[nodes] - surface_velocity
     if isinstance(pair.surface, MatchingNodes):
         opposite_nodes, _ = contact_nodes_and_friction(
             ContactPair(pair.surface.nodes, pair.surface.shape), space
         )
-        x = space.tabulate_dof_coordinates()[:, : v.shape[1]]
+        x = space.tabulate_dof_coordinates()[:, : velocities.shape[1]]
         offset = 0.0 if pair.surface.offset is None else np.asarray(pair.surface.offset)
         relative = (
-            relative - v[opposite_nodes[cKDTree(x[opposite_nodes]).query(x[nodes] + offset)[1]]]
+            relative - velocities[opposite_nodes[cKDTree(x[opposite_nodes]).query(x[nodes] + offset)[1]]]
         )
     return relative
 
 
-def _rigid_shape(pair: ContactPair):
+def _rigid_surface_of_pair(pair: ContactPair):
     """Return the rigid surface of a pair, or the shape between matching nodes."""
     return pair.surface.shape if isinstance(pair.surface, MatchingNodes) else pair.surface
 
 
-def _largest_cone_violation(
+def _largest_velocity_cone_violation(
     pair: ContactPair,
     space,
     translation: Array,
-    free: npt.NDArray[np.bool_],
-    v: Array,
-    surface: Array,
+    is_free: npt.NDArray[np.bool_],
+    velocities: Array,
+    surface_velocity: Array,
     prescribed_mask: npt.NDArray[np.bool_],
 ) -> float:
     """Return the largest violation of the condition that gaps open fast enough compared with slip.
@@ -147,13 +147,13 @@ def _largest_cone_violation(
     divided by the length of the vector (1, mu).
     """
     nodes, mu = contact_nodes_and_friction(pair, space)
-    x = space.tabulate_dof_coordinates()[nodes, : v.shape[1]] - translation
+    x = space.tabulate_dof_coordinates()[nodes, : velocities.shape[1]] - translation
     # a surface that is free to move may face any of the nodes
-    faced = np.isfinite(_rigid_shape(pair).gap(x)) | free.any()
-    normal = _rigid_shape(pair).normal(x)[faced]
+    faced = np.isfinite(_rigid_surface_of_pair(pair).gap(x)) | is_free.any()
+    normal = _rigid_surface_of_pair(pair).normal(x)[faced]
     nodes, mu = nodes[faced], mu[faced]
     relative = np.where(
-        prescribed_mask[nodes], 0.0, _relative_velocities(pair, space, nodes, v, surface)
+        prescribed_mask[nodes], 0.0, _relative_velocities(pair, space, nodes, velocities, surface_velocity)
     )
     normal_velocity = np.sum(relative * normal, axis=1)
     tangential_velocity = np.where(
@@ -163,27 +163,27 @@ def _largest_cone_violation(
     return float((violation / np.sqrt(1 + mu**2)).max(initial=0.0))
 
 
-def _largest_relative_velocity(pair: ContactPair, space, v: Array, surface: Array) -> float:
+def _largest_relative_velocity(pair: ContactPair, space, velocities: Array, surface_velocity: Array) -> float:
     """Return the largest component of the velocities of a pair's nodes relative to its surface."""
     nodes, _ = contact_nodes_and_friction(pair, space)
-    return float(np.abs(_relative_velocities(pair, space, nodes, v, surface)).max())
+    return float(np.abs(_relative_velocities(pair, space, nodes, velocities, surface_velocity)).max())
 
 
 def _largest_normal_change(
-    pair: ContactPair, x: Array, translation: Array, free: npt.NDArray[np.bool_]
+    pair: ContactPair, x: Array, translation: Array, is_free: npt.NDArray[np.bool_]
 ) -> float:
     """Return the largest change of a normal while the surface moves by up to the body's size."""
-    shape, rng = _rigid_shape(pair), np.random.default_rng(0)
+    shape, rng = _rigid_surface_of_pair(pair), np.random.default_rng(0)
     extent = np.ptp(x, axis=0).max()
     initial_normals = shape.normal(x - translation)
-    translations = np.where(free, rng.uniform(-1, 1, (20, len(translation))), 0.0) * extent
+    translations = np.where(is_free, rng.uniform(-1, 1, (20, len(translation))), 0.0) * extent
     return max(
         float(np.abs(shape.normal(x - translation - further_translation) - initial_normals).max())
         for further_translation in translations
     )
 
 
-def linear_increment(problem, states) -> LinearIncrement:
+def linearise_next_increment(problem, states) -> LinearIncrement:
     """Return the next increment of a plane problem as linear functions of unknown motions.
 
     `states` are those before this increment. The whole matrix K is used, in serial. Surfaces that

@@ -54,7 +54,7 @@ CELL_PROBABILITIES = {
 }
 SOLID_CELLS = ("tetrahedron", "hexahedron")
 # Factors of pressing and dragging at the ends of the increments, by name
-LOAD_PATHS = {
+PRESS_AND_DRAG_FACTORS_BY_PATH = {
     "one step": [(1.0, 1.0)],
     "press, then drag": [(1.0, 0.0), (1.0, 0.5), (1.0, 1.0)],
     "proportional": [(0.25, 0.25), (0.5, 0.5), (0.75, 0.75), (1.0, 1.0)],
@@ -115,12 +115,12 @@ class ProblemSketch:
         return len(self.divisions)
 
     @property
-    def driven_by_force(self) -> bool:
+    def is_driven_by_force(self) -> bool:
         return bool(self.loads) or any(pair.normal_drive == "pushed" for pair in self.pairs)
 
 
 @dataclass(frozen=True)
-class RandomProblem:
+class RandomContactProblem:
     """A random problem with its stiffness matrix, loads, supports and contact pairs."""
 
     sketch: ProblemSketch
@@ -170,13 +170,13 @@ def draw_sketch(seed: int) -> ProblemSketch:
 
     support, prescribed = _draw_supports(rng, dim, state, is_hollow)
     strain = 10 ** rng.uniform(-4, -1.6)
-    pairs, loads = _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain)
-    path, steps = _draw_path(rng, support, pairs)
+    pairs, loads = _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain)
+    path, steps = _draw_load_path(rng, support, pairs)
     crown = {}
     if _draw_bool(rng, 0.25):
         up = dim - 1
         sides = [end for end in (0, 1) if any(pair.side == (up, end) for pair in pairs)]
-        crown = {end: rng.uniform(0.0, 0.2) * _draw_flatness(rng, strain) for end in sides}
+        crown = {end: rng.uniform(0.0, 0.2) * _draw_slope_and_curvature_factor(rng, strain) for end in sides}
     waves = rng.uniform([0.0, 2.0, 0.0] * dim, [0.05, 8.0, 6.0] * dim)
     nu = rng.uniform(0.0, 0.45)
     if _draw_bool(rng, 0.1):
@@ -239,7 +239,7 @@ def _draw_supports(rng, dim, state, is_hollow):
     return kind, tuple(prescribed)
 
 
-def _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain):
+def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
     """Draw the contact pairs and loads so that they suit the supports."""
     up = dim - 1
     top, base, right, left = (up, 1), (up, 0), (0, 1), (0, 0)
@@ -249,14 +249,14 @@ def _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain):
     loads: list = []
 
     def draw_pair(side: Side, drive: str, floor: bool = False, **numbers) -> PairSketch:
-        mu = _draw_friction(rng)
+        mu = _draw_friction_coefficient(rng)
         is_loose = support == "contact alone" and state != "axisymmetric"
         if floor and is_loose and mu < 0.1 and _draw_bool(rng, 0.95):
             mu = float(rng.uniform(0.1, 1.0))
         max_slope = 0.6 * mu if floor and not is_held_normally else 1.0
         centred = (round_axis or support == "symmetry") and side[0] == up and _draw_bool(rng, 0.7)
         must_be_flat = floor and support == "contact alone" and not _draw_bool(rng, 0.1)
-        kind, shape = _draw_surface(rng, side, dim, max_slope, centred, must_be_flat, strain)
+        kind, shape = _draw_surface_kind_and_numbers(rng, side, dim, max_slope, centred, must_be_flat, strain)
         tangential_motion, drag = "held", (0.0,) * up
         if (
             drive != "rest"
@@ -355,7 +355,7 @@ def _draw_pairs_and_loads(rng, dim, state, is_hollow, support, strain):
     return pairs, loads
 
 
-def _draw_friction(rng: np.random.Generator) -> float:
+def _draw_friction_coefficient(rng: np.random.Generator) -> float:
     """Draw a friction coefficient: mostly between 0 and 2, often 0, sometimes up to 30."""
     kind = _draw_name(rng, {"none": 0.17, "common": 0.5, "large": 0.27}, default="huge")
     if kind == "none":
@@ -364,13 +364,13 @@ def _draw_friction(rng: np.random.Generator) -> float:
     return float(10 ** rng.uniform(np.log10(low), np.log10(high)))
 
 
-def _draw_surface(rng, side, dim, max_slope, is_centred, must_be_flat, strain):
+def _draw_surface_kind_and_numbers(rng, side, dim, max_slope, is_centred, must_be_flat, strain):
     """Draw the kind and the numbers of a surface, with lengths relative to the width of the side.
 
     The number `place` is the position of its middle along the pair's range. `max_slope` bounds the
     slope. If `must_be_flat`, a body can rest on the surface.
     """
-    flatness = _draw_flatness(rng, strain)
+    flatness = _draw_slope_and_curvature_factor(rng, strain)
     kinds = {"plane": 0.34, "sphere": 0.2, "flat punch": 0.12, "signed distance": 0.12}
     if side[0] == dim - 1:
         kinds["parabola"] = 0.12
@@ -405,12 +405,12 @@ def _draw_surface(rng, side, dim, max_slope, is_centred, must_be_flat, strain):
     return kind, numbers
 
 
-def _draw_flatness(rng: np.random.Generator, strain: float) -> float:
+def _draw_slope_and_curvature_factor(rng: np.random.Generator, strain: float) -> float:
     """Draw a factor of slopes and curvatures, often so small that many nodes touch."""
     return min(1.0, strain * 10 ** rng.uniform(0.0, 1.3)) if _draw_bool(rng, 0.65) else 1.0
 
 
-def _draw_path(rng, support, pairs):
+def _draw_load_path(rng, support, pairs):
     """Draw the load path: its name, and the factors of press and drag after each increment."""
     weights = {
         "one step": 0.2,
@@ -429,15 +429,15 @@ def _draw_path(rng, support, pairs):
     is_held = support != "contact alone" and all(pair.normal_drive != "pushed" for pair in pairs)
     if name == "total unloading" and not is_held and not _draw_bool(rng, 0.1):
         return name, tuple(
-            (max(p, 0.01), min(q, 0.01 if p <= 0 else q)) for p, q in LOAD_PATHS[name]
+            (max(p, 0.01), min(q, 0.01 if p <= 0 else q)) for p, q in PRESS_AND_DRAG_FACTORS_BY_PATH[name]
         )
-    return name, tuple(LOAD_PATHS[name])
+    return name, tuple(PRESS_AND_DRAG_FACTORS_BY_PATH[name])
 
 
 # -- making ----------------------------------------------------------------------------------
 
 
-def make_problem(seed: int, comm: MPI.Comm = MPI.COMM_SELF) -> RandomProblem:
+def make_problem(seed: int, comm: MPI.Comm = MPI.COMM_SELF) -> RandomContactProblem:
     """Return the problem that belongs to a seed."""
     return _ProblemBuilder(draw_sketch(seed), comm).build()
 
@@ -458,14 +458,14 @@ class _ProblemBuilder:
         self.x = self.space.tabulate_dof_coordinates()[:, : sketch.dim]  # with ghosts
         self.owned = self.space.dofmap.index_map.size_local
 
-    def build(self) -> RandomProblem:
+    def build(self) -> RandomContactProblem:
         """Return the problem; a node on two sides belongs to the first of their pairs."""
         sketch = self.sketch
-        conditions, prescribed_mask = self._make_conditions()
+        conditions, prescribed_mask = self._make_conditions_and_prescribed_mask()
         K = assemble_matrix(self.body.stiffness())
         nodes, is_taken = [], np.zeros(len(self.x), dtype=bool)
         for pair in sketch.pairs:
-            mask = self._contact_mask(pair, prescribed_mask) & ~is_taken
+            mask = self._contact_node_mask(pair, prescribed_mask) & ~is_taken
             is_taken |= mask
             nodes.append(mask)
         pairs = [
@@ -473,7 +473,7 @@ class _ProblemBuilder:
         ]
         supports = Reduction.dirichlet(self.space, conditions)
         loads = self._assemble_loads(K)
-        return RandomProblem(sketch, K, self.space, loads, conditions, supports, pairs)
+        return RandomContactProblem(sketch, K, self.space, loads, conditions, supports, pairs)
 
     # -- the body ----------------------------------------------------------------------------
 
@@ -494,9 +494,9 @@ class _ProblemBuilder:
             for axis in range(dim)
             for end in (0, 1)
         }
-        return move_nodes(mesh, self._map_unit_box), facets
+        return move_nodes(mesh, self._map_unit_box_to_body), facets
 
-    def _map_unit_box(self, x: Array) -> Array:
+    def _map_unit_box_to_body(self, x: Array) -> Array:
         """Map points of the unit box: add inner waves, crown two sides, scale and move the box."""
         sketch, dim = self.sketch, self.sketch.dim
         s = x[:, :dim].copy()
@@ -520,7 +520,7 @@ class _ProblemBuilder:
         mesh.topology.create_connectivity(facet, mesh.topology.dim)
         return fem.locate_dofs_topological(self.space, facet, self.facets[side])
 
-    def _make_conditions(self) -> tuple[list[fem.DirichletBC], npt.NDArray[np.bool_]]:
+    def _make_conditions_and_prescribed_mask(self) -> tuple[list[fem.DirichletBC], npt.NDArray[np.bool_]]:
         """Return the conditions, and the mask (nodes, dim) of prescribed displacements."""
         sketch, dim = self.sketch, self.sketch.dim
         conditions, prescribed_mask = [], np.zeros(self.x.shape, dtype=bool)
@@ -586,7 +586,7 @@ class _ProblemBuilder:
 
     # -- its contacts ------------------------------------------------------------------------
 
-    def _contact_mask(
+    def _contact_node_mask(
         self, pair: PairSketch, prescribed_mask: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.bool_]:
         """Return the mask of a pair's nodes, whose normal displacements are not prescribed."""
@@ -597,17 +597,17 @@ class _ProblemBuilder:
         touching[self._side_nodes(side)] = True
         touching &= (s > pair.side_range[0] - 1e-6) & (s < pair.side_range[1] + 1e-6)
         for axis in range(dim):
-            touching &= ~(prescribed_mask[:, axis] & ~self._normal_stays_orthogonal(pair, axis))
+            touching &= ~(prescribed_mask[:, axis] & ~self._mask_of_normals_orthogonal_to_axis(pair, axis))
         return touching
 
-    def _normal_stays_orthogonal(self, pair: PairSketch, axis: int) -> npt.NDArray[np.bool_]:
+    def _mask_of_normals_orthogonal_to_axis(self, pair: PairSketch, axis: int) -> npt.NDArray[np.bool_]:
         """Return the mask of nodes whose surface normal is always orthogonal to an axis."""
         if axis == pair.side[0]:
             return np.zeros(len(self.x), dtype=bool)
         number = self._tangential_axes(pair.side).index(axis)
         suffix = "" if number == 0 else " 1"
         if pair.kind in ("sphere", "signed distance"):
-            centre = self.lower[axis] + self._surface_middle(pair)[number] * self.size[axis]
+            centre = self.lower[axis] + self._surface_middle_in_box_units(pair)[number] * self.size[axis]
             does_not_move = pair.normal_drive == "rest" or pair.tangential_drive == "held"
             return does_not_move & (np.abs(self.x[:, axis] - centre) < 1e-9 * self.size[axis])
         has_no_slope = pair.kind in ("parabola", "flat punch")
@@ -618,20 +618,20 @@ class _ProblemBuilder:
         """Return the axes that are parallel to a side."""
         return [axis for axis in range(self.sketch.dim) if axis != side[0]]
 
-    def _surface_middle(self, pair: PairSketch) -> Array:
+    def _surface_middle_in_box_units(self, pair: PairSketch) -> Array:
         """Return the middle of the surface along the side's axes, in units of the box's lengths."""
         low, high = pair.side_range
         middle = low + pair.shape["place"] * (high - low)
         return np.array([middle, pair.shape["place 1"]])[: self.sketch.dim - 1]
 
-    def _make_pair(self, pair: PairSketch, mask: npt.NDArray[np.bool_]) -> ContactPair:
+    def _make_pair(self, pair: PairSketch, node_mask: npt.NDArray[np.bool_]) -> ContactPair:
         """Return the contact pair of a sketch with the nodes in a mask."""
-        surface = self._make_surface(pair, self._gather_positions(np.flatnonzero(mask)))
+        surface = self._make_surface(pair, self._gather_positions(np.flatnonzero(node_mask)))
         # by turns, nodes are given as a mask or as numbers, friction as a number or a function
-        nodes = mask if self.sketch.seed % 2 else np.flatnonzero(mask).astype(np.int32)
+        nodes = node_mask if self.sketch.seed % 2 else np.flatnonzero(node_mask).astype(np.int32)
         return ContactPair(nodes, surface, self._make_friction(pair), self._make_motions(pair))
 
-    def _make_surface(self, pair: PairSketch, x: Array) -> Surface:
+    def _make_surface(self, pair: PairSketch, positions: Array) -> Surface:
         """Return the surface of a pair, at its gap from the nearest of the nodes at positions x."""
         side, shape = pair.side, pair.shape
         axes = self._tangential_axes(side)
@@ -641,19 +641,19 @@ class _ProblemBuilder:
         if pair.kind == "plane":
             direction = -outward
             direction[axes] = [shape["slope"], shape["slope 1"]][: len(axes)]
-            return Plane(x[np.argmin(x @ direction)] + gap * outward, direction)
+            return Plane(positions[np.argmin(positions @ direction)] + gap * outward, direction)
         # the point of the surface nearest to the side
         surface_point = np.zeros(self.sketch.dim)
-        surface_point[axes] = self.lower[axes] + self._surface_middle(pair) * self.size[axes]
-        surface_point += (x @ outward).max() * outward
+        surface_point[axes] = self.lower[axes] + self._surface_middle_in_box_units(pair) * self.size[axes]
+        surface_point += (positions @ outward).max() * outward
         for _ in range(4):
-            surface = self._make_surface_at(pair, surface_point, outward, axes)
-            nearest = surface.gap(x).min()
+            surface = self._make_surface_through(pair, surface_point, outward, axes)
+            nearest = surface.gap(positions).min()
             if np.isfinite(nearest):
                 surface_point -= (nearest - gap) * outward
         return surface
 
-    def _make_surface_at(
+    def _make_surface_through(
         self, pair: PairSketch, surface_point: Array, outward: Array, axes: list[int]
     ) -> Surface:
         """Return the surface of a pair through a point next to the side."""

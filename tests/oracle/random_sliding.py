@@ -35,23 +35,23 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import ContactState
 from tests.contact.cases import (
-    finite_strain_residual,
-    neo_hookean_stress,
+    make_finite_strain_unknown_and_residual,
+    neo_hookean_piola_stress,
     on_plane,
-    states_with_substates,
+    list_states_and_substates,
 )
-from tests.contact.sliding import SlidingBodies, iterate_along_path, make_die_on_block
+from tests.contact.sliding import SlidingBodies, yield_states_along_path, make_die_on_block
 from tests.oracle.large import NeoHookeanBody
 from tests.oracle.sliding import SlidingContact
 from tests.oracle.tools import RigidTool, ToolContact, ToolState
 
-KIND_PROBABILITIES = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
+PROBLEM_KIND_PROBABILITIES = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
 QUADRATURE_DEGREE = 4
 TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
 
 
 @dataclass(frozen=True)
-class SketchStep:
+class PrescribedIncrementEnd:
     """Prescribed values at the end of one increment, relative to the initial position."""
 
     across: float
@@ -72,7 +72,7 @@ class SlidingSketch:
     seed: int
     kind: str
     friction: float
-    steps: tuple[SketchStep, ...]
+    steps: tuple[PrescribedIncrementEnd, ...]
     linear_weights: bool = True
     nu: float = 0.3
     height: float = 1.0
@@ -90,10 +90,10 @@ class SlidingSketch:
 def draw_sketch(seed: int) -> SlidingSketch:
     """Return the numbers that define the problem of a seed."""
     rng = np.random.default_rng([47, seed])
-    kind = str(rng.choice(list(KIND_PROBABILITIES), p=list(KIND_PROBABILITIES.values())))
+    kind = str(rng.choice(list(PROBLEM_KIND_PROBABILITIES), p=list(PROBLEM_KIND_PROBABILITIES.values())))
     friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
     if kind == "bodies":
-        return _draw_two_bodies(seed, rng, friction)
+        return _draw_two_body_sketch(seed, rng, friction)
     height = float(rng.uniform(0.4, 1.0))
     cells = rng.integers((4, 2), (10, 4))
     divisions = (int(cells[0]), int(cells[1]) if kind in ("plane", "held") else int(cells[1]) + 1)
@@ -130,7 +130,7 @@ def draw_sketch(seed: int) -> SlidingSketch:
         circle_motion = np.array([translation, -depth]) + lift
         vertical = None if force_acts else float(circle_motion[1])
         steps.append(
-            SketchStep(
+            PrescribedIncrementEnd(
                 float(circle_motion[0]),
                 vertical,
                 -2.0 * depth * force_acts,
@@ -157,7 +157,7 @@ def draw_sketch(seed: int) -> SlidingSketch:
     )
 
 
-def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> SlidingSketch:
+def _draw_two_body_sketch(seed: int, rng: np.random.Generator, friction: float) -> SlidingSketch:
     """Return the numbers that define a problem of two bodies."""
     translation, steps = 0.0, []
     for k in range(rng.integers(2, 5)):
@@ -165,7 +165,7 @@ def _draw_two_bodies(seed: int, rng: np.random.Generator, friction: float) -> Sl
             depth = float(rng.uniform(0.02, 0.15))
         if k > 0 or rng.random() < 0.3:
             translation += float(rng.uniform(-0.4, 0.4))
-        steps.append(SketchStep(translation, -depth))
+        steps.append(PrescribedIncrementEnd(translation, -depth))
     options = {
         "upper_is_slave": bool(rng.random() < 0.5),
         "curvature": 0.0 if rng.random() < 0.3 else float(rng.uniform(0.3, 1.8)),
@@ -188,8 +188,8 @@ class RigidToolProblem:
         sketch, mesh = self.sketch, self._make_mesh()
         spaces = (Spaces.petrov_galerkin if sketch.linear_weights else Spaces.galerkin)(mesh)
         lame = fem.Constant(mesh, 2 * sketch.nu / (1 - 2 * sketch.nu))
-        u, residual = finite_strain_residual(
-            spaces, lambda F: neo_hookean_stress(F, lame=lame), QUADRATURE_DEGREE
+        u, residual = make_finite_strain_unknown_and_residual(
+            spaces, lambda F: neo_hookean_piola_stress(F, lame_lambda=lame), QUADRATURE_DEGREE
         )
         self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.cells = spaces.trial.dofmap.list
@@ -245,7 +245,7 @@ class RigidToolProblem:
                 ) * previous_displacement + fraction * step.support_displacement
                 violations = contact.violations(history, prescribed)
                 results.append(
-                    violations | {"drive": self._drive_error(body, start, substate, fraction, step)}
+                    violations | {"drive": self._prescribed_motion_error(body, start, substate, fraction, step)}
                 )
             previous_displacement = step.support_displacement
         return results
@@ -298,7 +298,7 @@ class RigidToolProblem:
         u = state.displacement.array_r.reshape(-1, 2).copy()
         return ToolState(u, pair.translation, float(pair.rotation), force)
 
-    def _drive_error(self, body, start, substate, fraction, step) -> float:
+    def _prescribed_motion_error(self, body, start, substate, fraction, prescribed_end) -> float:
         """Return the largest relative error of the tool's translation, angle or force.
 
         They are prescribed as linear functions of the load factor `fraction`.
@@ -310,15 +310,15 @@ class RigidToolProblem:
             return abs(value - begin - fraction * (end - begin))
 
         errors = [
-            error(pair.translation[0], start_pair.translation[0], step.across) / length,
-            error(float(pair.rotation), float(start_pair.rotation), step.angle),
+            error(pair.translation[0], start_pair.translation[0], prescribed_end.across) / length,
+            error(float(pair.rotation), float(start_pair.rotation), prescribed_end.angle),
         ]
-        if step.down is not None:
-            errors.append(error(pair.translation[1], start_pair.translation[1], step.down) / length)
+        if prescribed_end.down is not None:
+            errors.append(error(pair.translation[1], start_pair.translation[1], prescribed_end.down) / length)
         else:
             r = body.nodal_forces(substate.displacement.array_r.reshape(-1, 2))
             total_force = r[self.contact_nodes, 1].sum()
-            errors.append(error(total_force, start_pair.force[1], step.force) / np.abs(r).max())
+            errors.append(error(total_force, start_pair.force[1], prescribed_end.force) / np.abs(r).max())
         return float(max(errors))
 
 
@@ -334,7 +334,7 @@ class TwoBodyProblem:
         self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
         try:
-            for state in iterate_along_path(
+            for state in yield_states_along_path(
                 self.bodies, [(s.across, s.down) for s in self.sketch.steps]
             ):
                 states.append(state)
@@ -348,7 +348,7 @@ class TwoBodyProblem:
         problem = make_oracle_contact(self.bodies)
         history = [
             accepted.displacement.array_r.reshape(-1, 2).copy()
-            for accepted in states_with_substates(states)
+            for accepted in list_states_and_substates(states)
         ]
         return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
 

@@ -24,7 +24,7 @@ from scipy.optimize import linprog
 
 # Sets of statuses that a branch may allow, and the two subsets into which each set is split
 ANY, OPEN_ONLY, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
-SUBSETS = {
+STATUS_SET_SPLITS = {
     ANY: (OPEN_ONLY, CLOSED),
     CLOSED: (NOT_FORWARDS, FORWARDS),
     NOT_FORWARDS: (STICKING, BACKWARDS),
@@ -34,7 +34,7 @@ INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
     1e-9,
 )  # relative to the largest force: larger violations close a branch, smaller ones count as none
 BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
-MAX_SEARCH_WORK = 2_500_000  # linear programs times nodes squared, some ten seconds
+MAX_PROGRAMS_TIMES_NODES_SQUARED = 2_500_000  # linear programs times nodes squared, some ten seconds
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
@@ -65,31 +65,31 @@ class LinearIncrement:
     stiffness: float
 
 
-def search_statuses(
-    increment: LinearIncrement, max_work: float = MAX_SEARCH_WORK
+def find_state_by_status_search(
+    increment: LinearIncrement, max_programs_times_nodes_squared: float = MAX_PROGRAMS_TIMES_NODES_SQUARED
 ) -> np.ndarray | None:
     """Return the motions z (k,) of a state that obeys the law, or None.
 
-    The search ends after `max_work`, which is the number of linear programs times the squared
+    The search ends after `max_programs_times_nodes_squared`, which is the number of linear programs times the squared
     number of nodes.
     """
     conditions = _BranchConditions(increment)
-    max_programs = max_work / max(1, len(conditions.faced)) ** 2
+    max_programs = max_programs_times_nodes_squared / max(1, len(conditions.faced)) ** 2
     root = np.zeros(len(conditions.faced), dtype=np.int8)
-    root_z = conditions.minimise_violation(root)
+    root_z = conditions.motions_of_smallest_violation(root)
     open_branches = [] if root_z is None else [(root, root_z)]
     n_programs, n_newton_starts = 1, 0
     while open_branches and n_programs <= max_programs:
         codes, z = open_branches.pop()
         if n_newton_starts < MAX_NEWTON_STARTS:
             n_newton_starts += 1
-            state = _solve_by_newton(increment, z)
+            state = _find_state_by_newton(increment, z)
             if state is not None:
                 return state
         branches = []
         for k in conditions.nodes_to_split(codes, z):
             children = [
-                (child, conditions.minimise_violation(child)) for child in _split_at_node(codes, k)
+                (child, conditions.motions_of_smallest_violation(child)) for child in _split_status_set_at_node(codes, k)
             ]
             n_programs += len(children)
             feasible = [(child, child_z) for child, child_z in children if child_z is not None]
@@ -103,24 +103,24 @@ def search_statuses(
     return None
 
 
-def _split_at_node(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    """Yield the sets of statuses `codes` of the two branches into which a node's set is split."""
-    for code in SUBSETS[int(codes[node])]:
-        child = codes.copy()
+def _split_status_set_at_node(status_sets: np.ndarray, node: int) -> Iterator[np.ndarray]:
+    """Yield the sets of statuses `status_sets` of the two branches into which a node's set is split."""
+    for code in STATUS_SET_SPLITS[int(status_sets[node])]:
+        child = status_sets.copy()
         child[node] = code
         yield child
 
 
-def _solve_by_newton(increment: LinearIncrement, z: np.ndarray) -> np.ndarray | None:
+def _find_state_by_newton(increment: LinearIncrement, motions: np.ndarray) -> np.ndarray | None:
     """Return the motions of a state by Newton's method from the statuses at z, or None."""
     rows = (increment.normal, increment.shear, increment.gap, increment.slip)
     c, mu, faced = increment.stiffness, increment.mu, increment.faced
     has_friction = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
     for _ in range(MAX_NEWTON_STEPS):
-        r_n, r_t, gap, slip = (part @ np.append(z, 1.0) for part in rows)
+        r_n, r_t, gap, slip = (part @ np.append(motions, 1.0) for part in rows)
         trial_normal, trial_shear = r_n - c * gap, r_t - c * slip
-        if _satisfies_law(increment, z, has_friction):
-            return z
+        if _satisfies_law(increment, motions, has_friction):
+            return motions
         closed = faced & (trial_normal > 0)
         sticks = has_friction & closed & (np.abs(trial_shear) <= mu * trial_normal)
         signed_mu = np.where(has_friction & closed, np.sign(trial_shear) * mu, 0.0)[:, None]
@@ -135,13 +135,13 @@ def _solve_by_newton(increment: LinearIncrement, z: np.ndarray) -> np.ndarray | 
                 increment.balance,
             ]
         )
-        z = np.linalg.lstsq(equations[:, :-1], -equations[:, -1], rcond=1e-12)[0]
-    return z if _satisfies_law(increment, z, has_friction) else None
+        motions = np.linalg.lstsq(equations[:, :-1], -equations[:, -1], rcond=1e-12)[0]
+    return motions if _satisfies_law(increment, motions, has_friction) else None
 
 
-def _satisfies_law(increment: LinearIncrement, z: np.ndarray, has_friction: np.ndarray) -> bool:
+def _satisfies_law(increment: LinearIncrement, motions: np.ndarray, has_friction: np.ndarray) -> bool:
     """Return whether z violates no condition of the law by more than 1e-9 of the largest force."""
-    z_and_1 = np.append(z, 1.0)
+    z_and_1 = np.append(motions, 1.0)
     r_n, r_t, gap, slip, imbalance = (
         rows @ z_and_1
         for rows in (
@@ -204,11 +204,11 @@ class _BranchConditions:
         self._length = self.force / increment.stiffness
         self._slope = coefficients[:, :-1] / increment.stiffness
         self._value = coefficients[:, -1] / self.force
-        self._scale_by_largest_normal_force()
+        self._scale_by_largest_sum_of_normal_forces()
 
-    def _scale_by_largest_normal_force(self) -> None:
+    def _scale_by_largest_sum_of_normal_forces(self) -> None:
         """Scale forces by the largest possible sum of normal forces, if the sum is bounded."""
-        lower_mask, _ = self._lower_and_upper_masks(np.zeros(len(self.faced), dtype=np.int8))
+        lower_mask, _ = self._masks_of_lower_and_upper_bounds(np.zeros(len(self.faced), dtype=np.int8))
         total_slope = self._slope[: len(self.faced)].sum(axis=0)
         solution = linprog(
             -total_slope,
@@ -223,24 +223,24 @@ class _BranchConditions:
             self.force, self._length = factor * self.force, factor * self._length
             self._value = self._value / factor
 
-    def _lower_and_upper_masks(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _masks_of_lower_and_upper_bounds(self, status_sets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the masks of the conditions that require values >= 0 and values <= 0."""
-        n_nodes, has_friction = len(codes), self._has_friction
+        n_nodes, has_friction = len(status_sets), self._has_friction
         lower_mask = np.ones((5, n_nodes), dtype=bool)
         lower_mask[2:4] = has_friction
-        lower_mask[4] = has_friction & np.isin(codes, (FORWARDS, STICKING))
+        lower_mask[4] = has_friction & np.isin(status_sets, (FORWARDS, STICKING))
         upper_mask = np.zeros((5, n_nodes), dtype=bool)
-        upper_mask[0] = codes == OPEN_ONLY
-        upper_mask[1] = codes >= CLOSED
-        upper_mask[2] = has_friction & np.isin(codes, (OPEN_ONLY, FORWARDS))
-        upper_mask[3] = has_friction & np.isin(codes, (OPEN_ONLY, BACKWARDS))
-        upper_mask[4] = has_friction & np.isin(codes, (NOT_FORWARDS, STICKING, BACKWARDS))
+        upper_mask[0] = status_sets == OPEN_ONLY
+        upper_mask[1] = status_sets >= CLOSED
+        upper_mask[2] = has_friction & np.isin(status_sets, (OPEN_ONLY, FORWARDS))
+        upper_mask[3] = has_friction & np.isin(status_sets, (OPEN_ONLY, BACKWARDS))
+        upper_mask[4] = has_friction & np.isin(status_sets, (NOT_FORWARDS, STICKING, BACKWARDS))
         always = np.ones(len(self._value) - 5 * n_nodes, dtype=bool)
         return np.append(lower_mask.ravel(), always), np.append(upper_mask.ravel(), always)
 
-    def minimise_violation(self, codes: np.ndarray) -> np.ndarray | None:
+    def motions_of_smallest_violation(self, status_sets: np.ndarray) -> np.ndarray | None:
         """Return the motions z of the smallest violation, or None if the branch is infeasible."""
-        lower_mask, upper_mask = self._lower_and_upper_masks(codes)
+        lower_mask, upper_mask = self._masks_of_lower_and_upper_bounds(status_sets)
         sign = np.repeat((1.0, -1.0), (lower_mask.sum(), upper_mask.sum()))
         row = np.concatenate([np.flatnonzero(lower_mask), np.flatnonzero(upper_mask)])
         n = self._slope.shape[1]
@@ -259,25 +259,25 @@ class _BranchConditions:
             else None
         )
 
-    def law_violation_per_node(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def law_violation_per_node(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Return by how much each node (n,) violates the conditions that a branch leaves out."""
-        values = self._slope @ (z / self._length) + self._value
-        r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(codes)].reshape(5, -1)
+        values = self._slope @ (motions / self._length) + self._value
+        r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(status_sets)].reshape(5, -1)
         r_n, gap, forward_limit, backward_limit = (
             np.maximum(0.0, row) for row in (r_n, gap, forward_limit, backward_limit)
         )
-        has_friction_force = self._has_friction & (codes != OPEN_ONLY) & (r_n > gap)
-        forwards = np.minimum(np.maximum(0.0, slip), forward_limit) * (codes != FORWARDS)
-        backwards = np.minimum(np.maximum(0.0, -slip), backward_limit) * (codes != BACKWARDS)
-        return np.where(codes == ANY, np.minimum(r_n, gap), 0.0) + has_friction_force * (
+        has_friction_force = self._has_friction & (status_sets != OPEN_ONLY) & (r_n > gap)
+        forwards = np.minimum(np.maximum(0.0, slip), forward_limit) * (status_sets != FORWARDS)
+        backwards = np.minimum(np.maximum(0.0, -slip), backward_limit) * (status_sets != BACKWARDS)
+        return np.where(status_sets == ANY, np.minimum(r_n, gap), 0.0) + has_friction_force * (
             forwards + backwards
         )
 
-    def nodes_to_split(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def nodes_to_split(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Return the nodes with the largest violations among those whose statuses can be split."""
         violation = np.where(
-            np.isin(codes, list(SUBSETS)), self.law_violation_per_node(codes, z), 0.0
+            np.isin(status_sets, list(STATUS_SET_SPLITS)), self.law_violation_per_node(status_sets, motions), 0.0
         )
-        violation[~self._has_friction & (codes != ANY)] = 0.0
+        violation[~self._has_friction & (status_sets != ANY)] = 0.0
         ranked = np.argsort(-violation, kind="stable")[:BRANCHING_CANDIDATES]
         return ranked[violation[ranked] > ZERO_VIOLATION]

@@ -31,20 +31,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
+from tests.oracle.large import NeoHookeanBody, cross_product_in_plane, contact_law_violations
 
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
-def inward_normals(x):
+def inward_nodal_normals(polyline):
     """Return the unit normals (n, 2) of a polyline (n, 2) whose outside is on the right."""
-    chord = np.empty_like(x)
-    chord[1:-1] = x[2:] - x[:-2]
-    chord[0], chord[-1] = x[1] - x[0], x[-1] - x[-2]
+    chord = np.empty_like(polyline)
+    chord[1:-1] = polyline[2:] - polyline[:-2]
+    chord[0], chord[-1] = polyline[1] - polyline[0], polyline[-1] - polyline[-2]
     return np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.linalg.norm(chord, axis=1)[:, None]
 
 
-def visible_interval(a, b, n_a, n_b, c, d):
+def interval_facing_master_facet(slave_a, slave_b, normal_a, normal_b, master_c, master_d):
     """Return the interval of s in [0, 1] that faces a master facet with ends c and d, or None.
 
     The point x(s) = (1 - s) a + s b of the slave facet moves from its end a to its end b, where the
@@ -53,12 +53,12 @@ def visible_interval(a, b, n_a, n_b, c, d):
     normals meet, and the facet faces nothing.
     """
     interval = [0.0, 1.0]
-    for k, p, sign in ((0, d, 1), (1, c, -1)):
+    for k, p, sign in ((0, master_d, 1), (1, master_c, -1)):
         f = np.polynomial.Polynomial(
             [
-                cross_product(a - p, n_a),
-                cross_product(b - a, n_a) + cross_product(a - p, n_b - n_a),
-                cross_product(b - a, n_b - n_a),
+                cross_product_in_plane(slave_a - p, normal_a),
+                cross_product_in_plane(slave_b - slave_a, normal_a) + cross_product_in_plane(slave_a - p, normal_b - normal_a),
+                cross_product_in_plane(slave_b - slave_a, normal_b - normal_a),
             ]
         )
         real = [root.real for root in f.roots() if abs(root.imag) < 1e-12]
@@ -72,33 +72,33 @@ def visible_interval(a, b, n_a, n_b, c, d):
     return interval if interval[0] < interval[1] else None
 
 
-def integrate_mortar(slave, master):
+def mortar_matrices_normals_and_areas(slave_positions, master_positions):
     """Return matrices P (m, k) and S (m, m + k), normals (m, 2) and areas (m,) of two polylines.
 
     P distributes the slave's forces to the master's nodes, and S gives the distances between both
     sides (see the module). The slave's nodes are (m, 2), the master's are (k, 2).
     """
-    m, k, n = len(slave), len(master), inward_normals(slave)
+    m, k, n = len(slave_positions), len(master_positions), inward_nodal_normals(slave_positions)
     D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
-    midpoints = (master[1:] + master[:-1]) / 2
-    longest = np.linalg.norm(np.diff(master, axis=0), axis=1).max()
+    midpoints = (master_positions[1:] + master_positions[:-1]) / 2
+    longest = np.linalg.norm(np.diff(master_positions, axis=0), axis=1).max()
     for i in range(m - 1):
-        a, b, W, Q = slave[i], slave[i + 1], np.zeros((2, 2)), np.zeros((2, k))
+        a, b, W, Q = slave_positions[i], slave_positions[i + 1], np.zeros((2, 2)), np.zeros((2, k))
         distances = np.linalg.norm(midpoints - (a + b) / 2, axis=1)
         reach = distances.min() + (np.linalg.norm(b - a) + longest) / 2
         for j in np.flatnonzero(distances <= reach):
-            c, d = master[j], master[j + 1]
-            outside = -inward_normals(master[j : j + 2])[0]
+            c, d = master_positions[j], master_positions[j + 1]
+            outside = -inward_nodal_normals(master_positions[j : j + 2])[0]
             if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
                 continue
-            interval = visible_interval(a, b, n[i], n[i + 1], c, d)
+            interval = interval_facing_master_facet(a, b, n[i], n[i + 1], c, d)
             if interval is None:
                 continue
             low, high = interval
             for t, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
                 s = (low + high) / 2 + (high - low) / 2 * t
                 x, direction = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
-                master_coordinate = cross_product(x - c, direction) / cross_product(
+                master_coordinate = cross_product_in_plane(x - c, direction) / cross_product_in_plane(
                     d - c, direction
                 )
                 dx = weight * (high - low) / 2 * np.linalg.norm(b - a)
@@ -135,14 +135,14 @@ class SlidingContact:
         force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
         force = force if force > 1e-12 else 1.0  # the bodies have not yet met
         length = max(np.abs(u).max() for u in history)
-        slave, master = (self._current_positions(u, side) for side in (self.slave, self.master))
-        P, S, n, area = integrate_mortar(slave, master)
+        slave, master = (self._deformed_positions(u, side) for side in (self.slave, self.master))
+        P, S, n, area = mortar_matrices_normals_and_areas(slave, master)
         forces, x = self.bodies.nodal_forces(u), np.concatenate([slave, master])
         r = forces[self.slave]
         forces[self.master] += P.T @ r
         t, separation = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
-        sides = [self._current_positions(previous_u, side) for side in (self.slave, self.master)]
-        _, S_0, n_0, area_0 = integrate_mortar(*sides)
+        sides = [self._deformed_positions(previous_u, side) for side in (self.slave, self.master)]
+        _, S_0, n_0, area_0 = mortar_matrices_normals_and_areas(*sides)
         t_0 = np.stack([-n_0[:, 1], n_0[:, 0]], axis=1)
         slip_of_earlier_pairs = np.sum(t * (S_0 @ x - separation), axis=1)
         slip_of_new_pairs = np.sum(t * separation - t_0 * (S @ np.concatenate(sides)), axis=1)
@@ -154,9 +154,9 @@ class SlidingContact:
         forces[self.slave[faced]] = 0.0
         values = (value[faced] for value in (r_n / force, r_t / force, g / length, v))
         violations = {"equilibrium": np.abs(forces[~self.prescribed_mask]) / force}
-        violations |= law_violations(*values, self.friction)
+        violations |= contact_law_violations(*values, self.friction)
         return {name: float(max(0.0, violation.max())) for name, violation in violations.items()}
 
-    def _current_positions(self, u, side):
+    def _deformed_positions(self, u, side_nodes):
         """Return the deformed positions of the nodes of a side."""
-        return (self.bodies.nodes + u)[side]
+        return (self.bodies.nodes + u)[side_nodes]

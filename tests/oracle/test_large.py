@@ -14,17 +14,17 @@ from dolfinx import mesh as meshes
 from pw_elements import Spaces, prescribe
 from pw_elements.contact import ContactFailed, ContactPair, ContactProblem, Motion, Sphere
 from tests.contact.cases import (
-    finite_strain_residual,
-    neo_hookean_stress,
+    make_finite_strain_unknown_and_residual,
+    neo_hookean_piola_stress,
     on_plane,
-    states_with_substates,
+    list_states_and_substates,
 )
 from tests.oracle.large import CircleContact, NeoHookeanBody, RigidCircle
 
 TOLERANCE = 1e-8
 QUADRATURE_DEGREE = 4
 TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
-MAX_REFUSED_SHARE = 0.05  # of the number of random problems
+MAX_REFUSED_FRACTION_OF_PROBLEMS = 0.05  # of the number of random problems
 
 
 class CircleProblem:
@@ -61,13 +61,13 @@ class CircleProblem:
         self.circle = RigidCircle((offset, radius + gap), radius, friction)
 
     @cached_property
-    def accepted_states(self):
+    def accepted_states_and_error(self):
         """Return the states, beginning with the undeformed one, and the final error or None."""
         spaces = (Spaces.petrov_galerkin if self.linear_weights else Spaces.galerkin)(self.mesh)
         lame = fem.Constant(self.mesh, self.lame)
 
-        stress = lambda F: neo_hookean_stress(F, lame=lame)  # noqa: E731
-        u, residual = finite_strain_residual(spaces, stress, QUADRATURE_DEGREE)
+        stress = lambda F: neo_hookean_piola_stress(F, lame_lambda=lame)  # noqa: E731
+        u, residual = make_finite_strain_unknown_and_residual(spaces, stress, QUADRATURE_DEGREE)
         conditions = [prescribe(spaces.trial, k, on_plane(1, -1.0)) for k in range(2)]
         surface = Sphere(self.circle.centre, self.circle.radius)
         pair = ContactPair(on_plane(1, 0.0), surface, self.circle.friction)
@@ -84,7 +84,7 @@ class CircleProblem:
         return states, None
 
     def oracle_contact(self, linear_weights=None):
-        """Return the oracle's model of the problem; `accepted_states` has to be computed before."""
+        """Return the oracle's model of the problem; `accepted_states_and_error` has to be computed before."""
         oracle_weights = self.linear_weights if linear_weights is None else linear_weights
         body = NeoHookeanBody(self.nodes, self.cells, oracle_weights, self.lame, TRIANGLE_RULE)
         contact_nodes = np.flatnonzero(np.isclose(self.nodes[:, 1], 0.0))
@@ -129,29 +129,29 @@ def displacement_and_translation(state):
     return state.displacement.array_r.reshape(-1, 2), state.pairs[0].translation
 
 
-PRESSING_INCREMENTS = [(0.0, -0.1), (0.0, -0.25)]
+PRESSING_TRANSLATIONS = [(0.0, -0.1), (0.0, -0.25)]
 CASES = {
     "new": CircleProblem(
-        True, 0.3, [*PRESSING_INCREMENTS, (0.4, -0.25), (0.75, -0.25)], jiggle=0.1
+        True, 0.3, [*PRESSING_TRANSLATIONS, (0.4, -0.25), (0.75, -0.25)], jiggle=0.1
     ),
     "new, without friction": CircleProblem(
-        True, 0.0, [*PRESSING_INCREMENTS, (0.35, -0.3)], offset=-0.17
+        True, 0.0, [*PRESSING_TRANSLATIONS, (0.35, -0.3)], offset=-0.17
     ),
     "new, to and fro": CircleProblem(
         True, 0.5, [(0.1, -0.2), (0.4, -0.2), (0.05, -0.22)], offset=0.13
     ),
     "standard": CircleProblem(
-        False, 0.3, [*PRESSING_INCREMENTS, (0.4, -0.25), (0.75, -0.25)], offset=-0.2
+        False, 0.3, [*PRESSING_TRANSLATIONS, (0.4, -0.25), (0.75, -0.25)], offset=-0.2
     ),
     "standard, without friction": CircleProblem(
-        False, 0.0, [*PRESSING_INCREMENTS, (0.35, -0.3)], jiggle=0.1
+        False, 0.0, [*PRESSING_TRANSLATIONS, (0.35, -0.3)], jiggle=0.1
     ),
 }
 
 
 def solve_and_check(problem):
     """Return each condition's largest violation in the accepted states, and the library's error."""
-    states, error = problem.accepted_states
+    states, error = problem.accepted_states_and_error
     contact, history, all_violations = (
         problem.oracle_contact(),
         [displacement_and_translation(states[0])],
@@ -162,25 +162,25 @@ def solve_and_check(problem):
             history.append(displacement_and_translation(substate))
             violations = contact.violations(history)
             all_violations.append(
-                violations | {"drive": drive_error(contact, start, substate, fraction, motion)}
+                violations | {"drive": prescribed_motion_error(contact, start, substate, fraction, motion)}
             )
-    return largest_violations(all_violations), error
+    return largest_violation_by_name(all_violations), error
 
 
-def largest_violations(all_violations):
+def largest_violation_by_name(violations_of_states):
     """Return the largest value of each name in a list of dictionaries."""
     return {
-        name: max(violations[name] for violations in all_violations)
-        for name in (all_violations[0] if all_violations else ())
+        name: max(violations[name] for violations in violations_of_states)
+        for name in (violations_of_states[0] if violations_of_states else ())
     }
 
 
-def drive_error(contact, start, substate, fraction, motion):
+def prescribed_motion_error(contact, start, substate, fraction, prescribed_end):
     """Return the relative error of translation and force at a fraction of an increment.
 
     Both are prescribed as linear functions of the fraction.
     """
-    (u, U), (end_x, end_y, end_force) = displacement_and_translation(substate), motion
+    (u, U), (end_x, end_y, end_force) = displacement_and_translation(substate), prescribed_end
     r = contact.body.nodal_forces(u)
     (_, start_translation), length = displacement_and_translation(start), np.abs(U).max()
     errors = [abs(U[0] - start_translation[0] - fraction * (end_x - start_translation[0])) / length]
@@ -201,17 +201,17 @@ def drive_error(contact, start, substate, fraction, motion):
     return max(errors)
 
 
-def move_supports(u, contact):
+def disturb_supports(u, contact):
     """Disturb the displacements at the supports."""
     u[contact.prescribed_mask] += 1e-6
 
 
-def move_inner_node(u, contact):
+def disturb_inner_node(u, contact):
     """Disturb the displacement of one node inside the body."""
     u[np.abs(contact.body.nodes + np.array([0.0, 0.5])).sum(axis=1).argmin()] += 1e-6
 
 
-def move_open_node(u, contact):
+def lift_open_node(u, contact):
     """Lift one node that is not in contact."""
     u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
 
@@ -222,7 +222,7 @@ def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
     violations, error = solve_and_check(problem)
     assert error is None
     assert max(violations.values()) < TOLERANCE
-    states, _ = problem.accepted_states
+    states, _ = problem.accepted_states_and_error
     contact_with_other_weights, history = (
         problem.oracle_contact(not problem.linear_weights),
         list(map(displacement_and_translation, states)),
@@ -234,9 +234,9 @@ def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
 
 
 DISTURBANCES = {  # by condition: change of displacements and of the translation, factor of friction
-    "supports": (move_supports, 0.0, 1.0),
-    "equilibrium": (move_inner_node, 0.0, 1.0),
-    "tension": (move_open_node, 0.0, 1.0),
+    "supports": (disturb_supports, 0.0, 1.0),
+    "equilibrium": (disturb_inner_node, 0.0, 1.0),
+    "tension": (lift_open_node, 0.0, 1.0),
     "penetration": (None, -1e-6, 1.0),
     "complementarity": (None, 1e-6, 1.0),
     "cone": (None, 0.0, 1 - 1e-5),
@@ -249,7 +249,7 @@ def test_a_disturbed_state_violates_the_condition(name):
     problem, (change, vertical_shift, mu_factor) = CASES["new, to and fro"], DISTURBANCES[name]
     history = [
         displacement_and_translation(state)
-        for state in states_with_substates(problem.accepted_states[0])
+        for state in list_states_and_substates(problem.accepted_states_and_error[0])
     ]
     contact = problem.oracle_contact()
     assert max(contact.violations(history).values()) < TOLERANCE
@@ -262,20 +262,20 @@ def test_a_disturbed_state_violates_the_condition(name):
     assert changed_contact.violations([*history[:-1], (u, U + shift)])[name] > 10 * TOLERANCE
 
 
-def assert_law_in_accepted_states(solve_and_check_seed, seeds):
+def assert_law_holds_and_few_are_refused(solve_and_find_violations, seeds):
     """Assert that all accepted states obey the law and that few problems are refused."""
     refused = []
     for seed in seeds:
-        violations, error = solve_and_check_seed(seed)
+        violations, error = solve_and_find_violations(seed)
         assert max(violations.values(), default=0.0) < TOLERANCE, (seed, violations)
         refused += [seed] * (error is not None)
-    assert len(refused) <= MAX_REFUSED_SHARE * len(seeds), refused
+    assert len(refused) <= MAX_REFUSED_FRACTION_OF_PROBLEMS * len(seeds), refused
 
 
 @pytest.mark.random
 def test_law_holds_in_every_accepted_state_and_few_problems_are_refused(request):
     # the last three paths have another state that obeys the law but is unstable
     seeds = range(200) if request.config.getoption("--nightly") else (*range(7), 31, 129, 153)
-    assert_law_in_accepted_states(
+    assert_law_holds_and_few_are_refused(
         lambda seed: solve_and_check(CircleProblem.from_seed(seed)), seeds
     )

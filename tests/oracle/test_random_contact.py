@@ -15,23 +15,23 @@ from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, ContactPair, M
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.residuals import (
-    ProblemData,
-    StepMotion,
+    LinearContactProblemData,
+    DisplacementAndTranslations,
     contact_nodes_and_friction,
     largest_residual,
     measure_residuals,
-    split_into_substeps,
+    split_increments_at_substeps,
 )
-from tests.oracle.proofs import is_valid_proof, linear_increment, measure_proof_defects
-from tests.oracle.random_contact import LOAD_PATHS, draw_sketch, make_problem
-from tests.oracle.search import search_statuses
+from tests.oracle.proofs import is_valid_proof, linearise_next_increment, measure_proof_defects
+from tests.oracle.random_contact import PRESS_AND_DRAG_FACTORS_BY_PATH, draw_sketch, make_problem
+from tests.oracle.search import find_state_by_status_search
 
 SUITE_SEEDS, NIGHTLY_SEEDS = 60, 1600
 # Fixed beforehand. The largest value in seeds 0 to 1 599 is 7.7e-10, except 6.5e-9 in seed 637. The
 # solver's tolerance is 1e-9 of the largest force plus round-off, more at Poisson's ratio 0.4997
 TOLERANCE = 1e-8
 # Seeds that are refused although a search finds a state: locking cells, strain 1.7, no friction
-REFUSED_WITH_SOLUTION = {1397}
+SEEDS_REFUSED_DESPITE_SOLUTION = {1397}
 
 
 def solve_and_check(seed):
@@ -53,17 +53,17 @@ def solve_and_check(seed):
             defects = measure_proof_defects(problem, len(states), error)
             faults += [] if is_valid_proof(defects) else [defects]
         elif _is_searchable(problem):
-            increment = linear_increment(problem, states)
-            is_determined = outcome != "FreeBody" or _is_determined(increment)
+            increment = linearise_next_increment(problem, states)
+            is_determined = outcome != "FreeBody" or _has_no_undetermined_motion(increment)
             faults += ["a search finds a state"] * bool(
-                is_determined and search_statuses(increment) is not None
+                is_determined and find_state_by_status_search(increment) is not None
             )
-    violations = measure_residuals(*split_into_substeps(problem, states))
+    violations = measure_residuals(*split_increments_at_substeps(problem, states))
     faults += [violations] * (not largest_residual(violations) < TOLERANCE)
     mu = max(pair.mu for pair in problem.sketch.pairs)
     own_residuals = [state.residuals.largest() for state in states]
     for relative_force, residual in zip(
-        _forces_over_round_off(problem, states), own_residuals, strict=True
+        _largest_forces_over_round_off(problem, states), own_residuals, strict=True
     ):
         faults += [own_residuals] * (
             residual >= TOLERANCE * max(1.0, mu) and not 1e3 < relative_force < 1e10
@@ -81,7 +81,7 @@ def _is_searchable(problem):
     return is_linear and n_nodes <= 60 and problem.space.mesh.geometry.dim == 2
 
 
-def _is_determined(increment):
+def _has_no_undetermined_motion(increment):
     """Return whether every motion changes a quantity of the law or of the force balances."""
     has_friction = increment.faced & (increment.mu > 0)
     quantities = increment.normal, increment.shear, increment.gap[increment.faced]
@@ -89,7 +89,7 @@ def _is_determined(increment):
     return np.linalg.matrix_rank(rows) == rows.shape[1]
 
 
-def _forces_over_round_off(problem, states):
+def _largest_forces_over_round_off(problem, states):
     """Return the largest nodal contact force of each state, divided by the round-off of forces.
 
     This is the round-off of positions and displacements, times the stiffness.
@@ -111,7 +111,7 @@ def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(requ
     nightly, outcomes = request.config.getoption("--nightly"), []
     for seed in range(NIGHTLY_SEEDS if nightly else SUITE_SEEDS):
         outcomes.append(solve_and_check(seed))
-        assert bool(outcomes[-1][-1]) == (seed in REFUSED_WITH_SOLUTION), seed
+        assert bool(outcomes[-1][-1]) == (seed in SEEDS_REFUSED_DESPITE_SOLUTION), seed
     kinds = Counter(kind for kind, *_ in outcomes)
     assert set(kinds) <= {"solved", "FreeBody", "NotUnique", "NotFound", "NoEquilibrium"}
     assert kinds["solved"] >= (0.88 if nightly else 0.85) * len(outcomes), kinds
@@ -127,14 +127,14 @@ def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(requ
     assert seconds_refused < seconds_solved
 
 
-PROBLEM_VALUES = {
+EXPECTED_PROBLEM_VALUES = {
     "cell": {"triangle", "quadrilateral", "tetrahedron", "hexahedron"},
     "state": {"plane stress", "plane strain", "axisymmetric", "solid"},
     "element": {"galerkin", "petrov_galerkin", "serendipity", "composite"},
     "support": {"clamped", "roller", "cantilever", "symmetry", "contact alone"},
-    "path": set(LOAD_PATHS),
+    "path": set(PRESS_AND_DRAG_FACTORS_BY_PATH),
 }
-PAIR_VALUES = {
+EXPECTED_PAIR_VALUES = {
     "kind": {"plane", "sphere", "parabola", "flat punch", "polyline", "signed distance"},
     "friction": {"constant", "graded", "half smooth"},
     "normal_drive": {"rest", "moved", "pushed"},
@@ -149,8 +149,8 @@ def test_random_problems_are_of_all_kinds():
     """
     sketches = [draw_sketch(seed) for seed in range(SUITE_SEEDS)]
     pairs = [pair for sketch in sketches for pair in sketch.pairs]
-    assert np.mean([sketch.driven_by_force for sketch in sketches]) >= 0.4
-    for sketched, fields in ((sketches, PROBLEM_VALUES), (pairs, PAIR_VALUES)):
+    assert np.mean([sketch.is_driven_by_force for sketch in sketches]) >= 0.4
+    for sketched, fields in ((sketches, EXPECTED_PROBLEM_VALUES), (pairs, EXPECTED_PAIR_VALUES)):
         for field, names in fields.items():
             counts = Counter(getattr(item, field) for item in sketched)
             assert set(counts) == names
@@ -170,7 +170,7 @@ def test_random_problems_are_of_all_kinds():
 
 
 @cache
-def ball_dragged_on_block():
+def solve_ball_dragged_on_block():
     """Return a ball that is pressed on a clamped block, then dragged.
 
     There are open, sticking and slipping nodes.
@@ -183,34 +183,34 @@ def ball_dragged_on_block():
     wall = ContactPair(side, Plane((2.01, 0.0), (-1.0, 0.0)), 0.3)
     base_conditions, loads = [(i, on_plane(1, 0.0)) for i in (0, 1)], [body.zero_load] * 2
     conditions = [prescribe(body.space, *condition) for condition in base_conditions]
-    problem = ProblemData(body.K, body.space, loads, conditions, [ball, wall])
+    problem = LinearContactProblemData(body.K, body.space, loads, conditions, [ball, wall])
     states = body.solve_contact(problem.pairs, body.make_supports(*base_conditions), loads)
     assert set(states[-1].pairs[0].status) == {OPEN, STICK, SLIP}
-    steps = [StepMotion.from_state(state) for state in states]
+    steps = [DisplacementAndTranslations.from_state(state) for state in states]
     assert largest_residual(measure_residuals(problem, steps)) < 1e-10
     return problem, steps
 
 
-def problem_with_changed_ball(**changes):
+def problem_with_changed_ball_and_steps(**pair_changes):
     """Return the problem of the dragged ball with a changed contact pair, and its steps."""
-    problem, steps = ball_dragged_on_block()
+    problem, steps = solve_ball_dragged_on_block()
     ball, wall = problem.pairs
-    return replace(problem, pairs=[replace(ball, **changes), wall]), steps
+    return replace(problem, pairs=[replace(ball, **pair_changes), wall]), steps
 
 
-def steps_with_changed_one(change, number=-1):
+def problem_and_steps_with_changed_step(change, step_index=-1):
     """Return the problem of the dragged ball, and its steps after changing one of them."""
-    problem, steps = ball_dragged_on_block()
+    problem, steps = solve_ball_dragged_on_block()
     steps = list(steps)
-    steps[number] = change(steps[number])
+    steps[step_index] = change(steps[step_index])
     return problem, steps
 
 
-def displace_nodes(marker, shift):
+def node_displacer(marker, shift):
     """Return a function that changes a step by displacing the marked nodes."""
 
     def change(step):
-        a, x = step.displacement.copy(), ball_dragged_on_block()[0].space.tabulate_dof_coordinates()
+        a, x = step.displacement.copy(), solve_ball_dragged_on_block()[0].space.tabulate_dof_coordinates()
         a[mask := marker(x.T)] += shift
         assert mask.any()
         return replace(step, displacement=a)
@@ -218,43 +218,43 @@ def displace_nodes(marker, shift):
     return change
 
 
-def displace_surfaces(shift):
+def surface_displacer(shift_per_surface):
     """Return a function that changes a step by displacing the surfaces."""
-    return lambda step: replace(step, translations=step.translations + np.array(shift))
+    return lambda step: replace(step, translations=step.translations + np.array(shift_per_surface))
 
 
-def reduce_force(motion):
+def reduce_force_by_tenth(motion):
     return Motion(motion.translation, [0.9 * force for force in motion.force])
 
 
-VIOLATIONS = {
-    "equilibrium": lambda: steps_with_changed_one(
-        displace_nodes(lambda x: np.abs(x[1] - 0.5) < 0.2, (1e-5, 0))
+VIOLATING_PROBLEMS_BY_CONDITION = {
+    "equilibrium": lambda: problem_and_steps_with_changed_step(
+        node_displacer(lambda x: np.abs(x[1] - 0.5) < 0.2, (1e-5, 0))
     ),
-    "supports": lambda: steps_with_changed_one(displace_nodes(lambda x: x[1] < 1e-9, (1e-5, 0))),
-    "penetration": lambda: steps_with_changed_one(displace_surfaces([(0, -1e-5), (0, 0)])),
-    "complementarity": lambda: steps_with_changed_one(displace_surfaces([(0, 1e-5), (0, 0)])),
-    "tension": lambda: steps_with_changed_one(
+    "supports": lambda: problem_and_steps_with_changed_step(node_displacer(lambda x: x[1] < 1e-9, (1e-5, 0))),
+    "penetration": lambda: problem_and_steps_with_changed_step(surface_displacer([(0, -1e-5), (0, 0)])),
+    "complementarity": lambda: problem_and_steps_with_changed_step(surface_displacer([(0, 1e-5), (0, 0)])),
+    "tension": lambda: problem_and_steps_with_changed_step(
         lambda step: replace(step, displacement=-step.displacement)
     ),
-    "cone": lambda: problem_with_changed_ball(friction=0.297),
-    "stick": lambda: steps_with_changed_one(displace_surfaces([(1e-5, 0), (0, 0)]), number=0),
-    "direction": lambda: steps_with_changed_one(displace_surfaces([(0.1, 0), (0, 0)]), number=0),
-    "balance": lambda: problem_with_changed_ball(
-        motions=list(map(reduce_force, ball_dragged_on_block()[0].pairs[0].motions))
+    "cone": lambda: problem_with_changed_ball_and_steps(friction=0.297),
+    "stick": lambda: problem_and_steps_with_changed_step(surface_displacer([(1e-5, 0), (0, 0)]), step_index=0),
+    "direction": lambda: problem_and_steps_with_changed_step(surface_displacer([(0.1, 0), (0, 0)]), step_index=0),
+    "balance": lambda: problem_with_changed_ball_and_steps(
+        motions=list(map(reduce_force_by_tenth, solve_ball_dragged_on_block()[0].pairs[0].motions))
     ),
-    "motion": lambda: steps_with_changed_one(displace_surfaces([(0, 0), (1e-5, 0)])),
+    "motion": lambda: problem_and_steps_with_changed_step(surface_displacer([(0, 0), (1e-5, 0)])),
 }
 
 
-@pytest.mark.parametrize("condition", VIOLATIONS)
+@pytest.mark.parametrize("condition", VIOLATING_PROBLEMS_BY_CONDITION)
 def test_each_violation_is_measured(condition):
-    problem, steps = VIOLATIONS[condition]()
+    problem, steps = VIOLATING_PROBLEMS_BY_CONDITION[condition]()
     assert measure_residuals(problem, steps)[-1][condition] > 1e-5
 
 
 def test_another_friction_violates_cone_and_direction_alone():
-    (violations,) = measure_residuals(*problem_with_changed_ball(friction=0.15))[1:]
+    (violations,) = measure_residuals(*problem_with_changed_ball_and_steps(friction=0.15))[1:]
     other_violations = {
         name: value for name, value in violations.items() if name not in ("cone", "direction")
     }

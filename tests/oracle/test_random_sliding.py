@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import NotFound
-from tests.contact.cases import states_with_substates
-from tests.contact.sliding import kernel_check_differences, mortar_positions_in_states
+from tests.contact.cases import list_states_and_substates
+from tests.contact.sliding import compare_mortar_with_verification, mortar_and_positions_in_states
 from tests.oracle.large import NeoHookeanBody
 from tests.oracle.random_sliding import TRIANGLE_RULE, RigidToolProblem, draw_sketch, make_problem
 from tests.oracle.tools import ToolContact
 
 # Fixed before any value was known: relative to the largest force, and to the number of problems
 TOLERANCE = 1e-8
-MAX_UNDECIDED_SHARE = 0.02
+MAX_UNDECIDED_FRACTION_OF_PROBLEMS = 0.02
 SEEDS, QUICK_SEEDS = range(400), range(20)
-KIND_COUNTS = {"bodies": 78, "circle": 111, "held": 70, "plane": 84, "roller": 57}
+EXPECTED_KIND_COUNTS = {"bodies": 78, "circle": 111, "held": 70, "plane": 84, "roller": 57}
 FRICTION_OF_SEED_3 = 0.145091570812217
 
 
-def find_violations(seed):
+def find_violations_above_tolerance(seed):
     """Return the violations above the tolerance in accepted states, and the library's error."""
     problem = make_problem(seed)
     _, error = problem.solution
@@ -35,7 +35,7 @@ def find_violations(seed):
 @pytest.mark.random
 @pytest.mark.parametrize("seed", QUICK_SEEDS)
 def test_accepted_states_obey_the_law(seed):
-    assert find_violations(seed)[0] == {}
+    assert find_violations_above_tolerance(seed)[0] == {}
 
 
 @pytest.mark.random
@@ -44,19 +44,19 @@ def test_law_holds_in_all_accepted_states_and_few_problems_are_undecided(request
         pytest.skip("400 problems, which --nightly asks for")
     violations_by_seed, kinds, undecided = {}, Counter(), []
     for seed in SEEDS:
-        violations, error = find_violations(seed)
+        violations, error = find_violations_above_tolerance(seed)
         if violations:
             violations_by_seed[seed] = violations
             kinds.update((draw_sketch(seed).kind, name) for name in violations)
         if type(error) is NotFound:
             undecided.append(seed)
     assert not violations_by_seed, (kinds, violations_by_seed)
-    assert len(undecided) <= MAX_UNDECIDED_SHARE * len(SEEDS), undecided
+    assert len(undecided) <= MAX_UNDECIDED_FRACTION_OF_PROBLEMS * len(SEEDS), undecided
 
 
 def test_problems_are_of_all_kinds_and_do_not_change_with_numpy():
     kinds = Counter(draw_sketch(seed).kind for seed in SEEDS)
-    assert {kind: kinds[kind] for kind in sorted(kinds)} == KIND_COUNTS
+    assert {kind: kinds[kind] for kind in sorted(kinds)} == EXPECTED_KIND_COUNTS
     assert draw_sketch(3).friction == pytest.approx(FRICTION_OF_SEED_3, abs=0)
 
 
@@ -72,11 +72,11 @@ def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
     """
     problem = make_problem(seed)
     states, _ = problem.solution
-    mortar, positions = mortar_positions_in_states(problem.bodies, states)
+    mortar, positions = mortar_and_positions_in_states(problem.bodies, states)
     assert len(positions) > 1
     for k, end in enumerate(positions):
         for start in positions[:k] or [end]:
-            assert max(kernel_check_differences(mortar, start, end).values()) < 1e-10
+            assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-10
 
 
 def oracle_contact_and_history(problem):
@@ -86,7 +86,7 @@ def oracle_contact_and_history(problem):
     lame = 2 * sketch.nu / (1 - 2 * sketch.nu)
     body = NeoHookeanBody(problem.nodes, problem.cells, sketch.linear_weights, lame, TRIANGLE_RULE)
     contact = ToolContact(body, problem.tool, problem.contact_nodes, problem.prescribed_mask)
-    return contact, [problem.tool_state(accepted) for accepted in states_with_substates(states)]
+    return contact, [problem.tool_state(accepted) for accepted in list_states_and_substates(states)]
 
 
 @pytest.fixture(scope="module", params=[7, 2], ids=["circle", "plane"])
@@ -106,8 +106,8 @@ DISTURBANCES = {  # by condition: changes of the last translation and angle, fac
 
 
 @pytest.mark.parametrize("name", DISTURBANCES)
-def test_a_disturbed_state_violates_the_condition(slipping_contact, name):
-    contact, history = slipping_contact
+def test_a_disturbed_state_violates_the_condition(slipping_contact_and_history, name):
+    contact, history = slipping_contact_and_history
     (shift, rotation, mu_factor), no_displacement = (
         DISTURBANCES[name],
         np.zeros_like(contact.body.nodes),
@@ -125,7 +125,7 @@ def test_a_disturbed_state_violates_the_condition(slipping_contact, name):
 # seeds whose active sets cycled forever, though one of the sets had a solution
 @pytest.mark.parametrize("seed", [365])
 def test_problems_whose_active_sets_cycle_are_solved(seed):
-    violations, error = find_violations(seed)
+    violations, error = find_violations_above_tolerance(seed)
     assert error is None
     assert violations == {}
 

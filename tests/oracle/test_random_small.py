@@ -18,7 +18,7 @@ from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 from tests.oracle import assembly
-from tests.oracle.contact import Pair, measure_law_violation, solve_increments
+from tests.oracle.contact import Pair, relative_law_violation, solve_increments
 
 STATES = ("plane stress", "plane strain", "axisymmetric", "solid")
 TOLERANCE = 1e-8
@@ -111,7 +111,7 @@ class RandomSmallProblem:
     def level(self):
         return 0.0 if self.rests_on_floor else 1.0
 
-    def surface_functions(self):
+    def surface_with_gap_and_normal(self):
         """Return the library's surface, and its gap and normal functions for the oracle."""
         up, apex = np.eye(self.dim)[-1], np.full(self.dim, 0.5)
         apex[0], apex[-1] = 1.5, self.level
@@ -134,7 +134,7 @@ class RandomSmallProblem:
         )
 
 
-class LibraryProblem(ElasticBody):
+class SmallLibraryProblem(ElasticBody):
     """A random small problem, formulated for the library."""
 
     def __init__(self, problem):
@@ -153,7 +153,7 @@ class LibraryProblem(ElasticBody):
             self.make_supports() if problem.rests_on_floor else self.clamp(on_plane(up_axis, 0.0))
         )
         motions = [Motion(translation, force) for translation, force in problem.motions]
-        surface, *_ = problem.surface_functions()
+        surface, *_ = problem.surface_with_gap_and_normal()
         pair = ContactPair(on_plane(up_axis, problem.level), surface, problem.mu, motions)
         loads = problem.loads(
             lambda axis, value, traction: self.traction_load(traction, on_plane(axis, value))
@@ -178,7 +178,7 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
         lambda x: np.isclose(x[:, -1], 0.0), tuple(range(problem.dim))
     )
     contact_nodes = np.flatnonzero(np.isclose(nodes[:, -1], problem.level))
-    _, gap, normal = problem.surface_functions()
+    _, gap, normal = problem.surface_with_gap_and_normal()
     pair = Pair(contact_nodes, gap, normal, problem.mu, problem.motions)
     loads = problem.loads(traction)
     return contact_nodes, solve_increments(
@@ -191,7 +191,7 @@ def largest_difference(problem, linear_weights):
 
     They are divided by their largest values in each state.
     """
-    library = LibraryProblem(problem)
+    library = SmallLibraryProblem(problem)
     library_states = list(library.solve())
     contact_nodes, oracle_states = solve_by_oracle(
         problem, library.nodes, library.cells, linear_weights
@@ -223,7 +223,7 @@ def test_a_block_on_a_nearly_frictionless_floor_is_solved():
         0.005,
     )
     problem.load_path = (0.0,)
-    library = LibraryProblem(problem)
+    library = SmallLibraryProblem(problem)
     _, (state,) = solve_by_oracle(problem, library.nodes, library.cells, problem.linear_weights)
     assert state.law_error <= 1
     assert largest_difference(problem, problem.linear_weights) < TOLERANCE
@@ -272,9 +272,9 @@ def test_every_condition_of_the_law_is_checked(force, motion):
         np.array([[0.0, -0.5], [0.0, 0.0]]),
     )
     mu = np.full(3, 0.3)
-    assert measure_law_violation(valid_forces, valid_motions, mu[:2]) < 1e-15
+    assert relative_law_violation(valid_forces, valid_motions, mu[:2]) < 1e-15
     assert (
-        measure_law_violation(
+        relative_law_violation(
             np.vstack([valid_forces, force]), np.vstack([valid_motions, motion]), mu
         )
         > 1e-4

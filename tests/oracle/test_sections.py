@@ -9,7 +9,7 @@ and eigenvalues, relative to the largest value of each.
 Two kinds of integrals depend on the quadrature rule: those of curved triangles, and those of
 triangles that touch the axis with one vertex, where 1/r is not smooth. There, the study's rule of
 degree 8 leaves differences above 1e-8, up to 5e-5 of the largest nodal force. For such cases the
-library and the oracle get converged rules (`RULES`).
+library and the oracle get converged rules (`LIBRARY_DEGREES_AND_ORACLE_POINTS`).
 """
 
 from unittest.mock import patch
@@ -21,7 +21,7 @@ from pw_elements.elasticity import body
 from study.benchmarks import v1_contact_patch, v4_spence, v5_cattaneo
 from study.benchmarks.v8_vibration import page as v8_vibration
 from tests.oracle.contact import Pair, solve_increments
-from tests.oracle.eigen import eigenvalues_nearest_to
+from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
@@ -29,55 +29,55 @@ from tests.oracle.problem import (
     StudyComparison,
     all_of,
     any_of,
-    assert_agrees_with_these_weights_alone,
-    compare_contact_line,
-    condense_inner_nodes,
-    oracle_body,
-    parabola_functions,
-    plane_functions,
+    assert_agrees_with_own_weights_alone,
+    make_contact_line_comparison,
+    condensed_stiffness_mass_and_mask,
+    make_oracle_body,
+    parabola_gap_and_normal_functions,
+    plane_gap_and_normal_functions,
     rows_on_plane,
-    rows_within,
-    sorted_nodes,
+    rows_with_abs_x_below,
+    marked_nodes_sorted_by_x,
     symmetric_part,
 )
 
 # Degree of the library's rule, and points per direction of the oracle's rule. On quadrilaterals
 # both have the 5-point Gauss rule for the study's degree 8. On triangles rules cover whole cells
 # if weights are quadratic, and each sub-cell if they are piecewise linear
-RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
+LIBRARY_DEGREES_AND_ORACLE_POINTS = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
 
 
-def raise_quadrature_degree(element):
+def patch_library_quadrature_degree(element):
     """Patch the library so that it uses a higher degree for integrands that are no polynomials."""
-    return patch.object(body, "_RATIONAL_DEGREE", rule_of_element(element)[0])
+    return patch.object(body, "_NON_POLYNOMIAL_QUADRATURE_DEGREE", library_degree_and_oracle_points(element)[0])
 
 
-def oracle_gauss_count(element):
+def oracle_points_per_direction(element):
     """Return the number of Gauss points per direction in the oracle's rule for an element."""
-    return rule_of_element(element)[1]
+    return library_degree_and_oracle_points(element)[1]
 
 
-def rule_of_element(element):
+def library_degree_and_oracle_points(element):
     if element in ("galerkin-Q8", "pw-Q9"):
-        return RULES["quadrilaterals"]
-    return RULES["sub-triangles" if element.startswith("pw") else "triangles"]
+        return LIBRARY_DEGREES_AND_ORACLE_POINTS["quadrilaterals"]
+    return LIBRARY_DEGREES_AND_ORACLE_POINTS["sub-triangles" if element.startswith("pw") else "triangles"]
 
 
 def compare_patch_test(element, mesh="distorted", state="plane strain"):
-    with raise_quadrature_degree(element):
+    with patch_library_quadrature_degree(element):
         result = v1_contact_patch.patch(element, mesh, state)
 
     def solve_by_oracle(linear_weights):
-        count = 3 if (mesh, state) == ("distorted", "plane strain") else oracle_gauss_count(element)
-        body = oracle_body(result, element, linear_weights, state, 1000.0, 0.3, n_gauss=count)
-        pair = Pair(sorted_nodes(result.curves, rows_on_plane(1, 0.0)), *plane_functions(NORMAL_UP))
+        count = 3 if (mesh, state) == ("distorted", "plane strain") else oracle_points_per_direction(element)
+        body = make_oracle_body(result, element, linear_weights, state, 1000.0, 0.3, n_gauss=count)
+        pair = Pair(marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0)), *plane_gap_and_normal_functions(NORMAL_UP))
         load, prescribed_mask = (
             body.traction_load(rows_on_plane(1, 1.0), (0.0, -3.0)),
             body.component_mask(rows_on_plane(0, 0.0), (0,)),
         )
         return solve_increments(body.stiffness(), [load], prescribed_mask, [pair], body.nodes)[-1]
 
-    return compare_contact_line(result, solve_by_oracle, NORMAL_UP, with_displacement=False)
+    return make_contact_line_comparison(result, solve_by_oracle, NORMAL_UP, with_displacement=False)
 
 
 def compare_spence_punch(element, state="plane strain"):
@@ -85,18 +85,18 @@ def compare_spence_punch(element, state="plane strain"):
     result = v4_spence.stick_radius(element, 0.25, mu, 16, far_field=False, state=state)
 
     def solve_by_oracle(linear_weights):
-        body = oracle_body(result, element, linear_weights, state, 1.0, 0.25)
+        body = make_oracle_body(result, element, linear_weights, state, 1.0, 0.25)
         prescribed_mask = body.component_mask(
             any_of(rows_on_plane(0, 5.0), rows_on_plane(1, -5.0)), (0, 1)
         )
         prescribed_mask |= body.component_mask(rows_on_plane(0, 0.0), (0,))
-        punch_nodes = sorted_nodes(result.curves, all_of(rows_on_plane(1, 0.0), rows_within(1.0)))
+        punch_nodes = marked_nodes_sorted_by_x(result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0)))
         motions = [((0.0, None), (0.0, -5e-4 * load_factor)) for load_factor in (0.5, 1.0)]
-        pair = Pair(punch_nodes, *plane_functions(NORMAL_DOWN), mu, motions)
+        pair = Pair(punch_nodes, *plane_gap_and_normal_functions(NORMAL_DOWN), mu, motions)
         loads = [np.zeros(body.nodes.size)] * 2
         return solve_increments(body.stiffness(), loads, prescribed_mask, [pair], body.nodes)[-1]
 
-    return compare_contact_line(result, solve_by_oracle, NORMAL_DOWN)
+    return make_contact_line_comparison(result, solve_by_oracle, NORMAL_DOWN)
 
 
 def compare_partial_slip(element):
@@ -105,7 +105,7 @@ def compare_partial_slip(element):
     force = np.pi / (2 * (1 - 0.3**2)) / 4e4
 
     def solve_by_oracle(linear_weights):
-        body = oracle_body(result, element, linear_weights, "plane strain", 1.0, 0.3)
+        body = make_oracle_body(result, element, linear_weights, "plane strain", 1.0, 0.3)
         outer_sides = any_of(
             rows_on_plane(1, -5.0),
             rows_on_plane(1, 6.0),
@@ -113,31 +113,31 @@ def compare_partial_slip(element):
             rows_on_plane(0, 5.0),
         )
         lower, upper = (
-            sorted_nodes(result.curves, all_of(rows_on_plane(1, y), rows_within(1.25)))
+            marked_nodes_sorted_by_x(result.curves, all_of(rows_on_plane(1, y), rows_with_abs_x_below(1.25)))
             for y in (0.0, 1.0)
         )
         motions = [((0.0, None), (0.0, -force))]
         motions += [((None, None), (factor * 0.4 * force, -force)) for factor in (0.25, 0.5)]
-        pair = Pair(lower, *parabola_functions(0.0, 1e4), 0.4, motions, opposite_nodes=upper)
+        pair = Pair(lower, *parabola_gap_and_normal_functions(0.0, 1e4), 0.4, motions, opposite_nodes=upper)
         loads, prescribed_mask = (
             [np.zeros(body.nodes.size)] * 3,
             body.component_mask(outer_sides, (0, 1)),
         )
         return solve_increments(body.stiffness(), loads, prescribed_mask, [pair], body.nodes)[-1]
 
-    return compare_contact_line(
+    return make_contact_line_comparison(
         result, solve_by_oracle, NORMAL_DOWN, (1.0, 0.0), with_displacement=False
     )
 
 
 def compare_vibrating_rod(element):
     is_condensed = element == "pw-Q8"
-    with raise_quadrature_degree(element):
+    with patch_library_quadrature_degree(element):
         result = v8_vibration.rod(element, "transposed" if is_condensed else "all nodes", (1, 3))
 
     def compute_oracle_values(linear_weights):
-        count = oracle_gauss_count(element)
-        body = oracle_body(result, element, linear_weights, "axisymmetric", 1.0, 0.3, n_gauss=count)
+        count = oracle_points_per_direction(element)
+        body = make_oracle_body(result, element, linear_weights, "axisymmetric", 1.0, 0.3, n_gauss=count)
         K, M = body.stiffness(), body.mass()
         if element.startswith("pwsym"):
             K, M = symmetric_part(K), symmetric_part(M)
@@ -146,8 +146,8 @@ def compare_vibrating_rod(element):
         )
         prescribed_mask |= body.component_mask(rows_on_plane(1, 1.0), (1,))
         if is_condensed:
-            K, M, prescribed_mask = condense_inner_nodes(body, element, prescribed_mask)
-        return {"omega2": eigenvalues_nearest_to(K, M, prescribed_mask, 6).real}
+            K, M, prescribed_mask = condensed_stiffness_mass_and_mask(body, element, prescribed_mask)
+        return {"omega2": eigenvalues_nearest_to_shift(K, M, prescribed_mask, 6).real}
 
     study_values = np.array([result.scalars[f"omega2_{i}"] for i in range(1, 7)])
     return StudyComparison({"omega2": study_values}, compute_oracle_values)
@@ -173,4 +173,4 @@ def test_oracle_agrees_with_the_study_with_the_same_weights_alone(name, element)
     The comparison therefore distinguishes the weights.
     """
     compare, _, parameters = PROBLEMS[name]
-    assert_agrees_with_these_weights_alone(compare(element, **parameters), element)
+    assert_agrees_with_own_weights_alone(compare(element, **parameters), element)

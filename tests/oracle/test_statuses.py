@@ -13,14 +13,14 @@ from pw_elements.contact import ContactPair, Motion, NoEquilibrium, NotFound, No
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
-    StepMotion,
+    DisplacementAndTranslations,
     largest_residual,
     measure_residuals,
     prescribed_displacements,
 )
-from tests.oracle.proofs import linear_increment
+from tests.oracle.proofs import linearise_next_increment
 from tests.oracle.random_contact import make_problem
-from tests.oracle.search import search_statuses
+from tests.oracle.search import find_state_by_status_search
 
 
 class PlateOnFiveNodes(ElasticBody):
@@ -43,7 +43,7 @@ class PlateOnFiveNodes(ElasticBody):
 
     def equilibria(self):
         """Return all motions z of nodes and plate that obey the law, from all sets of statuses."""
-        law = linear_increment(self, [])
+        law = linearise_next_increment(self, [])
         rows, mu, solutions = (law.normal, law.shear, law.gap, law.slip), law.mu, []
         for statuses in product(range(4), repeat=len(mu)):
             equations = [law.balance]
@@ -69,7 +69,7 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
     for seed in range(8):
         problem = PlateOnFiveNodes(seed)
         equilibria = problem.equilibria()
-        assert (search_statuses(linear_increment(problem, [])) is not None) == bool(equilibria), (
+        assert (find_state_by_status_search(linearise_next_increment(problem, [])) is not None) == bool(equilibria), (
             seed
         )
         has_solution.append(bool(equilibria))
@@ -95,7 +95,7 @@ def test_loose_bodies_are_not_unique(seed):
     with pytest.raises(NotUnique, match="the body is loose") as caught:
         problem.solve()
     error = caught.value
-    steps = [StepMotion.from_state(state) for state in (*error.states, error.state)]
+    steps = [DisplacementAndTranslations.from_state(state) for state in (*error.states, error.state)]
     rng = np.random.default_rng(seed)
     x = problem.space.tabulate_dof_coordinates()[:, : steps[-1].displacement.shape[1]]
     gaps = np.concatenate([pair.gap for pair in error.state.pairs])

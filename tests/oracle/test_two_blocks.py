@@ -10,7 +10,7 @@ from pw_elements import Direct, Iterative, Reduction, prescribe
 from pw_elements.contact import ContactProblem, NoEquilibrium, NotFound, NotUnique
 from tests.contact.cases import on_plane
 from tests.contact.two_bodies import StackedBlocks
-from tests.oracle.search import LinearIncrement, search_statuses
+from tests.oracle.search import LinearIncrement, find_state_by_status_search
 
 SUITE, NIGHTLY = (*range(5), 9), range(60)  # seed 9 is refused
 
@@ -72,7 +72,7 @@ class LooseBlocks:
         force = max(np.abs(pair.force_vector).max() for pair in state.pairs)
         return 20 * np.finfo(float).eps * (K * magnitudes).max()[1] / force
 
-    def is_solved_by_search(self, state, load):
+    def is_solved_by_search(self, start_state, load):
         """Return whether a search of all statuses of the contact nodes finds a state."""
         interface, K = self.problem._small_strain_stepping.interface, self.problem._K[:, :]
         free_dofs = np.flatnonzero(self.x[:, 1].repeat(2) > 0.0)
@@ -83,7 +83,7 @@ class LooseBlocks:
         right_sides[:n, -1], right_sides[n:, :-1] = load.array_r[free_dofs], np.eye(m)
         force = np.linalg.solve(equations, right_sides)[n:].reshape(-1, 2, m + 1)
         motions, previous = np.eye(m, m + 1).reshape(-1, 2, m + 1), np.zeros((m, m + 1))
-        previous[:, -1] = G @ state.displacement.array_r[free_dofs]
+        previous[:, -1] = G @ start_state.displacement.array_r[free_dofs]
         gap, normal = interface.evaluate_surfaces(None)
         tangent = normal[:, ::-1] * [-1.0, 1.0]
 
@@ -102,7 +102,7 @@ class LooseBlocks:
             is_faced,
             np.diag(K)[2 * interface.node].mean(),
         )
-        return search_statuses(increment) is not None
+        return find_state_by_status_search(increment) is not None
 
 
 @pytest.mark.random

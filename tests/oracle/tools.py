@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import NeoHookeanBody, cross_product, law_violations
+from tests.oracle.large import NeoHookeanBody, cross_product_in_plane, contact_law_violations
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class ToolContact:
     contact_nodes: np.ndarray
     prescribed_mask: np.ndarray
 
-    def violations(self, history: list[ToolState], prescribed: np.ndarray) -> dict[str, float]:
+    def violations(self, history: list[ToolState], support_displacements: np.ndarray) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        `prescribed` are the displacements (n, 2) at supports. Forces and lengths are divided by the
+        `support_displacements` are the displacements (n, 2) at supports. Forces and lengths are divided by the
         largest ones of the history. For nodes whose tangential motion a support prescribes, names
         have the prefix "held".
         """
@@ -76,49 +76,49 @@ class ToolContact:
         r[is_held, 0] = last_state.force[self.contact_nodes[is_held], 0]
         free = ~self.prescribed_mask
         free[self.contact_nodes] = False
-        gap, normal, slip = self._kinematics(*history[-2:])
-        support_error = np.abs(last_state.displacement - prescribed)[self.prescribed_mask]
+        gap, normal, slip = self._gaps_normals_and_slips(*history[-2:])
+        support_error = np.abs(last_state.displacement - support_displacements)[self.prescribed_mask]
         violations = {
             "supports": support_error.max(initial=0.0) / length,
             "equilibrium": np.abs(forces[free]).max(initial=0.0) / force,
         }
-        r_n, r_t = np.sum(normal * r, axis=1) / force, cross_product(normal.T, r.T) / force
-        line_values = law_violations(r_n, r_t, gap / length, slip / length, self.tool.friction)
+        r_n, r_t = np.sum(normal * r, axis=1) / force, cross_product_in_plane(normal.T, r.T) / force
+        line_values = contact_law_violations(r_n, r_t, gap / length, slip / length, self.tool.friction)
         for name, values in line_values.items():
             for prefix, mask in (("", ~is_held), ("held ", is_held)):
                 if mask.any():
                     violations[prefix + name] = max(0.0, float(values[mask].max()))
         return violations
 
-    def _kinematics(
-        self, previous: ToolState, current: ToolState
+    def _gaps_normals_and_slips(
+        self, start_state: ToolState, end_state: ToolState
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return gaps (m,), normals (m, 2) and slips (m,) of the contact nodes."""
         tool, pivot = self.tool, np.array(self.tool.pivot)
         positions = [
             (self.body.nodes + state.displacement)[self.contact_nodes]
-            for state in (previous, current)
+            for state in (start_state, end_state)
         ]
-        rotations = [_rotation_matrix(state.angle) for state in (previous, current)]
+        rotations = [_rotation_matrix(state.angle) for state in (start_state, end_state)]
         if tool.radius:
             (d_0, d) = (
                 x - (pivot + state.translation + R @ (tool.point - pivot))
-                for x, state, R in zip(positions, (previous, current), rotations, strict=True)
+                for x, state, R in zip(positions, (start_state, end_state), rotations, strict=True)
             )
             distance = np.linalg.norm(d, axis=1)
-            angle_change = np.arctan2(cross_product(d_0.T, d.T), np.sum(d_0 * d, axis=1))
-            slip = tool.radius * (angle_change - (current.angle - previous.angle))
+            angle_change = np.arctan2(cross_product_in_plane(d_0.T, d.T), np.sum(d_0 * d, axis=1))
+            slip = tool.radius * (angle_change - (end_state.angle - start_state.angle))
             return distance - tool.radius, d / distance[:, None], slip
         y_0, y = (
             pivot + (x - state.translation - pivot) @ R
-            for x, state, R in zip(positions, (previous, current), rotations, strict=True)
+            for x, state, R in zip(positions, (start_state, end_state), rotations, strict=True)
         )
         tangent = np.array([-tool.normal[1], tool.normal[0]])
         normal = np.tile(rotations[1] @ tool.normal, (len(y), 1))
         return (y - tool.point) @ tool.normal, normal, (y - y_0) @ tangent
 
 
-def _rotation_matrix(angle: float) -> np.ndarray:
+def _rotation_matrix(radians: float) -> np.ndarray:
     """Return the rotation matrix of an angle."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = np.cos(radians), np.sin(radians)
     return np.array([[c, -s], [s, c]])

@@ -11,16 +11,16 @@ from tests.oracle.problem import (
     StudyComparison,
     all_of,
     any_of,
-    assert_agrees_with_these_weights_alone,
-    compare_contact_line,
-    no_prescribed_displacements,
-    oracle_body,
-    parabola_functions,
-    plane_functions,
+    assert_agrees_with_own_weights_alone,
+    make_contact_line_comparison,
+    mask_without_prescribed_displacements,
+    make_oracle_body,
+    parabola_gap_and_normal_functions,
+    plane_gap_and_normal_functions,
     rows_on_plane,
-    rows_within,
-    solve_displacement,
-    sorted_nodes,
+    rows_with_abs_x_below,
+    solve_with_zero_supports,
+    marked_nodes_sorted_by_x,
 )
 
 
@@ -32,13 +32,13 @@ def row(result, element):
     """
 
     def ours(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
-        lower = sorted_nodes(result.curves, rows_on_plane(1, 0.0))
+        body = make_oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
+        lower = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0))
         held = body.component_mask(rows_on_plane(1, 0.0), (1,))
         held |= body.component_mask(all_of(rows_on_plane(0, 0.0), rows_on_plane(1, 0.0)), (0,))
         f = body.traction_load(rows_on_plane(1, 1.0), (0.0, -1.0))
         K = body.stiffness()
-        residual = (K @ solve_displacement(K, f, held) - f).reshape(-1, 2)
+        residual = (K @ solve_with_zero_supports(K, f, held) - f).reshape(-1, 2)
         return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
 
     theirs = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
@@ -53,19 +53,19 @@ def block(result, element):
     """
 
     def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
+        body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
         pressure = body.traction_load(rows_on_plane(1, 2.0), (0.0, -200.0))
         pull = body.traction_load(rows_on_plane(0, 4.0), (60.0, 0.0))
-        lower = sorted_nodes(result.curves, rows_on_plane(1, 0.0))
+        lower = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0))
         x = body.nodes[lower, 0]
         rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
         loads = [pressure + k / 10 * pull for k in range(11)]
-        pair = Pair(lower, *plane_functions(NORMAL_UP), rough)
+        pair = Pair(lower, *plane_gap_and_normal_functions(NORMAL_UP), rough)
         return solve_increments(
-            body.stiffness(), loads, no_prescribed_displacements(body), [pair], body.nodes
+            body.stiffness(), loads, mask_without_prescribed_displacements(body), [pair], body.nodes
         )[-1]
 
-    return compare_contact_line(result, solved, NORMAL_UP)
+    return make_contact_line_comparison(result, solved, NORMAL_UP)
 
 
 def punch(result, element):
@@ -76,14 +76,14 @@ def punch(result, element):
     """
 
     def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
+        body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
         K, held = body.stiffness(), body.component_mask(rows_on_plane(1, 0.0), (0, 1))
-        top = sorted_nodes(result.curves, rows_on_plane(1, 4.0))
+        top = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 4.0))
         steps = np.arange(1, 21) / 20
         down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
 
         def pressed(motions):
-            pair = Pair(top, *parabola_functions(4.0, 8.0), 0.6, motions)
+            pair = Pair(top, *parabola_gap_and_normal_functions(4.0, 8.0), 0.6, motions)
             return solve_increments(
                 K, [np.zeros(body.nodes.size)] * len(motions), held, [pair], body.nodes
             )
@@ -93,7 +93,7 @@ def punch(result, element):
         return pressed(down + aside)[-1]
 
     translation = (result.scalars["translation"], lambda state: state.translations[0, 0])
-    return compare_contact_line(result, solved, NORMAL_DOWN, translation=translation)
+    return make_contact_line_comparison(result, solved, NORMAL_DOWN, translation=translation)
 
 
 def plate(result, element):
@@ -104,16 +104,16 @@ def plate(result, element):
     """
 
     def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
+        body = make_oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
         outside = any_of(rows_on_plane(0, -20.0), rows_on_plane(0, 20.0), rows_on_plane(1, -10.0))
-        below = sorted_nodes(result.curves, all_of(rows_on_plane(1, 0.0), rows_within(1.0)))
+        below = marked_nodes_sorted_by_x(result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0)))
         motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
-        pair = Pair(below, *plane_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions)
+        pair = Pair(below, *plane_gap_and_normal_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions)
         loads, held = [np.zeros(body.nodes.size)] * 5, body.component_mask(outside, (0, 1))
         return solve_increments(body.stiffness(), loads, held, [pair], body.nodes)[-1]
 
     translation = (result.scalars["translation"], lambda state: -state.translations[0, 1])
-    return compare_contact_line(result, solved, NORMAL_DOWN, translation=translation)
+    return make_contact_line_comparison(result, solved, NORMAL_DOWN, translation=translation)
 
 
 EXAMPLES = {
@@ -130,4 +130,4 @@ EXAMPLES = {
 )
 def test_oracle_finds_the_numbers_of_the_study(key, element, results):
     problem, _ = EXAMPLES[key]
-    assert_agrees_with_these_weights_alone(problem(results[key.format(element)], element), element)
+    assert_agrees_with_own_weights_alone(problem(results[key.format(element)], element), element)

@@ -11,21 +11,21 @@ import pytest
 
 from study.paper import s7_5_column, s7_5_profiles
 from tests.oracle.contact import Pair, solve_increments
-from tests.oracle.eigen import eigenvalues_nearest_to
+from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
     STATIC_ELEMENTS,
     StudyComparison,
     all_of,
-    assert_agrees_with_these_weights_alone,
-    condense_inner_nodes,
-    oracle_body,
-    plane_functions,
+    assert_agrees_with_own_weights_alone,
+    condensed_stiffness_mass_and_mask,
+    make_oracle_body,
+    plane_gap_and_normal_functions,
     rows_on_plane,
-    sorted_nodes,
+    marked_nodes_sorted_by_x,
 )
-from tests.oracle.test_sections import oracle_gauss_count, raise_quadrature_degree
+from tests.oracle.test_sections import oracle_points_per_direction, patch_library_quadrature_degree
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
@@ -34,7 +34,7 @@ COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 def stepped_column(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
-    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), raise_quadrature_degree(element):
+    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), patch_library_quadrature_degree(element):
         result = s7_5_column.stepped_column(element, section="coarse")
     level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
@@ -43,10 +43,10 @@ def stepped_column(element):
         (RADII[1], RADII[2], level[2], NORMAL_UP, 2e-4),
         (0.0, RADII[3], level[4], NORMAL_DOWN, 0.0),
     ]
-    count = oracle_gauss_count(element)
+    count = oracle_points_per_direction(element)
 
     def ours(linear):
-        body = oracle_body(
+        body = make_oracle_body(
             result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, n_gauss=count
         )
         K, on_axis = body.stiffness(), body.component_mask(rows_on_plane(0, 0.0), (0,))
@@ -58,8 +58,8 @@ def stepped_column(element):
                 lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9),
             )
             motions = descent if normal is NORMAL_DOWN else ()
-            nodes = sorted_nodes(result.curves, between)
-            pairs.append(Pair(nodes, *plane_functions(normal, z - gap), 0.3, motions))
+            nodes = marked_nodes_sorted_by_x(result.curves, between)
+            pairs.append(Pair(nodes, *plane_gap_and_normal_functions(normal, z - gap), 0.3, motions))
         loads = [np.zeros(body.nodes.size)] * 10
         state = solve_increments(K, loads, on_axis, pairs, body.nodes)[-1]
         found = {"displacement": state.displacement}
@@ -67,8 +67,8 @@ def stepped_column(element):
             found[f"force_n_{k}"], found[f"force_t_{k}"] = force @ face[3], -force[:, 0]
             found[f"force_normal_{k}"] = found[f"force_n_{k}"].sum()
         standing = on_axis | body.component_mask(rows_on_plane(1, 0.0), (1,))
-        K, M, standing = condense_inner_nodes(body, element, standing)
-        found["omega2"] = eigenvalues_nearest_to(K, M, standing, 6).real
+        K, M, standing = condensed_stiffness_mass_and_mask(body, element, standing)
+        found["omega2"] = eigenvalues_nearest_to_shift(K, M, standing, 6).real
         return found
 
     scalars, curves = result.scalars, result.curves
@@ -83,4 +83,4 @@ def stepped_column(element):
 
 @pytest.mark.parametrize("element", STATIC_ELEMENTS)
 def test_oracle_finds_the_numbers_of_the_study(element):
-    assert_agrees_with_these_weights_alone(stepped_column(element), element)
+    assert_agrees_with_own_weights_alone(stepped_column(element), element)

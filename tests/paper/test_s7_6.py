@@ -9,15 +9,15 @@ import pytest
 
 from study.paper.items import TABLE_2
 from study.paper.s7_6_exact import Strip
-from tests.oracle.eigen import eigenvalues_nearest_to
+from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     StudyComparison,
     all_of,
-    assert_agrees,
-    assert_agrees_with_these_weights_alone,
-    oracle_body,
+    assert_study_agrees_with_oracle,
+    assert_agrees_with_own_weights_alone,
+    make_oracle_body,
     rows_on_plane,
-    solve_displacement,
+    solve_with_zero_supports,
     symmetric_part,
 )
 
@@ -29,7 +29,7 @@ def beam(result, element, uniform):
     """Half of the beam, symmetric and antisymmetric, under the load at A or a uniform one."""
 
     def ours(linear):
-        body = oracle_body(result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1)
+        body = make_oracle_body(result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1)
         end, middle = rows_on_plane(0, 0.0), rows_on_plane(0, 4.0)
         A, centre = all_of(end, rows_on_plane(1, 0.0)), all_of(middle, rows_on_plane(1, 0.0))
         symmetrised = element.startswith("pwsym")
@@ -47,9 +47,9 @@ def beam(result, element, uniform):
                 f += body.traction_load(middle, (-1.0, 0.0)) * (mode == 2)
             else:
                 f = 0.1 * body.component_mask(A, (0,)).ravel()
-            K_sigma = body.geometric_stiffness(solve_displacement(K, f, held))
+            K_sigma = body.geometric_stiffness(solve_with_zero_supports(K, f, held))
             K_sigma = symmetric_part(K_sigma) if symmetrised else K_sigma
-            factors = eigenvalues_nearest_to(K, -K_sigma, held, 4).real
+            factors = eigenvalues_nearest_to_shift(K, -K_sigma, held, 4).real
             found[f"sigma_cr_{mode}"] = factors[factors > 0].min()
         return found
 
@@ -62,9 +62,9 @@ def beam(result, element, uniform):
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_oracle_finds_the_numbers_of_the_study(element, load, results):
     problem = beam(results[f"7.6/{element}{load}"], element, LOADS[load])
-    (assert_agrees if load else assert_agrees_with_these_weights_alone)(problem, element)
+    (assert_study_agrees_with_oracle if load else assert_agrees_with_own_weights_alone)(problem, element)
     if load and element == "pw-T6":  # K_PW = T K, and K_sigma alike: no weights make a difference
-        assert_agrees(problem, "galerkin-T6")
+        assert_study_agrees_with_oracle(problem, "galerkin-T6")
 
 
 def test_eulers_stress_by_eq_27(results):

@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-MARKER_VARIABLE = "PW_ELEMENTS_TEST_MARK"
+MARKER_ENVIRONMENT_VARIABLE = "PW_ELEMENTS_TEST_MARK"
 TERMINATION_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
@@ -39,7 +39,7 @@ class SpawnedCommand:
         with messages.open("wb") as stream:
             self.process = subprocess.Popen(
                 command,
-                env=os.environ | environment | {MARKER_VARIABLE: self.marker},
+                env=os.environ | environment | {MARKER_ENVIRONMENT_VARIABLE: self.marker},
                 stdout=subprocess.PIPE,
                 stderr=stream,
                 start_new_session=True,
@@ -68,14 +68,14 @@ class SpawnedCommand:
                 return
         raise AssertionError(f"{line!r} was not printed: {self.read_messages()}")
 
-    def send(self, number, group=False):
-        """Send a signal to the first process or, if `group` is True, to its process group."""
+    def send(self, signal_number, to_group=False):
+        """Send a signal to the first process or, if `to_group` is True, to its process group."""
         with suppress(ProcessLookupError):
-            (os.killpg if group else os.kill)(self.pid, number)
+            (os.killpg if to_group else os.kill)(self.pid, signal_number)
 
-    def wait(self, seconds=1800):
+    def wait(self, timeout_seconds=1800):
         """Wait until the first process ends, and return its status."""
-        return self.process.wait(seconds)
+        return self.process.wait(timeout_seconds)
 
     def read_messages(self):
         """Return the lines of standard error."""
@@ -99,7 +99,7 @@ class SpawnedCommand:
             with suppress(OSError):
                 variables = Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
                 if (
-                    f"{MARKER_VARIABLE}={self.marker}".encode() in variables
+                    f"{MARKER_ENVIRONMENT_VARIABLE}={self.marker}".encode() in variables
                     and _read_stat_fields(process)[0] != "Z"
                 ):
                     marked_processes.append(process)
@@ -109,7 +109,7 @@ class SpawnedCommand:
         """Return the IDs of the remaining processes, even if the first one has ended."""
         return sorted({*self.list_marked_processes(), *self.list_descendants()})
 
-    def list_lasting_survivors(self):
+    def list_survivors_after_waiting(self):
         """Wait at most 600 s for all processes to end, and return the IDs of those that remain."""
         deadline = time.monotonic() + 600
         while (survivors := self.list_survivors()) and time.monotonic() < deadline:
@@ -117,10 +117,10 @@ class SpawnedCommand:
         return survivors
 
 
-def read_command_line(process):
+def read_command_line(process_id):
     """Return the command line of a process, or an empty string if the process has ended."""
     try:
-        return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+        return Path(f"/proc/{process_id}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
         return ""
 
@@ -130,6 +130,6 @@ def _list_process_ids():
     return [int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()]
 
 
-def _read_stat_fields(process):
+def _read_stat_fields(process_id):
     """Return the fields of /proc/PID/stat after the process's name: state, parent and so on."""
-    return Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    return Path(f"/proc/{process_id}/stat").read_text(errors="replace").rpartition(")")[2].split()

@@ -19,7 +19,7 @@ from tests.study.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[2]
 
-BUILD_REPORT = study.publish.report.build
+ORIGINAL_BUILD_REPORT = study.publish.report.build
 
 # Debian combines WeasyPrint with a newer pydyf, in which some methods have other names
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
@@ -37,7 +37,7 @@ def toy_study(tmp_path, monkeypatch):
 def real_report(toy_study, monkeypatch):
     """Enable the report, which is slow and not needed by most tests of this module."""
     assert toy_study
-    monkeypatch.setattr(study.publish.report, "build", BUILD_REPORT)
+    monkeypatch.setattr(study.publish.report, "build", ORIGINAL_BUILD_REPORT)
     # the texts of the report describe the real sections
     monkeypatch.setattr(study.publish.report._Paper, "_body", lambda *_: "text")
 

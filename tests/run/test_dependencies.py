@@ -14,13 +14,13 @@ import pytest
 
 from pw_elements import Direct, Iterative
 from pw_elements.contact.iteration import LinearIncrement
-from pw_elements.contact.nodes import UndeformedKinematics
+from pw_elements.contact.nodes import SmallStrainKinematics
 from pw_elements.contact.steps import stepping
 from study.run.sources import closure, imported, source
 from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
-LIBRARY = ROOT / "pw_elements"
+LIBRARY_FOLDER = ROOT / "pw_elements"
 PACKAGES = [  # packages and modules of the library, from the lowest to the highest
     "arrays",
     "_compat",
@@ -80,7 +80,7 @@ def test_a_package_imports_nothing_from_higher_packages(package, forbidden):
     assert [name for name in names if get_top_level_packages(imported(name)) & forbidden] == []
 
 
-def list_modules(folder):
+def list_module_paths(folder):
     """Return the paths of the modules and packages in a folder, except its `__init__`."""
     return [
         path
@@ -90,8 +90,8 @@ def list_modules(folder):
 
 
 def test_a_folder_of_the_library_has_at_most_eight_modules():
-    folders = [path.parent for path in LIBRARY.rglob("__init__.py")]
-    counts = {folder.relative_to(LIBRARY): len(list_modules(folder)) for folder in folders}
+    folders = [path.parent for path in LIBRARY_FOLDER.rglob("__init__.py")]
+    counts = {folder.relative_to(LIBRARY_FOLDER): len(list_module_paths(folder)) for folder in folders}
     assert counts.pop(Path(".")) <= 13
     assert {folder: n for folder, n in counts.items() if n > 8} == {}
     assert len(counts) > 8
@@ -106,12 +106,12 @@ def test_a_module_has_at_most_700_lines(package):
     assert {name: n for name, n in lines.items() if n > 700} == {}
 
 
-def find_package(module):
+def find_library_package(module_name):
     """Return the name in `PACKAGES` to which a module belongs.
 
     The name has two levels for modules in `contact`, otherwise one.
     """
-    parts = module.split(".")[1:]
+    parts = module_name.split(".")[1:]
     depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
     return ".".join(parts[:depth])
 
@@ -119,7 +119,7 @@ def find_package(module):
 def test_docstrings_are_not_vague():
     """No docstring begins with a reference to a missing noun or has fewer than four words."""
     vague_docstrings, n_docstrings = [], 0
-    for path in LIBRARY.rglob("*.py"):
+    for path in LIBRARY_FOLDER.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
                 words = (ast.get_docstring(node) or "").partition("\n\n")[0].split()
@@ -165,7 +165,7 @@ def iterate_library_imports():
 def test_packages_import_only_downwards_and_through_their_interfaces():
     wrong, n_imports = [], 0
     for name, module, _ in iterate_library_imports():
-        package, imported_package = find_package(name), find_package(module)
+        package, imported_package = find_library_package(name), find_library_package(module)
         if package == imported_package or name in ("pw_elements", "pw_elements.contact"):
             continue
         n_imports += 1
@@ -198,7 +198,7 @@ def test_the_iteration_contains_no_type_tests():
     """
     type_tests = []
     parts = ("nodes", "system", "iteration")
-    paths = [path for part in parts for path in (LIBRARY / "contact" / part).glob("*.py")]
+    paths = [path for part in parts for path in (LIBRARY_FOLDER / "contact" / part).glob("*.py")]
     for path in paths:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "type"):
@@ -215,13 +215,13 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
     surfaces nor reports of progress, which only observe the iteration, are counted.
     """
     entered, solves = set(), []
-    solve, linearise = LinearIncrement.solve, UndeformedKinematics.linearise
+    solve, linearise = LinearIncrement.solve, SmallStrainKinematics.linearise
     solve_increment = stepping.solve_increment
 
     def record_module(frame, event, _):
         path = Path(frame.f_code.co_filename)
-        if event == "call" and path.is_relative_to(LIBRARY):
-            entered.add(str(path.relative_to(LIBRARY)))
+        if event == "call" and path.is_relative_to(LIBRARY_FOLDER):
+            entered.add(str(path.relative_to(LIBRARY_FOLDER)))
 
     def solve_with_profile(*arguments):
         solves.append(1)
@@ -241,11 +241,11 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
             sys.setprofile(None)
 
     monkeypatch.setattr(LinearIncrement, "solve", solve_with_profile)
-    monkeypatch.setattr(UndeformedKinematics, "linearise", linearise_without_profile)
+    monkeypatch.setattr(SmallStrainKinematics, "linearise", linearise_without_profile)
     monkeypatch.setattr(stepping, "solve_increment", solve_increment_without_profile)
     block = BlockOnFloor(8, method)
     states = block.solve_contact(
-        block.floor_pair(0.3), block.no_supports, block.pull_loads(10.0, 1), solver=solver
+        block.floor_pair(0.3), block.no_supports, block.press_then_pull_loads(10.0, 1), solver=solver
     )
     assert max(state.iterations for state in states) > 1
     entered.discard("contact/output/progress.py")
@@ -255,7 +255,7 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
 # Calls that replace or delete files, and their allowed owners in modules other than `files`
 DESTRUCTIVE_CALLS = {"replace", "rename", "renames", "unlink", "remove", "rmdir", "removedirs"}
 DESTRUCTIVE_CALLS |= {"rmtree", "move", "truncate"}
-ALLOWED_CALLS = {
+ALLOWED_DESTRUCTIVE_CALLS = {
     # files that DOLFINx has written
     "study/run/jit.py": {"source.with_suffix('.c.cached').unlink", "source.unlink"},
     "study/run/supervisor.py": {"shutil.rmtree"},  # its temporary folder
@@ -285,7 +285,7 @@ def test_only_one_module_replaces_and_deletes_files():
     # the study loads this module without its package, so it may not import from the package
     assert get_top_level_packages(imported("pw_elements.files")) <= {*sys.stdlib_module_names}
     del calls["pw_elements/files.py"]
-    assert calls == ALLOWED_CALLS
+    assert calls == ALLOWED_DESTRUCTIVE_CALLS
 
 
 def test_the_oracle_shares_no_code_with_the_library():

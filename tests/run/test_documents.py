@@ -12,14 +12,14 @@ from study.paper.items import TABLE_2
 
 PROJECT = Path(__file__).parents[2]
 # u at the centre of the unit square with -Δu = 1 and u = 0 on the boundary
-CENTRE_VALUE = 0.0736713
+POISSON_CENTRE_VALUE = 0.0736713
 
 
 def test_the_example_of_the_readme_runs():
     (code,) = re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(), re.DOTALL)
     names: dict = {}
     exec(code, names)
-    assert names["a"].max()[1] == pytest.approx(CENTRE_VALUE, rel=1e-3)
+    assert names["a"].max()[1] == pytest.approx(POISSON_CENTRE_VALUE, rel=1e-3)
 
 
 def test_the_readme_names_files_that_exist():

@@ -18,9 +18,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 EXAMPLE_NAMES = sorted(
     path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh")
 )
-MAX_CODE_LINES = 60  # number of lines without docstring and empty lines
+MAX_EXAMPLE_CODE_LINES = 60  # number of lines without docstring and empty lines
 # Replacements of the line that sets the mesh size, by example
-COARSE_SETTINGS = {
+COARSE_MESH_SETTINGS = {
     "bracket": "size = 12.0",
     "buckling": "cells = 1",
     "driven_wheel": "cells = 4",
@@ -39,16 +39,16 @@ COARSE_SETTINGS = {
 }
 
 
-def run_source(name, folder, coarse=True):
+def run_example_source(name, folder, is_coarse=True):
     """Return the global names and the output of an example that is run in a folder.
 
     See `run_program`. By default, the mesh is coarse.
     """
     code = (EXAMPLES / f"{name}.py").read_text()
-    if coarse and name in COARSE_SETTINGS:
-        setting = COARSE_SETTINGS[name].partition(" = ")[0]
+    if is_coarse and name in COARSE_MESH_SETTINGS:
+        setting = COARSE_MESH_SETTINGS[name].partition(" = ")[0]
         line = rf"^{re.escape(setting)} = [^#\n]*"
-        code, count = re.subn(line, COARSE_SETTINGS[name] + "  ", code, count=1, flags=re.MULTILINE)
+        code, count = re.subn(line, COARSE_MESH_SETTINGS[name] + "  ", code, count=1, flags=re.MULTILINE)
         assert count == 1, f"{name} states no {setting}"
     code = code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})")
     with patch.object(sys, "path", [str(EXAMPLES), *sys.path]):
@@ -61,7 +61,7 @@ def run_example(tmp_path):
 
     def run_and_check_picture(name):
         """Return the global names of an example after checking that its picture is not empty."""
-        names = run_source(name, tmp_path)
+        names = run_example_source(name, tmp_path)
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
         return names
 
@@ -75,7 +75,7 @@ def test_examples_are_short_and_each_is_tested():
         assert name in tests
         code = (EXAMPLES / f"{name}.py").read_text().split('"""', 2)[2]
         count = sum(bool(line.strip()) for line in code.splitlines())
-        assert 20 <= count <= MAX_CODE_LINES, f"{name} has {count} lines"
+        assert 20 <= count <= MAX_EXAMPLE_CODE_LINES, f"{name} has {count} lines"
 
 
 def test_plate_with_hole(run_example):
@@ -268,4 +268,4 @@ def test_bracket(run_example):
 
 if __name__ == "__main__":
     for example_name in EXAMPLE_NAMES:
-        run_source(example_name, Path(sys.argv[1]), coarse=False)
+        run_example_source(example_name, Path(sys.argv[1]), is_coarse=False)

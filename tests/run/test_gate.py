@@ -9,74 +9,74 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-GATE_SCRIPT = ROOT / ".ci" / "run"
+CI_SCRIPT = ROOT / ".ci" / "run"
 
 
-def read_listed_steps():
+def read_ci_step_names():
     """Return the names of the steps that the script lists."""
-    return re.search(r"^all='(.*)'$", GATE_SCRIPT.read_text(), re.MULTILINE)[1].split()
+    return re.search(r"^all='(.*)'$", CI_SCRIPT.read_text(), re.MULTILINE)[1].split()
 
 
 @pytest.fixture
 def gate_folder(tmp_path):
     """Create a folder that contains only the script .ci/run."""
     (tmp_path / ".ci").mkdir()
-    for file in (GATE_SCRIPT, GATE_SCRIPT.with_name("signals.sh")):
+    for file in (CI_SCRIPT, CI_SCRIPT.with_name("signals.sh")):
         shutil.copy(file, tmp_path / ".ci")
     return tmp_path
 
 
-def run_gate(gate_folder, *arguments):
+def run_ci_script(folder, *arguments):
     """Run the script in its folder, and return the completed process."""
-    command = ["bash", str(gate_folder / ".ci" / "run"), *arguments]
+    command = ["bash", str(folder / ".ci" / "run"), *arguments]
     return subprocess.run(command, capture_output=True, text=True)
 
 
-def test_every_step_is_described_and_has_a_function():
-    text = GATE_SCRIPT.read_text()
-    assert len(read_listed_steps()) == 8
-    for step in read_listed_steps():
+def test_every_ci_step_is_described_and_has_a_function():
+    text = CI_SCRIPT.read_text()
+    assert len(read_ci_step_names()) == 8
+    for step in read_ci_step_names():
         assert re.search(rf"^#   {re.escape(step)}  ", text, re.MULTILINE), step
         assert re.search(rf"^run_{re.sub(r'[-.]', '_', step)}\(\)", text, re.MULTILINE), step
 
 
-def test_steps_are_logged_under_their_names(gate_folder):
+def test_ci_steps_are_logged_under_their_names(folder_with_ci_script):
     """Steps are logged under their names, whatever variables a step sets."""
-    (gate_folder / "results").mkdir()
-    (gate_folder / "results" / "report.html").write_text("")
-    (gate_folder / "run").write_text(
+    (folder_with_ci_script / "results").mkdir()
+    (folder_with_ci_script / "results" / "report.html").write_text("")
+    (folder_with_ci_script / "run").write_text(
         '#!/bin/sh\n[ $# -gt 1 ] || { echo "fig01 x" && exit; }\n'
         'for folder; do :; done\necho x >"$folder/fig01.png" && echo x >"$folder/fig01.pdf"\n'
     )
-    (gate_folder / "run").chmod(0o755)
-    process = run_gate(gate_folder, "figures")
+    (folder_with_ci_script / "run").chmod(0o755)
+    process = run_ci_script(folder_with_ci_script, "figures")
     assert process.returncode == 0, process.stderr
     assert re.search(r"^   figures +\d+ s$", process.stdout, re.MULTILINE)
 
 
-def test_unknown_steps_are_refused(gate_folder):
-    process = run_gate(gate_folder, "studdy")
+def test_unknown_ci_steps_are_refused(folder_with_ci_script):
+    process = run_ci_script(folder_with_ci_script, "studdy")
     assert process.returncode == 1
     assert "there is no step studdy; the steps are: study site" in process.stderr
 
 
-def test_the_whole_gate_refuses_existing_results(gate_folder):
-    (gate_folder / "results").mkdir()
-    (gate_folder / "results" / "old.json").write_text("{}")
-    process = run_gate(gate_folder)
+def test_a_complete_ci_run_refuses_existing_results(folder_with_ci_script):
+    (folder_with_ci_script / "results").mkdir()
+    (folder_with_ci_script / "results" / "old.json").write_text("{}")
+    process = run_ci_script(folder_with_ci_script)
     assert process.returncode == 1
     assert "the folder results is not empty" in process.stderr
 
 
 @pytest.mark.parametrize("step", ["site", "figures", "docs", "pages"])
-def test_steps_that_need_results_refuse_to_start_without_them(gate_folder, step):
-    process = run_gate(gate_folder, step)
+def test_ci_steps_that_need_results_refuse_to_start_without_them(folder_with_ci_script, step):
+    process = run_ci_script(folder_with_ci_script, step)
     assert process.returncode == 1
     assert "there are no results: run ./run study" in process.stderr
 
 
-def test_the_last_line_repeats_that_a_version_is_left_out(gate_folder):
-    process = run_gate(gate_folder, "--without-0.11", "dolfinx-0.11")
+def test_the_last_line_of_ci_repeats_that_a_version_is_left_out(folder_with_ci_script):
+    process = run_ci_script(folder_with_ci_script, "--without-0.11", "dolfinx-0.11")
     assert process.returncode == 0
     assert process.stdout.splitlines()[-1] == (
         "== all passed, WITHOUT DOLFINx 0.11, as requested by --without-0.11"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.run.test_tutorial import extract_code, run_program
+from tests.run.test_tutorial import extract_python_code, run_program
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -22,7 +22,7 @@ PAGES_WITH_CODE = sorted(
 def test_code_of_the_page_runs(page, tmp_path):
     for name in ("gasket.msh", "plate.inp"):
         shutil.copy(ROOT / "examples" / name, tmp_path)
-    run_program(extract_code(page), tmp_path / "program.py")
+    run_program(extract_python_code(page), tmp_path / "program.py")
 
 
 def test_every_how_to_page_is_in_the_index():

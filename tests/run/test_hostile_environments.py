@@ -22,14 +22,14 @@ from study.run.store import Results
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"
 CASES = ["7.1/pw-T6", "7.1/galerkin-T6"]
-ERROR_LINE = re.compile(r"(run|study|figures|site|7\.1/[\w-]+): \S.*")
-ODD_NAME = "a b'c\"ü$x"
+ERROR_LINE_PATTERN = re.compile(r"(run|study|figures|site|7\.1/[\w-]+): \S.*")
+NAME_WITH_SPECIAL_CHARACTERS = "a b'c\"ü$x"
 
 pytestmark = pytest.mark.random
 
 
 @pytest.fixture(autouse=True)
-def require_nightly(request):
+def skip_unless_nightly(request):
     """Skip the tests of this module unless the option --nightly is given."""
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
@@ -56,22 +56,22 @@ class Mount:
             raise OSError(ctypes.get_errno(), "mount")
 
 
-def skip_without_mounts():
+def skip_if_mounts_are_forbidden():
     """Skip the test if this process is not allowed to create mounts."""
     code = "import os; os.unshare(os.CLONE_NEWNS)"
     if subprocess.run([sys.executable, "-c", code], capture_output=True).returncode:
         pytest.skip("this machine cannot create mounts: they need root, and Python 3.12")
 
 
-def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd=ROOT, **changes):
+def run_study(results_folder, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd=ROOT, **environment_changes):
     """Run the study of two cases, and return the process.
 
-    The keyword arguments `changes` are environment variables; a variable given as None is unset.
+    The keyword arguments `environment_changes` are environment variables; a variable given as None is unset.
     """
-    environment = {k: v for k, v in {**os.environ, **changes}.items() if v is not None}
+    environment = {k: v for k, v in {**os.environ, **environment_changes}.items() if v is not None}
 
     if mounts:
-        skip_without_mounts()
+        skip_if_mounts_are_forbidden()
 
     def set_mounts_and_limits():
         if mounts:
@@ -83,7 +83,7 @@ def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd
             resource.setrlimit(resource_name, (value, value))
 
     return subprocess.run(
-        [*wrapped, script, "study", *(arguments or CASES), "--out", str(out)],
+        [*wrapped, script, "study", *(arguments or CASES), "--out", str(results_folder)],
         cwd=cwd,
         env=environment,
         preexec_fn=set_mounts_and_limits,
@@ -93,22 +93,22 @@ def run_study(out, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd
     )
 
 
-def assert_complete(process, out):
-    """Assert status 0 of a process, and complete results in the folder `out`."""
+def assert_study_complete(process, results_folder):
+    """Assert status 0 of a process, and complete results in the folder `results_folder`."""
     assert process.returncode == 0, process.stderr
-    results = Results(out)
+    results = Results(results_folder)
     assert [case in results for case in CASES] == [True, True]
     assert "Traceback" not in process.stderr
 
 
-def assert_complete_or_explained(process, out):
+def assert_study_complete_or_reason_given(process, results_folder):
     """Assert complete results, or a positive status with messages that end with the reason."""
     if process.returncode == 0:
-        assert_complete(process, out)
+        assert_study_complete(process, results_folder)
         return
     assert 0 < process.returncode < 128, process.stderr
     assert "Traceback" not in process.stderr, process.stderr
-    assert ERROR_LINE.fullmatch(process.stderr.splitlines()[-1]), process.stderr
+    assert ERROR_LINE_PATTERN.fullmatch(process.stderr.splitlines()[-1]), process.stderr
 
 
 def test_a_full_file_system_gives_an_error_without_traceback(tmp_path):
@@ -125,7 +125,7 @@ def test_a_full_temporary_folder_gives_results_or_a_reason(tmp_path):
     temporary.mkdir()
     mounts = [Mount(temporary, size="4k")]
     process = run_study(tmp_path / "out", mounts=mounts, TMPDIR=str(temporary))
-    assert_complete_or_explained(process, tmp_path / "out")
+    assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
@@ -133,7 +133,7 @@ def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
     mounts = [Mount(Path("/dev/shm"), READ_ONLY)]
     variable = {"OMPI_MCA_btl_sm_backing_directory": None}
     process = run_study(tmp_path / "out", mounts=mounts, **variable)
-    assert_complete_or_explained(process, tmp_path / "out")
+    assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
@@ -144,7 +144,7 @@ def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
     assert (process.returncode, process.stdout) == (2, "")
     assert process.stderr == f"study: {out} cannot be written to: Read-only file system\n"
     process = run_study(tmp_path / "out", mounts=[Mount(ROOT, BIND), Mount(ROOT, BIND | READ_ONLY)])
-    assert_complete(process, tmp_path / "out")
+    assert_study_complete(process, tmp_path / "out")
 
 
 def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
@@ -153,20 +153,20 @@ def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     messages = [process.communicate()[1] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], messages
-    assert_complete(run_study(out), out)
+    assert_study_complete(run_study(out), out)
     assert [path.name for path in out.rglob(".*")] == [".pw-elements"]  # marks a results folder
 
 
 @pytest.mark.parametrize("files", [16, 24, 64])
 def test_few_open_files_give_results_or_a_reason(tmp_path, files):
     process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_NOFILE, files)])
-    assert_complete_or_explained(process, tmp_path / "out")
+    assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 @pytest.mark.parametrize("megabytes", [1200, 3000])
 def test_limited_memory_gives_results_or_a_reason(tmp_path, megabytes):
     process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_AS, megabytes << 20)])
-    assert_complete_or_explained(process, tmp_path / "out")
+    assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 @pytest.mark.parametrize("megabytes", [300, 600])
@@ -196,12 +196,12 @@ def test_results_from_the_future_remain_valid(tmp_path):
     The clock may have been set back after they were written.
     """
     out = tmp_path / "out"
-    assert_complete(run_study(out), out)
+    assert_study_complete(run_study(out), out)
     later = time.time() + 1e8
     for path in out.rglob("*"):
         os.utime(path, (later, later))
     process = run_study(out)
-    assert_complete(process, out)
+    assert_study_complete(process, out)
     assert "2 of 2 results are reused" in process.stderr
 
 
@@ -209,7 +209,7 @@ def test_results_from_the_future_remain_valid(tmp_path):
 def test_the_study_completes_in_any_locale(tmp_path, locale):
     """The study completes in any locale, even in one that is not installed."""
     process = run_study(tmp_path / "out", LC_ALL=locale, LANG=locale, LC_NUMERIC=locale)
-    assert_complete(process, tmp_path / "out")
+    assert_study_complete(process, tmp_path / "out")
 
 
 @pytest.mark.parametrize("mask", [0o000, 0o077])
@@ -219,7 +219,7 @@ def test_results_have_the_permissions_of_the_umask(tmp_path, mask):
         process = run_study(tmp_path / "out")
     finally:
         os.umask(old_mask)
-    assert_complete(process, tmp_path / "out")
+    assert_study_complete(process, tmp_path / "out")
     for path in (tmp_path / "out" / "7.1").iterdir():
         assert path.stat().st_mode & 0o777 == 0o666 & ~mask, path
 
@@ -227,7 +227,7 @@ def test_results_have_the_permissions_of_the_umask(tmp_path, mask):
 @pytest.mark.parametrize("home", [None, "", "/nonexistent"])
 def test_a_missing_home_folder_gives_results_or_a_reason(tmp_path, home):
     process = run_study(tmp_path / "out", HOME=home, XDG_CACHE_HOME=None, XDG_CONFIG_HOME=None)
-    assert_complete_or_explained(process, tmp_path / "out")
+    assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
@@ -235,22 +235,22 @@ def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
 
     They are the names of results, current folder, project folder and TMPDIR.
     """
-    folder, project = tmp_path / ODD_NAME, tmp_path / f"project {ODD_NAME}"
+    folder, project = tmp_path / NAME_WITH_SPECIAL_CHARACTERS, tmp_path / f"project {NAME_WITH_SPECIAL_CHARACTERS}"
     (folder / "temporary").mkdir(parents=True)
     ignored = shutil.ignore_patterns(".git", "results*", ".cache", "__pycache__")
     shutil.copytree(ROOT, project, ignore=ignored)
     options = {"cwd": folder, "TMPDIR": str(folder / "temporary"), "PYTHONPATH": None}
-    process = run_study(ODD_NAME, script=project / "run", **options)
-    assert_complete(process, folder / ODD_NAME)
+    process = run_study(NAME_WITH_SPECIAL_CHARACTERS, script=project / "run", **options)
+    assert_study_complete(process, folder / NAME_WITH_SPECIAL_CHARACTERS)
     figure = subprocess.run(
-        [project / "run", "figure", "fig05", "--results", ODD_NAME, "--out", f"drawn {ODD_NAME}"],
+        [project / "run", "figure", "fig05", "--results", NAME_WITH_SPECIAL_CHARACTERS, "--out", f"drawn {NAME_WITH_SPECIAL_CHARACTERS}"],
         cwd=folder,
         env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
         capture_output=True,
         text=True,
     )
     assert figure.returncode == 0, figure.stderr
-    assert (folder / f"drawn {ODD_NAME}" / "fig05.png").exists()
+    assert (folder / f"drawn {NAME_WITH_SPECIAL_CHARACTERS}" / "fig05.png").exists()
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-"])
@@ -268,4 +268,4 @@ def test_modules_of_another_project_in_the_current_folder_are_not_imported(tmp_p
     (tmp_path / "study.py").write_text("raise SystemExit('not this one')\n")
     (tmp_path / "numpy.py").write_text("raise SystemExit('nor this one')\n")
     process = run_study(tmp_path / "out", cwd=tmp_path)
-    assert_complete(process, tmp_path / "out")
+    assert_study_complete(process, tmp_path / "out")

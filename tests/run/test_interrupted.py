@@ -23,24 +23,24 @@ from tests.study.toystudy import install
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"
 SECTIONS = ["7.1", "V1"]
-N_KILLS = 50
-N_SIGNALS = {"study": 30, "figure": 30, "site": 20}
+N_RANDOM_KILLS = 50
+N_SIGNALS_BY_COMMAND = {"study": 30, "figure": 30, "site": 20}
 # as in ./run: signals are blocked until the supervisor runs
-BLOCK_SIGNALS = [
+SIGNAL_BLOCKING_COMMAND = [
     "env",
     *(f"--block-signal={number.name.removeprefix('SIG')}" for number in TERMINATION_SIGNALS),
 ]
-SUPERVISED_PYTHON = [*BLOCK_SIGNALS, sys.executable, "-m", "study.run.supervisor"]
-INTERRUPTION_MESSAGE = re.compile(
+SUPERVISED_PYTHON_COMMAND = [*SIGNAL_BLOCKING_COMMAND, sys.executable, "-m", "study.run.supervisor"]
+INTERRUPTION_MESSAGE_PATTERN = re.compile(
     r"\w+: interrupted by (SIG\w+)( before the command began)?(; .*|$)"
 )
 
 
-class StudyCommand(SpawnedCommand):
+class SupervisedStudyCommand(SpawnedCommand):
     """The study under its supervisor, which runs in separate processes."""
 
     def __init__(self, out, *arguments, **environment):
-        command = [*SUPERVISED_PYTHON, "study", *arguments, "--jobs", "2", "--out", str(out)]
+        command = [*SUPERVISED_PYTHON_COMMAND, "study", *arguments, "--jobs", "2", "--out", str(out)]
         messages = out.with_name(f"{out.name}.err")
         super().__init__(command, messages, PYTHONPATH=str(ROOT), **environment)
 
@@ -61,9 +61,9 @@ class StudyCommand(SpawnedCommand):
         return [self.pid, *supervised, *self.list_workers()]
 
 
-def read_stored_numbers(out):
+def read_stored_numbers(results_folder):
     """Return the scalars and curves of each case as text, so that NaN equals NaN."""
-    results = Results(out)
+    results = Results(results_folder)
     return {
         case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
         for section in SECTIONS
@@ -71,14 +71,14 @@ def read_stored_numbers(out):
     }
 
 
-def make_commands(folder):
+def make_interruptible_commands(folder):
     """Return the commands that are interrupted: for results, a figure and the site."""
     results = str(folder / "results")
     return {
         "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", results],
         "figure": [RUN, "figure", "fig05", "--results", results, "--out", str(folder / "drawn")],
         "site": [
-            *SUPERVISED_PYTHON,
+            *SUPERVISED_PYTHON_COMMAND,
             "study.publish.site",
             "--results",
             results,
@@ -91,7 +91,7 @@ def make_commands(folder):
 
 
 @pytest.mark.random
-@pytest.mark.parametrize("name", N_SIGNALS)
+@pytest.mark.parametrize("name", N_SIGNALS_BY_COMMAND)
 def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, request, name):
     """A signal at any time gives one line of messages, and leaves no process.
 
@@ -99,15 +99,15 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    study_command = make_commands(tmp_path)["study"]  # marks the folder as a results folder
+    study_command = make_interruptible_commands(tmp_path)["study"]  # marks the folder as a results folder
     assert subprocess.run(study_command, capture_output=True, cwd=ROOT).returncode in (0, 1)
     (tmp_path / "drawn").mkdir()
     for folder in ("results", "results/3", "drawn"):
         (tmp_path / folder / ".mine").write_text("mine")
-    for _ in range(N_SIGNALS[name]):
+    for _ in range(N_SIGNALS_BY_COMMAND[name]):
         number, group = random.choice(TERMINATION_SIGNALS), random.random() < 0.5
         old_numbers = read_stored_numbers(tmp_path / "results")
-        command = make_commands(tmp_path)[name]
+        command = make_interruptible_commands(tmp_path)[name]
         with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=str(ROOT)) as process:
             time.sleep(random.uniform(0.0, 8.0))
             for _ in range(random.choice([1, 2])):
@@ -117,7 +117,7 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
             interruptions = [
                 match
                 for line in process.read_messages()
-                if (match := INTERRUPTION_MESSAGE.fullmatch(line))
+                if (match := INTERRUPTION_MESSAGE_PATTERN.fullmatch(line))
             ]
             assert not [line for line in process.read_messages() if "Traceback" in line], (
                 process.read_messages()
@@ -126,7 +126,7 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
                 assert interruptions == []
             elif status == 128 + number:
                 assert [match[1] for match in interruptions] == [number.name]
-                assert INTERRUPTION_MESSAGE.fullmatch(process.read_messages()[-1])
+                assert INTERRUPTION_MESSAGE_PATTERN.fullmatch(process.read_messages()[-1])
             else:  # there is no message while the shell is replaced by the command
                 assert status == -number, process.read_messages()
                 assert len(interruptions) <= 1
@@ -138,21 +138,21 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
 
 def test_an_interrupt_keeps_stored_results_and_workers_end_with_a_killed_main_process(tmp_path):
     out = tmp_path / "results"
-    with StudyCommand(out, "V1") as run:
+    with SupervisedStudyCommand(out, "V1") as run:
         while not (stored_names := [path.name for path in out.rglob("[!.]*.json")]):
             assert run.process.poll() is None
             time.sleep(0.02)
-        run.send(signal.SIGINT, group=True)
+        run.send(signal.SIGINT, to_group=True)
         assert run.wait() == 130
-        assert INTERRUPTION_MESSAGE.fullmatch(run.read_messages()[-1])[1] == "SIGINT"
+        assert INTERRUPTION_MESSAGE_PATTERN.fullmatch(run.read_messages()[-1])[1] == "SIGINT"
         assert run.list_survivors() == []
     assert {*stored_names} <= {f"{key.partition('/')[2]}.json" for key in read_stored_numbers(out)}
-    with StudyCommand(out, "V1", "--force") as run:
+    with SupervisedStudyCommand(out, "V1", "--force") as run:
         while not run.list_workers():
             time.sleep(0.02)
         run.process.kill()
         run.wait()
-        assert run.list_lasting_survivors() == []
+        assert run.list_survivors_after_waiting() == []
 
 
 @pytest.mark.random
@@ -166,11 +166,11 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
         pytest.skip("takes ten minutes, with --nightly")
     uninterrupted, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
-    with StudyCommand(uninterrupted, *SECTIONS) as run:
+    with SupervisedStudyCommand(uninterrupted, *SECTIONS) as run:
         assert run.wait() == 0, run.read_messages()
     seconds, expected = time.monotonic() - start, read_stored_numbers(uninterrupted)
     statuses, attempt = [], 0
-    while len(statuses) < N_KILLS:
+    while len(statuses) < N_RANDOM_KILLS:
         if attempt % 10 == 0:
             cache = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
         attempt += 1
@@ -178,7 +178,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             if random.random() < 0.5 and path.parent.name in SECTIONS:
                 path.unlink()
         old_numbers = read_stored_numbers(out)
-        with StudyCommand(out, *SECTIONS, *random.choice([["--force"], []]), **cache) as run:
+        with SupervisedStudyCommand(out, *SECTIONS, *random.choice([["--force"], []]), **cache) as run:
             time.sleep(random.uniform(0.0, seconds))
             victim = random.choice(run.list_killable_processes())
             was_running = run.process.poll() is None
@@ -187,14 +187,14 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             status = run.wait()
             statuses += [status] * was_running
             assert status in (0, 1, -signal.SIGKILL, 128 + signal.SIGKILL), run.read_messages()
-            assert run.list_lasting_survivors() == []
+            assert run.list_survivors_after_waiting() == []
             errors = [line for line in run.read_messages() if re.search("failed|Traceback", line)]
             assert not errors, run.read_messages()
         new_numbers = read_stored_numbers(out)
         assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
     # number of killed workers with a case, and number of killed main processes
     assert set(statuses) >= {1, 128 + signal.SIGKILL}
-    with StudyCommand(out, *SECTIONS, **cache) as run:
+    with SupervisedStudyCommand(out, *SECTIONS, **cache) as run:
         assert run.wait() == 0, run.read_messages()
     assert read_stored_numbers(out) == expected
     assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
@@ -218,11 +218,11 @@ def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp
     assert (deep / unfinished).exists()
 
 
-def make_compilation_timeout(stale_source):
+def make_compilation_timeout_error(form_source):
     """Return DOLFINx's error for a form whose compilation has been interrupted."""
     return TimeoutError(
         "JIT compilation timed out, probably due to a failed previous compile. "
-        f"Try cleaning cache (e.g. remove {stale_source}) or increase timeout option."
+        f"Try cleaning cache (e.g. remove {form_source}) or increase timeout option."
     )
 
 
@@ -235,29 +235,29 @@ def stale_source(tmp_path):
     return path
 
 
-def test_compilations_that_were_killed_or_duplicated_are_repeated(stale_source):
+def test_compilations_that_were_killed_or_duplicated_are_repeated(abandoned_form_source):
     """Compilations that were killed or started twice are repeated.
 
     A slow compilation is not repeated, and other errors do not count as blocked forms.
     """
     object_file, completion_mark = (
-        stale_source.with_suffix(".o"),
-        stale_source.with_suffix(".c.cached"),
+        abandoned_form_source.with_suffix(".o"),
+        abandoned_form_source.with_suffix(".c.cached"),
     )
     object_file.write_text("just made")
-    assert unblocked(make_compilation_timeout(stale_source))
+    assert unblocked(make_compilation_timeout_error(abandoned_form_source))
     assert not unblocked(TimeoutError("of another kind"))
-    assert not unblocked(FileExistsError(17, "File exists", str(stale_source)))
-    assert stale_source.exists()
+    assert not unblocked(FileExistsError(17, "File exists", str(abandoned_form_source)))
+    assert abandoned_form_source.exists()
     object_file.unlink()
-    assert unblocked(make_compilation_timeout(stale_source))
-    assert not stale_source.exists()
-    stale_source.write_text("")
-    os.utime(stale_source, (0, 0))
+    assert unblocked(make_compilation_timeout_error(abandoned_form_source))
+    assert not abandoned_form_source.exists()
+    abandoned_form_source.write_text("")
+    os.utime(abandoned_form_source, (0, 0))
     assert unblocked(
-        ValueError(f"the form cannot be compiled: {make_compilation_timeout(stale_source)}")
+        ValueError(f"the form cannot be compiled: {make_compilation_timeout_error(abandoned_form_source)}")
     )
-    assert not stale_source.exists()
+    assert not abandoned_form_source.exists()
     completion_mark.touch()
     with pytest.raises(FileExistsError) as caught:
         completion_mark.open("x")
@@ -265,20 +265,20 @@ def test_compilations_that_were_killed_or_duplicated_are_repeated(stale_source):
     assert not completion_mark.exists()
 
 
-RUN_WITH_TIMEOUT = """
+CASE_SOURCE_WITH_TIMEOUT = """
 from pathlib import Path
-from tests.run.test_interrupted import make_compilation_timeout
+from tests.run.test_interrupted import make_compilation_timeout_error
 def run(value, log, do=""):
     if do and Path(do).exists():
-        raise make_compilation_timeout(do)
+        raise make_compilation_timeout_error(do)
 """
 
 
-def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, stale_source):
+def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, abandoned_form_source):
     install(tmp_path, monkeypatch)
     section = tmp_path / "toy" / "one.py"
-    text = section.read_text().replace('def run(value, log, do=""):', RUN_WITH_TIMEOUT.strip())
-    section.write_text(text.replace('case("a")', f'case("a", do="{stale_source}")'))
+    text = section.read_text().replace('def run(value, log, do=""):', CASE_SOURCE_WITH_TIMEOUT.strip())
+    section.write_text(text.replace('case("a")', f'case("a", do="{abandoned_form_source}")'))
     monkeypatch.setattr("study.publish.report.build", lambda *_: [])
     assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0
     assert Results(tmp_path / "results").cases("1") == ["a", "b"]

@@ -15,9 +15,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "run"
 # HOME in the Debian that ./run unpacks
-IN_UNPACKED_DEBIAN = os.environ.get("HOME") == "/usr/private"
+IS_IN_UNPACKED_DEBIAN = os.environ.get("HOME") == "/usr/private"
 only_in_unpacked_debian = pytest.mark.skipif(
-    not IN_UNPACKED_DEBIAN, reason="not in the Debian that ./run unpacks"
+    not IS_IN_UNPACKED_DEBIAN, reason="not in the Debian that ./run unpacks"
 )
 
 
@@ -30,7 +30,7 @@ def run_script(*args, cwd=ROOT, script=RUN, **env):
     return subprocess.run([script, *args], cwd=cwd, env=merged, capture_output=True, text=True)
 
 
-def read_environment(**env):
+def read_environment_of_started_command(**env):
     """Return the environment variables of a command that the script starts."""
     lines = run_script("env", **env).stdout.splitlines()
     return dict(line.split("=", 1) for line in lines if "=" in line)
@@ -219,14 +219,14 @@ def test_without_mount_root_installs_the_packages_of_the_system(
     assert ("python3-pytest" in installed) == tests
 
 
-CODENAME = "$VERSION_CODENAME"
+CODENAME_VARIABLE = "$VERSION_CODENAME"
 APT_GET_STUB = """case "$*" in
 *--print-uris*) . /etc/os-release && echo "'http://system/dists/$VERSION_CODENAME/InRelease' x" ;;
 *update*) echo unreachable && exit 100 ;; esac"""
 
 
 @pytest.mark.parametrize(
-    ("mirror", "suite"), [(None, CODENAME), (None, "sid"), ("http://given/debian", CODENAME)]
+    ("mirror", "suite"), [(None, CODENAME_VARIABLE), (None, "sid"), ("http://given/debian", CODENAME_VARIABLE)]
 )
 def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
     run_on_bare_system, tmp_path, mirror, suite
@@ -236,7 +236,7 @@ def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
     A mirror of sid is listed under "sid" instead of the name of a release.
     """
     env = {"PW_ELEMENTS_MIRROR": mirror} if mirror else {}
-    apt_get = APT_GET_STUB.replace(CODENAME, suite)
+    apt_get = APT_GET_STUB.replace(CODENAME_VARIABLE, suite)
     programs = APT_STUBS | MOUNT_STUBS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": apt_get}
     process = run_on_bare_system("true", env=env, **programs)
     assert process.returncode == 1
@@ -352,12 +352,12 @@ def test_folders_for_dolfinx_are_not_writable_by_others(run_on_bare_system, tmp_
     assert [path for path in folders if path.stat().st_mode & 0o022] == []
 
 
-def test_a_signal_is_passed_on():
+def test_exit_by_a_signal_is_passed_on():
     assert run_script("sh", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
 
 
 def test_processes_share_memory_in_a_private_folder_of_the_user():
-    folder = Path(read_environment()["OMPI_MCA_btl_sm_backing_directory"])
+    folder = Path(read_environment_of_started_command()["OMPI_MCA_btl_sm_backing_directory"])
     assert re.fullmatch(r"/dev/shm/pw-elements-\d+", str(folder))
     assert (folder.stat().st_mode & 0o777, folder.stat().st_uid) == (0o700, os.getuid())
     old_segment = folder / "sm_segment.left-behind"
@@ -367,14 +367,14 @@ def test_processes_share_memory_in_a_private_folder_of_the_user():
     assert not old_segment.exists()
 
 
-GIT_STUB = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; esac"
+GIT_STUB_TEMPLATE = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; esac"
 
 
 @pytest.mark.parametrize(
     ("git", "expected", "threads"),
     [
-        (GIT_STUB.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}, None),
-        (GIT_STUB.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}, "2"),
+        (GIT_STUB_TEMPLATE.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}, None),
+        (GIT_STUB_TEMPLATE.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}, "2"),
         ("exit 128", {}, None),
     ],
 )
@@ -387,7 +387,7 @@ def test_commit_local_changes_and_threads_are_passed_on(tmp_path, git, expected,
     (tmp_path / "git").chmod(0o755)
     unset = dict.fromkeys(("PW_ELEMENTS_COMMIT", "PW_ELEMENTS_DIRTY"))
     path = f"{tmp_path}:{os.environ['PATH']}"
-    variables = read_environment(PATH=path, OMP_NUM_THREADS=threads, **unset)
+    variables = read_environment_of_started_command(PATH=path, OMP_NUM_THREADS=threads, **unset)
     assert {k: v for k, v in variables.items() if k.startswith("PW_ELEMENTS_")} == expected
     assert variables["OMP_NUM_THREADS"] == (threads or "1")
 
@@ -395,7 +395,7 @@ def test_commit_local_changes_and_threads_are_passed_on(tmp_path, git, expected,
 def test_folders_outside_the_project_can_be_written():
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         (Path(folder) / "result").write_text("kept")
-    if IN_UNPACKED_DEBIAN:
+    if IS_IN_UNPACKED_DEBIAN:
         points = list_mount_points()
         assert "/var" in points
         assert "/tmp" in points

@@ -18,7 +18,7 @@ RUN = ROOT / "run"
 
 # Starts a child, a child that ignores all signals that can be ignored and has its own child, and
 # children that have left their parent and their session; then works without handling signals
-FAMILY_SOURCE = """
+PROCESS_FAMILY_SOURCE = """
 import os, subprocess, sys, time
 def command():
     subprocess.Popen(["sleep", "600"])
@@ -34,7 +34,7 @@ N_FAMILY_PROCESSES = 9
 
 def start_supervised(
     folder,
-    body=FAMILY_SOURCE,
+    body=PROCESS_FAMILY_SOURCE,
     exit_expression="supervise(command, 'study')",
     sibling_command="",
     **options,
@@ -61,8 +61,8 @@ def start_supervised(
     return SpawnedCommand(command, folder / "messages", **variables, **options)
 
 
-def start_family(folder, **options):
-    """Start `FAMILY_SOURCE`, and wait until all its processes run."""
+def start_process_family(folder, **options):
+    """Start `PROCESS_FAMILY_SOURCE`, and wait until all its processes run."""
     family = start_supervised(folder, **options)
     family.read_output_until("begun")
     while len(family.list_marked_processes()) < N_FAMILY_PROCESSES + ("sibling_command" in options):
@@ -70,9 +70,9 @@ def start_family(folder, **options):
     return family
 
 
-def interruption_message(number, kept=KEPT["study"], name="study"):
+def interruption_message(signal_number, kept_message=KEPT["study"], name="study"):
     """Return the message of a command that was ended by a signal."""
-    return f"{name}: interrupted by {signal.Signals(number).name}; {kept}"
+    return f"{name}: interrupted by {signal.Signals(signal_number).name}; {kept_message}"
 
 
 @pytest.mark.parametrize("group", [False, True])
@@ -82,7 +82,7 @@ def test_a_signal_ends_every_descendant_and_gives_one_line(tmp_path, number, gro
 
     No process remains when the command has ended, although its pipe is still open.
     """
-    with start_family(tmp_path) as family:
+    with start_process_family(tmp_path) as family:
         # some processes have left their parent
         assert {*family.list_descendants()} < {*family.list_marked_processes()}
         family.send(number, group)
@@ -93,7 +93,7 @@ def test_a_signal_ends_every_descendant_and_gives_one_line(tmp_path, number, gro
 
 
 def test_a_foreign_process_of_the_same_group_is_not_ended(tmp_path):
-    with start_family(tmp_path, sibling_command="sleep 601") as family:
+    with start_process_family(tmp_path, sibling_command="sleep 601") as family:
         (stranger,) = [
             process
             for process in family.list_marked_processes()
@@ -108,14 +108,14 @@ def test_a_foreign_process_of_the_same_group_is_not_ended(tmp_path):
 
 @pytest.mark.parametrize("generation", ["leader", "guard", "worker"])
 def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation):
-    with start_family(tmp_path) as family:
+    with start_process_family(tmp_path) as family:
         victim = [family.pid, *family.list_descendants()][
             ["leader", "guard", "worker"].index(generation)
         ]
         assert "program.py" in read_command_line(victim)
         os.kill(victim, signal.SIGKILL)
         status = family.wait()
-        assert family.list_lasting_survivors() == []
+        assert family.list_survivors_after_waiting() == []
         if generation == "leader":
             assert (status, family.read_messages()) == (-signal.SIGKILL, [])
         else:
@@ -158,8 +158,8 @@ def test_status_and_messages_of_the_command_are_passed_on(
 
 def test_an_ignored_signal_remains_ignored(tmp_path):
     """A signal that was ignored before remains ignored, as under nohup."""
-    with start_family(tmp_path, ignored=[signal.SIGHUP]) as family:
-        family.send(signal.SIGHUP, group=True)
+    with start_process_family(tmp_path, ignored=[signal.SIGHUP]) as family:
+        family.send(signal.SIGHUP, to_group=True)
         family.send(signal.SIGTERM)
         assert family.wait() == 128 + signal.SIGTERM
         assert family.read_messages() == [interruption_message(signal.SIGTERM)]
@@ -172,11 +172,11 @@ import subprocess, sys
 def command():
     return subprocess.run([sys.executable, "family.py"], cwd=sys.path[0]).returncode
 """
-    text = f"{FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
+    text = f"{PROCESS_FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
     (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
     with start_supervised(tmp_path, nested, "supervise(command, 'figures')") as outer:
         outer.read_output_until("begun")
-        outer.send(signal.SIGINT, group=True)
+        outer.send(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT
         assert outer.read_messages() == [
             interruption_message(signal.SIGINT, KEPT["figures"], "figures")
@@ -185,7 +185,7 @@ def command():
 
 
 def test_a_supervisor_that_is_not_an_ancestor_is_disregarded(tmp_path):
-    with start_family(tmp_path, PW_ELEMENTS_SUPERVISOR="999999999") as family:
+    with start_process_family(tmp_path, PW_ELEMENTS_SUPERVISOR="999999999") as family:
         family.send(signal.SIGTERM)
         assert family.wait() == 128 + signal.SIGTERM
         assert family.list_survivors() == []
@@ -276,7 +276,7 @@ def test_a_signal_before_the_command_starts_gives_one_line_and_leaves_no_process
                 time.sleep(0.005)
             process.send(signal.SIGTERM, group)
             assert process.wait() == -signal.SIGTERM
-            assert process.list_lasting_survivors() == []
+            assert process.list_survivors_after_waiting() == []
             assert len(process.read_messages()) == 1, process.read_messages()
             (line,) = process.read_messages()
             assert line.startswith("run: interrupted by SIGTERM before the command began")

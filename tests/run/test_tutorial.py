@@ -17,38 +17,38 @@ import pytest
 from pw_elements.contact import OPEN
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = DOCS / "your-own-problem.md"
+TUTORIAL_PAGE = DOCS / "your-own-problem.md"
 METHODS = ("standard", "piecewise linear")
 
 
-def extract_code(page):
+def extract_python_code(page):
     """Return the code blocks of a page in Python as one program."""
     return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
 
 
-def run_program(code, file):
+def run_program(code, script_path):
     """Run a program in the folder of a file, and return its global names.
 
     The name "printed" is added for its output.
     """
-    file.write_text(code)
-    with chdir(file.parent), redirect_stdout(io.StringIO()) as printed:
-        names = runpy.run_path(str(file))
+    script_path.write_text(code)
+    with chdir(script_path.parent), redirect_stdout(io.StringIO()) as printed:
+        names = runpy.run_path(str(script_path))
     return names | {"printed": printed.getvalue()}
 
 
-def run_tutorial(folder, size="0.1"):
+def run_tutorial(folder, element_size="0.1"):
     """Run the tutorial's script and return its global variables.
 
-    `size` is the size of elements in mm.
+    `element_size` is the size of elements in mm.
     """
-    code = extract_code(PAGE)
+    code = extract_python_code(TUTORIAL_PAGE)
     assert "\nsize = 0.1 " in code
-    code = code.replace("\nsize = 0.1 ", f"\nsize = {size} ")
+    code = code.replace("\nsize = 0.1 ", f"\nsize = {element_size} ")
     return run_program(code, folder / "dome.py") | {"folder": folder}
 
 
-def extract_numbers(text):
+def extract_numbers_without_residuals(text):
     """Return the numbers in the output of the program, except residuals at round-off level."""
     text = re.sub(r"missed by .*", "", text)
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
@@ -56,7 +56,7 @@ def extract_numbers(text):
 
 def find_picture_names():
     """Return the file names of the pictures on the tutorial's page."""
-    return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", PAGE.read_text())
+    return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", TUTORIAL_PAGE.read_text())
 
 
 @pytest.fixture(scope="module")
@@ -65,48 +65,48 @@ def dome(tmp_path_factory):
     return run_tutorial(tmp_path_factory.mktemp("dome"))
 
 
-def test_the_form_of_the_page_equals_that_of_the_library(dome):
-    assert dome["difference"] < 1e-14
+def test_the_tutorials_form_equals_that_of_the_library(tutorial_globals):
+    assert tutorial_globals["difference"] < 1e-14
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_forces_equal_the_prescribed_ones_and_are_balanced_by_the_base(dome, method):
-    F, Q = dome["F"], dome["Q"]
-    contact = dome["pushed"][method]
+def test_forces_equal_the_prescribed_ones_and_are_balanced_by_the_base(tutorial_globals, method):
+    F, Q = tutorial_globals["F"], tutorial_globals["Q"]
+    contact = tutorial_globals["pushed"][method]
     assert contact.force == pytest.approx([Q, -F], rel=1e-9)
-    assert dome["pressed"][method].force[1] == pytest.approx(-F, rel=1e-9)
-    assert dome["worst"] < 1e-9
+    assert tutorial_globals["pressed"][method].force[1] == pytest.approx(-F, rel=1e-9)
+    assert tutorial_globals["worst"] < 1e-9
     if method == "piecewise linear":
-        forces = dome["outline_force"].x.array.reshape(-1, 2)
-        on_base = np.isclose(dome["U"].tabulate_dof_coordinates()[:, 1], 0.0)
+        forces = tutorial_globals["outline_force"].x.array.reshape(-1, 2)
+        on_base = np.isclose(tutorial_globals["U"].tabulate_dof_coordinates()[:, 1], 0.0)
         assert forces[on_base].sum(axis=0) == pytest.approx([-Q, F], rel=1e-9)
-        contact_forces = dome["fields"].force.x.array.reshape(-1, 2)
+        contact_forces = tutorial_globals["fields"].force.x.array.reshape(-1, 2)
         assert contact_forces[~on_base] == pytest.approx(forces[~on_base], abs=1e-9 * F)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_pressure_agrees_with_hertz(dome, method):
-    contact, a, p0 = dome["pressed"][method], dome["a"], dome["p0"]
+def test_the_pressure_agrees_with_hertz(tutorial_globals, method):
+    contact, a, p0 = tutorial_globals["pressed"][method], tutorial_globals["a"], tutorial_globals["p0"]
     x = contact.position[:, 0]
     closed = x[contact.status != OPEN]
-    assert np.ptp(closed) == pytest.approx(2 * a, abs=dome["size"])
+    assert np.ptp(closed) == pytest.approx(2 * a, abs=tutorial_globals["size"])
     inner = np.abs(x) < 0.8 * a
-    error = dome["measures"][method]["force / own test function [MPa]"] - dome["hertz"](x)
+    error = tutorial_globals["measures"][method]["force / own test function [MPa]"] - tutorial_globals["hertz"](x)
     assert np.abs(error[inner]).max() < 0.03 * p0
 
 
-def test_pictures_and_fields_are_written(dome):
+def test_the_tutorial_writes_its_pictures_and_fields(tutorial_globals):
     assert len(find_picture_names()) == 3
     for name in find_picture_names():
-        assert (dome["folder"] / name).stat().st_size > 20_000
+        assert (tutorial_globals["folder"] / name).stat().st_size > 20_000
         assert (DOCS / name).is_file()
     for name in ("dome.bp", "dome-stress.bp"):
-        assert any((dome["folder"] / name).iterdir())
+        assert any((tutorial_globals["folder"] / name).iterdir())
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-def test_two_processes_print_the_same_numbers(tmp_path):
-    expected = extract_numbers(run_tutorial(tmp_path, "0.4")["printed"])  # on a coarser mesh
+def test_the_tutorial_prints_the_same_numbers_on_two_processes(tmp_path):
+    expected = extract_numbers_without_residuals(run_tutorial(tmp_path, "0.4")["printed"])  # on a coarser mesh
     command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", "dome.py"]
     environment = os.environ | {"PYTHONPATH": str(DOCS.parent)}
     process = subprocess.run(
@@ -114,7 +114,7 @@ def test_two_processes_print_the_same_numbers(tmp_path):
     )
     assert process.returncode == 0, process.stderr
     assert len(expected) > 10
-    assert extract_numbers(process.stdout) == pytest.approx(expected, rel=1e-6)
+    assert extract_numbers_without_residuals(process.stdout) == pytest.approx(expected, rel=1e-6)
 
 
 if __name__ == "__main__":

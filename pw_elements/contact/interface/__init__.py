@@ -8,29 +8,29 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import (
     Overlap,
     Trace,
-    compute_flat_facets,
+    compute_facet_nodes_positions_and_normals,
     compute_tributary_areas,
-    gather_trace,
+    gather_boundary_facets,
 )
 from pw_elements.contact.interface.operators import (
-    COORDINATE_ROUND_OFF,
-    MIN_OUTWARD_COSINE,
+    RELATIVE_COORDINATE_ROUND_OFF,
+    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
     Interface,
     InvalidContactNodes,
 )
-from pw_elements.contact.interface.overlap import compute_cell_sizes
+from pw_elements.contact.interface.overlap import compute_cell_lengths_or_areas
 from pw_elements.contact.interface.pair_points import (
     DEFORMABLE,
     RIGID,
-    average_cell_midpoints,
-    check_piecewise_linear_weights,
-    compute_extents,
-    find_reduced_columns,
+    average_midpoints_of_adjacent_cells,
+    check_piecewise_linear_weight_functions,
+    compute_bounding_box_extents,
+    find_reduced_column_of_each_unknown,
 )
 from pw_elements.contact.interface.probes import (
     check_closest_points,
-    probe_friction,
-    probe_interference,
-    probe_surface,
+    sample_friction_coefficients,
+    sample_interference,
+    sample_surface_around_pair,
 )
-from pw_elements.contact.interface.sliding import N_PATH_PIECES, SlidingMortar, SlidingReference
+from pw_elements.contact.interface.sliding import N_SLIP_PATH_PIECES, SlidingMortar, MortarSlipReference

@@ -17,33 +17,33 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices
-from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
+from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes, format_points
 from pw_elements.contact.interface.operators import Interface
 from pw_elements.contact.interface.pair_points import (
     BodyNodes,
-    gather_points,
-    make_mortar_points,
-    make_points,
-    make_sliding_points,
+    gather_points_and_own_slice,
+    make_small_sliding_mortar_points,
+    make_contact_points_at_nodes,
+    make_large_sliding_mortar_points,
     match_opposite_nodes,
 )
-from pw_elements.contact.interface.probes import compare_pairs_between_processes
+from pw_elements.contact.interface.probes import check_pairs_are_equal_on_all_processes
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    MAX_DIFFERENCE_STEP_ERROR,
+    MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP,
     ContactPair,
     DeformableSurface,
     FrictionCone,
     MatchingNodes,
     SignedDistance,
     Surface,
-    measure_difference_step_error,
-    with_default_step,
+    measure_gradient_change_at_half_step,
+    with_default_difference_step,
 )
 from pw_elements.elasticity import (
     StressState,
     facet_nodes,
-    facets_with_all_nodes,
+    exterior_facets_with_all_nodes,
 )
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
@@ -90,7 +90,7 @@ def build_interface(
     ]
     max_coordinate = np.abs(space.mesh.geometry.x).max(initial=0.0)
     max_coordinate = space.mesh.comm.allreduce(max_coordinate, MPI.MAX)
-    shapes = [with_default_step(shape, max_coordinate) for shape in shapes]
+    shapes = [with_default_difference_step(shape, max_coordinate) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
         vectors = {
             f"the {name} of its surface": getattr(shape, name, None)
@@ -110,10 +110,10 @@ def build_interface(
         body.find_owned_nodes(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)
     ]
     for name, node in zip(names, nodes, strict=True):
-        _warn_of_nodes_without_pressure(name, node, body)
+        _warn_of_nodes_without_facet(name, node, body)
     cones, comm = [], space.mesh.comm
     for name, pair, node in zip(names, pairs, nodes, strict=True):
-        parameter = _evaluate_user_function(
+        parameter = _evaluate_user_function_on_all_ranks(
             comm, f"the friction of {name}", pair.law.parameter_at, body.x[node]
         )
         cones.append(FrictionCone([pair.law], [parameter]))
@@ -124,44 +124,44 @@ def build_interface(
         if isinstance(pair.surface, DeformableSurface):
             revolved = _is_axisymmetric(k, pair.surface, assembly or AssemblyRecord(), dim)
             if large_sliding:
-                pair_points, shapes[k], mortars[k] = make_sliding_points(
+                pair_points, shapes[k], mortars[k] = make_large_sliding_mortar_points(
                     k, pair, node, cone, body, revolved
                 )
             else:
                 depth = _evaluate_nominal_interference(comm, k, pair, body.x[node])
-                pair_points, shapes[k] = make_mortar_points(
+                pair_points, shapes[k] = make_small_sliding_mortar_points(
                     k, pair, node, cone, body, revolved, depth
                 )
         elif isinstance(pair.surface, MatchingNodes):
             opposite = body.find_owned_nodes(f"contact pair {k}, opposite side", pair.surface.nodes)
             opposite_nodes.append(opposite)
             matched = match_opposite_nodes(k, pair.surface, node, opposite, cone.has_friction, body)
-            pair_points = make_points(body, node, cone, matched)
+            pair_points = make_contact_points_at_nodes(body, node, cone, matched)
         else:
-            pair_points = make_points(body, node, cone, None)
+            pair_points = make_contact_points_at_nodes(body, node, cone, None)
         points.append(pair_points)
     allows_interference = [pair.interference is not False for pair in pairs]
     inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
     interface = Interface(points, shapes, body.displacements, allows_interference, inverse, mortars)
-    _check_contact_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
+    _raise_error_for_shared_interior_or_tied_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     interface.check(body.diagonal)
-    compare_pairs_between_processes(interface, pairs, shapes)
-    _warn_of_large_difference_steps(interface)
+    check_pairs_are_equal_on_all_processes(interface, pairs, shapes)
+    _warn_of_large_finite_difference_steps(interface)
     return interface
 
 
-def _warn_of_large_difference_steps(interface: Interface) -> None:
+def _warn_of_large_finite_difference_steps(interface: Interface) -> None:
     """Log a warning for each `SignedDistance` with too large a difference step; collective."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
             continue
         x = interface.gather_values(interface.position[interface.pair == k])
-        with collective_errors(comm):
+        with raise_errors_on_all_processes(comm):
             error = call_user_function(
-                comm, f"the surface of contact pair {k}", measure_difference_step_error, surface, x
+                comm, f"the surface of contact pair {k}", measure_gradient_change_at_half_step, surface, x
             )
-        if error > MAX_DIFFERENCE_STEP_ERROR:
+        if error > MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP:
             words = (
                 f"contact pair {k}: halving the step of differences, {surface.step:.3g}, changes "
                 f"the gradient of its SignedDistance by {error:.1e} of its size, and gaps and "
@@ -171,7 +171,7 @@ def _warn_of_large_difference_steps(interface: Interface) -> None:
             log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNodes) -> None:
+def _warn_of_nodes_without_facet(pair_name: str, nodes: LocalIndices, body: BodyNodes) -> None:
     """Log a warning for nodes of a pair that belong to none of its facets; collective.
 
     Such nodes have no pressure. Functions that write or plot pressures would refuse the states
@@ -179,35 +179,35 @@ def _warn_of_nodes_without_pressure(name: str, nodes: LocalIndices, body: BodyNo
     """
     comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
     pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
-    on_facets = facet_nodes(body.space, facets_with_all_nodes(body.space, pair_nodes))
+    on_facets = facet_nodes(body.space, exterior_facets_with_all_nodes(body.space, pair_nodes))
     on_facets = np.concatenate(comm.allgather(index_map.local_to_global(np.unique(on_facets))))
     isolated = body.x[nodes[~np.isin(index_map.local_to_global(nodes), on_facets)]]
     positions = np.concatenate(comm.allgather(isolated))
     if len(positions):
         words = (
-            f"{name}: its nodes at {format_points(positions)} belong to no facet that has all "
+            f"{pair_name}: its nodes at {format_points(positions)} belong to no facet that has all "
             "of its nodes in the pair: they may bear forces, but have no pressure, and "
             "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
         )
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
+def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
     """Raise ValueError for invalid nodes of all pairs; collective.
 
     Nodes are invalid if they belong to two pairs, if they lie inside the body, or if the reduction
     combines their displacements with others.
     """
     unique, count = np.unique(nodes, return_counts=True)
-    body.refuse_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
+    body.raise_error_for_invalid_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
     facet_dim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
     facets = exterior_facet_indices(mesh.topology)
     on_boundary = fem.locate_dofs_topological(body.space, facet_dim, facets)
     inside = nodes[~np.isin(nodes, on_boundary)]
-    body.refuse_nodes(inside, "lie inside of the body, not on its boundary")
-    with collective_errors(mesh.comm):
+    body.raise_error_for_invalid_nodes(inside, "lie inside of the body, not on its boundary")
+    with raise_errors_on_all_processes(mesh.comm):
         if np.any(body.reduced_column[nodes] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
@@ -216,7 +216,7 @@ def _check_contact_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
 
 
 def _evaluate_nominal_interference(
-    comm: MPI.Comm, number: int, pair: ContactPair, x: Array
+    comm: MPI.Comm, pair_index: int, pair: ContactPair, x: Array
 ) -> Array | None:
     """Return the nominal interference (n,) of a pair at positions x (n, dim).
 
@@ -227,30 +227,30 @@ def _evaluate_nominal_interference(
         return None
     if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
-    return _evaluate_user_function(comm, f"the interference of contact pair {number}", depth, x)
+    return _evaluate_user_function_on_all_ranks(comm, f"the interference of contact pair {pair_index}", depth, x)
 
 
-def _evaluate_user_function(
-    comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
+def _evaluate_user_function_on_all_ranks(
+    comm: MPI.Comm, name_in_messages: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
     """Return the values (n,) of a user's function at positions x (n, dim); collective.
 
     Each process evaluates the function at the points of all processes, so that all processes call
-    it equally often. `whose` is the name of the function in error messages.
+    it equally often. `name_in_messages` is the name of the function in error messages.
     """
-    all_x, owned = gather_points(comm, x)
+    all_x, owned = gather_points_and_own_slice(comm, x)
     points = np.zeros((3, len(all_x)))
     points[: x.shape[1]] = all_x.T
     layout = "it takes points as columns (3, n) and gives (n,)"
-    with collective_errors(comm):
-        values = call_user_function(comm, whose, function, points) if len(all_x) else points[0]
+    with raise_errors_on_all_processes(comm):
+        values = call_user_function(comm, name_in_messages, function, points) if len(all_x) else points[0]
         if arguments.is_number(values):  # the function is constant
             values = np.full(len(all_x), values, dtype=float)
-        return arguments.check_function_values(whose, values, (len(all_x),), layout)[owned]
+        return arguments.check_function_values(name_in_messages, values, (len(all_x),), layout)[owned]
 
 
 def _is_axisymmetric(
-    number: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
+    pair_index: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
 ) -> bool:
     """Return whether areas of a pair are those of the whole circumference.
 
@@ -258,7 +258,7 @@ def _is_axisymmetric(
     record, `master.revolved` decides.
 
     Args:
-        number: index of the pair, used in error messages.
+        pair_index: index of the pair, used in error messages.
         master: deformable surface of the pair.
         assembly: record of how the stiffness was assembled.
         dim: dimension of space.
@@ -270,12 +270,12 @@ def _is_axisymmetric(
     axisymmetric = StressState.AXISYMMETRIC.value in assembly.stress_states
     if dim == 2 and not assembly.stress_states and master.revolved is None:
         raise ValueError(
-            f"contact pair {number}: the stiffness has no record of whether it is axisymmetric, "
+            f"contact pair {pair_index}: the stiffness has no record of whether it is axisymmetric, "
             "unlike that of a Body; give DeformableSurface(..., revolved=True or False)"
         )
     if assembly.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
-            f"contact pair {number}: its surface has revolved={master.revolved}, but the stiffness "
+            f"contact pair {pair_index}: its surface has revolved={master.revolved}, but the stiffness "
             f"is one in {' and '.join(sorted(assembly.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)

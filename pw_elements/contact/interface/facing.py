@@ -22,11 +22,11 @@ _GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 _GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 # Smallest cosine between the mean normal of a facet of the slave and the outward normal of a facet
 # of the master, at which the two can face each other
-_MIN_FACING_COSINE = 0.01
+_MIN_COSINE_OF_FACING_FACET_NORMALS = 0.01
 # Smallest fraction of a facet of the slave that has to face the master
 _MIN_COVERED_FRACTION = 1e-6
 # Number of distances between facets that are computed at a time, to limit memory
-_DISTANCES_PER_BLOCK = 1_000_000
+_MAX_FACET_DISTANCES_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     """Return normals, areas and mortar matrices for nodes at positions x (n, 2)."""
     m, f = len(sides.allowed_components), len(sides.slave_facets)
     normals = _average_normals(sides, x)
-    facet, (low, high), master = _find_facing_parts(sides, x, normals)
+    facet, (low, high), master = _find_facing_facet_parts(sides, x, normals)
     slave_nodes, master_nodes = sides.slave_facets[facet], sides.master_facets[master]
     s = low[:, None] + (high - low)[:, None] * _GAUSS_POINTS
     weights = np.stack([1 - s, s], axis=1)  # (q, 2, 3), of both ends at the Gauss points
@@ -148,41 +148,41 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     fractions = duals[facet] @ mixed_products / areas[slave_nodes][:, :, None]
     scale = sp.diags_array(1 / np.where(areas > 0, areas, 1.0))
     distance_rows = scale @ (
-        _sum_entries(slave_products, slave_nodes, slave_nodes, (m, len(x)))
-        - _sum_entries(mixed_products, slave_nodes, master_nodes, (m, len(x)))
+        _sum_blocks_into_matrix(slave_products, slave_nodes, slave_nodes, (m, len(x)))
+        - _sum_blocks_into_matrix(mixed_products, slave_nodes, master_nodes, (m, len(x)))
     )
-    master_fractions = _sum_entries(fractions, slave_nodes, master_nodes - m, (m, len(x) - m))
+    master_fractions = _sum_blocks_into_matrix(fractions, slave_nodes, master_nodes - m, (m, len(x) - m))
     return MortarMatrices(normals, areas, distance_rows, master_fractions, fraction_error)
 
 
-def _sum_entries(
-    values: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
+def _sum_blocks_into_matrix(
+    blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
     """Return the sparse matrix with values (q, 2, 2) at rows (q, 2) and columns (q, 2).
 
     Values at the same place are summed.
     """
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None])
-    return sp.csr_array(sp.coo_array((values.ravel(), (row.ravel(), column.ravel())), shape))
+    return sp.csr_array(sp.coo_array((blocks.ravel(), (row.ravel(), column.ravel())), shape))
 
 
-def _find_facing_parts(
-    sides: MortarSides, x: Array, normals: Array
+def _find_facing_facet_parts(
+    sides: MortarSides, x: Array, slave_normals: Array
 ) -> tuple[Indices, tuple[Array, Array], Indices]:
     """Return the parts (q) of the slave's facets that face a facet of the master.
 
     Args:
         sides: facets of both sides.
         x: (n, 2), positions of the nodes.
-        normals: (m, 2), normals at the slave's nodes.
+        slave_normals: (m, 2), normals at the slave's nodes.
 
     Returns:
         Facets of the slave (q,); lower and upper limit (q,) of the coordinate s of each part, which
         is 0 and 1 at the ends of a facet; and facets of the master (q,).
     """
-    slave, master = _find_near_facets(sides, x, normals)
+    slave, master = _find_near_facets(sides, x, slave_normals)
     ends = sides.slave_facets[slave]
-    (a, b), (n_a, n_b) = (np.swapaxes(v[ends], 0, 1) for v in (x, normals))
+    (a, b), (n_a, n_b) = (np.swapaxes(v[ends], 0, 1) for v in (x, slave_normals))
     limits = []
     # the coordinate s increases towards c, the first node of the master's facet
     for node, sign, limit in ((1, 1.0, 0.0), (0, -1.0, 1.0)):
@@ -190,7 +190,7 @@ def _find_facing_parts(
         start, middle, end = (
             _cross((1 - s) * a + s * b - p, (1 - s) * n_a + s * n_b) for s in (0.0, 0.5, 1.0)
         )
-        root, slope = _nearest_root(start, middle, end)
+        root, slope = _find_central_parabola_root_and_slope(start, middle, end)
         within = np.abs(root - 0.5) <= 0.5
         # beyond the point where normals intersect, p would be projected in the wrong order, and no
         # part faces the master
@@ -204,20 +204,20 @@ def _find_facing_parts(
     return slave[faced], (low[faced], high[faced]), master[faced]
 
 
-def _nearest_root(start: Array, middle: Array, end: Array) -> tuple[Array, Array]:
+def _find_central_parabola_root_and_slope(value_at_start: Array, value_at_middle: Array, value_at_end: Array) -> tuple[Array, Array]:
     """Return the roots (q,) of parabolas that are nearest to s = 1/2, and the slopes (q,) there.
 
     A parabola is defined by its values (q,) at s = 0, 1/2 and 1. If it has no root, root and slope
     are NaN.
     """
-    rise, bend = end - start, 2 * (start + end) - 4 * middle
+    rise, bend = value_at_end - value_at_start, 2 * (value_at_start + value_at_end) - 4 * value_at_middle
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = -(rise + np.copysign(np.sqrt(rise**2 - 4 * bend * middle), rise)) / 2
-        from_middle = middle / q
+        q = -(rise + np.copysign(np.sqrt(rise**2 - 4 * bend * value_at_middle), rise)) / 2
+        from_middle = value_at_middle / q
         return 0.5 + from_middle, rise + 2 * bend * from_middle
 
 
-def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Indices, Indices]:
+def _find_near_facets(sides: MortarSides, x: Array, slave_normals: Array) -> tuple[Indices, Indices]:
     """Return pairs of a slave's and a master's facet that are near and face each other.
 
     The distance between the midpoints of such a pair exceeds the distance to the nearest midpoint
@@ -227,7 +227,7 @@ def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Ind
     Args:
         sides: facets of both sides.
         x: (n, 2), positions of the nodes.
-        normals: (m, 2), normals at the slave's nodes.
+        slave_normals: (m, 2), normals at the slave's nodes.
     """
     (middle, edge), (master_middle, master_edge) = (
         (x[facets].mean(axis=1), x[facets[:, 1]] - x[facets[:, 0]])
@@ -236,13 +236,13 @@ def _find_near_facets(sides: MortarSides, x: Array, normals: Array) -> tuple[Ind
     half_length = np.linalg.norm(edge, axis=1) / 2
     master_length = np.linalg.norm(master_edge, axis=1)
     outward = master_edge[:, ::-1] * [1.0, -1.0] / master_length[:, None]
-    mean_normal = normals[sides.slave_facets].mean(axis=1)
-    rows, pairs = max(1, _DISTANCES_PER_BLOCK // len(master_middle)), []
+    mean_normal = slave_normals[sides.slave_facets].mean(axis=1)
+    rows, pairs = max(1, _MAX_FACET_DISTANCES_AT_ONCE // len(master_middle)), []
     for start in range(0, len(middle), rows):
         block = slice(start, start + rows)
         distance = np.linalg.norm(middle[block, None] - master_middle, axis=2)
         radius = distance.min(axis=1) + half_length[block] + master_length.max() / 2
-        facing = mean_normal[block] @ outward.T > _MIN_FACING_COSINE
+        facing = mean_normal[block] @ outward.T > _MIN_COSINE_OF_FACING_FACET_NORMALS
         slave, master = np.nonzero((distance <= radius[:, None]) & facing)
         pairs.append((slave + start, master))
     slave, master = (np.concatenate(part) for part in zip(*pairs, strict=True))

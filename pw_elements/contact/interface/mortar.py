@@ -23,36 +23,36 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.interface.overlap import (
-    compute_cell_normals,
-    compute_cell_sizes,
+    compute_unoriented_cell_normals,
+    compute_cell_lengths_or_areas,
     compute_jacobian_factors,
-    evaluate_corner_functions,
-    find_overlaps,
+    evaluate_corner_shape_functions,
+    find_overlap_simplices,
 )
-from pw_elements.elasticity import locate_facets_in_cells
+from pw_elements.elasticity import locate_facet_nodes_in_cells
 
 # Nodes of each sub-facet of a facet, by the number of the facet's nodes. Vertices come first, then
 # the middles of edges, then the centre of a quadrilateral
-_SUB_FACET_NODES = {
+_SUB_FACET_NODES_BY_NODE_COUNT = {
     3: ((0, 2), (2, 1)),
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
 # Cell type of a sub-facet, by its number of corners
-_SUB_FACET_CELL_TYPES = {
+_SUB_FACET_CELL_TYPE_BY_CORNER_COUNT = {
     2: basix.CellType.interval,
     3: basix.CellType.triangle,
     4: basix.CellType.quadrilateral,
 }
 # Edges are sharp if the cosine of the angle between the normals of adjacent facets is smaller
-_MAX_SHARP_EDGE_COSINE = float(np.cos(np.pi / 4)) - 1e-9
+_MAX_NORMAL_COSINE_AT_SHARP_EDGE = float(np.cos(np.pi / 4)) - 1e-9
 # Polynomial degree of products of a weight function, a quadratic function and, in axisymmetry, the
 # radius, by the number of corners of a sub-facet; and degree of the rule for quadrilaterals that
 # are not parallelograms, where the integrand is not a polynomial
-_QUADRATURE_DEGREES = {2: 4, 3: 4, 4: 6}
-_NON_PARALLELOGRAM_DEGREE = 10
+_QUADRATURE_DEGREE_BY_CORNER_COUNT = {2: 4, 3: 4, 4: 6}
+_NON_PARALLELOGRAM_QUADRATURE_DEGREE = 10
 # Largest difference between opposite sides of a parallelogram, relative to its size
-_PARALLELOGRAM_TOLERANCE = 1e-9
+_RELATIVE_PARALLELOGRAM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -69,56 +69,56 @@ class Trace:
         return int(self.facet_x.shape[2])
 
     @cached_property
-    def _element(self) -> basix.finite_element.FiniteElement:
+    def _quadratic_facet_element(self) -> basix.finite_element.FiniteElement:
         return basix.create_element(
-            basix.ElementFamily.P, _SUB_FACET_CELL_TYPES[self._sub_facet_nodes.shape[1]], 2
+            basix.ElementFamily.P, _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self._local_sub_facet_nodes.shape[1]], 2
         )
 
     @cached_property
-    def _sub_facet_nodes(self) -> Indices:
+    def _local_sub_facet_nodes(self) -> Indices:
         """Local nodes (number of sub-facets, k) of the sub-facets of one facet."""
-        return np.array(_SUB_FACET_NODES[self.facet_nodes.shape[1]])
+        return np.array(_SUB_FACET_NODES_BY_NODE_COUNT[self.facet_nodes.shape[1]])
 
     @cached_property
-    def sub_facets(self) -> tuple[Indices, Array, Array]:
+    def sub_facet_nodes_corners_and_normals(self) -> tuple[Indices, Array, Array]:
         """Nodes (s, k), corners (s, k, dim) and outward unit normals (s, dim) of all sub-facets."""
-        count, k = self._sub_facet_nodes.shape
-        corners = self.facet_x[:, self._sub_facet_nodes].reshape(-1, k, self.dim)
+        count, k = self._local_sub_facet_nodes.shape
+        corners = self.facet_x[:, self._local_sub_facet_nodes].reshape(-1, k, self.dim)
         outward = np.repeat(self.facet_normals, count, axis=0)
-        normal = compute_cell_normals(corners)
+        normal = compute_unoriented_cell_normals(corners)
         normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
-        return self.facet_nodes[:, self._sub_facet_nodes].reshape(-1, k), corners, normal
+        return self.facet_nodes[:, self._local_sub_facet_nodes].reshape(-1, k), corners, normal
 
     def evaluate_trial_functions(
-        self, sub_facet: Indices, corner_weights: Array
+        self, sub_facet: Indices, corner_shape_functions: Array
     ) -> tuple[Indices, Array]:
         """Return the quadratic trial functions of a facet at points (q).
 
         Args:
             sub_facet: (q,), index of the sub-facet that contains each point.
-            corner_weights: (q, k), shape functions of the corners of the sub-facet at each point.
+            corner_shape_functions: (q, k), shape functions of the corners of the sub-facet at each point.
 
         Returns:
             Nodes (q, n) of the facet that contains each point, and the values (q, n) of their trial
             functions at the point.
         """
-        facet, part = np.divmod(sub_facet, len(self._sub_facet_nodes))
-        corner_coordinates = self._element.points[self._sub_facet_nodes][part]
-        coordinates = np.einsum("qa,qab->qb", corner_weights, corner_coordinates)
+        facet, part = np.divmod(sub_facet, len(self._local_sub_facet_nodes))
+        corner_coordinates = self._quadratic_facet_element.points[self._local_sub_facet_nodes][part]
+        coordinates = np.einsum("qa,qab->qb", corner_shape_functions, corner_coordinates)
         values = np.zeros((len(sub_facet), self.facet_nodes.shape[1]))
         if len(sub_facet):  # Basix does not accept empty arrays
-            values = self._element.tabulate(0, coordinates)[0, :, :, 0]
+            values = self._quadratic_facet_element.tabulate(0, coordinates)[0, :, :, 0]
         return self.facet_nodes[facet], values
 
-    def interpolate_positions(self, sub_facet: Indices, values: Array) -> Array:
+    def interpolate_positions(self, sub_facet: Indices, trial_function_values: Array) -> Array:
         """Return positions (q, dim) of points on the facets.
 
         Args:
             sub_facet: (q,), index of the sub-facet that contains each point.
-            values: (q, n), trial functions of the facet's nodes at each point.
+            trial_function_values: (q, n), trial functions of the facet's nodes at each point.
         """
-        facet_x = self.facet_x[sub_facet // len(self._sub_facet_nodes)]
-        return np.einsum("qk,qkd->qd", values, facet_x)
+        facet_x = self.facet_x[sub_facet // len(self._local_sub_facet_nodes)]
+        return np.einsum("qk,qkd->qd", trial_function_values, facet_x)
 
     @cached_property
     def nodes(self) -> Indices:
@@ -134,23 +134,23 @@ class Trace:
 
         They are means of the normals of adjacent sub-facets, weighted with the sub-facets' sizes.
         """
-        sub_facet_nodes, corners, normal = self.sub_facets
+        sub_facet_nodes, corners, normal = self.sub_facet_nodes_corners_and_normals
         position = np.searchsorted(self.nodes, sub_facet_nodes)
         sums = np.zeros((len(self.nodes), self.dim))
-        np.add.at(sums, position, (normal * compute_cell_sizes(corners)[:, None])[:, None, :])
+        np.add.at(sums, position, (normal * compute_cell_lengths_or_areas(corners)[:, None])[:, None, :])
         sums /= np.linalg.norm(sums, axis=1, keepdims=True)
         return sums[np.searchsorted(self.nodes, nodes)]
 
-    def find_sharp_edges(self) -> Array:
+    def find_sharp_edge_node_positions(self) -> Array:
         """Return positions (n, dim) of nodes at which adjacent facets meet at a sharp edge.
 
         The normals of the facets differ by more than 45 degrees at such an edge.
         """
-        k, element = self.facet_nodes.shape[1], self._element
+        k, element = self.facet_nodes.shape[1], self._quadratic_facet_element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
         tangents = np.einsum("dqk,fkx->fqdx", slopes, self.facet_x)
         tangents = tangents.reshape(-1, self.dim - 1, self.dim)
-        normal = compute_cell_normals(
+        normal = compute_unoriented_cell_normals(
             np.concatenate([np.zeros_like(tangents[:, :1]), tangents], axis=1)
         )
         normal *= np.sign(np.sum(normal * np.repeat(self.facet_normals, k, axis=0), axis=1))[
@@ -165,7 +165,7 @@ class Trace:
         order = np.argsort(node, kind="stable")
         facet, neighbour = order[:-1], order[1:]
         cosine = np.sum(normal[facet] * normal[neighbour], axis=1)
-        sharp = (node[facet] == node[neighbour]) & (cosine < _MAX_SHARP_EDGE_COSINE)
+        sharp = (node[facet] == node[neighbour]) & (cosine < _MAX_NORMAL_COSINE_AT_SHARP_EDGE)
         return np.asarray(x[facet[sharp]])
 
     def node_positions(self) -> Array:
@@ -174,20 +174,20 @@ class Trace:
         return self.facet_x.reshape(-1, self.dim)[index]
 
 
-def gather_trace(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
+def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
     """Return the trace of the exterior facets of all processes; collective.
 
     Args:
         space: space of displacements.
         facets: local numbers of the facets on this process.
     """
-    nodes, x, outward = compute_flat_facets(space, facets)
+    nodes, x, outward = compute_facet_nodes_positions_and_normals(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def compute_flat_facets(
+def compute_facet_nodes_positions_and_normals(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
     """Return nodes (f, k), node positions (f, k, dim) and outward normals (f, dim) of facets.
@@ -198,12 +198,12 @@ def compute_flat_facets(
         space: space of displacements.
         facets: (f,), local numbers of exterior facets.
     """
-    dim, (cells, local_nodes) = space.mesh.topology.dim, locate_facets_in_cells(space, facets)
+    dim, (cells, local_nodes) = space.mesh.topology.dim, locate_facet_nodes_in_cells(space, facets)
     cell_nodes = space.dofmap.list[cells]
     nodes = np.take_along_axis(cell_nodes, local_nodes, axis=1)
     x = space.tabulate_dof_coordinates()[:, :dim]
     cell_middle = x[cell_nodes].mean(axis=1)
-    normal = compute_cell_normals(x[nodes[:, :dim]])
+    normal = compute_unoriented_cell_normals(x[nodes[:, :dim]])
     normal *= np.sign(np.sum(normal * (x[nodes[:, 0]] - cell_middle), axis=1))[:, None]
     return nodes, x[nodes], normal
 
@@ -228,34 +228,34 @@ class Overlap:
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
-    def from_traces(cls, slave: Trace, master: Trace, owned: Indices, revolved: bool) -> "Overlap":
+    def from_slave_and_master(cls, slave: Trace, master: Trace, owned_slave_nodes: Indices, revolved: bool) -> "Overlap":
         """Return the overlap of two traces.
 
         Args:
             slave: trace of the slave.
             master: trace of the master.
-            owned: (m,), global numbers of the slave's nodes that are contact points of this
+            owned_slave_nodes: (m,), global numbers of the slave's nodes that are contact points of this
                 process.
             revolved: whether areas are those of the whole circumference.
         """
-        slave_nodes, slave_corners, _ = slave.sub_facets
-        master_nodes, master_corners, outward = master.sub_facets
-        local = np.flatnonzero(np.isin(slave_nodes, owned).any(axis=1))
+        slave_nodes, slave_corners, _ = slave.sub_facet_nodes_corners_and_normals
+        master_nodes, master_corners, outward = master.sub_facet_nodes_corners_and_normals
+        local = np.flatnonzero(np.isin(slave_nodes, owned_slave_nodes).any(axis=1))
         directions = slave.average_normals(slave_nodes[local]).mean(axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        simplices = find_overlaps(slave_corners[local], master_corners, directions, outward)
-        order = np.argsort(owned)
-        index = np.searchsorted(owned, slave_nodes, sorter=order)
+        simplices = find_overlap_simplices(slave_corners[local], master_corners, directions, outward)
+        order = np.argsort(owned_slave_nodes)
+        index = np.searchsorted(owned_slave_nodes, slave_nodes, sorter=order)
         point = (
-            order[np.minimum(index, len(owned) - 1)] if len(owned) else np.zeros_like(slave_nodes)
+            order[np.minimum(index, len(owned_slave_nodes) - 1)] if len(owned_slave_nodes) else np.zeros_like(slave_nodes)
         )
-        point = np.where(np.isin(slave_nodes, owned), point, -1)
-        degree = _QUADRATURE_DEGREES[slave_corners.shape[1]]
+        point = np.where(np.isin(slave_nodes, owned_slave_nodes), point, -1)
+        degree = _QUADRATURE_DEGREE_BY_CORNER_COUNT[slave_corners.shape[1]]
         if _has_non_parallelogram(simplices.slave_corners) or _has_non_parallelogram(
             simplices.master_corners
         ):
-            degree = _NON_PARALLELOGRAM_DEGREE
-        points, rule = basix.make_quadrature(_SUB_FACET_CELL_TYPES[slave.dim], degree)
+            degree = _NON_PARALLELOGRAM_QUADRATURE_DEGREE
+        points, rule = basix.make_quadrature(_SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[slave.dim], degree)
         barycentric = np.column_stack([1 - points.sum(axis=1), points])
         rule = rule / rule.sum()
         slave_index, master_index = (
@@ -264,7 +264,7 @@ class Overlap:
         )
         coordinates = np.einsum("ga,qad->qgd", barycentric, simplices.corners)
         w1, w2 = (
-            evaluate_corner_functions(corners, coordinates).reshape(
+            evaluate_corner_shape_functions(corners, coordinates).reshape(
                 len(slave_index), corners.shape[1]
             )
             for corners in (simplices.slave_corners, simplices.master_corners)
@@ -273,8 +273,8 @@ class Overlap:
         area_ratio = compute_jacobian_factors(
             slave_corners[slave_index], w1
         ) / compute_jacobian_factors(flat_corners, w1)
-        slave_size = compute_cell_sizes(slave_corners)[slave_index]
-        master_size = compute_cell_sizes(master_corners)[master_index]
+        slave_size = compute_cell_lengths_or_areas(slave_corners)[slave_index]
+        master_size = compute_cell_lengths_or_areas(master_corners)[master_index]
         measure = area_ratio * np.outer(simplices.size, rule).ravel()
         nodes1, N1 = slave.evaluate_trial_functions(slave_index, w1)
         nodes2, N2 = master.evaluate_trial_functions(master_index, w2)
@@ -282,7 +282,7 @@ class Overlap:
         x2 = master.interpolate_positions(master_index, N2)
         if revolved:
             measure = measure * 2 * np.pi * x1[:, 0]
-        dual = _evaluate_duals(slave_index, w1, measure)
+        dual = _evaluate_dual_functions(slave_index, w1, measure)
         functions = ((nodes1, N1), (nodes2, N2), (master_nodes[master_index], w2))
         return cls(
             point[slave_index],
@@ -295,66 +295,66 @@ class Overlap:
             functions,
         )
 
-    def mean_edge(self, size: Array, comm: MPI.Comm) -> float:
+    def average_edge_length(self, sub_facet_sizes: Array, comm: MPI.Comm) -> float:
         """Return a mean edge length, weighted with `measure`, for the overlaps of all processes.
 
-        `size` (q,) are lengths in the plane, and areas in space, of which square roots are taken.
+        `sub_facet_sizes` (q,) are lengths in the plane, and areas in space, of which square roots are taken.
         For ratios of sizes the result is a mean ratio of edge lengths.
         """
-        edges = size ** (1 / (self.separation.shape[1] - 1))
+        edges = sub_facet_sizes ** (1 / (self.separation.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
-    def integrate_per_point(self, values: Array, m: int) -> Array:
+    def integrate_with_weight_functions(self, values: Array, n_contact_points: int) -> Array:
         """Return the integrals (m,) of the contact points' weight functions times given values.
 
         Args:
             values: values (q,) at the quadrature points, or (q, k) with one value for each corner.
-            m: number of contact points of this process.
+            n_contact_points: number of contact points of this process.
         """
         values = np.atleast_2d(values.T).T
         owned = self.point >= 0
         products = (self.weight * (self.measure[:, None] * values))[owned]
-        return np.asarray(np.bincount(self.point[owned], products, minlength=m), dtype=float)
+        return np.asarray(np.bincount(self.point[owned], products, minlength=n_contact_points), dtype=float)
 
-    def assemble_integrals(
-        self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
+    def assemble_product_integrals(
+        self, row_functions: Array, columns: Indices, column_functions: Array, shape: tuple[int, int]
     ) -> sp.csr_array:
         """Return the matrix of integrals of products of two functions.
 
         The first function belongs to a contact point, which is the row, the second to a column.
 
         Args:
-            tested: (q, k), values of the contact points' functions.
-            column: (q, n), column of each second function.
-            values: (q, n), values of the second functions.
+            row_functions: (q, k), values of the contact points' functions.
+            columns: (q, n), column of each second function.
+            column_functions: (q, n), values of the second functions.
             shape: shape of the matrix.
         """
-        products = np.einsum("q,qa,qk->qak", self.measure, tested, values)
+        products = np.einsum("q,qa,qk->qak", self.measure, row_functions, column_functions)
         row = np.broadcast_to(self.point[:, :, None], products.shape)
         owned = row >= 0
-        indices = (row[owned], np.broadcast_to(column[:, None], products.shape)[owned])
+        indices = (row[owned], np.broadcast_to(columns[:, None], products.shape)[owned])
         return sp.csr_array(sp.coo_array((products[owned], indices), shape))
 
 
-def compute_tributary_areas(trace: Trace, revolved: bool) -> Array:
+def compute_tributary_areas(boundary_facets: Trace, revolved: bool) -> Array:
     """Return the integral (n,) of the weight function of each node over a whole trace.
 
     Sub-facets are treated like the sub-facets of an `Overlap`. With `revolved`, areas are those of
     the whole circumference.
     """
-    nodes, corners, _ = trace.sub_facets
+    nodes, corners, _ = boundary_facets.sub_facet_nodes_corners_and_normals
     k = corners.shape[1]
-    cell_type = _SUB_FACET_CELL_TYPES[k]
-    points, rule = basix.make_quadrature(cell_type, _QUADRATURE_DEGREES[k])
+    cell_type = _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[k]
+    points, rule = basix.make_quadrature(cell_type, _QUADRATURE_DEGREE_BY_CORNER_COUNT[k])
     element = basix.create_element(basix.ElementFamily.P, cell_type, 1)
     values = element.tabulate(0, points)[0, :, :, 0]
     sub_facet, w = np.repeat(np.arange(len(corners)), len(rule)), np.tile(values, (len(corners), 1))
     measure = compute_jacobian_factors(corners[sub_facet], w) * np.tile(rule, len(corners))
     if revolved:
-        _, N = trace.evaluate_trial_functions(sub_facet, w)
-        measure = measure * 2 * np.pi * trace.interpolate_positions(sub_facet, N)[:, 0]
-    index = np.searchsorted(trace.nodes, nodes[sub_facet])
+        _, N = boundary_facets.evaluate_trial_functions(sub_facet, w)
+        measure = measure * 2 * np.pi * boundary_facets.interpolate_positions(sub_facet, N)[:, 0]
+    index = np.searchsorted(boundary_facets.nodes, nodes[sub_facet])
     return np.asarray(np.bincount(index.ravel(), (w * measure[:, None]).ravel()), dtype=float)
 
 
@@ -363,10 +363,10 @@ def _has_non_parallelogram(corners: Array) -> bool:
     if corners.shape[1] < 4:
         return False
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    return bool(np.abs(difference).max(initial=0.0) > _PARALLELOGRAM_TOLERANCE)
+    return bool(np.abs(difference).max(initial=0.0) > _RELATIVE_PARALLELOGRAM_TOLERANCE)
 
 
-def _evaluate_duals(sub_facet: Indices, weight: Array, measure: Array) -> Array:
+def _evaluate_dual_functions(sub_facet: Indices, weight_functions: Array, measure: Array) -> Array:
     """Return the dual functions (q, k) of the weight functions at quadrature points.
 
     On each sub-facet the duals are D M^-1 w, with the weight functions w, the integrals M of their
@@ -374,15 +374,15 @@ def _evaluate_duals(sub_facet: Indices, weight: Array, measure: Array) -> Array:
 
     Args:
         sub_facet: (q,), sub-facet that contains each point.
-        weight: (q, k), values of the weight functions.
+        weight_functions: (q, k), values of the weight functions.
         measure: (q,), quadrature weights times lengths or areas.
     """
     if not len(sub_facet):
-        return weight
+        return weight_functions
     unique, index = np.unique(sub_facet, return_inverse=True)
-    n = weight.shape[1]
+    n = weight_functions.shape[1]
     M = np.zeros((len(unique), n, n))
-    np.add.at(M, index, np.einsum("q,qa,qb->qab", measure, weight, weight))
+    np.add.at(M, index, np.einsum("q,qa,qb->qab", measure, weight_functions, weight_functions))
     D = M.sum(axis=2)
     inverse = np.linalg.inv(M)
-    return np.asarray(np.einsum("qa,qab,qb->qa", D[index], inverse[index], weight))
+    return np.asarray(np.einsum("qa,qab,qb->qa", D[index], inverse[index], weight_functions))

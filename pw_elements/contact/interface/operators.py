@@ -6,12 +6,12 @@ and f the load. The motion operator G and the force operator H are defined by
     motion of the points  = G a,          G (m dim, n),
     K a - f               = H r,          H (n, m dim).
 
-`build_interface` makes the `PairPoints` of each pair. Contact law, kinematics and iteration deal
+`build_interface` makes the `ContactPairPoints` of each pair. Contact law, kinematics and iteration deal
 with points only.
 
 The module guarantees operators, and values of surfaces, at the points of each process, and the same
 errors on all processes. It assumes that each force component appears alone in the equation that
-`PairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per force,
+`ContactPairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per force,
 since the factor c of the contact law is a force per length.
 """
 
@@ -27,46 +27,46 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import arguments, call_user_function, collective_errors, format_points
+from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes, format_points
 from pw_elements.contact.interface.pair_points import (
     DEFORMABLE,
     RIGID,
     KnownGapSurface,
-    PairPoints,
-    compute_extents,
-    gather_points,
+    ContactPairPoints,
+    compute_bounding_box_extents,
+    gather_points_and_own_slice,
 )
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    CLOSED_FORM_SURFACES,
-    SURFACES_DEFINED_EVERYWHERE,
+    CLOSED_FORM_SURFACE_TYPES,
+    SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
     FrictionCone,
     NotFound,
     PairState,
     Surface,
 )
 from pw_elements.elasticity import order_by_position
-from pw_elements.spaces import SubSpace, gather_from_owners
+from pw_elements.spaces import SubSpace, gather_nodal_values
 
 # Round-off of coordinates, relative to their magnitude
-COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
+RELATIVE_COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
 # Largest initial penetration attributed to round-off and faceting, relative to the body's diagonal
-_MAX_INITIAL_PENETRATION = 1e-6
+_MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL = 1e-6
 # Largest cosine between the normal and a direction in which a support prescribes the displacement
-_MAX_PRESCRIBED_NORMAL_COSINE = 1e-8
+_MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS = 1e-8
 # Largest relative difference between prescribed displacements that count as equal
-_MAX_SUPPORT_DIFFERENCE = 1e-9
+_RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS = 1e-9
 # Largest difference between the length of a unit normal and one
 _UNIT_TOLERANCE = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
-MIN_OUTWARD_COSINE = 0.1
+MIN_NORMAL_COSINE_OF_OUTWARD_PUSH = 0.1
 
 
 # Types of surfaces that each process evaluates at its own points only; and types of surfaces whose
 # evaluation cannot fail
-_LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, KnownGapSurface)
-_UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, KnownGapSurface)
+_SURFACE_TYPES_EVALUATED_LOCALLY = (*CLOSED_FORM_SURFACE_TYPES, KnownGapSurface)
+_SURFACE_TYPES_THAT_NEVER_RAISE = (*SURFACE_TYPES_WITH_NORMAL_EVERYWHERE, KnownGapSurface)
 # For each method of a surface, its result and the layout of valid points and results, both used in
 # error messages
 _SURFACE_METHODS = {
@@ -108,7 +108,7 @@ class Interface:
 
     def __init__(
         self,
-        points: Sequence[PairPoints],
+        points: Sequence[ContactPairPoints],
         surfaces: Sequence[Surface],
         field: SubSpace,
         allows_interference: Sequence[bool],
@@ -119,7 +119,7 @@ class Interface:
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
-        self._needs_no_guard = all(type(surface) in _UNGUARDED_SURFACES for surface in surfaces)
+        self._needs_no_guard = all(type(surface) in _SURFACE_TYPES_THAT_NEVER_RAISE for surface in surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         cones = [part.cone for part in points]
@@ -169,50 +169,50 @@ class Interface:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # the coefficient may be infinite
             limit_at_zero, slope = self.cone.limit(np.zeros(len(self.pair)))
-        rises = self.cone.find_rising_coefficients()
-        self.check_laws()
+        rises = self.cone.find_coefficients_rising_with_force()
+        self.check_friction_laws()
         is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
-        self.refuse_points(is_invalid, "have a friction coefficient that is negative or not finite")
-        self.refuse_points(
+        self.raise_error_for_invalid_points(is_invalid, "have a friction coefficient that is negative or not finite")
+        self.raise_error_for_invalid_points(
             rises,
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it must not rise, so that the slope of the limit at zero bounds it",
         )
-        self.check_supports(*self.evaluate_surfaces(None))
+        self.check_gaps_normals_and_supports(*self.evaluate_surfaces(None))
         (gap,) = self._evaluate_at_undeformed_points(None, "gap")
-        cut = ~(gap >= -_MAX_INITIAL_PENETRATION * body_diagonal) & ~self._allows_interference
+        cut = ~(gap >= -_MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL * body_diagonal) & ~self._allows_interference
         deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
-        self.refuse_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
-        self.refuse_points(
+        self.raise_error_for_invalid_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
+        self.raise_error_for_invalid_points(
             cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
         )
-        self._check_surface_sides()
+        self._check_surface_normals_point_into_body()
 
-    def check_laws(self, force: Array | None = None) -> None:
+    def check_friction_laws(self, normal_force: Array | None = None) -> None:
         """Raise the collected errors of users' friction laws on all processes; collective.
 
         Args:
-            force: normal forces (m,) at which limits and slopes are checked. None if only collected
+            normal_force: normal forces (m,) at which limits and slopes are checked. None if only collected
                 errors are raised.
 
         Raises:
             ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
         """
-        if force is not None:
-            slope, difference, is_wrong = self.cone.compare_slopes(force)
-            rises = self.cone.find_rising_coefficients_at(force)
-        with collective_errors(self.comm):
-            call_user_function(self.comm, "a law of friction", self.cone.raise_law_error)
-        if force is None:
+        if normal_force is not None:
+            slope, difference, is_wrong = self.cone.compare_slopes_with_finite_differences(normal_force)
+            rises = self.cone.find_coefficients_rising_near_force(normal_force)
+        with raise_errors_on_all_processes(self.comm):
+            call_user_function(self.comm, "a law of friction", self.cone.raise_collected_law_error)
+        if normal_force is None:
             return
-        with collective_errors(self.comm):
+        with raise_errors_on_all_processes(self.comm):
             if is_wrong.any():
                 k = int(is_wrong.argmax())
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} gives the slope "
-                    f"{slope[k]:.6g} at the normal force {force[k]:.6g} of the node at "
+                    f"{slope[k]:.6g} at the normal force {normal_force[k]:.6g} of the node at "
                     f"{format_points(self.position[[k]])}, but differences of its limit give "
                     f"{difference[k]:.6g}: return the limit's derivative by the force"
                 )
@@ -221,7 +221,7 @@ class Interface:
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
                     f"limit over the normal force, that rises at or below the normal force "
-                    f"{force[k]:.6g} of the node at {format_points(self.position[[k]])}: it must "
+                    f"{normal_force[k]:.6g} of the node at {format_points(self.position[[k]])}: it must "
                     "not rise, so that the slope of the limit at zero bounds it"
                 )
 
@@ -231,28 +231,28 @@ class Interface:
         (gap,) = self._evaluate_at_undeformed_points(None, "gap")
         return np.where(self._allows_interference, np.maximum(0.0, -gap), 0.0)
 
-    def check_supports(self, gap: Array, normal: Array) -> None:
+    def check_gaps_normals_and_supports(self, gap: Array, normal: Array) -> None:
         """Check gaps (m,) and normals (m, dim), and that points can move along their normals.
 
         Raises:
             InvalidContactNodes: if the gap or normal of a node is invalid, or if a support
                 prescribes the displacement of a node along its normal.
         """
-        self.refuse_points(np.isnan(gap), "face a surface whose gap is not a number")
+        self.raise_error_for_invalid_points(np.isnan(gap), "face a surface whose gap is not a number")
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)
         is_unit = np.abs(length - 1) < _UNIT_TOLERANCE
-        self.refuse_points(~is_unit, "face a surface whose normal is no unit vector")
+        self.raise_error_for_invalid_points(~is_unit, "face a surface whose normal is no unit vector")
         supported_part = np.where(self.equation < 0, normal, 0.0)
-        is_held = np.abs(supported_part).max(axis=1, initial=0) > _MAX_PRESCRIBED_NORMAL_COSINE
-        self.refuse_points(
+        is_held = np.abs(supported_part).max(axis=1, initial=0) > _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS
+        self.raise_error_for_invalid_points(
             is_held & faced,
             "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
             "one facet away from the support",
         )
 
-    def check_supports_between(
-        self, prescribed: PETSc.Vec, translations: Array, pressed: Mask
+    def check_supports_move_both_sides_equally(
+        self, prescribed_displacements: PETSc.Vec, master_translations: Array, pressed: Mask
     ) -> None:
         """Check that supports prescribe the same motion of both sides of pairs with friction.
 
@@ -260,8 +260,8 @@ class Interface:
         symmetry, there is no friction along the supports.
 
         Args:
-            prescribed: prescribed displacements, (n,).
-            translations: translations of the masters, (pairs, dim), NaN where they are free.
+            prescribed_displacements: prescribed displacements, (n,).
+            master_translations: translations of the masters, (pairs, dim), NaN where they are free.
             pressed: (m,), mask of nodes with a contact force. Other nodes are not checked.
 
         Raises:
@@ -272,15 +272,15 @@ class Interface:
         if not len(counterparts):
             return
         dim = is_held.shape[1]
-        values = self.extract_at_nodes(np.maximum(counterparts, 0), prescribed)
+        values = self.extract_displacements_at_nodes(np.maximum(counterparts, 0), prescribed_displacements)
         index = np.searchsorted(counterparts, np.where(is_held, counterpart, counterparts[0]))
         master = np.take_along_axis(values[index], np.arange(dim)[None, :, None], axis=2)[..., 0]
-        master = master + translations[self.pair, :dim]
-        slave = self.extract_at_points(prescribed)
+        master = master + master_translations[self.pair, :dim]
+        slave = self.extract_at_points(prescribed_displacements)
         difference = np.where(counterpart < 0, np.inf, np.abs(slave - master))
         allowed = (
-            _MAX_SUPPORT_DIFFERENCE * (np.abs(slave) + np.abs(master))
-            + COORDINATE_ROUND_OFF * self.extent
+            _RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS * (np.abs(slave) + np.abs(master))
+            + RELATIVE_COORDINATE_ROUND_OFF * self.extent
         )
         is_invalid = is_held & pressed[:, None] & ~(difference <= allowed)
         positions = self.gather_values(self.position[is_invalid.any(axis=1)])
@@ -292,10 +292,10 @@ class Interface:
                 "both sides, leave these nodes free, or replace the moved body by a rigid surface"
             )
 
-    def _check_surface_sides(self) -> None:
+    def _check_surface_normals_point_into_body(self) -> None:
         gap, normal = self.evaluate_surfaces(None)
         pushed = np.sum(normal * self.outward, axis=1)
-        is_outwards = pushed > MIN_OUTWARD_COSINE * np.linalg.norm(self.outward, axis=1)
+        is_outwards = pushed > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(self.outward, axis=1)
         is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(gap)
         for k in range(self.pairs):
             is_inwards = self.gather_values(~is_outwards[is_checked & (self.pair == k)])
@@ -306,7 +306,7 @@ class Interface:
                     "reverse it"
                 )
 
-    def refuse_points(self, is_invalid: Mask, fault: str) -> None:
+    def raise_error_for_invalid_points(self, is_invalid: Mask, fault: str) -> None:
         """Raise InvalidContactNodes if any point of any process is invalid; collective.
 
         Args:
@@ -321,19 +321,19 @@ class Interface:
         """Return the concatenated values (k, ...) of all processes in rank order; collective."""
         return np.concatenate(self.comm.allgather(values))
 
-    def gather_in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
+    def gather_pair_in_position_order(self, pair_index: int, values: npt.NDArray) -> npt.NDArray:
         """Gather the values at the points of one pair from all processes; collective.
 
         Args:
-            pair: index of the pair.
+            pair_index: index of the pair.
             values: (m, ...), values at all contact points of this process.
 
         Returns:
             Values (k, ...) at the pair's points of all processes, sorted by position.
         """
-        return self.gather_values(values[self.pair == pair])[self._position_order[pair]]
+        return self.gather_values(values[self.pair == pair_index])[self._position_order_of_each_pair[pair_index]]
 
-    def gather_by_pair(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
+    def gather_all_pairs_in_position_order(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
         """Return named values at the points of each pair, in the order of positions; collective.
 
         `values` are arrays (m, ...) at the points of this process by their names.
@@ -344,37 +344,37 @@ class Interface:
                 name: np.concatenate([part[name][pair == k] for pair, part in of_ranks])[order]
                 for name in values
             }
-            for k, order in enumerate(self._position_order)
+            for k, order in enumerate(self._position_order_of_each_pair)
         ]
 
-    def extract_local_values(self, states: Sequence[PairState], *names: str) -> list[npt.NDArray]:
+    def extract_local_pair_state_values(self, pair_states: Sequence[PairState], *attribute_names: str) -> list[npt.NDArray]:
         """Return attributes (m, ...) of the pairs' states at the points of this process.
 
         Args:
-            states: state of each pair.
-            names: names of the attributes.
+            pair_states: state of each pair.
+            attribute_names: names of the attributes.
         """
-        local_rows = list(zip(states, self._ordered_rows, strict=True))
+        local_rows = list(zip(pair_states, self._local_point_indices_in_position_order, strict=True))
         return [
             np.concatenate([getattr(state, name)[rows] for state, rows in local_rows])
-            for name in names
+            for name in attribute_names
         ]
 
-    def assemble_rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
+    def assemble_rows(self, displacement_rows: sp.csr_matrix) -> PETSc.Mat:
         """Return the distributed matrix with these rows, extended to all unknowns.
 
-        Each process contributes its own `rows`. Their columns are displacements, whereas the matrix
+        Each process contributes its own `displacement_rows`. Their columns are displacements, whereas the matrix
         has a column for each of the n unknowns.
         """
-        csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-        sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
+        csr = (displacement_rows.indptr.astype(PETSc.IntType), displacement_rows.indices.astype(PETSc.IntType), displacement_rows.data)
+        sizes = ((displacement_rows.shape[0], PETSc.DETERMINE), self.field.sizes)
         matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
         return (
             matrix if self.field.is_whole_space else matrix.matMult(self.field.selection_matrix())
         )
 
     @cached_property
-    def _position_order(self) -> list[npt.NDArray[np.intp]]:
+    def _position_order_of_each_pair(self) -> list[npt.NDArray[np.intp]]:
         """Indices that sort the points of each pair, gathered from all processes, by position."""
         return [
             order_by_position(
@@ -385,10 +385,10 @@ class Interface:
         ]
 
     @cached_property
-    def _ordered_rows(self) -> list[Indices]:
-        """Indices of this process' points of each pair in the results of `gather_in_order`."""
+    def _local_point_indices_in_position_order(self) -> list[Indices]:
+        """Indices of this process' points of each pair in the results of `gather_pair_in_position_order`."""
         rows = []
-        for k, order in enumerate(self._position_order):
+        for k, order in enumerate(self._position_order_of_each_pair):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
             offset = sum(counts[: self.comm.rank])
             rows.append(np.argsort(order)[offset : offset + counts[self.comm.rank]])
@@ -401,32 +401,32 @@ class Interface:
         return np.asarray(self.node - node_offset)
 
     @cached_property
-    def first_nodes(self) -> list[Array]:
+    def first_node_position_of_each_pair(self) -> list[Array]:
         """Position (1, dim) of the first node of each pair.
 
         Processes without points evaluate users' surfaces at this position. All processes then call
         a surface the same number of times, so that it may use collective communication.
         """
-        return [self.gather_in_order(k, self.position)[:1] for k in range(self.pairs)]
+        return [self.gather_pair_in_position_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
     def extent(self) -> float:
         """Largest extent, along any axis, of the undeformed contact points of all processes."""
-        return float(compute_extents(self.comm, self.position).max())
+        return float(compute_bounding_box_extents(self.comm, self.position).max())
 
-    def distribute_to_opposite_nodes(self, force: Array, force_operator: PETSc.Mat) -> list[Array]:
+    def compute_forces_on_opposite_nodes(self, point_forces: Array, force_operator: PETSc.Mat) -> list[Array]:
         """Return the nodal forces (k, dim) on the `opposite` nodes of each pair; collective.
 
         Args:
-            force: forces on the points, (m, dim).
+            point_forces: forces on the points, (m, dim).
             force_operator: matrix (n, m dim) that turns forces on the points into nodal forces.
         """
-        forces: list[Array] = [np.zeros((0, force.shape[1])) for _ in self.opposite]
+        forces: list[Array] = [np.zeros((0, point_forces.shape[1])) for _ in self.opposite]
         for k, nodes in enumerate(self.opposite):
             if len(nodes):
                 points = force_operator.createVecRight()
-                points.setArray(np.where((self.pair == k)[:, None], force, 0.0).ravel())
-                forces[k] = self.extract_at_nodes(nodes, force_operator * points)
+                points.setArray(np.where((self.pair == k)[:, None], point_forces, 0.0).ravel())
+                forces[k] = self.extract_displacements_at_nodes(nodes, force_operator * points)
         return forces
 
     def extract_at_points(self, unknowns: PETSc.Vec) -> Array:
@@ -434,10 +434,10 @@ class Interface:
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return np.asarray(values[self.own_nodes])
 
-    def extract_at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
+    def extract_displacements_at_nodes(self, global_nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (k, dim) in unknowns (n,) at global nodes (k,); collective."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
-        return gather_from_owners(self.field.space, nodes, values)
+        return gather_nodal_values(self.field.space, global_nodes, values)
 
     def evaluate_surfaces(self, translations: Array | None) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of translated surfaces; collective.
@@ -450,12 +450,12 @@ class Interface:
             gap = self._transform_gaps_to_sibling(self._sibling_inverse, gap, normal)
         return gap, normal
 
-    def evaluate_normals(self, translations: Array | None) -> Array:
+    def evaluate_undeformed_normals(self, surface_translations: Array | None) -> Array:
         """Return the normals (m, dim) of translated surfaces at the undeformed points; collective.
 
-        `translations` (pairs, dim) are zero if None.
+        `surface_translations` (pairs, dim) are zero if None.
         """
-        (normal,) = self._evaluate_at_undeformed_points(translations, "normal")
+        (normal,) = self._evaluate_at_undeformed_points(surface_translations, "normal")
         return normal
 
     def _evaluate_at_undeformed_points(
@@ -466,7 +466,7 @@ class Interface:
         values = [np.empty_like(shapes[method]) for method in methods]
         translation = 0.0 if translations is None else translations[self.pair]
         results = {method: [array] for method, array in zip(methods, values, strict=True)}
-        self._call_surfaces(self.position - translation, results)
+        self._call_method_of_all_surfaces(self.position - translation, results)
         return values
 
     def _transform_gaps_to_sibling(self, inverse: PETSc.Mat, gap: Array, normal: Array) -> Array:
@@ -496,19 +496,19 @@ class Interface:
         gap_vector = apply_inverse(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
 
-    def find_closest(self, motion: Array) -> tuple[Array, Array, Array]:
+    def find_closest(self, motion_in_surface_frame: Array) -> tuple[Array, Array, Array]:
         """Return gaps (m,), normals (m, dim) and derivatives (m, dim, dim) of normals; collective.
 
         Derivatives are with respect to the positions of the points. Gaps are infinite where no
         surface faces a point. In pairs of two bodies all values are zero.
 
         Args:
-            motion: (m, dim), motions of the points in the frames of their surfaces.
+            motion_in_surface_frame: (m, dim), motions of the points in the frames of their surfaces.
 
         Raises:
             NotFound: if there is no point of the surface that is closest to a contact point.
         """
-        gap, normal, curvature = self.find_closest_or_nan(motion)
+        gap, normal, curvature = self.evaluate_gaps_normals_and_curvatures_or_nan(motion_in_surface_frame)
         positions = self.gather_values(self.position[np.isnan(gap)])
         if len(positions):
             raise NotFound.with_positions(
@@ -516,12 +516,12 @@ class Interface:
             )
         return gap, normal, curvature
 
-    def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
+    def evaluate_gaps_normals_and_curvatures_or_nan(self, motion_in_surface_frame: Array) -> tuple[Array, Array, Array]:
         """Return results of `find_closest`, NaN where there is no closest point; collective."""
-        dim = motion.shape[1]
-        results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
+        dim = motion_in_surface_frame.shape[1]
+        results = [np.zeros((len(motion_in_surface_frame), *shape)) for shape in ((), (dim,), (dim, dim))]
         # it has been checked that all surfaces have a method `closest`
-        self._call_surfaces(self.position + motion, {"closest": results})
+        self._call_method_of_all_surfaces(self.position + motion_in_surface_frame, {"closest": results})
         gap, normal, curvature = results
         is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
         is_valid = (is_finite | np.isposinf(gap)) & np.isfinite(normal).all(axis=1)
@@ -529,8 +529,8 @@ class Interface:
             values[~is_valid] = np.nan
         return gap, normal, curvature
 
-    def _call_surfaces(self, x: Array, results: Mapping[str, Sequence[Array]]) -> None:
-        """Call methods of all surfaces at points x (m, dim) and write their values to `results`.
+    def _call_method_of_all_surfaces(self, x: Array, output_arrays: Mapping[str, Sequence[Array]]) -> None:
+        """Call methods of all surfaces at points x (m, dim) and write their values to `output_arrays`.
 
         A user's surface is called on each process with the points of all processes. All processes
         then call the surface equally often, so that it may communicate between processes, or
@@ -538,7 +538,7 @@ class Interface:
 
         Args:
             x: positions of the points in the frames of their surfaces, (m, dim).
-            results: arrays (m, ...), one for each array that a method returns, by the name of the
+            output_arrays: arrays (m, ...), one for each array that a method returns, by the name of the
                 method: "gap", "normal" or "closest".
 
         Raises:
@@ -548,37 +548,37 @@ class Interface:
         calls = [
             (k, surface, self.pair == k)
             for k, surface in enumerate(self.surfaces)
-            if not ("closest" in results and k in self.mortars)
+            if not ("closest" in output_arrays and k in self.mortars)
         ]
         if self._needs_no_guard:
             for _, surface, in_pair in calls:
                 points = x[in_pair]
-                values = [getattr(surface, method)(points) for method in results]
-                for (method, arrays), value in zip(results.items(), values, strict=True):
-                    for array, part in zip(arrays, _as_tuple(method, value), strict=True):
+                values = [getattr(surface, method)(points) for method in output_arrays]
+                for (method, arrays), value in zip(output_arrays.items(), values, strict=True):
+                    for array, part in zip(arrays, _wrap_single_result_in_tuple(method, value), strict=True):
                         array[in_pair] = part
             return
         calls_with_points = []
         for k, surface, in_pair in calls:
-            if type(surface) in _LOCALLY_EVALUATED_SURFACES:
+            if type(surface) in _SURFACE_TYPES_EVALUATED_LOCALLY:
                 points, local_part = x[in_pair], slice(None)
             else:
-                points, local_part = gather_points(self.comm, x[in_pair])
+                points, local_part = gather_points_and_own_slice(self.comm, x[in_pair])
             if len(points):
                 calls_with_points.append((k, in_pair, points, local_part))
-        for method, arrays in results.items():
+        for method, arrays in output_arrays.items():
             quantity, layout = _SURFACE_METHODS[method]
-            with collective_errors(self.comm):
+            with raise_errors_on_all_processes(self.comm):
                 for k, in_pair, points, local_part in calls_with_points:
                     subject = f"the {quantity} of the surface of contact pair {k}"
                     function = getattr(self.surfaces[k], method)
                     value = call_user_function(self.comm, subject, function, points.copy())
-                    for array, part in zip(arrays, _as_tuple(method, value), strict=True):
+                    for array, part in zip(arrays, _wrap_single_result_in_tuple(method, value), strict=True):
                         shape = (len(points), *array.shape[1:])
                         part = arguments.check_function_values(subject, part, shape, layout)
                         array[in_pair] = part[local_part]
 
 
-def _as_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401
+def _wrap_single_result_in_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401
     """Return the result of a surface's method as a sequence of arrays."""
     return value if method == "closest" else (value,)

@@ -19,25 +19,25 @@ from scipy.spatial import cKDTree
 from pw_elements.arrays import Array, Indices
 
 # Corners of the simplices that make up a sub-facet, by its number of corners
-_SIMPLEX_CORNERS = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
+_SIMPLEX_SPLIT_BY_CORNER_COUNT = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Smallest overlap, relative to the size of the slave's sub-facet
-_MIN_OVERLAP_FRACTION = 1e-12
+_MIN_OVERLAP_FRACTION_OF_SLAVE_SUB_FACET = 1e-12
 # Largest cosine between the outward normals of two sub-facets that face each other
-MAX_FACING_COSINE = -1e-2
+MAX_COSINE_OF_FACING_OUTWARD_NORMALS = -1e-2
 # Corners of a sub-facet in the order along its rim, by its number of corners
-_CORNERS_ALONG_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+_RIM_CORNER_ORDER_BY_CORNER_COUNT = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 # Newton's method for reference coordinates in a quadrilateral: limit of steps; and largest change
 # of a coordinate in the final step
-_MAX_NEWTON_STEPS = 25
-_NEWTON_TOLERANCE = 1e-14
+_MAX_INVERSE_MAPPING_NEWTON_STEPS = 25
+_REFERENCE_COORDINATE_TOLERANCE = 1e-14
 
 
-def compute_cell_normals(corners: Array) -> Array:
+def compute_unoriented_cell_normals(corners: Array) -> Array:
     """Return unit normals (n, dim), of arbitrary sign, of cells with corners (n, k, dim).
 
     Cells are intervals in the plane, and triangles or quadrilaterals in space.
     """
-    vectors = _spanning_vectors(corners)
+    vectors = _compute_edge_or_diagonal_vectors(corners)
     if corners.shape[2] == 2:
         normal = np.asarray(vectors[:, 0, ::-1] * [1.0, -1.0])
     else:
@@ -45,18 +45,18 @@ def compute_cell_normals(corners: Array) -> Array:
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
-def compute_cell_sizes(corners: Array) -> Array:
+def compute_cell_lengths_or_areas(corners: Array) -> Array:
     """Return lengths or areas (n,) of cells with corners (n, k, dim).
 
     The area of a quadrilateral is the area of its projection along its normal.
     """
     if corners.shape[1] == 4:
-        u, v = np.swapaxes(_spanning_vectors(corners), 0, 1)
+        u, v = np.swapaxes(_compute_edge_or_diagonal_vectors(corners), 0, 1)
         return np.asarray(np.linalg.norm(np.cross(u, v), axis=1) / 2)
     return compute_jacobian_factors(corners) / (corners.shape[1] - 1)
 
 
-def _spanning_vectors(corners: Array) -> Array:
+def _compute_edge_or_diagonal_vectors(corners: Array) -> Array:
     """Return edges from the first corner of simplices, or diagonals of quadrilaterals."""
     if corners.shape[1] == 4:
         return np.asarray(corners[:, [3, 2]] - corners[:, :2])
@@ -78,34 +78,34 @@ class OverlapSimplices:
     size: Array  # (q,), lengths or areas of the simplices in these coordinates
 
 
-def find_overlaps(
-    slave: Array, master: Array, directions: Array, outward: Array
+def find_overlap_simplices(
+    slave_sub_facets: Array, master_sub_facets: Array, projection_directions: Array, master_normals: Array
 ) -> OverlapSimplices:
     """Return the overlaps of the sub-facets of two surfaces.
 
     Args:
-        slave: (s, k, dim), corners of the slave's sub-facets.
-        master: (m, k, dim), corners of the master's sub-facets.
-        directions: (s, dim), unit vectors out of the slave's body, along which the master is
+        slave_sub_facets: (s, k, dim), corners of the slave's sub-facets.
+        master_sub_facets: (m, k, dim), corners of the master's sub-facets.
+        projection_directions: (s, dim), unit vectors out of the slave's body, along which the master is
             projected onto each sub-facet of the slave.
-        outward: (m, dim), outward unit normals of the master's sub-facets.
+        master_normals: (m, dim), outward unit normals of the master's sub-facets.
     """
-    slave_index, master_index = _find_candidate_pairs(slave, master, directions)
-    cosine = np.sum(directions[slave_index] * outward[master_index], axis=1)
-    facing = cosine < MAX_FACING_COSINE
+    slave_index, master_index = _find_sub_facet_pairs_with_intersecting_boxes(slave_sub_facets, master_sub_facets, projection_directions)
+    cosine = np.sum(projection_directions[slave_index] * master_normals[master_index], axis=1)
+    facing = cosine < MAX_COSINE_OF_FACING_OUTWARD_NORMALS
     slave_index, master_index = slave_index[facing], master_index[facing]
-    edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
-    basis = np.concatenate([edges, directions[:, None]], axis=1)[slave_index]
+    edges = slave_sub_facets[:, 1 : slave_sub_facets.shape[2]] - slave_sub_facets[:, :1]
+    basis = np.concatenate([edges, projection_directions[:, None]], axis=1)[slave_index]
     slave_corners, master_corners = (  # without the last coordinate, along the projection
-        _coordinates_along_edges(basis, corners - slave[slave_index, :1])[..., :-1]
-        for corners in (slave[slave_index], master[master_index])
+        _compute_coordinates_in_edge_basis(basis, corners - slave_sub_facets[slave_index, :1])[..., :-1]
+        for corners in (slave_sub_facets[slave_index], master_sub_facets[master_index])
     )
-    pair, corners = (_intersect_intervals if slave.shape[2] == 2 else _intersect_polygons)(
+    pair, corners = (_intersect_intervals if slave_sub_facets.shape[2] == 2 else _intersect_polygons_into_triangles)(
         slave_corners, master_corners
     )
-    size, whole = compute_cell_sizes(corners), slave_corners[pair]
-    keep = size > _MIN_OVERLAP_FRACTION * sum(
-        compute_cell_sizes(whole[:, simplex]) for simplex in _SIMPLEX_CORNERS[whole.shape[1]]
+    size, whole = compute_cell_lengths_or_areas(corners), slave_corners[pair]
+    keep = size > _MIN_OVERLAP_FRACTION_OF_SLAVE_SUB_FACET * sum(
+        compute_cell_lengths_or_areas(whole[:, simplex]) for simplex in _SIMPLEX_SPLIT_BY_CORNER_COUNT[whole.shape[1]]
     )
     pair, corners, size = pair[keep], corners[keep], size[keep]
     return OverlapSimplices(
@@ -118,7 +118,7 @@ def find_overlaps(
     )
 
 
-def evaluate_corner_functions(corners: Array, points: Array) -> Array:
+def evaluate_corner_shape_functions(corners: Array, points: Array) -> Array:
     """Return the shape functions (q, g, k) of cells with corners (q, k, d) at points (q, g, d).
 
     Shape functions are linear on intervals and triangles. They are bilinear on quadrilaterals, on
@@ -126,14 +126,14 @@ def evaluate_corner_functions(corners: Array, points: Array) -> Array:
     """
     k, d = corners.shape[1:]
     edges = corners[:, 1 : d + 1] - corners[:, :1]
-    coordinates = _coordinates_along_edges(edges, points - corners[:, :1])
+    coordinates = _compute_coordinates_in_edge_basis(edges, points - corners[:, :1])
     if k == d + 1:
         vertex_function = 1 - coordinates.sum(axis=2, keepdims=True)
         return np.concatenate([vertex_function, coordinates], axis=2)
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = _coordinates_along_edges(edges, difference[:, None])
+    twist = _compute_coordinates_in_edge_basis(edges, difference[:, None])
     u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(_MAX_NEWTON_STEPS):  # coordinates: u + twist_0 u v, v + twist_1 u v
+    for _ in range(_MAX_INVERSE_MAPPING_NEWTON_STEPS):  # coordinates: u + twist_0 u v, v + twist_1 u v
         residual = [
             value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
         ]
@@ -145,12 +145,12 @@ def evaluate_corner_functions(corners: Array, points: Array) -> Array:
             (a * residual[1] - c * residual[0]) / determinant,
         )
         u, v = u - step[0], v - step[1]
-        if np.abs(step).max(initial=0.0) < _NEWTON_TOLERANCE:
+        if np.abs(step).max(initial=0.0) < _REFERENCE_COORDINATE_TOLERANCE:
             break
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
 
 
-def _coordinates_along_edges(edges: Array, vectors: Array) -> Array:
+def _compute_coordinates_in_edge_basis(edges: Array, vectors: Array) -> Array:
     """Return coordinates (q, g, d) of vectors (q, g, d) in bases whose vectors are `edges`.
 
     The rows of `edges` (q, d, d) are the basis vectors.
@@ -158,23 +158,23 @@ def _coordinates_along_edges(edges: Array, vectors: Array) -> Array:
     return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, vectors))), 1, 2)
 
 
-def compute_jacobian_factors(corners: Array, corner_weights: Array | None = None) -> Array:
+def compute_jacobian_factors(corners: Array, corner_shape_functions: Array | None = None) -> Array:
     """Return the Jacobian factors (q,) at one point of each cell.
 
     The factor is the length or area on the cell per unit length or area on the reference cell.
 
     Args:
         corners: (q, k, dim), corners of the cells.
-        corner_weights: (q, k), shape functions of the corners at the point. They are needed on
+        corner_shape_functions: (q, k), shape functions of the corners at the point. They are needed on
             quadrilaterals only, since the factor is constant on simplices.
     """
     edges = corners[:, 1:3] - corners[:, :1]
     if corners.shape[1] == 2:
         return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    if corner_weights is not None and corners.shape[1] == 4:
+    if corner_shape_functions is not None and corners.shape[1] == 4:
         opposite_edges = corners[:, 3:] - corners[:, [2, 1]]
         v_and_u = np.stack(
-            [corner_weights[:, 2:].sum(axis=1), corner_weights[:, 1::2].sum(axis=1)], axis=1
+            [corner_shape_functions[:, 2:].sum(axis=1), corner_shape_functions[:, 1::2].sum(axis=1)], axis=1
         )
         edges = edges + v_and_u[:, :, None] * (opposite_edges - edges)
     if corners.shape[2] == 2:
@@ -182,8 +182,8 @@ def compute_jacobian_factors(corners: Array, corner_weights: Array | None = None
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def _find_candidate_pairs(
-    slave: Array, master: Array, directions: Array
+def _find_sub_facet_pairs_with_intersecting_boxes(
+    slave_sub_facets: Array, master_sub_facets: Array, projection_directions: Array
 ) -> tuple[Indices, Indices]:
     """Return pairs (q,) of sub-facets of slave and master whose bounding boxes intersect.
 
@@ -193,37 +193,37 @@ def _find_candidate_pairs(
     From this box the search descends for all sub-facets of the slave at once.
 
     Args:
-        slave: (s, k, dim), corners of the slave's sub-facets.
-        master: (m, k, dim), corners of the master's sub-facets.
-        directions: (s, dim), unit vectors out of the slave's body.
+        slave_sub_facets: (s, k, dim), corners of the slave's sub-facets.
+        master_sub_facets: (m, k, dim), corners of the master's sub-facets.
+        projection_directions: (s, dim), unit vectors out of the slave's body.
     """
-    if not len(slave) or not len(master):
+    if not len(slave_sub_facets) or not len(master_sub_facets):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    slave_middle, master_middle = slave.mean(axis=1), master.mean(axis=1)
+    slave_middle, master_middle = slave_sub_facets.mean(axis=1), master_sub_facets.mean(axis=1)
     tree = cKDTree(master_middle)
-    from_middle = slave - slave_middle[:, None]
+    from_middle = slave_sub_facets - slave_middle[:, None]
     slave_radius, master_radius = (
         np.linalg.norm(x, axis=2).max(axis=1)
-        for x in (from_middle, master - master_middle[:, None])
+        for x in (from_middle, master_sub_facets - master_middle[:, None])
     )
     search_radius = slave_radius + master_radius.max() + tree.query(slave_middle)[0]
-    axes = np.linalg.svd(directions[:, None])[2]  # of the slave's boxes; the first is the direction
+    axes = np.linalg.svd(projection_directions[:, None])[2]  # of the slave's boxes; the first is the direction
     half_width = np.abs(from_middle @ np.swapaxes(axes, 1, 2)).max(axis=1)
     half_width[:, 0] = search_radius
-    boxes = [np.stack([end(master[tree.indices], axis=1) for end in (np.min, np.max)])]
+    boxes = [np.stack([end(master_sub_facets[tree.indices], axis=1) for end in (np.min, np.max)])]
     while (n := boxes[-1].shape[1]) > 1:
         pairs = np.arange(0, n, 2)
         low, high = boxes[-1]
         merged = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
         boxes.append(np.stack(merged))
-    slave_index: Indices = np.arange(len(slave))
-    box: Indices = np.zeros(len(slave), dtype=np.int64)
+    slave_index: Indices = np.arange(len(slave_sub_facets))
+    box: Indices = np.zeros(len(slave_sub_facets), dtype=np.int64)
     for level, (low, high) in enumerate(reversed(boxes)):
         if level:
             slave_index, box = np.repeat(slave_index, 2), (2 * box[:, None] + np.arange(2)).ravel()
             slave_index, box = slave_index[box < len(low)], box[box < len(low)]
         centre, extent = (low + high) / 2, (high - low) / 2
-        for k in range(slave.shape[2]):
+        for k in range(slave_sub_facets.shape[2]):
             axis = axes[slave_index, k]
             distance = np.abs(np.sum(axis * (centre[box] - slave_middle[slave_index]), axis=1))
             reach = half_width[slave_index, k] + np.sum(np.abs(axis) * extent[box], axis=1)
@@ -245,7 +245,7 @@ def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]: 
     return pair, np.stack([low, high], axis=1)[pair, :, None]
 
 
-def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
+def _intersect_polygons_into_triangles(slave: Array, master: Array) -> tuple[Indices, Array]:
     """Return the triangles into which the overlaps of pairs of polygons are split.
 
     The polygon of the master is clipped at each side of the slave's polygon in turn (Sutherland and
@@ -256,29 +256,29 @@ def _intersect_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
         The pair (q,) to which each triangle belongs, and the corners (q, 3, 2) of the triangles.
     """
     n, k = master.shape[:2]
-    rim = slave[:, _CORNERS_ALONG_RIM[k]]
+    rim = slave[:, _RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
     polygon: Array = np.zeros((n, 2 * k + 1, 2))
-    polygon[:, :k] = master[:, _CORNERS_ALONG_RIM[k]]
+    polygon[:, :k] = master[:, _RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
     count: Indices = np.full(n, k)
     for side in range(k):
         start, end = rim[:, side], rim[:, (side + 1) % k]
         inwards = np.stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]], axis=1)
         height = np.einsum("nd,nmd->nm", inwards, polygon - start[:, None])
-        polygon, count = _clip_polygons(polygon, count, height)
+        polygon, count = _clip_polygons_at_zero_height(polygon, count, height)
     fans = [np.flatnonzero(count > j + 2) for j in range(2 * k - 1)]
     pair = np.concatenate(fans)
     triangles = [polygon[indices][:, [0, j + 1, j + 2]] for j, indices in enumerate(fans)]
     return pair, np.concatenate(triangles)
 
 
-def _clip_polygons(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
+def _clip_polygons_at_zero_height(polygon: Array, corner_count: Indices, height: Array) -> tuple[Array, Indices]:
     """Remove the parts of polygons in which the height is negative.
 
     The height is linear between corners.
 
     Args:
         polygon: (n, max_count, 2), corners of the polygons.
-        count: (n,), number of corners of each polygon.
+        corner_count: (n,), number of corners of each polygon.
         height: (n, max_count), heights at the corners.
 
     Returns:
@@ -288,8 +288,8 @@ def _clip_polygons(polygon: Array, count: Indices, height: Array) -> tuple[Array
     clipped, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)
     row = np.arange(n)
     for k in range(max_count):
-        exists = k < count
-        following = np.where(k + 1 < count, k + 1, 0)
+        exists = k < corner_count
+        following = np.where(k + 1 < corner_count, k + 1, 0)
         start, end = polygon[:, k], polygon[row, following]
         a, b = height[:, k], height[row, following]
         inside = exists & (a >= 0)

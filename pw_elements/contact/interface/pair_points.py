@@ -1,7 +1,7 @@
 """Contact points of one pair: against rigid surfaces, with matching nodes, and by mortars.
 
 The module guarantees points whose equations and opposite sides exist and are unique. It assumes
-pairs that `build_interface` has checked. All functions except `find_reduced_columns` are
+pairs that `build_interface` has checked. All functions except `find_reduced_column_of_each_unknown` are
 collective.
 """
 
@@ -22,7 +22,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
-from pw_elements.contact.interface.mortar import Overlap, Trace, gather_trace
+from pw_elements.contact.interface.mortar import Overlap, Trace, gather_boundary_facets
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     ContactPair,
@@ -32,7 +32,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.elasticity import (
     StressState,
-    facets_with_all_nodes,
+    exterior_facets_with_all_nodes,
     order_by_position,
 )
 from pw_elements.progress import log_on_root
@@ -41,7 +41,7 @@ from pw_elements.spaces import (
     Part,
     SubSpace,
     assemble_vector,
-    gather_from_owners,
+    gather_nodal_values,
     is_hybrid,
     locate_exterior_facets,
     locate_nodes,
@@ -53,30 +53,30 @@ from pw_elements.spaces import (
 RIGID, DEFORMABLE = -1, -2
 
 # Number of cells that are processed at a time, to limit memory
-_CELLS_PER_BLOCK = 20_000
+_MAX_CELLS_AT_ONCE = 20_000
 # Largest distance of a node from the expected position of its opposite node, relative to the body's
 # diagonal
-_MAX_MATCHING_DISTANCE = 1e-6
+_MAX_MATCHING_DISTANCE_PER_BODY_DIAGONAL = 1e-6
 # Largest distance of a node on the axis of revolution from the axis, relative to the body's
 # diagonal
-_AXIS_TOLERANCE = 1e-10
+_MAX_AXIS_DISTANCE_PER_BODY_DIAGONAL = 1e-10
 # Smallest cosine between a normal and its projection into a symmetry plane at which the projection
 # replaces the normal
-_MIN_SYMMETRY_PLANE_COSINE = 0.9
+_MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE = 0.9
 # Largest gap between coincident sides, relative to the mean edge of the slave's sub-facets. The
 # ratio is 0.01 on an octant of a sphere with two quadratic facets along each side
-_MAX_COINCIDENT_GAP = 0.05
+_MAX_COINCIDENT_GAP_PER_SLAVE_EDGE = 0.05
 # Limit of (mesh gap / edge length) / (interference / body diagonal). Above it pressures change by a
 # tenth, and a warning is logged
-_MAX_MESH_GAP_RATIO = 0.03
-_MESH_GAP_WARNING = (
+_MAX_MESH_GAP_TO_INTERFERENCE_RATIO = 0.03
+_MESH_GAP_WARNING_MESSAGE = (
     "contact pair %d: gaps between the meshes within facets are a large part of its interference, "
     "and pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
     "coincident=True) and the depth as interference"
 )
 # Largest ratio of the mean edge of the slave to the mean edge of the master where they face each
 # other. Above it a warning is logged
-_MAX_EDGE_RATIO = 3.0
+_MAX_SLAVE_TO_MASTER_EDGE_RATIO = 3.0
 _NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
     "side of its body, or they do not overlap"
@@ -84,7 +84,7 @@ _NO_OVERLAP_MESSAGE = (
 
 
 @dataclass(frozen=True)
-class PairPoints:
+class ContactPairPoints:
     """The contact points (m) of one pair that belong to this process.
 
     Args:
@@ -158,7 +158,7 @@ class BodyNodes:
         space: space of the displacements.
         x: (nodes, dim), positions of owned nodes and ghosts.
         reduced_column: (owned nodes, dim), column of each displacement in the reduced system, see
-            `find_reduced_columns`.
+            `find_reduced_column_of_each_unknown`.
         outward_normal: (owned nodes, dim), outward normals of the boundary, integrated with the
             shape functions of the nodes.
         mean_cell_midpoint: (nodes, dim), mean of the midpoints of the adjacent cells.
@@ -173,15 +173,15 @@ class BodyNodes:
         mesh = self.space.mesh
         dim = mesh.geometry.dim
         self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
-        self.reduced_column: Indices = find_reduced_columns(reduction.right)[
+        self.reduced_column: Indices = find_reduced_column_of_each_unknown(reduction.right)[
             self.displacements.owned_unknowns
         ]
         v = ufl.TestFunction(self.space)
         normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
         # a copy, since a view in a traceback would keep the vector alive on one process only
         self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
-        self.mean_cell_midpoint = average_cell_midpoints(self.space)
-        self.diagonal = float(np.linalg.norm(compute_extents(mesh.comm, mesh.geometry.x)))
+        self.mean_cell_midpoint = average_midpoints_of_adjacent_cells(self.space)
+        self.diagonal = float(np.linalg.norm(compute_bounding_box_extents(mesh.comm, mesh.geometry.x)))
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
     def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
@@ -190,34 +190,34 @@ class BodyNodes:
         `assembly` is the record of how the stiffness was assembled, or None if there is none.
         """
         if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
-            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _AXIS_TOLERANCE * self.diagonal
+            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _MAX_AXIS_DISTANCE_PER_BODY_DIAGONAL * self.diagonal
 
-    def find_owned_nodes(self, whose: str, nodes: Part) -> LocalIndices:
+    def find_owned_nodes(self, name_in_messages: str, part: Part) -> LocalIndices:
         """Return those nodes of a part of the body that this process owns.
 
-        `whose` is the name of the part in error messages.
+        `name_in_messages` is the name of the part in error messages.
         """
-        selected = locate_nodes(self.unknowns_space, whose, nodes)
+        selected = locate_nodes(self.unknowns_space, name_in_messages, part)
         return selected[selected < self.space.dofmap.index_map.size_local]
 
-    def refuse_nodes(self, nodes: LocalIndices, reason: str) -> None:
+    def raise_error_for_invalid_nodes(self, invalid_nodes: LocalIndices, reason: str) -> None:
         """Raise ValueError if any process passes nodes; collective.
 
         The message lists the positions of the nodes, followed by `reason`.
         """
-        positions = np.concatenate(self.space.mesh.comm.allgather(self.x[nodes]))
+        positions = np.concatenate(self.space.mesh.comm.allgather(self.x[invalid_nodes]))
         if len(positions):
             raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
-def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
+def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace) -> Array:
     """Return the mean midpoint (nodes, dim) of the cells around each node, ghosts included."""
     mesh = space.mesh
     dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
     sums.array[:] = 0.0
-    for start in range(0, n_owned, _CELLS_PER_BLOCK):
-        block = slice(start, min(start + _CELLS_PER_BLOCK, n_owned))
+    for start in range(0, n_owned, _MAX_CELLS_AT_ONCE):
+        block = slice(start, min(start + _MAX_CELLS_AT_ONCE, n_owned))
         midpoint = mesh.geometry.x[cell_nodes(mesh)[block], :dim].mean(axis=1)
         midpoint_and_count = np.concatenate([midpoint, np.ones((len(midpoint), 1))], axis=1)
         cells = space.dofmap.list[block]
@@ -229,13 +229,13 @@ def average_cell_midpoints(space: fem.FunctionSpace) -> Array:
     return np.asarray(values[:, :dim] / values[:, dim:])
 
 
-def find_reduced_columns(right: PETSc.Mat) -> Indices:
+def find_reduced_column_of_each_unknown(right_reduction_matrix: PETSc.Mat) -> Indices:
     """Return the reduced unknown, or column, to which each owned unknown is equal.
 
-    The rows of `right` express all unknowns by the reduced ones. The column is -1 for rows without
+    The rows of `right_reduction_matrix` express all unknowns by the reduced ones. The column is -1 for rows without
     entries, which are prescribed values, and -2 for other rows that are not rows of the identity.
     """
-    indptr, indices, data = right.getValuesCSR()
+    indptr, indices, data = right_reduction_matrix.getValuesCSR()
     count = np.diff(indptr)
     column = np.where(count == 0, -1, -2).astype(np.int64)
     single = np.flatnonzero(count == 1)
@@ -244,27 +244,27 @@ def find_reduced_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def make_points(
-    body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite: Indices | None
-) -> PairPoints:
+def make_contact_points_at_nodes(
+    body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite_nodes: Indices | None
+) -> ContactPairPoints:
     """Return contact points at owned nodes.
 
     Args:
         body: nodes of the body.
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
-        opposite: (m,), global numbers of the opposite nodes that the nodes face. None if there are
+        opposite_nodes: (m,), global numbers of the opposite nodes that the nodes face. None if there are
             no matching opposite nodes.
     """
     dim = body.x.shape[1]
     number = (nodes + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
-    ends = [(number, 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
+    ends = [(number, 1.0)] + ([] if opposite_nodes is None else [(opposite_nodes, -1.0)])
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
     value = np.repeat([sign for _, sign in ends], len(nodes) * dim)
     row = np.tile(np.arange(len(nodes) * dim), len(ends))
     shape = (len(nodes) * dim, body.displacements.sizes[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
-    return PairPoints(
+    return ContactPairPoints(
         body.x[nodes],
         cone,
         body.reduced_column[nodes],
@@ -273,27 +273,27 @@ def make_points(
         body.mean_cell_midpoint[nodes],
         body.outward_normal[nodes],
         number,
-        np.full_like(number, RIGID) if opposite is None else opposite,
+        np.full_like(number, RIGID) if opposite_nodes is None else opposite_nodes,
         body.on_axis[nodes],
         np.full(body.x[nodes].shape, -1, dtype=np.int64),
     )
 
 
 def match_opposite_nodes(
-    number: int,
+    pair_index: int,
     matching: MatchingNodes,
     nodes: LocalIndices,
-    opposite: LocalIndices,
+    opposite_nodes: LocalIndices,
     has_friction: Mask,
     body: BodyNodes,
 ) -> Indices:
     """Return the global number (m,) of the opposite node that each node of a pair faces.
 
     Args:
-        number: index of the pair.
+        pair_index: index of the pair.
         matching: opposite part and its offset.
         nodes: (m,), owned nodes of the pair.
-        opposite: (k,), owned nodes of the opposite side.
+        opposite_nodes: (k,), owned nodes of the opposite side.
         has_friction: (m,), mask of the nodes that have friction.
         body: nodes of both bodies.
 
@@ -304,34 +304,34 @@ def match_opposite_nodes(
     comm, dim = body.space.mesh.comm, body.x.shape[1]
     offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
     if offset.shape != (dim,):
-        raise ValueError(f"contact pair {number}: its offset {offset.tolist()} is not {dim}-D")
+        raise ValueError(f"contact pair {pair_index}: its offset {offset.tolist()} is not {dim}-D")
     first_number = np.int64(body.space.dofmap.index_map.local_range[0])
     opposite_number, opposite_x, opposite_prescribed = (
         np.concatenate(comm.allgather(values))
         for values in (
-            opposite + first_number,
-            body.x[opposite],
-            body.reduced_column[opposite] == -1,
+            opposite_nodes + first_number,
+            body.x[opposite_nodes],
+            body.reduced_column[opposite_nodes] == -1,
         )
     )
     if not len(opposite_number):
-        raise ValueError(f"contact pair {number} has no opposite nodes: their marker holds nowhere")
+        raise ValueError(f"contact pair {pair_index} has no opposite nodes: their marker holds nowhere")
     distance, nearest = cKDTree(opposite_x).query(body.x[nodes] + offset)
-    far = distance > _MAX_MATCHING_DISTANCE * body.diagonal
-    body.refuse_nodes(nodes[far], "face no node of the opposite side")
+    far = distance > _MAX_MATCHING_DISTANCE_PER_BODY_DIAGONAL * body.diagonal
+    body.raise_error_for_invalid_nodes(nodes[far], "face no node of the opposite side")
     count = np.bincount(nearest, minlength=len(opposite_number))
     comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-    body.refuse_nodes(nodes[count[nearest] > 1], "face the same node of the opposite side")
+    body.raise_error_for_invalid_nodes(nodes[count[nearest] > 1], "face the same node of the opposite side")
     prescribed = body.reduced_column[nodes] == -1
     one_sided = (prescribed & ~opposite_prescribed[nearest]).any(axis=1)
-    body.refuse_nodes(
+    body.raise_error_for_invalid_nodes(
         nodes[one_sided & has_friction],
         "have a prescribed displacement that their counterparts have not: exchange both sides",
     )
     return np.asarray(opposite_number[nearest])
 
 
-def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+def check_piecewise_linear_weight_functions(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
     """Raise ValueError if a stiffness K has weight functions that are not piecewise linear.
 
     A stiffness without a record of its assembly is accepted. Weight functions are recognised by
@@ -349,13 +349,13 @@ def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> No
         )
 
 
-def _gather_sides(
-    number: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
+def _gather_nodes_and_facets_of_both_sides(
+    pair_index: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Return the global numbers (m,) of a pair's owned nodes and the traces of both sides.
 
     Args:
-        number: index of the pair.
+        pair_index: index of the pair.
         pair: pair with a deformable surface.
         nodes: (m,), owned nodes of the pair.
         body: nodes of both bodies.
@@ -364,21 +364,21 @@ def _gather_sides(
         ValueError: for an empty side, nodes that belong to no facet or to both sides, or a sharp
             edge of the slave.
     """
-    space, master, name = body.space, pair.surface, f"contact pair {number}"
+    space, master, name = body.space, pair.surface, f"contact pair {pair_index}"
     assert isinstance(master, DeformableSurface)
     owned = nodes + np.int64(space.dofmap.index_map.local_range[0])
     pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
     if not len(pair_nodes):
         raise ValueError(f"{name} has no nodes: its marker holds nowhere")
-    slave_trace = gather_trace(space, facets_with_all_nodes(space, pair_nodes))
-    master_trace = gather_trace(space, locate_exterior_facets(space.mesh, master.where))
+    slave_trace = gather_boundary_facets(space, exterior_facets_with_all_nodes(space, pair_nodes))
+    master_trace = gather_boundary_facets(space, locate_exterior_facets(space.mesh, master.where))
     if not len(master_trace.facet_nodes):
         raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
     without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
-    body.refuse_nodes(without_facet, "belong to no facet that is all in their pair")
+    body.raise_error_for_invalid_nodes(without_facet, "belong to no facet that is all in their pair")
     on_master = nodes[np.isin(owned, master_trace.facet_nodes)]
-    body.refuse_nodes(on_master, "belong to both sides of their pair")
-    if len(edge_positions := slave_trace.find_sharp_edges()):
+    body.raise_error_for_invalid_nodes(on_master, "belong to both sides of their pair")
+    if len(edge_positions := slave_trace.find_sharp_edge_node_positions()):
         raise ValueError(
             f"{name} has an edge at {format_points(edge_positions)}, where its normal would belong "
             "to neither side: state each side as a pair of its own, one with the nodes of the edge"
@@ -386,187 +386,187 @@ def _gather_sides(
     return owned, slave_trace, master_trace
 
 
-def make_sliding_points(
-    number: int,
+def make_large_sliding_mortar_points(
+    pair_index: int,
     pair: ContactPair,
     nodes: LocalIndices,
     cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
-) -> tuple[PairPoints, KnownGapSurface, SlidingMortar]:
+) -> tuple[ContactPairPoints, KnownGapSurface, SlidingMortar]:
     """Return points, initial gaps and mortar of a pair of two bodies that may slide far.
 
     Args:
-        number: index of the pair.
+        pair_index: index of the pair.
         pair: pair with a deformable surface.
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
         body: nodes of both bodies.
         revolved: whether areas are those of the whole circumference.
     """
-    owned, slave, master = _gather_sides(number, pair, nodes, body)
+    owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
     mortar = SlidingMortar(slave, master, revolved)
     undeformed = mortar.linearise(mortar.x)
     if not undeformed.faces_master.any():
-        raise ValueError(_NO_OVERLAP_MESSAGE % number)
+        raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)
     free = ~_find_prescribed_components(slave.nodes, body)
-    # the same condition as in `_turn_into_symmetry_planes`
-    near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_SYMMETRY_PLANE_COSINE
+    # the same condition as in `_project_normals_into_symmetry_planes`
+    near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE
     mortar.allowed_components[near] = free[near]
     undeformed = mortar.linearise(mortar.x)
     index = np.searchsorted(slave.nodes, owned)
     gap = np.where(undeformed.faces_master, undeformed.gaps, np.inf)[index]
     points = replace(
-        make_points(body, nodes, cone, None), **_opposite_side_fields(owned, nodes, master, body)
+        make_contact_points_at_nodes(body, nodes, cone, None), **_make_master_fields_of_contact_points(owned, nodes, master, body)
     )
     return points, KnownGapSurface(body.x[nodes], gap, undeformed.normals[index]), mortar
 
 
-def _opposite_side_fields(
-    owned: Indices, nodes: LocalIndices, master: Trace, body: BodyNodes
+def _make_master_fields_of_contact_points(
+    global_nodes: Indices, local_nodes: LocalIndices, master: Trace, body: BodyNodes
 ) -> dict[str, Any]:
-    """Return the fields `faced`, `opposite` and `counterpart` of `PairPoints`.
+    """Return the fields `faced`, `opposite` and `counterpart` of `ContactPairPoints`.
 
     They describe the master, given its trace and the global and local numbers of owned nodes.
     """
     x = master.node_positions()
     order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
-    counterpart = np.full(body.x[nodes].shape, -1, dtype=np.int64)
+    counterpart = np.full(body.x[local_nodes].shape, -1, dtype=np.int64)
     for axis in range(x.shape[1]):
         candidates = np.flatnonzero(prescribed[:, axis])
         if len(candidates):
-            nearest = cKDTree(x[candidates]).query(body.x[nodes])[1]
+            nearest = cKDTree(x[candidates]).query(body.x[local_nodes])[1]
             counterpart[:, axis] = master.nodes[candidates[nearest]]
     return {
-        "faced": np.full_like(owned, DEFORMABLE),
+        "faced": np.full_like(global_nodes, DEFORMABLE),
         "opposite": master.nodes[order],
         "counterpart": counterpart,
     }
 
 
-def make_mortar_points(
-    number: int,
+def make_small_sliding_mortar_points(
+    pair_index: int,
     pair: ContactPair,
     nodes: LocalIndices,
     cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
-    depth: Array | None,
-) -> tuple[PairPoints, KnownGapSurface]:
+    nominal_interference: Array | None,
+) -> tuple[ContactPairPoints, KnownGapSurface]:
     """Return points and initial gaps of a pair with a deformable surface.
 
     Points that face nothing have an infinite gap.
 
     Args:
-        number: index of the pair.
+        pair_index: index of the pair.
         pair: pair with a deformable surface.
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
         body: nodes of both bodies.
         revolved: whether areas are those of the whole circumference.
-        depth: (m,), nominal interference if both sides coincide, None for other pairs.
+        nominal_interference: (m,), nominal interference if both sides coincide, None for other pairs.
     """
     comm = body.space.mesh.comm
-    owned, slave, master = _gather_sides(number, pair, nodes, body)
-    overlap = Overlap.from_traces(slave, master, owned, revolved)
+    owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
+    overlap = Overlap.from_slave_and_master(slave, master, owned, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        raise ValueError(_NO_OVERLAP_MESSAGE % number)
-    edge_ratio = overlap.mean_edge(overlap.size_ratio, comm)
-    if edge_ratio > _MAX_EDGE_RATIO:
+        raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)
+    edge_ratio = overlap.average_edge_length(overlap.size_ratio, comm)
+    if edge_ratio > _MAX_SLAVE_TO_MASTER_EDGE_RATIO:
         words = (
-            f"contact pair {number}: its facets are {edge_ratio:.1f} times as large as those they "
+            f"contact pair {pair_index}: its facets are {edge_ratio:.1f} times as large as those they "
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
         log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(nodes), body.x.shape[1]
     shape = m, body.displacements.sizes[1] // dim
-    area = overlap.integrate_per_point(np.ones(len(overlap.measure)), m)
+    area = overlap.integrate_with_weight_functions(np.ones(len(overlap.measure)), m)
     faced = area > 0
     inverse_area = sp.diags_array(1 / np.where(faced, area, 1.0))
     identity = sp.csr_array((np.ones(m), (np.arange(m), owned)), shape)
     unfaced_identity = sp.diags_array(np.where(faced, 0.0, 1.0)) @ identity
     (nodes1, N1), (nodes2, N2), (weight_nodes2, w2) = overlap.functions
-    motion = overlap.assemble_integrals(overlap.weight, nodes1, N1, shape)
-    motion -= overlap.assemble_integrals(overlap.weight, nodes2, N2, shape)
-    force = identity - inverse_area @ overlap.assemble_integrals(
+    motion = overlap.assemble_product_integrals(overlap.weight, nodes1, N1, shape)
+    motion -= overlap.assemble_product_integrals(overlap.weight, nodes2, N2, shape)
+    force = identity - inverse_area @ overlap.assemble_product_integrals(
         overlap.dual, weight_nodes2, w2, shape
     )
     coupled = (
-        overlap.assemble_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
+        overlap.assemble_product_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
     )
     prescribed = body.reduced_column[nodes] == -1
     one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
-    body.refuse_nodes(
+    body.raise_error_for_invalid_nodes(
         nodes[faced & cone.has_friction & one_sided.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )
-    normal = _turn_into_symmetry_planes(
+    normal = _project_normals_into_symmetry_planes(
         -slave.average_normals(owned), body.reduced_column[nodes] >= 0
     )
-    distance = np.stack([overlap.integrate_per_point(x, m) for x in overlap.separation.T], axis=1)
+    distance = np.stack([overlap.integrate_with_weight_functions(x, m) for x in overlap.separation.T], axis=1)
     gap = np.where(faced, np.sum(normal * distance, axis=1) * inverse_area.diagonal(), np.inf)
-    edge = overlap.mean_edge(overlap.slave_size, comm)
-    if depth is not None:
-        body.refuse_nodes(
-            nodes[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP * edge)],
+    edge = overlap.average_edge_length(overlap.slave_size, comm)
+    if nominal_interference is not None:
+        body.raise_error_for_invalid_nodes(
+            nodes[faced & (np.abs(gap) > _MAX_COINCIDENT_GAP_PER_SLAVE_EDGE * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
-        gap = np.where(faced, -depth, np.inf)
+        gap = np.where(faced, -nominal_interference, np.inf)
     elif pair.interference:
         normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.separation)
-        mean_squares = overlap.integrate_per_point(normal_distance**2, m) * inverse_area.diagonal()
-        _warn_of_mesh_gaps(number, mean_squares, gap, body, edge)
+        mean_squares = overlap.integrate_with_weight_functions(normal_distance**2, m) * inverse_area.diagonal()
+        _warn_of_mesh_gaps_large_for_interference(pair_index, mean_squares, gap, body, edge)
     axes = sp.eye_array(dim)
     points = replace(
-        make_points(body, nodes, cone, None),
+        make_contact_points_at_nodes(body, nodes, cone, None),
         motion_rows=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
         force_columns=sp.csr_matrix(sp.kron(force, axes)),
-        **_opposite_side_fields(owned, nodes, master, body),
+        **_make_master_fields_of_contact_points(owned, nodes, master, body),
     )
     return points, KnownGapSurface(body.x[nodes], gap, normal)
 
 
-def _warn_of_mesh_gaps(
-    number: int, mean_squares: Array, gap: Array, body: BodyNodes, edge: float
+def _warn_of_mesh_gaps_large_for_interference(
+    pair_index: int, mean_square_gap: Array, mean_gap: Array, body: BodyNodes, mean_edge_length: float
 ) -> None:
     """Log a warning if gaps between the meshes are a large part of an interference.
 
     Args:
-        number: index of the pair.
-        mean_squares: (m,), mean squares of the distances between both sides around each point.
-        gap: (m,), means of these distances.
+        pair_index: index of the pair.
+        mean_square_gap: (m,), mean squares of the distances between both sides around each point.
+        mean_gap: (m,), means of these distances.
         body: nodes of both bodies.
-        edge: mean length of an edge of the slave's sub-facets.
+        mean_edge_length: mean length of an edge of the slave's sub-facets.
     """
-    comm, pressed = body.space.mesh.comm, gap < 0
-    variance = (mean_squares - gap**2)[pressed].clip(0)
-    sums = np.array([np.sum(variance), np.sum(gap[pressed]), len(variance)])
+    comm, pressed = body.space.mesh.comm, mean_gap < 0
+    variance = (mean_square_gap - mean_gap**2)[pressed].clip(0)
+    sums = np.array([np.sum(variance), np.sum(mean_gap[pressed]), len(variance)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
-    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_RATIO * edge * depth:
-        log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING % number, ".contact")
+    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_TO_INTERFERENCE_RATIO * mean_edge_length * depth:
+        log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING_MESSAGE % pair_index, ".contact")
 
 
-def _find_prescribed_components(nodes: Indices, body: BodyNodes) -> Mask:
+def _find_prescribed_components(global_nodes: Indices, body: BodyNodes) -> Mask:
     """Return a mask (n, dim) of prescribed displacements of global nodes (n,); collective."""
-    return gather_from_owners(body.space, nodes, (body.reduced_column == -1).astype(np.int8)) > 0
+    return gather_nodal_values(body.space, global_nodes, (body.reduced_column == -1).astype(np.int8)) > 0
 
 
-def _turn_into_symmetry_planes(normal: Array, free: Mask) -> Array:
+def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask) -> Array:
     """Return unit normals (n, dim) in which small components along supports are set to zero.
 
     The normal at a node on a symmetry plane is a mean of facets on one side of the plane only, and
-    may therefore point out of the plane slightly. `free` (n, dim) is a mask of the components that
+    may therefore point out of the plane slightly. `is_free_component` (n, dim) is a mask of the components that
     supports do not prescribe.
     """
-    inside = np.where(free, normal, 0.0)
+    inside = np.where(is_free_component, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)
-    near = length > _MIN_SYMMETRY_PLANE_COSINE
+    near = length > _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE
     return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))
 
 
-def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
+def gather_points_and_own_slice(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
     """Return the points (n, dim) of all processes, and the slice with those of this process.
 
     Collective.
@@ -576,7 +576,7 @@ def gather_points(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
     return np.concatenate(parts), slice(offset, offset + len(x))
 
 
-def compute_extents(comm: MPI.Comm, x: Array) -> Array:
+def compute_bounding_box_extents(comm: MPI.Comm, x: Array) -> Array:
     """Return the extents (dim,), along the axes, of the points x of all processes; collective."""
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)

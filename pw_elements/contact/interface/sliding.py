@@ -29,13 +29,13 @@ from pw_elements.contact.interface.facing import (
     evaluate_mortar_matrices,
 )
 from pw_elements.contact.interface.mortar import Trace
-from pw_elements.contact.interface.overlap import MAX_FACING_COSINE
+from pw_elements.contact.interface.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
 
 # Gauss' rule on [-1, 1]. It is exact for the product of two weight functions and a radius along a
 # segment, which is a cubic. Projections onto the master are not polynomials
 _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 # Number of pieces of the straight path along which slip is integrated
-N_PATH_PIECES = 8
+N_SLIP_PATH_PIECES = 8
 # Smallest fraction of a facet that has to face the master. Below it the dual functions are
 # dominated by round-off
 _MIN_COVERED_FRACTION = 1e-6
@@ -64,7 +64,7 @@ def sum_into_matrix(
 
 
 @dataclass(frozen=True)
-class SlidingReference:
+class MortarSlipReference:
     """State of both sides at the start of an increment, from which slip is measured.
 
     Args:
@@ -126,8 +126,8 @@ class LinearisedMortar:
         """Gaps (m,), mean distances along the normals; zero for nodes that face nothing."""
         return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
-    def measure_slip_and_rates(
-        self, reference: SlidingReference, x: Array
+    def measure_slip_and_position_derivatives(
+        self, reference: MortarSlipReference, x: Array
     ) -> tuple[Array, list[sp.csr_array]]:
         """Return slips since the reference, and derivatives of gaps, slips and normal angles.
 
@@ -190,8 +190,8 @@ class SlidingMortar:
         self.nodes = np.concatenate([slave.nodes, master.nodes])
         self.x = np.concatenate([slave.node_positions(), master.node_positions()])
         self.n_slave_nodes, self._revolved = len(slave.nodes), revolved
-        self._slave_facets = _orient_facets(slave)
-        self._master_facets = _orient_facets(master) + self.n_slave_nodes
+        self._slave_facets = _orient_facets_with_outside_on_right(slave)
+        self._master_facets = _orient_facets_with_outside_on_right(master) + self.n_slave_nodes
         self.allowed_components = np.ones((self.n_slave_nodes, 2), dtype=bool)
         a, b = self._slave_facets.T
         # neighbours along the slave; the missing neighbour of an end node is the node itself
@@ -212,7 +212,7 @@ class SlidingMortar:
     def linearise(self, x: Array) -> LinearisedMortar:
         """Return the mortar for node positions x (n, 2), with its derivatives."""
         n, m, f = len(x), self.n_slave_nodes, len(self._slave_facets)
-        facet, nodes, (W, dW), (Q, dQ) = self._integrate_segments(x)
+        facet, nodes, (W, dW), (Q, dQ) = self._integrate_weight_products_over_facing_segments(x)
         slave_nodes, master_nodes = nodes[:, 1:3], nodes[:, 4:]
         dofs = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
         # integrals of products of the weight functions of both ends a and b of each facet, and the
@@ -308,10 +308,10 @@ class SlidingMortar:
         column = 2 * ends[:, :, None] + np.arange(2)
         signed = angle_by_end[:, None] * np.array([1, -1])[:, None]
         shape = len(chord), x.size
-        normals = np.stack(self._unit_normal(tuple(perpendicular.T), slice(None)), axis=1)
+        normals = np.stack(self._normalise_allowed_components(tuple(perpendicular.T), slice(None)), axis=1)
         return normals, sum_into_matrix(signed, node[:, :, None], column, shape)
 
-    def _integrate_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
+    def _integrate_weight_products_over_facing_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
         """Integrate products of weight functions over segments (q) that face each other.
 
         A segment is a part of a slave's facet that faces a facet of the master. It depends on six
@@ -328,7 +328,7 @@ class SlidingMortar:
         (a, b), (c, d) = self._slave_facets[facet].T, self._master_facets[master_facet].T
         nodes = np.stack([self._previous_node[a], a, b, self._next_node[b], c, d], axis=1)
         corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
-        low, high = self._find_facing_limits(corners, nodes)
+        low, high = self._find_limits_of_facing_parts(corners, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(facet, length, minlength=len(self._slave_facets))[facet]
         facing = (length > 0) & (covered > _MIN_COVERED_FRACTION)
@@ -338,7 +338,7 @@ class SlidingMortar:
             tuple(AutoDiffArray(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)
         ]
-        W, Q = self._integrate_products(corners, nodes, (low[facing] < -1, high[facing] > 1))
+        W, Q = self._integrate_weight_function_products(corners, nodes, (low[facing] < -1, high[facing] > 1))
         Q_value, Q_derivative = stack_values_and_derivatives(Q)
         return (
             facet,
@@ -347,24 +347,24 @@ class SlidingMortar:
             (Q_value.reshape(-1, 2, 2), Q_derivative.reshape(-1, 2, 2, 12)),
         )
 
-    def make_reference(self, x: Array) -> SlidingReference:
+    def make_reference(self, x: Array) -> MortarSlipReference:
         """Return the state from which slip is measured, for node positions x (m + k, 2)."""
         mortar = self.linearise(x)
-        return SlidingReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
+        return MortarSlipReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
-    def integrate_slip(self, start: Array, end: Array) -> Array:
-        """Return the slip (m, 2) along the straight path from positions `start` to `end` (n, 2).
+    def integrate_slip(self, start_positions: Array, end_positions: Array) -> Array:
+        """Return the slip (m, 2) along the straight path from positions `start_positions` to `end_positions` (n, 2).
 
         On each piece of the path, the slip of a slave node j is measured relative to the point p of
         the master that is closest to j at the end of the piece. With the tangent t, it is the
         change of t·(x_j - x_p) from the start to the end of the piece.
         """
-        slip, previous_x = np.zeros(self.n_slave_nodes), start
-        previous_tangents = self._average_tangents(start)
-        for fraction in np.arange(1, N_PATH_PIECES + 1) / N_PATH_PIECES:
-            next_x = (1 - fraction) * start + fraction * end
-            ends, fractions = self._find_closest_points(next_x)
-            next_tangents = self._average_tangents(next_x)
+        slip, previous_x = np.zeros(self.n_slave_nodes), start_positions
+        previous_tangents = self._average_slave_tangents(start_positions)
+        for fraction in np.arange(1, N_SLIP_PATH_PIECES + 1) / N_SLIP_PATH_PIECES:
+            next_x = (1 - fraction) * start_positions + fraction * end_positions
+            ends, fractions = self._find_closest_master_facets_and_weights(next_x)
+            next_tangents = self._average_slave_tangents(next_x)
             for x, tangents, sign in (
                 (next_x, next_tangents, 1.0),
                 (previous_x, previous_tangents, -1.0),
@@ -374,29 +374,29 @@ class SlidingMortar:
             previous_x, previous_tangents = next_x, next_tangents
         return slip[:, None] * previous_tangents
 
-    def measure_penetration(self, start: Array, end: Array) -> Array:
+    def measure_max_penetration_along_path(self, start_positions: Array, end_positions: Array) -> Array:
         """Return the largest depth (m,) to which slave nodes penetrate the master on their path.
 
-        The path from positions `start` to `end` (n, 2) is straight, and is sampled in
-        `2 N_PATH_PIECES` pieces. The depth is zero for nodes that start inside the master by more
+        The path from positions `start_positions` to `end_positions` (n, 2) is straight, and is sampled in
+        `2 N_SLIP_PATH_PIECES` pieces. The depth is zero for nodes that start inside the master by more
         than the length of a facet, and wherever the closest point is an end of the master.
         """
         end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
         depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
-        for piece, fraction in enumerate(np.linspace(0, 1, 2 * N_PATH_PIECES + 1)):
-            x = (1 - fraction) * start + fraction * end
-            ends, fractions = self._find_closest_points(x)
+        for piece, fraction in enumerate(np.linspace(0, 1, 2 * N_SLIP_PATH_PIECES + 1)):
+            x = (1 - fraction) * start_positions + fraction * end_positions
+            ends, fractions = self._find_closest_master_facets_and_weights(x)
             edge = x[ends[:, 1]] - x[ends[:, 0]]
             from_closest = x[: self.n_slave_nodes] - np.einsum("jk,jkx->jx", fractions, x[ends])
             height = np.sum(edge[:, ::-1] * [1, -1] * from_closest, axis=1)
             height /= np.linalg.norm(edge, axis=1)
             at_end = (np.isin(ends, np.concatenate(end_nodes)) & (fractions == 1)).any(axis=1)
             if piece == 0:
-                outside = height > -self.measure_shortest_facets()
+                outside = height > -self.measure_shortest_facet_at_slave_nodes()
             depth = np.maximum(depth, np.where(at_end, 0.0, -height))
         return np.where(outside, depth, 0.0)
 
-    def measure_shortest_facets(self) -> Array:
+    def measure_shortest_facet_at_slave_nodes(self) -> Array:
         """Return the length (m,) of the shortest undeformed facet at each slave node."""
         shortest = np.full(self.n_slave_nodes, np.inf)
         edges = np.diff(self.x[self._slave_facets], axis=1)[:, 0]
@@ -404,11 +404,11 @@ class SlidingMortar:
             np.minimum.at(shortest, end, np.linalg.norm(edges, axis=1))
         return shortest
 
-    def _average_tangents(self, x: Array) -> Array:
+    def _average_slave_tangents(self, x: Array) -> Array:
         normals = self._average_normals(x)[0]
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
 
-    def _find_closest_points(self, x: Array) -> tuple[Indices, Array]:
+    def _find_closest_master_facets_and_weights(self, x: Array) -> tuple[Indices, Array]:
         """Return the points of the master that are closest to the slave's nodes.
 
         Returns:
@@ -425,11 +425,11 @@ class SlidingMortar:
         fraction = fractions[np.arange(self.n_slave_nodes), nearest]
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
-    def _unit_normal(self, perpendicular: Vector, node: Any) -> Vector:  # noqa: ANN401
-        """Return the unit vector along the allowed components of a vector at slave nodes `node`."""
+    def _normalise_allowed_components(self, vector: Vector, slave_node: Any) -> Vector:  # noqa: ANN401
+        """Return the unit vector along the allowed components of a vector at slave nodes `slave_node`."""
         x, y = (
-            perpendicular[0] * self.allowed_components[node, 0],
-            perpendicular[1] * self.allowed_components[node, 1],
+            vector[0] * self.allowed_components[slave_node, 0],
+            vector[1] * self.allowed_components[slave_node, 1],
         )
         inverse_length = _dot((x, y), (x, y)) ** -0.5
         return x * inverse_length, y * inverse_length
@@ -455,20 +455,20 @@ class SlidingMortar:
         n, _ = self._average_normals(x)
         outward = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
         cosine = np.sum((n[a] + n[b])[facet] * outward[master_facet], axis=1)
-        facing = cosine > -2 * MAX_FACING_COSINE
+        facing = cosine > -2 * MAX_COSINE_OF_FACING_OUTWARD_NORMALS
         return facet[facing], master_facet[facing]
 
-    def _interpolation_coefficients(
-        self, corners: Sequence[Vector], nodes: Indices
+    def _compute_linear_coefficients_of_points_and_normals(
+        self, node_positions: Sequence[Vector], segment_nodes: Indices
     ) -> tuple[Vector, ...]:
         """Return vectors x_0, x_1, n_0 and n_1, which define points and normals of slave's facets.
 
         Points are x_0 + s x_1 and normals n_0 + s n_1 with the coordinate s from -1 to 1. Normals
         are interpolated between the normals at both ends.
         """
-        previous_node, a, b, next_node = corners[:4]
+        previous_node, a, b, next_node = node_positions[:4]
         normals = [
-            self._unit_normal((low[1] - high[1], high[0] - low[0]), nodes[:, k])
+            self._normalise_allowed_components((low[1] - high[1], high[0] - low[0]), segment_nodes[:, k])
             for k, (low, high) in ((1, (previous_node, b)), (2, (a, next_node)))
         ]
         return tuple(
@@ -477,7 +477,7 @@ class SlidingMortar:
             for sign in (1.0, -1.0)
         )
 
-    def _find_facing_limits(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Array, Array]:
+    def _find_limits_of_facing_parts(self, node_positions: Sequence[Vector], segment_nodes: Indices) -> tuple[Array, Array]:
         """Return lower and upper limits (q,) of parts of slave's facets that face master's facets.
 
         Limits are values of the coordinate s and may be outside [-1, 1]. With the point x(s) and
@@ -488,16 +488,16 @@ class SlidingMortar:
         """
         limits = []
         for side, (c0, c1, c2) in zip(
-            (-1.0, 1.0), self._facing_limit_polynomials(corners, nodes), strict=True
+            (-1.0, 1.0), self._compute_polynomials_of_facing_limits(node_positions, segment_nodes), strict=True
         ):
-            root = _smaller_root(c0, c1, c2)
+            root = _find_quadratic_root_nearest_zero(c0, c1, c2)
             has_root = np.abs(root) <= 1  # False for NaN
             without_root = np.where(c0 * side < 0, side * np.inf, -side * np.inf)
             limits.append(np.where(has_root, np.where(c1 > 0, root, -side * np.inf), without_root))
         return limits[0], limits[1]
 
-    def _facing_limit_polynomials(
-        self, corners: Sequence[Vector], nodes: Indices
+    def _compute_polynomials_of_facing_limits(
+        self, node_positions: Sequence[Vector], segment_nodes: Indices
     ) -> list[tuple[Any, Any, Any]]:
         """Return the coefficients c_0, c_1 and c_2 of f(s) = (x(s) - p) x n(s), quadratic in s.
 
@@ -505,30 +505,30 @@ class SlidingMortar:
         then the first node of the master's facet. This order follows from the opposite directions
         in which both sides are traversed.
         """
-        x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
+        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(node_positions, segment_nodes)
         coefficients = []
-        for node in (corners[5], corners[4]):
+        for node in (node_positions[5], node_positions[4]):
             from_node = x0[0] - node[0], x0[1] - node[1]
             c1 = _cross(x1, n0) + _cross(from_node, n1)
             coefficients.append((_cross(from_node, n0), c1, _cross(x1, n1)))
         return coefficients
 
-    def _integrate_products(
-        self, corners: Sequence[Vector], nodes: Indices, at_facet_end: tuple[Mask, Mask]
+    def _integrate_weight_function_products(
+        self, node_positions: Sequence[Vector], segment_nodes: Indices, reaches_facet_end: tuple[Mask, Mask]
     ) -> tuple[list[Any], list[Any]]:
         """Integrate products of two slave's functions, and of a slave's and a master's function.
 
         Args:
-            corners: positions of the six nodes of each segment, with derivatives.
-            nodes: (q, 6), the six nodes of each segment.
-            at_facet_end: two masks (q,), for the lower and the upper limit of a segment. They tell
+            node_positions: positions of the six nodes of each segment, with derivatives.
+            segment_nodes: (q, 6), the six nodes of each segment.
+            reaches_facet_end: two masks (q,), for the lower and the upper limit of a segment. They tell
                 whether the segment extends to this end of the slave's facet.
         """
-        q, ends = len(nodes), list[Any]()
-        x0, x1, n0, n1 = self._interpolation_coefficients(corners, nodes)
-        quadratics = self._facing_limit_polynomials(corners, nodes)
-        for coefficients, is_end, side in zip(quadratics, at_facet_end, (-1.0, 1.0), strict=True):
-            ends.append(_set_constant_where(is_end, side, _smaller_root(*coefficients)))
+        q, ends = len(segment_nodes), list[Any]()
+        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(node_positions, segment_nodes)
+        quadratics = self._compute_polynomials_of_facing_limits(node_positions, segment_nodes)
+        for coefficients, is_end, side in zip(quadratics, reaches_facet_end, (-1.0, 1.0), strict=True):
+            ends.append(_set_constant_where(is_end, side, _find_quadratic_root_nearest_zero(*coefficients)))
         index, t = np.repeat(np.arange(q), len(_GAUSS_POINTS)), np.tile(_GAUSS_POINTS, q)
         half_extent = (ends[1] - ends[0]) * 0.5
         s = ((ends[0] + ends[1]) * 0.5)[index] + half_extent[index] * t
@@ -539,7 +539,7 @@ class SlidingMortar:
         )
         if self._revolved:
             measure = measure * point[0] * (2 * np.pi)
-        c, d = corners[4:]
+        c, d = node_positions[4:]
         from_c = point[0] - c[0][index], point[1] - c[1][index]
         edge = (d[0] - c[0])[index], (d[1] - c[1])[index]
         master_coordinate = _cross(from_c, direction) / _cross(edge, direction)
@@ -560,7 +560,7 @@ class SlidingMortar:
         ]
 
 
-def _smaller_root(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
+def _find_quadratic_root_nearest_zero(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
     """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, or NaN without a root."""
     sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -578,13 +578,13 @@ def _set_constant_where(
     return AutoDiffArray(np.where(is_constant, constant, numbers.value), derivative)
 
 
-def _orient_facets(trace: Trace) -> Indices:
+def _orient_facets_with_outside_on_right(boundary_facets: Trace) -> Indices:
     """Return the two nodes (f, 2) of each sub-facet, as indices of the trace's nodes.
 
     The outside is on the right of the direction from the first to the second node.
     """
-    nodes, corners, outward = trace.sub_facets
+    nodes, corners, outward = boundary_facets.sub_facet_nodes_corners_and_normals
     edge = corners[:, 1] - corners[:, 0]
     is_right = np.sum(edge[:, ::-1] * [1, -1] * outward, axis=1) > 0
-    index = np.searchsorted(trace.nodes, nodes)
+    index = np.searchsorted(boundary_facets.nodes, nodes)
     return np.where(is_right[:, None], index, index[:, ::-1])

@@ -1,8 +1,8 @@
 """Newton's method for one increment: equilibrium, equations, active sets and the final state."""
 
-from pw_elements.contact.iteration.finite import CellGuard, FiniteEquilibrium, SlidingEquilibrium
+from pw_elements.contact.iteration.finite import CellInversionCheck, LargeStrainEquilibrium, SlidingBodiesEquilibrium
 from pw_elements.contact.iteration.increment import (
-    DISPLACEMENT_ROUND_OFF,
+    RELATIVE_DISPLACEMENT_ROUND_OFF,
     Increment,
     LinearEquilibrium,
     LinearIncrement,
@@ -15,15 +15,15 @@ from pw_elements.contact.iteration.results import (
     make_undeformed_state,
 )
 from pw_elements.contact.iteration.target import (
-    IncrementTarget,
+    TargetLoadsAndMotions,
     interpolate_targets,
-    make_balanced_target,
+    make_target_in_equilibrium_with_state,
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
     CycleKeepingSetUpdate,
-    DeformedSetUpdate,
-    choose_first_set,
+    LargeStrainActiveSetUpdate,
+    choose_first_active_set,
     report_no_free_motions,
-    resume_active_set,
+    recover_active_set_of_state,
 )

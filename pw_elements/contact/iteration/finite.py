@@ -24,23 +24,23 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Reduction, ResidualSystem, reduce_load
+from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_update_offset
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
 from pw_elements.contact.model import NotFound
-from pw_elements.contact.nodes import FORCE_TOLERANCE, MortarKinematics, TorqueMap
+from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE, MortarKinematics, TorqueMap
 from pw_elements.contact.system import ContactSystem
 from pw_elements.spaces import SubSpace, is_hybrid
 
 # Estimate of the largest sum of magnitudes in a row of the tangent K, divided by the largest
 # diagonal entry
-_ROW_SUM_TO_DIAGONAL_RATIO = 4.0
+_ESTIMATED_ROW_SUM_TO_MAX_DIAGONAL = 4.0
 # Largest number of halvings of a Newton step
-_MAX_HALVINGS = 10
+_MAX_NEWTON_STEP_HALVINGS = 10
 
 
-class CellGuard:
+class CellInversionCheck:
     """Check of det(I + grad u) > 0 at all quadrature points of a form's cell integrals.
 
     Args:
@@ -55,7 +55,7 @@ class CellGuard:
         self._mesh = u.function_space.mesh
         displacement = ufl.split(u)[0] if is_hybrid(u.function_space) else u
         F = ufl.Identity(self._mesh.geometry.dim) + ufl.grad(displacement)
-        rules = [_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"]
+        rules = [_reference_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"]
         self._points = np.unique(np.concatenate(rules), axis=0)
         self._determinant = fem.Expression(ufl.det(F), self._points)
         n_owned = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
@@ -63,27 +63,27 @@ class CellGuard:
         max_coordinate = np.abs(self._mesh.geometry.x).max(initial=0.0)
         self.extent: float = self._mesh.comm.allreduce(max_coordinate, MPI.MAX)
 
-    def min_determinant(self) -> float:
+    def compute_min_volume_ratio(self) -> float:
         """Return the smallest determinant on all processes; collective.
 
         The result is minus infinity if any determinant is NaN.
         """
-        values = np.nan_to_num(self._evaluate_determinants(), nan=-np.inf)
+        values = np.nan_to_num(self._evaluate_volume_ratios(), nan=-np.inf)
         return float(self._mesh.comm.allreduce(values.min(initial=np.inf), MPI.MIN))
 
-    def find_inverted_midpoints(self) -> Array:
+    def find_midpoints_of_inverted_cells(self) -> Array:
         """Return the undeformed midpoints (k, dim) of all inverted cells; collective."""
-        inverted = self._cells[~(self._evaluate_determinants() > 0).all(axis=1)]
+        inverted = self._cells[~(self._evaluate_volume_ratios() > 0).all(axis=1)]
         mesh = self._mesh
         midpoints = mesh.geometry.x[cell_nodes(mesh)[inverted]].mean(axis=1)
         return np.concatenate(mesh.comm.allgather(midpoints[:, : mesh.geometry.dim]))
 
-    def _evaluate_determinants(self) -> Array:
+    def _evaluate_volume_ratios(self) -> Array:
         values = self._determinant.eval(self._mesh, self._cells)
         return np.asarray(values).reshape(len(self._cells), len(self._points))
 
 
-def _quadrature_points(integral: ufl.Integral) -> Array:
+def _reference_quadrature_points(integral: ufl.Integral) -> Array:
     """Return the quadrature points (q, dim) in the reference cell that an integral uses."""
     metadata = integral.metadata()
     if "quadrature_points" in metadata:
@@ -95,7 +95,7 @@ def _quadrature_points(integral: ufl.Integral) -> Array:
     return np.asarray(basix.make_quadrature(cell, degree, polyset_type=kind)[0])
 
 
-class FiniteEquilibrium:
+class LargeStrainEquilibrium:
     """Equilibrium at large strains of a body in contact with rigid surfaces.
 
     The residual of the body is balanced by the contact forces.
@@ -124,7 +124,7 @@ class FiniteEquilibrium:
         body: ResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
-        guard: CellGuard,
+        guard: CellInversionCheck,
         start: PETSc.Vec,
     ) -> None:
         self._body, self._system, self._reduction, self._guard = body, system, reduction, guard
@@ -132,64 +132,64 @@ class FiniteEquilibrium:
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
         # forces that correspond to the round-off of coordinates
-        round_off = COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
+        round_off = RELATIVE_COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
         diagonal = self._field.extract(body.tangent.getDiagonal())
-        self._max_row_sum = _ROW_SUM_TO_DIAGONAL_RATIO * float(
+        self._max_row_sum = _ESTIMATED_ROW_SUM_TO_MAX_DIAGONAL * float(
             diagonal.norm(PETSc.NormType.INFINITY)
         )
         self._volume_round_off: Array | float = 0.0
         body.set_unknowns(start)
-        if guard.min_determinant() <= 0:
+        if guard.compute_min_volume_ratio() <= 0:
             raise NotFound.with_positions(
-                "cells at {} are inverted at the start", guard.find_inverted_midpoints()
+                "cells at {} are inverted at the start", guard.find_midpoints_of_inverted_cells()
             )
         free = reduction.right.createVecRight()
         free.set(1.0)
         is_prescribed = (reduction.right * free).array_r == 0
         distance = np.abs(start.array_r - self.offset.array_r)[is_prescribed]
         distance = system.comm.allreduce(distance.max(initial=0.0), MPI.MAX)
-        self._satisfies_supports = bool(distance <= COORDINATE_ROUND_OFF * guard.extent)
+        self._satisfies_supports = bool(distance <= RELATIVE_COORDINATE_ROUND_OFF * guard.extent)
         self._update_forces()
 
-    def line_search_to(self, reduced: PETSc.Vec) -> float:
+    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards the linear solution; return the accepted step length.
 
         The full step has length 1. The step is halved until no cell is inverted.
 
         Args:
-            reduced: solution (n_r,) of the linear equations, reduced by the supports.
+            reduced_unknowns: solution (n_r,) of the linear equations, reduced by the supports.
 
         Raises:
             NotFound: if even the shortest step inverts cells.
         """
-        step = self._linear.displacements(reduced)
+        step = self._linear.displacements(reduced_unknowns)
         step.axpy(-1.0, self._u)
         step_length = 1.0
-        for _ in range(_MAX_HALVINGS):
+        for _ in range(_MAX_NEWTON_STEP_HALVINGS):
             u = self._u.copy()
             u.axpy(step_length, step)
             self._body.set_unknowns(u)
-            if self._guard.min_determinant() > 0:
+            if self._guard.compute_min_volume_ratio() > 0:
                 break
             step_length /= 2
         else:
-            midpoints = self._guard.find_inverted_midpoints()
+            midpoints = self._guard.find_midpoints_of_inverted_cells()
             raise NotFound.with_positions("cells at {} would be inverted", midpoints)
         self._u, self._satisfies_supports = u, step_length == 1
         self._update_forces()
         return step_length
 
-    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
+    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._residual
 
-    def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
+    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._u
 
     def violation(
         self,
-        unbalanced: Array,
-        contact_allowance: float,  # noqa: ARG002
+        contact_and_support_forces: Array,
+        tolerance_from_contact_forces: float,  # noqa: ARG002
         unknowns: PETSc.Vec,  # noqa: ARG002
     ) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance.
@@ -200,18 +200,18 @@ class FiniteEquilibrium:
         round-off is that of volumes.
 
         Args:
-            unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
-            contact_allowance: not used here.
+            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+            tolerance_from_contact_forces: not used here.
             unknowns: not used here.
         """
         displacement = self._field.extract(self._u).norm(PETSc.NormType.INFINITY)
         volume_round_off = np.asarray(self._volume_round_off)
-        allowed = FORCE_TOLERANCE * self._max_force + self._round_off + volume_round_off
-        force_round_off = COORDINATE_ROUND_OFF * self._max_row_sum * displacement
+        allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * self._max_force + self._round_off + volume_round_off
+        force_round_off = RELATIVE_COORDINATE_ROUND_OFF * self._max_row_sum * displacement
         allowed = allowed + np.where(volume_round_off > 0, 0.0, force_round_off)
         if not self._satisfies_supports:
             return np.inf
-        return float(np.max(unbalanced / allowed, initial=0.0))
+        return float(np.max(contact_and_support_forces / allowed, initial=0.0))
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Linearise at the current iterate: update the contact system and return the load (n_r,).
@@ -225,45 +225,45 @@ class FiniteEquilibrium:
         K, reduction = self._body.tangent, self._reduction
         self._body.assemble_tangent()
         K = self._update_system(K, torque_map)
-        self.tangent, self._volume_round_off = K, self._estimate_volume_round_off(K)
+        self.tangent, self._volume_round_off = K, self._estimate_round_off_of_pressure_equations(K)
         load = K.createVecLeft()
         K.mult(self._u, load)
         load.axpy(-1.0, self._forces)
-        _, reduced = reduce_load(reduction, K, load)
+        _, reduced = reduce_load_and_update_offset(reduction, K, load)
         self._linear = LinearEquilibrium(
             self._system.stiffness, reduced, reduction.right, reduction.offset
         )
         return reduced
 
-    def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
+    def _update_system(self, body_tangent: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
         """Pass the tangent to the contact system and return it.
 
         Args:
-            K: tangent (n, n) of the body alone.
+            body_tangent: tangent (n, n) of the body alone.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
 
         Returns:
             The tangent (n, n) of the whole equilibrium, including the contact forces.
         """
-        self._system.update_stiffness(K, torque_map)
-        return K
+        self._system.update_stiffness(body_tangent, torque_map)
+        return body_tangent
 
-    def _estimate_volume_round_off(self, K: PETSc.Mat) -> Array | float:
+    def _estimate_round_off_of_pressure_equations(self, tangent: PETSc.Mat) -> Array | float:
         """Return the round-off (n_r,) of the reduced equations of pressure in a hybrid body.
 
         The array is zero in the equations of displacements; without a pressure, the result is 0.
-        `K` is the tangent (n, n).
+        `tangent` is the tangent (n, n).
         """
         if not is_hybrid(self._body.u.function_space):
             return 0.0
-        (x, image), owned = K.createVecs(), self._field.owned_unknowns
+        (x, image), owned = tangent.createVecs(), self._field.owned_unknowns
         position = self._field.space.tabulate_dof_coordinates()[: len(owned), : owned.shape[1]]
         x.array[owned.ravel()] = position.ravel()
-        K.mult(x, image)
+        tangent.mult(x, image)
         image.array[owned.ravel()] = 0.0
         volumes = self._reduction.left.createVecRight()
         self._reduction.left.multTranspose(image, volumes)
-        return COORDINATE_ROUND_OFF * np.abs(volumes.array_r)
+        return RELATIVE_COORDINATE_ROUND_OFF * np.abs(volumes.array_r)
 
     def _update_forces(self) -> None:
         """Evaluate the residual of the current iterate, reduce it, and store its largest force."""
@@ -273,14 +273,14 @@ class FiniteEquilibrium:
         self._reduction.left.multTranspose(self._forces, self._residual)
 
 
-class SlidingEquilibrium(FiniteEquilibrium):
+class SlidingBodiesEquilibrium(LargeStrainEquilibrium):
     """Equilibrium at large strains of bodies that slide on each other.
 
     The force operator, which distributes contact forces to the nodes of both bodies, is evaluated
     from mortar integrals at each iterate.
 
     Args:
-        body, system, reduction, guard, start: arguments of `FiniteEquilibrium`.
+        body, system, reduction, guard, start: arguments of `LargeStrainEquilibrium`.
         mortars: kinematics of all pairs of two bodies.
     """
 
@@ -289,7 +289,7 @@ class SlidingEquilibrium(FiniteEquilibrium):
         body: ResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
-        guard: CellGuard,
+        guard: CellInversionCheck,
         start: PETSc.Vec,
         *,
         mortars: MortarKinematics,
@@ -299,12 +299,12 @@ class SlidingEquilibrium(FiniteEquilibrium):
 
     def _update_forces(self) -> None:
         super()._update_forces()
-        self._system.set_force_operator(self._mortars.update_force_operator(self._u))
+        self._system.set_force_operator(self._mortars.linearise_mortars_and_assemble_force_operator(self._u))
 
-    def _update_system(self, K: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
-        tangent = self._mortars.force_operator_stiffness(
-            self._system.split_residual(self._residual)[0]
+    def _update_system(self, body_tangent: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
+        tangent = self._mortars.assemble_stiffness_of_force_operator_change(
+            self._system.split_residual_into_contact_and_unbalanced_forces(self._residual)[0]
         )
-        tangent.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._system.update_stiffness_and_motion(tangent, torque_map, self._mortars.motion_operator)
+        tangent.axpy(1.0, body_tangent, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._system.update_stiffness_and_motion_operator(tangent, torque_map, self._mortars.motion_operator)
         return tangent

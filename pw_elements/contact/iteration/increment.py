@@ -17,13 +17,13 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.algebra import reduce_load
+from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, Interface
-from pw_elements.contact.iteration.support_friction import SupportFriction
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, Interface
+from pw_elements.contact.iteration.support_friction import FrictionAtSupportedNodes
 from pw_elements.contact.model import NotFound, NotUnique, Residuals, ResidualScale
 from pw_elements.contact.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     ActiveSet,
     ContactNodes,
     IncrementStart,
@@ -37,11 +37,11 @@ from pw_elements.contact.system import Accuracy, ContactSystem
 from pw_elements.solvers import SingularSystem
 
 # Round-off in the product of stiffness K and displacements a, relative to |K| |a|
-DISPLACEMENT_ROUND_OFF = 1e-13
+RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
 # Relative change of the friction coefficient that makes a singular tangent regular; and largest
 # relative difference between solutions with less and more friction that counts as continuous
-_FRICTION_PERTURBATION = 1e-6
-_MAX_SOLUTION_CHANGE = 1e-3
+_RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR = 1e-6
+_MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION = 1e-3
 
 
 class Equilibrium(Protocol):
@@ -68,27 +68,27 @@ class Equilibrium(Protocol):
         A new tangent is passed to the contact system together with the torque map.
         """
 
-    def line_search_to(self, reduced: PETSc.Vec) -> float:
+    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards a linear solution; return the accepted step length, at most 1.
 
-        `reduced` is the linear solution (n_r,), reduced by the supports.
+        `reduced_unknowns` is the linear solution (n_r,), reduced by the supports.
         """
 
-    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
+    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         """Return the reduced residual (n_r,), which has to be balanced by contact forces alone.
 
-        `reduced` are the displacements (n_r,), reduced by the supports.
+        `reduced_unknowns` are the displacements (n_r,), reduced by the supports.
         """
 
-    def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
+    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         """Return all unknowns (n,) for the unknowns (n_r,) that the supports leave free."""
 
-    def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
+    def violation(self, contact_and_support_forces: Array, tolerance_from_contact_forces: float, unknowns: PETSc.Vec) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance on this process.
 
         Args:
-            unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
-            contact_allowance: part of the tolerance that follows from the contact forces, a force.
+            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+            tolerance_from_contact_forces: part of the tolerance that follows from the contact forces, a force.
             unknowns: all unknowns (n,).
         """
 
@@ -115,7 +115,7 @@ class LinearEquilibrium:
 
     @classmethod
     def from_stiffness(
-        cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, load_factor: float = 1.0
+        cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, prescribed_displacement_factor: float = 1.0
     ) -> "LinearEquilibrium":
         """Return the equilibrium under a load, reduced by the supports.
 
@@ -123,37 +123,37 @@ class LinearEquilibrium:
             system: contact system, which contains the reduction by the supports.
             K: stiffness (n, n).
             load: load vector (n,).
-            load_factor: factor of the prescribed displacements.
+            prescribed_displacement_factor: factor of the prescribed displacements.
         """
         reduction = system.reduction
-        if load_factor != 1:
-            reduction = replace(reduction, offset=load_factor * reduction.offset)
-        reduction, reduced_load = reduce_load(reduction, K, load)
+        if prescribed_displacement_factor != 1:
+            reduction = replace(reduction, offset=prescribed_displacement_factor * reduction.offset)
+        reduction, reduced_load = reduce_load_and_update_offset(reduction, K, load)
         max_row_sum = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
 
     def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
         return self.load
 
-    def line_search_to(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
+    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
         return 1.0
 
-    def violation(self, unbalanced: Array, contact_allowance: float, unknowns: PETSc.Vec) -> float:
+    def violation(self, contact_and_support_forces: Array, tolerance_from_contact_forces: float, unknowns: PETSc.Vec) -> float:
         load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, unknowns))
-        round_off = DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
-        allowed = contact_allowance + FORCE_TOLERANCE * load + round_off
-        max_unbalanced = float(unbalanced.max(initial=0.0))
+        round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
+        allowed = tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
+        max_unbalanced = float(contact_and_support_forces.max(initial=0.0))
         return max_unbalanced / allowed if max_unbalanced else 0.0
 
-    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
+    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         residual = self.load.duplicate()
-        self.stiffness.mult(reduced, residual)
+        self.stiffness.mult(reduced_unknowns, residual)
         residual.axpy(-1.0, self.load)
         return residual
 
-    def displacements(self, reduced: PETSc.Vec) -> PETSc.Vec:
+    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         unknowns = self.offset.duplicate()
-        self.right.multAdd(reduced, self.offset, unknowns)
+        self.right.multAdd(reduced_unknowns, self.offset, unknowns)
         return unknowns
 
 
@@ -230,14 +230,14 @@ class Increment:
         self.kinematics = kinematics
         self.prescribed, self.totals = prescribed, totals
         self.best_state: NewtonState | None = None
-        self._support_displacement = system.point_displacements(equilibrium.offset)
+        self._support_displacement = system.evaluate_relative_point_displacements(equilibrium.offset)
 
     @cached_property
-    def support_friction(self) -> SupportFriction:
+    def support_friction(self) -> FrictionAtSupportedNodes:
         """Friction at nodes that a support holds along a rough surface."""
-        return SupportFriction(self.system, self.start, self.prescribed, self._support_displacement)
+        return FrictionAtSupportedNodes(self.system, self.start, self.prescribed, self._support_displacement)
 
-    def add_support_friction(
+    def add_initial_support_friction(
         self, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> ActiveSet:
         """Return the active set, including the support friction at the start of the increment.
@@ -246,7 +246,7 @@ class Increment:
         """
         if not self.interface.holds_friction:
             return active
-        return self.support_friction.initialise_active_set(active, kinematics)
+        return self.support_friction.fill_zero_friction_from_start(active, kinematics)
 
     def solve(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
@@ -260,7 +260,7 @@ class Increment:
         system, equilibrium = self.system, self.equilibrium
         load = equilibrium.linearise(kinematics.torque_map)
         known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
-        known_v = system.point_motions(equilibrium.offset)
+        known_v = system.evaluate_point_motions(equilibrium.offset)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
         torque_map = kinematics.torque_map.eliminate_known_motions(
@@ -269,7 +269,7 @@ class Increment:
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free_motions))
         if self.interface.holds_friction and system.free_motions:
-            totals, springs = self.support_friction.subtract_from_totals(totals, active, kinematics)
+            totals, springs = self.support_friction.subtract_friction_and_get_stiffness(totals, active, kinematics)
         solution = system.solve(
             load,
             law,
@@ -298,8 +298,8 @@ class Increment:
 
     def evaluate(
         self,
-        reduced: PETSc.Vec,
-        q: Array,
+        reduced_unknowns: PETSc.Vec,
+        surface_motions: Array,
         kinematics: LinearisedKinematics,
         *,
         support_friction: Array | None = None,
@@ -309,8 +309,8 @@ class Increment:
         """Evaluate all conditions for given displacements and surface motions.
 
         Args:
-            reduced: displacements (n_r,), reduced by the supports.
-            q: motions (pairs, k) of the surfaces.
+            reduced_unknowns: displacements (n_r,), reduced by the supports.
+            surface_motions: motions (pairs, k) of the surfaces.
             kinematics: kinematics of the linear system that was solved.
             support_friction: support friction (m, dim - 1) of the previous iteration. By default
                 it is the support friction at the start of the increment.
@@ -318,40 +318,40 @@ class Increment:
             is_final: whether the linear system was solved to the final accuracy.
         """
         interface, system = self.interface, self.system
-        unknowns = self.equilibrium.displacements(reduced)
-        residual = self.equilibrium.residual(reduced)
-        displacement = system.point_displacements(unknowns)
-        displacement_size = system.displacement_sizes(unknowns)
-        force, unbalanced = system.split_residual(residual)
-        kinematics, v = self.kinematics.kinematics_at_iterate(kinematics, q, displacement, force)
-        nodes = kinematics.evaluate_nodes(v, q, force, cone=interface.cone, scale=system.law_scale)
+        unknowns = self.equilibrium.displacements(reduced_unknowns)
+        residual = self.equilibrium.residual(reduced_unknowns)
+        displacement = system.evaluate_relative_point_displacements(unknowns)
+        displacement_size = system.compute_round_off_scale_of_motions(unknowns)
+        force, unbalanced = system.split_residual_into_contact_and_unbalanced_forces(residual)
+        kinematics, v = self.kinematics.kinematics_at_iterate(kinematics, surface_motions, displacement, force)
+        nodes = kinematics.evaluate_contact_nodes(v, surface_motions, force, cone=interface.cone, law_scale=system.law_scale)
         if interface.holds_friction:
             if support_friction is None:
-                support_friction = self.support_friction.friction_at_start(kinematics)
-            nodes, force = self.support_friction.add_to_nodes(
+                support_friction = self.support_friction.friction_at_increment_start(kinematics)
+            nodes, force = self.support_friction.add_friction_to_nodal_forces(
                 nodes, kinematics, force, support_friction
             )
         max_force, displacement_round_off, coordinate_round_off = (
-            self._largest_force_and_round_offs(force, displacement_size, kinematics.torque_map)
+            self._max_contact_force_and_round_off_forces(force, displacement_size, kinematics.torque_map)
         )
         state = NewtonState(
-            reduced=reduced,
+            reduced=reduced_unknowns,
             unknowns=unknowns,
-            q=q,
+            q=surface_motions,
             displacement=displacement,
             force=force,
             unbalanced=unbalanced,
             nodes=nodes,
             kinematics=kinematics,
             displacement_size=displacement_size,
-            allowance=FORCE_TOLERANCE * max_force + (displacement_round_off + coordinate_round_off),
+            allowance=MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_force + (displacement_round_off + coordinate_round_off),
             round_off=displacement_round_off + coordinate_round_off,
             violation=np.inf,
             is_solution=False,
             is_exact=is_exact,
             is_final=is_final,
         )
-        allowed = FORCE_TOLERANCE * max_force + displacement_round_off
+        allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_force + displacement_round_off
         violation = self.violation(state, allowed, coordinate_round_off)
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
@@ -378,11 +378,11 @@ class Increment:
             is_exact=state.is_exact,
             is_final=state.is_final,
         )
-        if relinearised.violation > 1 and self._is_near_linearisation(state):
+        if relinearised.violation > 1 and self._are_surfaces_at_linearisation_point(state):
             return state
         return relinearised
 
-    def record_best_state(self, state: NewtonState) -> None:
+    def keep_if_smallest_violation(self, state: NewtonState) -> None:
         """Keep the state as `best_state` if its violation is the smallest so far."""
         if self.best_state is None or state.violation < self.best_state.violation:
             self.best_state = state
@@ -395,7 +395,7 @@ class Increment:
         The keys are the fields of `Residuals`. Forces are divided by `reference_force`. Lengths are
         divided by `reference_length`, which is a number or one length (m,) per contact node.
         """
-        balance = self.system.balance_residuals(
+        balance = self.system.compute_relative_balance_residuals(
             state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
         )
         return state.nodes.residuals(reference_force, reference_length) | {
@@ -411,7 +411,7 @@ class Increment:
         The arguments are those of `residuals`.
         """
         residuals = self.residuals(state, reference_force, reference_length)
-        largest = self.max_over_ranks(*residuals.values())
+        largest = self.nonnegative_max_over_ranks(*residuals.values())
         return Residuals(**dict(zip(residuals, largest, strict=True)))
 
     def reference_sizes(
@@ -429,7 +429,7 @@ class Increment:
             "nak,nk->na", state.kinematics.torque_map.V, state.q[self.interface.pair]
         )
         displacements = np.concatenate([state.displacement_size, shifts])
-        force, length, extent, stiffness = self.max_over_ranks(
+        force, length, extent, stiffness = self.nonnegative_max_over_ranks(
             np.linalg.norm(state.force, axis=1),
             np.linalg.norm(displacements, axis=1),
             np.abs(self.interface.position),
@@ -439,11 +439,11 @@ class Increment:
         if force > state.round_off:
             scale = ResidualScale(max(force, before.force), max(length, before.length))
         length = max(length, scale.length)
-        length = length if length > COORDINATE_ROUND_OFF * extent else extent
+        length = length if length > RELATIVE_COORDINATE_ROUND_OFF * extent else extent
         force = scale.force or stiffness * length
         return scale, force, length
 
-    def max_over_ranks(self, *arrays: Array) -> list[float]:
+    def nonnegative_max_over_ranks(self, *arrays: Array) -> list[float]:
         """Return the largest value of each array on all processes, or 0 if it is negative.
 
         The call is collective.
@@ -451,42 +451,42 @@ class Increment:
         maxima = [np.max(values, initial=0.0) for values in arrays]
         return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
 
-    def violation(self, state: NewtonState, allowed: float, coordinate_round_off: float) -> float:
+    def violation(self, state: NewtonState, force_tolerance: float, coordinate_round_off_force: float) -> float:
         """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
         All residuals are forces: lengths are multiplied by the stiffness of the contact law.
 
         Args:
             state: iterate.
-            allowed: tolerance of the residuals, a force.
-            coordinate_round_off: force that corresponds to the round-off of coordinates. It is
+            force_tolerance: tolerance of the residuals, a force.
+            coordinate_round_off_force: force that corresponds to the round-off of coordinates. It is
                 added to the tolerances of gaps and force balances. For friction, the additional
                 tolerance follows from `ContactNodes.friction_round_off`.
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
-            self.interface.check_laws(nodes.force[:, 0])
+            self.interface.check_friction_laws(nodes.force[:, 0])
         residuals = self.residuals(state, 1.0, 1 / nodes.scale)
-        friction_round_off = nodes.friction_round_off(coordinate_round_off)
+        friction_round_off = nodes.friction_round_off(coordinate_round_off_force)
         worst = self.equilibrium.violation(
-            residuals.pop("equilibrium"), allowed + coordinate_round_off, state.unknowns
+            residuals.pop("equilibrium"), force_tolerance + coordinate_round_off_force, state.unknowns
         )
         for name, values in residuals.items():
             is_friction = name in ("cone", "stick", "direction")
-            limit = allowed + (friction_round_off if is_friction else coordinate_round_off)
+            limit = force_tolerance + (friction_round_off if is_friction else coordinate_round_off_force)
             ratio = np.divide(values, limit, out=np.zeros_like(values), where=values != 0)
             max_ratio = float(ratio.max(initial=0.0))
             worst = max(worst, np.inf if np.isnan(max_ratio) else max_ratio)
         return float(self.system.comm.allreduce(worst, MPI.MAX))
 
-    def _is_near_linearisation(self, state: NewtonState) -> bool:
+    def _are_surfaces_at_linearisation_point(self, state: NewtonState) -> bool:
         """Return whether the surfaces have moved by less than the tolerance since linearisation."""
         change = np.abs(state.q - state.kinematics.q0).max()
-        max_displacement = self.max_over_ranks(np.abs(state.displacement))[0]
-        return bool(change <= FORCE_TOLERANCE * max_displacement)
+        max_displacement = self.nonnegative_max_over_ranks(np.abs(state.displacement))[0]
+        return bool(change <= MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_displacement)
 
-    def _largest_force_and_round_offs(
-        self, force: Array, displacement_size: Array, torque_map: TorqueMap
+    def _max_contact_force_and_round_off_forces(
+        self, contact_force: Array, displacement_size: Array, torque_map: TorqueMap
     ) -> list[float]:
         """Return the largest contact force, and the round-off of displacements and of coordinates.
 
@@ -494,9 +494,9 @@ class Increment:
         """
         position, scale = self.interface.position, self.system.law_scale[:, None]
         arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
-        displacement_round_off = scale * (DISPLACEMENT_ROUND_OFF * displacement_size)
-        coordinate_round_off = scale * (COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms)))
-        return self.max_over_ranks(np.abs(force), displacement_round_off, coordinate_round_off)
+        displacement_round_off = scale * (RELATIVE_DISPLACEMENT_ROUND_OFF * displacement_size)
+        coordinate_round_off = scale * (RELATIVE_COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms)))
+        return self.nonnegative_max_over_ranks(np.abs(contact_force), displacement_round_off, coordinate_round_off)
 
 
 class LinearIncrement(Increment):
@@ -527,7 +527,7 @@ class LinearIncrement(Increment):
         self,
         active: ActiveSet,
         error: SingularSystem,
-        solve: Callable[[ActiveSet], NewtonState],
+        solve_perturbed_set: Callable[[ActiveSet], NewtonState],
     ) -> NotUnique | NotFound:
         """Return the error to raise for a singular tangent.
 
@@ -538,24 +538,24 @@ class LinearIncrement(Increment):
         Args:
             active: active set with the singular tangent.
             error: error of the linear solver.
-            solve: function that solves the linear system of an active set.
+            solve_perturbed_set: function that solves the linear system of an active set.
         """
         counts, neighbours = describe_status_counts(active, self.system.comm), []
-        for factor in (1 - _FRICTION_PERTURBATION, 1 + _FRICTION_PERTURBATION):
+        for factor in (1 - _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR, 1 + _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR):
             perturbed = replace(
                 active,
                 limit_slope=factor * active.limit_slope,
                 limit_intercept=factor * active.limit_intercept,
             )
             try:
-                neighbours.append(solve(perturbed))
+                neighbours.append(solve_perturbed_set(perturbed))
             except SingularSystem:
                 break
         else:
             less, more = neighbours
             change = (less.unknowns - more.unknowns).norm()
-            is_continuous = change <= _MAX_SOLUTION_CHANGE * less.unknowns.norm()
-            if is_continuous and less.violation * FORCE_TOLERANCE <= _MAX_SOLUTION_CHANGE:
+            is_continuous = change <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION * less.unknowns.norm()
+            if is_continuous and less.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION:
                 self.best_state = less
                 return NotUnique(
                     f"{error}: no rigid motion is free, so the friction of the {counts} is too "

@@ -40,7 +40,7 @@ def solve_increment(
         NotFound: if no active set satisfies the conditions.
         NotConverged: if an iterative solver fails.
     """
-    active = increment.add_support_friction(active, kinematics)
+    active = increment.add_initial_support_friction(active, kinematics)
     update.start(active, increment)
     accuracy = update.accuracy
     for iteration in range(1, max_iterations + 1):
@@ -49,7 +49,7 @@ def solve_increment(
         state = increment.relinearise(state)
         if state.is_solution:
             return state
-        increment.record_best_state(state)
-        active, accuracy = update.choose_next_set(active, kinematics, state)
+        increment.keep_if_smallest_violation(state)
+        active, accuracy = update.choose_next_set_and_accuracy(active, kinematics, state)
         kinematics = state.kinematics
     raise update.make_error(max_iterations)

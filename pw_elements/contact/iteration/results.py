@@ -20,41 +20,41 @@ from pw_elements.solvers import SolverReport
 def make_contact_state(
     increment: Increment,
     state: NewtonState,
-    before: ContactState,
+    start_state: ContactState,
     *,
     scale: ResidualScale,
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
-    slides: bool = False,
+    can_slide_at_same_forces: bool = False,
 ) -> ContactState:
     """Return the contact state of an iterate, without its residuals; collective.
 
     Args:
         increment: equations of the increment.
         state: iterate.
-        before: contact state at the start of the increment.
+        start_state: contact state at the start of the increment.
         scale: scale of the load history at the end, from `Increment.reference_sizes`.
         iterations: number of linear systems solved.
         report: report of the linear solver.
         smallness: check of the small-strain assumption; None at large strains.
-        slides: whether the body may slide by any distance at the same forces.
+        can_slide_at_same_forces: whether the body may slide by any distance at the same forces.
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
     all_signs = (
-        signs | before.determinant_signs if before.free_motions == system.free_motions else signs
+        signs | start_state.determinant_signs if start_state.free_motions == system.free_motions else signs
     )
     is_unique = len(all_signs) <= 1 if signs else None
     if increment.interface.cone.has_user_law:
-        increment.interface.check_laws()
+        increment.interface.check_friction_laws()
     return ContactState(
         displacement=increment.interface.field.extract(state.unknowns),
-        pairs=_pair_states_of_iterate(increment, state),
+        pairs=_make_pair_states_of_iterate(increment, state),
         iterations=iterations,
-        unique=False if slides else is_unique,
+        unique=False if can_slide_at_same_forces else is_unique,
         report=report,
-        increment=before.increment + 1,
+        increment=start_state.increment + 1,
         free_motions=system.free_motions,
         determinant_signs=all_signs,
         scale=scale,
@@ -63,8 +63,8 @@ def make_contact_state(
     )
 
 
-def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
-    """Return the state of the undeformed body; `unknowns` is a zero vector (n,)."""
+def make_undeformed_state(interface: Interface, zero_unknowns: PETSc.Vec) -> ContactState:
+    """Return the state of the undeformed body; `zero_unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
     gap, normal = interface.evaluate_surfaces(None)
     pairs = make_pair_states(
@@ -76,10 +76,10 @@ def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactS
         gap=gap,
         friction=interface.cone.max_coefficient,
     )
-    return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
+    return ContactState(interface.field.extract(zero_unknowns), pairs, unknowns=zero_unknowns)
 
 
-def _pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
+def _make_pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
@@ -120,36 +120,36 @@ def _pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[P
 
 def make_pair_states(
     interface: Interface,
-    q: Array,
-    force: Array,
+    surface_motions: Array,
+    contact_forces: Array,
     force_operator: PETSc.Mat,
-    **points: npt.NDArray,
+    **nodal_values: npt.NDArray,
 ) -> tuple[PairState, ...]:
     """Return the states of all pairs; collective.
 
     Args:
         interface: contact points of all pairs.
-        q: motions (pairs, k) of the surfaces.
-        force: forces (m, dim) of the surfaces on the points of this process.
+        surface_motions: motions (pairs, k) of the surfaces.
+        contact_forces: forces (m, dim) of the surfaces on the points of this process.
         force_operator: matrix (n, m dim) that distributes contact forces to the equations.
-        points: other attributes of `PairState` at the points of this process, arrays (m, ...). An
+        nodal_values: other attributes of `PairState` at the points of this process, arrays (m, ...). An
             omitted attribute is zero, except the status, which is open.
     """
-    no_vector, dim = np.zeros_like(force), force.shape[1]
+    no_vector, dim = np.zeros_like(contact_forces), contact_forces.shape[1]
     values = {"position": interface.position, "node": interface.node}
     values["faced_node"] = interface.faced
     values |= dict.fromkeys(
         ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
     )
     values |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
-    values |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | points
-    opposite_force = interface.distribute_to_opposite_nodes(force, force_operator)
-    pair_values = interface.gather_by_pair(values | {"total": force})
+    values |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | nodal_values
+    opposite_force = interface.compute_forces_on_opposite_nodes(contact_forces, force_operator)
+    pair_values = interface.gather_all_pairs_in_position_order(values | {"total": contact_forces})
     return tuple(
         PairState(
-            translation=q[k, :dim].copy(),
+            translation=surface_motions[k, :dim].copy(),
             force=arrays.pop("total").sum(axis=0),
-            rotation=np.array(q[k, dim:].sum()),
+            rotation=np.array(surface_motions[k, dim:].sum()),
             torque=np.array(arrays.pop("torque").sum()),
             opposite_node=interface.opposite[k].copy(),
             opposite_force=opposite_force[k],

@@ -16,7 +16,7 @@ import numpy as np
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     OPEN,
     STICK,
     ActiveSet,
@@ -30,15 +30,15 @@ from pw_elements.contact.system import ContactSystem
 # the node's contact law: if supports hold all tangents, and if another tangent is free
 _STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT = 1e3, 3.0
 # Round-off in the slip, relative to the sum of a node's coordinates and displacement
-_SLIP_ROUND_OFF = 1e-13
+_SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES = 1e-13
 # Largest derivative of a slip with respect to a free motion of the surface that counts as zero
-_MIN_COUPLING = 1e-9
+_NEGLIGIBLE_SLIP_PER_SURFACE_MOTION = 1e-9
 # Support friction along a support that is not parallel to the surface: largest number of
 # fixed-point iterations, and their tolerance relative to the friction limit
 _MAX_FRICTION_ITERATIONS, _FRICTION_TOLERANCE = 60, 1e-13
 
 
-class SupportFriction:
+class FrictionAtSupportedNodes:
     """Support friction in one increment: friction at nodes that a support holds along a surface.
 
     A prescribed slip between support and surface determines the friction. If the prescribed slip is
@@ -65,12 +65,12 @@ class SupportFriction:
         self._free_motions: Mask = np.isnan(prescribed)[self._interface.pair]
         self._support_displacement = support_displacement
 
-    def friction_at_start(self, kinematics: LinearisedKinematics) -> Array:
+    def friction_at_increment_start(self, kinematics: LinearisedKinematics) -> Array:
         """Return the support friction (m, dim - 1) at the start of the increment."""
         friction = np.einsum("nta,na->nt", kinematics.frame[:, 1:], self._start.force)
         return np.where(kinematics.held_tangents, friction, 0.0)
 
-    def initialise_active_set(
+    def fill_zero_friction_from_start(
         self, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> ActiveSet:
         """Return the active set with initial values of support friction.
@@ -79,18 +79,18 @@ class SupportFriction:
         at the start of the increment.
         """
         friction = active.support_friction
-        friction = np.where(friction == 0, self.friction_at_start(kinematics), friction)
+        friction = np.where(friction == 0, self.friction_at_increment_start(kinematics), friction)
         return replace(active, support_friction=friction)
 
-    def subtract_from_totals(
-        self, totals: Array, active: ActiveSet, kinematics: LinearisedKinematics
+    def subtract_friction_and_get_stiffness(
+        self, free_motion_forces: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
         """Return the prescribed totals minus the support friction, and its stiffness.
 
         Support friction depends linearly on the free motions of the surfaces.
 
         Args:
-            totals: prescribed forces and torques (free,) of the free motions.
+            free_motion_forces: prescribed forces and torques (free,) of the free motions.
             active: active set.
             kinematics: linearised kinematics.
 
@@ -99,13 +99,13 @@ class SupportFriction:
             the support friction against each free motion.
         """
         interface, system = self._interface, self._system
-        dim, factor = interface.position.shape[1], _stiffness_factor(kinematics)
+        dim, factor = interface.position.shape[1], _friction_stiffness_per_law_stiffness(kinematics)
         support_step = self._support_displacement - kinematics.v0[:, :dim]
         support_step = np.where(interface.held_components, support_step, 0.0)
         slip_by_v = kinematics.motion_by_v[:, 1:, :dim]
         slip = kinematics.slip + np.einsum("nta,na->nt", slip_by_v, support_step)
         closed = (active.status != OPEN)[:, None]
-        coupled = self._coupled_tangents(kinematics).any(axis=1, keepdims=True)
+        coupled = self._find_held_tangents_of_free_surfaces(kinematics).any(axis=1, keepdims=True)
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
         # A slip that changes its direction has the stiffness l / |v|, with friction limit l and
@@ -119,34 +119,34 @@ class SupportFriction:
         friction = np.where(closed, active.support_friction, 0.0)
         friction = friction - stiffness * (slip - np.where(sticks, 0.0, active.support_slip))
         tangential_V = np.einsum("nta,nak->ntk", kinematics.frame[:, 1:], kinematics.torque_map.V)
-        total = system.sum_over_free_motions(np.einsum("ntk,nt->nk", tangential_V, friction))
+        total = system.sum_forces_by_free_motion(np.einsum("ntk,nt->nk", tangential_V, friction))
         resistance = stiffness[:, :, None] * tangential_V * -kinematics.motion_by_q[:, 1:]
-        springs = np.maximum(0.0, system.sum_over_free_motions(resistance.sum(axis=1)))
-        return totals - total + springs * system.select_free_motions(kinematics.q0), springs
+        springs = np.maximum(0.0, system.sum_forces_by_free_motion(resistance.sum(axis=1)))
+        return free_motion_forces - total + springs * system.select_free_motions(kinematics.q0), springs
 
-    def add_to_nodes(
+    def add_friction_to_nodal_forces(
         self,
         nodes: ContactNodes,
         kinematics: LinearisedKinematics,
-        force: Array,
-        friction: Array,
+        global_force: Array,
+        previous_friction: Array,
     ) -> tuple[ContactNodes, Array]:
         """Return the nodes and their forces (m, dim) in global components, with support friction.
 
         Args:
             nodes: contact nodes with forces from the equations that supports do not eliminate.
             kinematics: kinematics of the nodes.
-            force: the same forces (m, dim) in global components.
-            friction: support friction (m, dim - 1) of the previous iteration.
+            global_force: the same forces (m, dim) in global components.
+            previous_friction: support friction (m, dim - 1) of the previous iteration.
         """
         interface, scale = self._interface, self._system.law_scale
-        coupled_tangents = self._coupled_tangents(kinematics)
+        coupled_tangents = self._find_held_tangents_of_free_surfaces(kinematics)
         is_coupled_to_surface = np.asarray(coupled_tangents.any(axis=1))
-        size = np.abs(interface.position) + np.abs(kinematics.v0[:, : force.shape[1]])
+        size = np.abs(interface.position) + np.abs(kinematics.v0[:, : global_force.shape[1]])
         size = size.sum(axis=1) + np.abs(kinematics.q0).sum(axis=1)[interface.pair]
-        largest_force = np.abs(force).max(initial=0.0)
+        largest_force = np.abs(global_force).max(initial=0.0)
         largest_force = self._system.comm.allreduce(float(largest_force), MPI.MAX)
-        min_slip = FORCE_TOLERANCE * largest_force / scale + _SLIP_ROUND_OFF * size
+        min_slip = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force / scale + _SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES * size
         is_prescribed = kinematics.held_tangents & ~coupled_tangents
         prescribed_slip = np.where(is_prescribed, nodes.slip, 0.0)
         has_prescribed_slip = np.linalg.norm(prescribed_slip, axis=1) > min_slip
@@ -155,42 +155,42 @@ class SupportFriction:
             has_prescribed_slip=has_prescribed_slip,
             is_coupled_to_surface=is_coupled_to_surface,
         )
-        is_resting = nodes.resting_tangents
+        is_resting = nodes.held_tangents_without_motion
         nodes = replace(nodes, slip=np.where(is_resting, 0.0, nodes.slip))
-        friction = np.where(is_resting, self.friction_at_start(kinematics), friction)
-        stiffness = np.where(is_coupled_to_surface, _stiffness_factor(kinematics), 1.0) * scale
-        return _add_support_friction(
+        previous_friction = np.where(is_resting, self.friction_at_increment_start(kinematics), previous_friction)
+        stiffness = np.where(is_coupled_to_surface, _friction_stiffness_per_law_stiffness(kinematics), 1.0) * scale
+        return _add_support_friction_by_fixed_point(
             nodes,
             kinematics,
-            force,
-            friction,
-            stiffness=stiffness,
-            components=interface.held_components,
+            global_force,
+            previous_friction,
+            friction_stiffness=stiffness,
+            supported_components=interface.held_components,
         )
 
-    def _coupled_tangents(self, kinematics: LinearisedKinematics) -> Mask:
+    def _find_held_tangents_of_free_surfaces(self, kinematics: LinearisedKinematics) -> Mask:
         """Return where supports prevent motion along a tangent on which the surface is free.
 
         The result is a mask (m, dim - 1).
         """
-        depends = np.abs(kinematics.motion_by_q[:, 1:]) > _MIN_COUPLING
+        depends = np.abs(kinematics.motion_by_q[:, 1:]) > _NEGLIGIBLE_SLIP_PER_SURFACE_MOTION
         depends = depends & self._free_motions[:, None]
         return np.asarray(depends.any(axis=2) & kinematics.held_tangents)
 
 
-def _stiffness_factor(kinematics: LinearisedKinematics) -> Array:
+def _friction_stiffness_per_law_stiffness(kinematics: LinearisedKinematics) -> Array:
     all_held = kinematics.held_tangents.all(axis=1)
     return np.where(all_held, _STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT)
 
 
-def _add_support_friction(
+def _add_support_friction_by_fixed_point(
     nodes: ContactNodes,
     kinematics: LinearisedKinematics,
-    force: Array,
-    friction: Array,
+    global_force: Array,
+    previous_friction: Array,
     *,
-    stiffness: Array,
-    components: Mask,
+    friction_stiffness: Array,
+    supported_components: Mask,
 ) -> tuple[ContactNodes, Array]:
     """Add friction along the tangents that supports hold to the forces of the nodes.
 
@@ -200,18 +200,18 @@ def _add_support_friction(
     Args:
         nodes: contact nodes with forces from the equations that supports do not eliminate.
         kinematics: kinematics of the nodes.
-        force: the same forces (m, dim) in global components.
-        friction: support friction (m, dim - 1) of the previous iteration.
-        stiffness: stiffness (m,) of the friction against slip.
-        components: whether supports hold each global component (m, dim).
+        global_force: the same forces (m, dim) in global components.
+        previous_friction: support friction (m, dim - 1) of the previous iteration.
+        friction_stiffness: stiffness (m,) of the friction against slip.
+        supported_components: whether supports hold each global component (m, dim).
 
     Returns:
         The nodes with all forces, and the same forces (m, dim) in global components.
     """
     is_held, equation_force = kinematics.held_tangents, nodes.force
     tangents = np.where(is_held[:, :, None], kinematics.frame[:, 1:], 0.0)
-    to_components = np.linalg.pinv(np.where(components[:, None], tangents, 0.0))
-    held_force = np.einsum("nta,na->nt", tangents, force)
+    to_components = np.linalg.pinv(np.where(supported_components[:, None], tangents, 0.0))
+    held_force = np.einsum("nta,na->nt", tangents, global_force)
 
     def compute_support_forces(tangential: Array) -> tuple[Array, Array]:
         """Return forces (m, dim) along supports, and normal forces (m,) that include them.
@@ -223,15 +223,15 @@ def _add_support_friction(
         normal_part = np.einsum("na,na->n", kinematics.frame[:, 0], support_force)
         return support_force, equation_force[:, 0] + normal_part
 
-    tangential = np.where(is_held, friction, equation_force[:, 1:])
+    tangential = np.where(is_held, previous_friction, equation_force[:, 1:])
     for _ in range(_MAX_FRICTION_ITERATIONS):
         _, normal = compute_support_forces(tangential)
-        trial_force = np.column_stack([normal, np.where(is_held, friction, equation_force[:, 1:])])
+        trial_force = np.column_stack([normal, np.where(is_held, previous_friction, equation_force[:, 1:])])
         trial = replace(nodes, force=trial_force)
-        limit = trial.friction_limits[0]
-        admissible = replace(trial, scale=stiffness).admissible_friction(limit)
+        limit = trial.friction_limits_and_slopes[0]
+        admissible = replace(trial, scale=friction_stiffness).admissible_friction(limit)
         previous, tangential = tangential, np.where(is_held, admissible, equation_force[:, 1:])
         if not np.any(np.abs(tangential - previous) > _FRICTION_TOLERANCE * limit[:, None]):
             break
     support_force, normal = compute_support_forces(tangential)
-    return replace(nodes, force=np.column_stack([normal, tangential])), force + support_force
+    return replace(nodes, force=np.column_stack([normal, tangential])), global_force + support_force

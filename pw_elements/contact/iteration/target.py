@@ -17,13 +17,13 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import (
     ContactState,
-    FreeMotions,
+    FreeMotionIndices,
     Motion,
 )
 
 
 @dataclass(frozen=True)
-class IncrementTarget:
+class TargetLoadsAndMotions:
     """Loads and motions at the end of an increment or of a substep.
 
     Args:
@@ -40,12 +40,12 @@ class IncrementTarget:
     load_factor: float = 1.0
 
     @classmethod
-    def from_motions(
+    def from_load_and_motions(
         cls,
         load: PETSc.Vec | None,
         motions: Sequence[Motion | None],
         n_motions: int,
-    ) -> "IncrementTarget":
+    ) -> "TargetLoadsAndMotions":
         """Return the target for the user's loads and motions.
 
         Args:
@@ -66,7 +66,7 @@ class IncrementTarget:
     @classmethod
     def from_state(
         cls, state: ContactState, q: Array, load: PETSc.Vec | None = None
-    ) -> "IncrementTarget":
+    ) -> "TargetLoadsAndMotions":
         """Return the target that a state satisfies already, in which all motions are prescribed.
 
         The motions are q (pairs, k).
@@ -75,7 +75,7 @@ class IncrementTarget:
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
 
-    def with_free_motions(self, free_motions: FreeMotions) -> "IncrementTarget":
+    def with_free_motions(self, free_motions: FreeMotionIndices) -> "TargetLoadsAndMotions":
         """Return a copy in which the given motions are free (NaN) and follow from the forces."""
         q = self.q.copy()
         for index in free_motions:
@@ -83,7 +83,7 @@ class IncrementTarget:
         return replace(self, q=q)
 
     @cached_property
-    def free_motions(self) -> FreeMotions:
+    def free_motions(self) -> FreeMotionIndices:
         """Number of the pair and of the component of each free motion."""
         return tuple(
             (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
@@ -101,26 +101,26 @@ class IncrementTarget:
         return np.array([self.forces[index] for index in self.free_motions])
 
 
-def make_balanced_target(
+def make_target_in_equilibrium_with_state(
     state: ContactState, K: PETSc.Mat, interface: Interface
-) -> IncrementTarget:
+) -> TargetLoadsAndMotions:
     """Return the target that a state satisfies, with a load vector that includes reactions.
 
     The load is stiffness K (n, n) times displacements minus the contact forces, so that it includes
     the reactions of supports, which do no work.
     """
     points = interface.force.createVecRight()
-    (force,) = interface.extract_local_values(state.pairs, "force_vector")
+    (force,) = interface.extract_local_pair_state_values(state.pairs, "force_vector")
     points.setArray(np.where(interface.equation >= 0, force, 0.0))
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
     load.axpy(-1.0, interface.force * points)
-    return IncrementTarget.from_state(state, state.translations, load)
+    return TargetLoadsAndMotions.from_state(state, state.translations, load)
 
 
 def interpolate_targets(
-    start: IncrementTarget, end: IncrementTarget, fraction: float
-) -> IncrementTarget:
+    start: TargetLoadsAndMotions, end: TargetLoadsAndMotions, fraction: float
+) -> TargetLoadsAndMotions:
     """Return the target at a fraction of the straight path from start to end."""
     if fraction == 1:
         return end
@@ -129,7 +129,7 @@ def interpolate_targets(
         load = start.load.copy()
         load.scale(1 - fraction)
         load.axpy(fraction, end.load)
-    return IncrementTarget(
+    return TargetLoadsAndMotions(
         load,
         (1 - fraction) * start.q + fraction * end.q,
         (1 - fraction) * start.forces + fraction * end.forces,

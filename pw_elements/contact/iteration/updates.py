@@ -32,33 +32,33 @@ from pw_elements.contact.nodes import (
     find_differing_nodes,
     is_same_set,
     linearise_friction_limits,
-    make_sticking_set,
+    make_sticking_active_set,
     rotate_active_set,
 )
 from pw_elements.contact.system import Accuracy
 
 # Function that returns the names of the rigid motions that remain free for an active set in its
 # frames (m, dim, dim)
-FreeMotionFinder = Callable[[ActiveSet, Array], list[str]]
+FreeRigidMotionDescriber = Callable[[ActiveSet, Array], list[str]]
 
 # Number of decimal places in comparisons of the directions and slopes of active sets
-_COMPARED_DECIMALS = 10
+_DECIMALS_IN_ACTIVE_SET_COMPARISON = 10
 # Smallest number of returns to visited active sets at which the iteration counts as cycling;
 # largest relative change of displacements at which the equations of a set count as solved; and
 # largest number of iterations for which a set is kept
-_MIN_RETURNS_OF_CYCLE = 4
-_MAX_CHANGE_OF_SOLVED_SET = 1e-6
-_MAX_ITERATIONS_PER_SET = 6
+_MIN_ACTIVE_SET_REVISITS_OF_CYCLING = 4
+_MAX_RELATIVE_DISPLACEMENT_CHANGE_IF_SOLVED = 1e-6
+_MAX_ITERATIONS_WITH_KEPT_SET = 6
 # Number of shortened Newton steps after which an iteration between two bodies ends
 _MAX_SHORTENED_STEPS = 3
 # Number of recent active sets that are searched for a cycle
-_N_RECENT_SETS = 8
+_N_RECENT_SETS_SEARCHED_FOR_CYCLE = 8
 _NO_SET_MESSAGE = "no active set satisfies the contact conditions"
 # Fraction of the largest violation above which the violation of a node counts as the largest
-_WORST_NODE_FRACTION = 1 - 1e-6
+_MIN_VIOLATION_RATIO_OF_WORST_NODES = 1 - 1e-6
 # Largest gap that counts as closed in the first active set, relative to the extent of the contact
 # nodes
-_MAX_RELATIVE_TOUCHING_GAP = 1e-9
+_MAX_TOUCHING_GAP_PER_EXTENT = 1e-9
 
 
 class ActiveSetHistory:
@@ -73,30 +73,30 @@ class ActiveSetHistory:
         self._comm = comm
         self._visited: set[bytes] = set()
         self._last_key, self._n_returns, self._n_kept = b"", 0, 0
-        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS)
+        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS_SEARCHED_FOR_CYCLE)
 
-    def record_and_decide_to_keep(self, active: ActiveSet, change: float) -> bool:
+    def record_and_decide_to_keep_set(self, active: ActiveSet, relative_displacement_change: float) -> bool:
         """Record the active set of an iteration; return whether the next iteration keeps it.
 
         Args:
             active: active set of the iteration.
-            change: largest change of a displacement in the iteration, divided by the largest
+            relative_displacement_change: largest change of a displacement in the iteration, divided by the largest
                 displacement.
         """
-        key = _digest_arrays(self._comm, active.status, np.round(active.direction))
+        key = _hash_arrays_of_all_ranks(self._comm, active.status, np.round(active.direction))
         if key != self._last_key:
             self._recent.append((key, active))
             self._n_returns += key in self._visited
             self._visited.add(key)
             self._last_key, self._n_kept = key, 0
         self._n_kept += 1
-        is_solved = change <= _MAX_CHANGE_OF_SOLVED_SET
-        return self.is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
+        is_solved = relative_displacement_change <= _MAX_RELATIVE_DISPLACEMENT_CHANGE_IF_SOLVED
+        return self.is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_WITH_KEPT_SET
 
     @property
     def is_cycle(self) -> bool:
         """Whether visited active sets have come back often enough to count as a cycle."""
-        return self._n_returns >= _MIN_RETURNS_OF_CYCLE
+        return self._n_returns >= _MIN_ACTIVE_SET_REVISITS_OF_CYCLING
 
     def make_error(self, message: str, interface: Interface) -> NotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
@@ -130,7 +130,7 @@ class ActiveSetUpdate:
     """
 
     def __init__(
-        self, free_motions: FreeMotionFinder, interface: Interface, accuracy: Accuracy = "rough"
+        self, free_motions: FreeRigidMotionDescriber, interface: Interface, accuracy: Accuracy = "rough"
     ) -> None:
         self._interface, self._comm = interface, interface.comm
         self._free_motions, self.accuracy = free_motions, accuracy
@@ -151,10 +151,10 @@ class ActiveSetUpdate:
             NotFound: if all nodes of the cycle are limited already.
         """
         vectors = [
-            np.round(v, _COMPARED_DECIMALS)
+            np.round(v, _DECIMALS_IN_ACTIVE_SET_COMPARISON)
             for v in (active.direction, active.friction_ratio, active.limit_slope)
         ]
-        key = _digest_arrays(self._comm, active.status, *vectors, active.support_friction)
+        key = _hash_arrays_of_all_ranks(self._comm, active.status, *vectors, active.support_friction)
         keys = [visited_key for visited_key, _ in self._visited]
         self._visited.append((key, active))
         if key not in keys:
@@ -175,7 +175,7 @@ class ActiveSetUpdate:
         self._visited.clear()
         return True
 
-    def propose_active_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+    def propose_set_changing_one_cycling_node(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
         """Return the next active set; of the limited nodes, only one changes.
 
         It is the node that violates the law most.
@@ -186,10 +186,10 @@ class ActiveSetUpdate:
         violation = np.where(self._limited, np.linalg.norm(nodes.law_violation(), axis=1), 0.0)
         worst = self._comm.allreduce(violation.max(initial=0.0), MPI.MAX)
         return combine_active_sets(
-            self._limited & (violation < worst * _WORST_NODE_FRACTION), active, proposed
+            self._limited & (violation < worst * _MIN_VIOLATION_RATIO_OF_WORST_NODES), active, proposed
         )
 
-    def choose_next_set(
+    def choose_next_set_and_accuracy(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> tuple[ActiveSet, Accuracy]:
         """Return the next active set and the accuracy of its linear solution.
@@ -205,14 +205,14 @@ class ActiveSetUpdate:
         """
         if state.violation <= 1:
             return active, "tightened"  # the linear system was not solved to the final accuracy
-        active = self._rotate_to_state_frames(active, kinematics, state)
+        active = self._rotate_set_to_frames_of_state(active, kinematics, state)
         return self._propose_next_set(active, state)
 
     def make_error(self, max_iterations: int) -> NotFound:
         """Return the error for an iteration that has found no solution in `max_iterations`."""
-        return NotFound(_format_not_found_message(max_iterations))
+        return NotFound(_format_iteration_limit_message(max_iterations))
 
-    def _rotate_to_state_frames(
+    def _rotate_set_to_frames_of_state(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> ActiveSet:
         """Return the active set in the frames of a state.
@@ -227,17 +227,17 @@ class ActiveSetUpdate:
     def _propose_next_set(
         self, active: ActiveSet, state: NewtonState
     ) -> tuple[ActiveSet, Accuracy]:
-        proposed = self._propose_holding_set(active, state.nodes)
+        proposed = self._propose_set_that_holds_body(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
         if self.record_and_detect_cycle(proposed):
-            proposed = self._propose_holding_set(active, state.nodes)
+            proposed = self._propose_set_that_holds_body(active, state.nodes)
         return proposed, self.accuracy
 
-    def _propose_holding_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._prevent_release(self.propose_active_set(active, nodes), active, nodes)
+    def _propose_set_that_holds_body(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+        return self._postpone_releases_that_free_body(self.propose_set_changing_one_cycling_node(active, nodes), active, nodes)
 
-    def _prevent_release(
+    def _postpone_releases_that_free_body(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
     ) -> ActiveSet:
         """Return the proposed set, without changes of status that make the tangent singular.
@@ -280,7 +280,7 @@ class ActiveSetUpdate:
         )
 
 
-class DeformedSetUpdate(ActiveSetUpdate):
+class LargeStrainActiveSetUpdate(ActiveSetUpdate):
     """Rule that chooses the next active set at large strains.
 
     Each iteration has new linearised kinematics. For two bodies, an iteration ends early if its
@@ -305,7 +305,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
 
     def make_error(self, max_iterations: int) -> NotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
-        return self._history.make_error(_format_not_found_message(max_iterations), self._interface)
+        return self._history.make_error(_format_iteration_limit_message(max_iterations), self._interface)
 
     def _propose_next_set(
         self, active: ActiveSet, state: NewtonState
@@ -313,7 +313,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
         change = self._max_over_ranks(np.abs(state.displacement - self._displacement))
         self._displacement = state.displacement
         relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
-        is_kept = self._history.record_and_decide_to_keep(active, relative_change)
+        is_kept = self._history.record_and_decide_to_keep_set(active, relative_change)
         if self._ends_early:
             self._refuse_hopeless_iteration(state)
         if self.keeps_cycling_sets and is_kept:
@@ -335,7 +335,7 @@ class DeformedSetUpdate(ActiveSetUpdate):
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-class CycleKeepingSetUpdate(DeformedSetUpdate):
+class CycleKeepingSetUpdate(LargeStrainActiveSetUpdate):
     """Rule that keeps an active set of a cycle until the equations of the set are solved."""
 
     keeps_cycling_sets = True
@@ -349,11 +349,11 @@ def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noq
     return []
 
 
-def _format_not_found_message(max_iterations: int) -> str:
+def _format_iteration_limit_message(max_iterations: int) -> str:
     return f"{_NO_SET_MESSAGE} after {max_iterations} iterations (max_iterations)"
 
 
-def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
+def _hash_arrays_of_all_ranks(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
     """Return a hash of the arrays of all processes; collective.
 
     The values -0.0 and 0.0 give the same hash.
@@ -364,12 +364,12 @@ def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
     return b"".join(comm.allgather(digest.digest()))
 
 
-def choose_first_set(
+def choose_first_active_set(
     interface: Interface,
     kinematics: LinearisedKinematics,
-    before: ContactState,
-    free_motions: FreeMotionFinder,
-    unloaded: Mask,
+    start_state: ContactState,
+    describe_free_rigid_motions: FreeRigidMotionDescriber,
+    unloaded_free_surfaces: Mask,
 ) -> ActiveSet:
     """Return the first active set of an increment.
 
@@ -379,22 +379,22 @@ def choose_first_set(
     Args:
         interface: contact points of all pairs.
         kinematics: kinematics linearised at the initial iterate.
-        before: contact state at the start of the increment.
-        free_motions: function that returns the names of the rigid motions that remain free for an
+        start_state: contact state at the start of the increment.
+        describe_free_rigid_motions: function that returns the names of the rigid motions that remain free for an
             active set.
-        unloaded: mask (pairs,) of surfaces that are free to move and have no prescribed force. In
+        unloaded_free_surfaces: mask (pairs,) of surfaces that are free to move and have no prescribed force. In
             these pairs the touching nodes are closed, whatever the previous state.
 
     Raises:
         FreeBody: if the body is not held even if all nodes that face a surface stick.
     """
-    if before.increment:
-        candidates = [resume_active_set(interface, kinematics, before)]
+    if start_state.increment:
+        candidates = [recover_active_set_of_state(interface, kinematics, start_state)]
     else:
-        candidates = [_find_touching_set(interface, kinematics)]
-    if before.increment and unloaded.any():
-        (resumed,), is_unloaded = candidates, unloaded[interface.pair]
-        touching = _find_touching_set(interface, kinematics)
+        candidates = [_close_touching_and_nearest_nodes(interface, kinematics)]
+    if start_state.increment and unloaded_free_surfaces.any():
+        (resumed,), is_unloaded = candidates, unloaded_free_surfaces[interface.pair]
+        touching = _close_touching_and_nearest_nodes(interface, kinematics)
         slipping_status = np.where(touching.status == STICK, SLIP, touching.status)
         slipping = replace(touching, status=slipping_status.astype(np.int8))
         candidates = [
@@ -402,9 +402,9 @@ def choose_first_set(
             for candidate in (slipping, touching)
         ]
     n_tangents = kinematics.frame.shape[1] - 1
-    all_stick = make_sticking_set(np.isfinite(kinematics.gap), interface.cone, n_tangents)
+    all_stick = make_sticking_active_set(np.isfinite(kinematics.gap), interface.cone, n_tangents)
     for candidate in (*candidates, all_stick):
-        motions = free_motions(candidate, kinematics.frame)
+        motions = describe_free_rigid_motions(candidate, kinematics.frame)
         if not motions:
             return candidate
     raise FreeBody(
@@ -413,26 +413,26 @@ def choose_first_set(
     )
 
 
-def _find_touching_set(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
+def _close_touching_and_nearest_nodes(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
     """Return the active set in which touching nodes are closed.
 
     In each pair, at least the node nearest to the surface is closed.
     """
-    gap, tolerance = kinematics.gap, _MAX_RELATIVE_TOUCHING_GAP * interface.extent
+    gap, tolerance = kinematics.gap, _MAX_TOUCHING_GAP_PER_EXTENT * interface.extent
     closed = gap <= tolerance
     for k in range(interface.pairs):
         in_pair = interface.pair == k
         min_gap = interface.comm.allreduce(gap[in_pair].min(initial=np.inf), MPI.MIN)
         closed |= in_pair & np.isfinite(gap) & (gap <= min_gap + tolerance)
-    return make_sticking_set(closed, interface.cone, kinematics.frame.shape[1] - 1)
+    return make_sticking_active_set(closed, interface.cone, kinematics.frame.shape[1] - 1)
 
 
-def resume_active_set(
-    interface: Interface, kinematics: LinearisedKinematics, before: ContactState
+def recover_active_set_of_state(
+    interface: Interface, kinematics: LinearisedKinematics, state: ContactState
 ) -> ActiveSet:
     """Return the active set at the end of a state, in the frames of the given kinematics."""
-    status, friction_ratio, force_normal, *vectors = interface.extract_local_values(
-        before.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
+    status, friction_ratio, force_normal, *vectors = interface.extract_local_pair_state_values(
+        state.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )
     direction, friction = (
         np.einsum("nab,nb->na", kinematics.frame[:, 1:], vector) for vector in vectors

@@ -5,7 +5,7 @@ from pw_elements.contact.model.errors import (
     Cycling,
     FreeBody,
     LastContactLost,
-    MissingForce,
+    LoadMissingForEquilibrium,
     NoEquilibrium,
     NotFound,
     NotUnique,
@@ -16,19 +16,19 @@ from pw_elements.contact.model.errors import (
 from pw_elements.contact.model.friction import Coulomb, Friction, FrictionCone
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
-    NO_SOLVER_REPORT,
+    EMPTY_SOLVER_REPORT,
     ContactState,
-    FreeMotions,
+    FreeMotionIndices,
     PairState,
     Residuals,
     ResidualScale,
     Smallness,
 )
 from pw_elements.contact.model.surfaces import (
-    BUILT_IN_CLOSEST_POINTS,
-    CLOSED_FORM_SURFACES,
-    MAX_DIFFERENCE_STEP_ERROR,
-    SURFACES_DEFINED_EVERYWHERE,
+    BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS,
+    CLOSED_FORM_SURFACE_TYPES,
+    MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP,
+    SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
     ClosestPointSurface,
     FlatPunch,
     Parabola,
@@ -37,6 +37,6 @@ from pw_elements.contact.model.surfaces import (
     Sphere,
     Surface,
     describe_wrong_derivatives,
-    measure_difference_step_error,
-    with_default_step,
+    measure_gradient_change_at_half_step,
+    with_default_difference_step,
 )

@@ -12,7 +12,7 @@ from pw_elements.solvers import SingularSystem
 
 # Smallest ratio of friction to its largest value at which friction counts as exhausted after a
 # failure
-_EXHAUSTED_FRACTION = 0.9
+_EXHAUSTED_FRACTION_OF_FRICTION_LIMIT = 0.9
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RigidVelocity:
 
 
 @dataclass(frozen=True)
-class MissingForce:
+class LoadMissingForEquilibrium:
     """Smallest addition to the loads that makes equilibrium possible.
 
     Of all such additions it has the smallest sum of the magnitudes of all components, where moments
@@ -94,7 +94,7 @@ class NoEquilibrium(FreeBody):
     """
 
     velocity: RigidVelocity
-    missing: MissingForce
+    missing: LoadMissingForEquilibrium
 
 
 class NotUnique(ContactFailed, SingularSystem):
@@ -135,7 +135,7 @@ def describe_exhausted_friction(state: ContactState) -> str:
     for k, pair in enumerate(state.pairs):
         capacity = pair.friction_capacity
         carried = float(np.linalg.norm(pair.force_tangential, axis=1).sum())
-        if capacity > 0 and carried >= _EXHAUSTED_FRACTION * capacity:
+        if capacity > 0 and carried >= _EXHAUSTED_FRACTION_OF_FRICTION_LIMIT * capacity:
             words.append(
                 f"Friction of contact pair {k} is exhausted: with normal forces whose sum is "
                 f"{pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "

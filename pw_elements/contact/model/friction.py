@@ -28,11 +28,11 @@ from pw_elements.checks import arguments
 
 # Normal forces at which coefficients are checked not to rise; and round-off of a coefficient,
 # relative to the coefficient at zero force
-_TEST_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
+_COEFFICIENT_CHECK_NORMAL_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
 _COEFFICIENT_ROUND_OFF = 1e-9
 # Step of finite differences relative to the normal force, and largest error of the differences
 # relative to the slope of the limit at zero force
-_RELATIVE_FORCE_STEP, _SLOPE_TOLERANCE = 1e-4, 1e-6
+_RELATIVE_NORMAL_FORCE_STEP, _SLOPE_TOLERANCE_PER_SLOPE_AT_ZERO = 1e-4, 1e-6
 
 
 @runtime_checkable
@@ -66,7 +66,7 @@ class Friction(Protocol):
             x: positions of the nodes of all processes, as columns (3, n).
         """
 
-    def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
+    def limit(self, parameter: Array, normal_force: Array) -> tuple[Array, Array]:
         """Return the limits (n,) of the tangential nodal forces, and the slopes (n,) of the limits.
 
         A slope is the derivative of the limit with respect to the normal force.
@@ -74,7 +74,7 @@ class Friction(Protocol):
         Args:
             parameter: (n,), the law's parameter at each node. The nodes may belong to another
                 process.
-            force: (n,), normal nodal forces, not pressures; they are not negative.
+            normal_force: (n,), normal nodal forces, not pressures; they are not negative.
         """
 
 
@@ -99,16 +99,16 @@ class Coulomb:
         """
         return self.mu(x) if callable(self.mu) else self.mu
 
-    def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
+    def limit(self, parameter: Array, normal_force: Array) -> tuple[Array, Array]:
         """Return the limits (n,) of the tangential nodal forces, and the slopes (n,) of the limits.
 
         A slope is the derivative of the limit with respect to the normal force.
 
         Args:
             parameter: (n,), coefficient of friction at each node.
-            force: (n,), normal nodal forces, not pressures.
+            normal_force: (n,), normal nodal forces, not pressures.
         """
-        return parameter * force, parameter
+        return parameter * normal_force, parameter
 
 
 @dataclass(frozen=True)
@@ -116,14 +116,14 @@ class FrictionCone:
     """Forces that the friction laws admit at the m contact points, which are sorted by pair.
 
     Errors of laws are collected in `errors`, if it is a list, and can then be raised on all
-    processes by `raise_law_error`. Otherwise they are raised at once.
+    processes by `raise_collected_law_error`. Otherwise they are raised at once.
     """
 
     laws: Sequence[Friction]  # one per pair
     parameters: Sequence[Array]  # parameters of each law at the points of its pair
     errors: list[BaseException] | None = None
 
-    def limit(self, force: Array) -> tuple[Array, Array]:
+    def limit(self, normal_force: Array) -> tuple[Array, Array]:
         """Return the limits (m,) of tangential forces at normal forces (m,), and their slopes (m,).
 
         A slope is the derivative of the limit with respect to the normal force. If a law raises an
@@ -131,7 +131,7 @@ class FrictionCone:
         """
         try:
             parts = np.split(
-                force, np.cumsum([len(parameter) for parameter in self.parameters])[:-1]
+                normal_force, np.cumsum([len(parameter) for parameter in self.parameters])[:-1]
             )
             pairs = zip(self.laws, self.parameters, parts, strict=True)
             limits_and_slopes = [
@@ -141,20 +141,20 @@ class FrictionCone:
             if self.errors is None:
                 raise
             self.errors.append(error)
-            return np.full(len(force), np.nan), np.zeros(len(force))
+            return np.full(len(normal_force), np.nan), np.zeros(len(normal_force))
         limits, slopes = zip(*limits_and_slopes, strict=True)
         return np.concatenate(limits), np.concatenate(slopes)
 
     @staticmethod
-    def _evaluate_law(law: Friction, parameter: Array, force: Array) -> tuple[Array, Array]:
+    def _evaluate_law(law: Friction, parameter: Array, normal_force: Array) -> tuple[Array, Array]:
         """Return the limits and slopes of one law. The arrays of a user's law are checked."""
-        limit, slope = law.limit(parameter, force)
+        limit, slope = law.limit(parameter, normal_force)
         if type(law) is Coulomb:
             return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         results = ("the limit of friction", limit), ("its slope", slope)
         return tuple(  # type: ignore[return-value]
-            arguments.check_function_values(name, values, force.shape, words)
+            arguments.check_function_values(name, values, normal_force.shape, words)
             for name, values in results
         )
 
@@ -163,54 +163,54 @@ class FrictionCone:
         """Whether any law has been written by the user and may therefore be wrong."""
         return any(type(law) is not Coulomb for law in self.laws)
 
-    def raise_law_error(self) -> None:
+    def raise_collected_law_error(self) -> None:
         """Raise the last error of a law in `errors`, if there is one."""
         if self.errors:
             raise self.errors.pop()
 
-    def coefficient(self, force: Array) -> Array:
+    def coefficient(self, normal_force: Array) -> Array:
         """Return the limits (m,) divided by the normal forces (m,).
 
         Where the normal force is zero or negative, it is the slope of the limit.
         """
-        limit, slope = self.limit(force)
-        linear = (force <= 0) | (limit == slope * force)
-        return np.where(linear, slope, limit / np.where(linear, 1.0, force))
+        limit, slope = self.limit(normal_force)
+        linear = (normal_force <= 0) | (limit == slope * normal_force)
+        return np.where(linear, slope, limit / np.where(linear, 1.0, normal_force))
 
     @cached_property
     def max_coefficient(self) -> Array:
         """Slopes (m,) of the limits at zero normal force, which bound the coefficients."""
         return self.limit(np.zeros(sum(len(parameter) for parameter in self.parameters)))[1]
 
-    def find_rising_coefficients(self) -> Mask:
+    def find_coefficients_rising_with_force(self) -> Mask:
         """Return a mask (m,) of the points at which the coefficient rises with the normal force."""
         with np.errstate(all="ignore"):  # forces may be far outside the range of a law
             coefficients = [
                 self.limit(np.full(len(self.max_coefficient), force))[0] / force
-                for force in _TEST_FORCES
+                for force in _COEFFICIENT_CHECK_NORMAL_FORCES
             ]
             changes = np.diff([self.max_coefficient, *coefficients], axis=0)
             rising = changes > _COEFFICIENT_ROUND_OFF * self.max_coefficient
         return np.asarray(rising.any(axis=0))
 
-    def find_rising_coefficients_at(self, force: Array) -> Mask:
+    def find_coefficients_rising_near_force(self, normal_force: Array) -> Mask:
         """Return a mask (m,) of points whose coefficient rises near their normal force.
 
         The mask includes points whose coefficient exceeds the coefficient at zero force.
 
         Args:
-            force: (m,), normal forces.
+            normal_force: (m,), normal forces.
         """
-        factors = (1 - _RELATIVE_FORCE_STEP, 1.0, 1 + _RELATIVE_FORCE_STEP)
+        factors = (1 - _RELATIVE_NORMAL_FORCE_STEP, 1.0, 1 + _RELATIVE_NORMAL_FORCE_STEP)
         coefficients = [
             self.max_coefficient,
-            *(self.coefficient(factor * force) for factor in factors),
+            *(self.coefficient(factor * normal_force) for factor in factors),
         ]
         largest_change = np.diff(coefficients, axis=0).max(axis=0)
         rising = largest_change > _COEFFICIENT_ROUND_OFF * self.max_coefficient
-        return np.asarray((force > 0) & rising)
+        return np.asarray((normal_force > 0) & rising)
 
-    def compare_slopes(self, force: Array) -> tuple[Array, Array, Mask]:
+    def compare_slopes_with_finite_differences(self, normal_force: Array) -> tuple[Array, Array, Mask]:
         """Compare the slopes of the limits with finite differences at normal forces (m,).
 
         At a corner of a limit any slope between the two one-sided slopes is accepted.
@@ -219,13 +219,13 @@ class FrictionCone:
             The slopes (m,) that the laws give, the slopes (m,) by finite differences, and a mask
             (m,) of the points at which they contradict each other.
         """
-        pressed = force > 0
-        force = np.where(pressed, force, 1.0)
-        (limit, slope), step = self.limit(force), _RELATIVE_FORCE_STEP * force
-        lower_limit, upper_limit = (self.limit(force + sign * step)[0] for sign in (-1, 1))
+        pressed = normal_force > 0
+        normal_force = np.where(pressed, normal_force, 1.0)
+        (limit, slope), step = self.limit(normal_force), _RELATIVE_NORMAL_FORCE_STEP * normal_force
+        lower_limit, upper_limit = (self.limit(normal_force + sign * step)[0] for sign in (-1, 1))
         one_sided = (limit - lower_limit) / step, (upper_limit - limit) / step
         smallest, largest = np.minimum(*one_sided), np.maximum(*one_sided)
-        tolerance = _SLOPE_TOLERANCE * self.max_coefficient
+        tolerance = _SLOPE_TOLERANCE_PER_SLOPE_AT_ZERO * self.max_coefficient
         wrong = ~((slope >= smallest - tolerance) & (slope <= largest + tolerance))
         return slope, np.clip(slope, smallest, largest), pressed & wrong
 

@@ -62,9 +62,9 @@ class Motion:
             who, motion_name, force_name = f"component {k} of a motion", "translation", "force"
             if k == len(self.translation):
                 who, motion_name, force_name = "a motion", "rotation", "torque"
-            arguments.check_number(f"{who}'s {force_name}", force)
+            arguments.check_finite_number(f"{who}'s {force_name}", force)
             if motion is not None:
-                arguments.check_number(f"{who}'s {motion_name}", motion)
+                arguments.check_finite_number(f"{who}'s {motion_name}", motion)
             if motion is not None and force:
                 raise ValueError(
                     f"{who} has a {motion_name} and a {force_name}: one of them follows from the "
@@ -114,7 +114,7 @@ class MatchingNodes:
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
+        _check_part_selects_nodes_or_facets("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
                 f"the shape of matching nodes is {arguments.describe(self.shape)}: it has to be a "
@@ -165,7 +165,7 @@ class DeformableSurface:
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        _check_part("facets", self.where, "DeformableSurface(where)")
+        _check_part_selects_nodes_or_facets("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
             arguments.check_flag("revolved", self.revolved)
         arguments.check_flag("coincident", self.coincident)
@@ -214,7 +214,7 @@ class ContactPair:
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
-        _check_part("nodes", self.nodes, "ContactPair(nodes, surface)")
+        _check_part_selects_nodes_or_facets("nodes", self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a deformable body has no pivot: supports rotate it")
@@ -244,7 +244,7 @@ class ContactPair:
         if not (
             arguments.is_user_function(self.interference) or isinstance(self.interference, bool)
         ):
-            arguments.check_number("the interference", self.interference)
+            arguments.check_finite_number("the interference", self.interference)
         motions = tuple(arguments.as_list(self.motions))
         for motion in motions:
             arguments.check_type(
@@ -280,20 +280,20 @@ def _is_surface(thing: object) -> bool:
     return has_methods and not isinstance(thing, type)
 
 
-def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> None:
+def _check_part_selects_nodes_or_facets(expected_kind: Literal["nodes", "facets"], part: object, example_call: str) -> None:
     """Raise TypeError unless `part` can select nodes or facets.
 
-    `call` is an example of a correct call, which the message shows.
+    `example_call` is an example of a correct call, which the message shows.
     """
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
-        raise TypeError(f"a surface is given in place of {name}: {call} has them first")
+        raise TypeError(f"a surface is given in place of {expected_kind}: {example_call} has them first")
     if isinstance(part, MeshTags):
         use = "tags.find(value)"
-        if name == "nodes":
+        if expected_kind == "nodes":
             use = f"those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, {use})"
-        raise TypeError(f"tags are given in place of {name}: use {use}")
+        raise TypeError(f"tags are given in place of {expected_kind}: use {use}")
     is_sequence = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if not (arguments.is_user_function(part) or is_sequence):
         raise TypeError(
-            f"the {name} are {arguments.describe(part)}: give a marker, numbers or a mask"
+            f"the {expected_kind} are {arguments.describe(part)}: give a marker, numbers or a mask"
         )

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from pw_elements.arrays import Array, Indices
 from pw_elements.solvers import SolverReport
 
-FreeMotions: TypeAlias = tuple[tuple[int, int], ...]
-NO_SOLVER_REPORT = SolverReport("nothing", 0)
+FreeMotionIndices: TypeAlias = tuple[tuple[int, int], ...]
+EMPTY_SOLVER_REPORT = SolverReport("nothing", 0)
 
 
 @dataclass(frozen=True)
@@ -228,9 +228,9 @@ class ContactState:
     unique: bool | None = None
     residuals: Residuals = Residuals()
     allowance: Residuals = Residuals()
-    report: SolverReport = NO_SOLVER_REPORT
+    report: SolverReport = EMPTY_SOLVER_REPORT
     increment: int = 0
-    free_motions: FreeMotions = ()
+    free_motions: FreeMotionIndices = ()
     determinant_signs: frozenset[int] = frozenset()
     scale: ResidualScale = ResidualScale()
     smallness: Smallness | None = Smallness()

@@ -19,23 +19,23 @@ PointArray = Array
 
 # Newton's method for closest points: limit of steps; and size of the final step relative to the
 # largest coordinate, with a gradient function and with finite differences
-_MAX_PROJECTION_STEPS = 30
-_PROJECTION_TOLERANCE, _PROJECTION_TOLERANCE_BY_DIFFERENCES = 1e-12, 1e-8
+_MAX_CLOSEST_POINT_NEWTON_STEPS = 30
+_CLOSEST_POINT_STEP_PER_COORDINATE, _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES = 1e-12, 1e-8
 # Step of first differences relative to the largest coordinate; step of second differences relative
 # to the step of first differences
-_DIFFERENCE_STEP, _SECOND_DIFFERENCE_FACTOR = 1e-6, 100
+_DIFFERENCE_STEP, _SECOND_TO_FIRST_DIFFERENCE_STEP_RATIO = 1e-6, 100
 # Largest error of a user's gradient relative to its size; round-off of function values divided by
 # the machine epsilon
-_GRADIENT_TOLERANCE, _ROUND_OFF_IN_EPS = 1e-5, 64
+_RELATIVE_GRADIENT_TOLERANCE, _FUNCTION_ROUND_OFF_IN_EPS = 1e-5, 64
 # Largest error of a user's normal and of its derivative, relative to the largest entry
-_NORMAL_DERIVATIVE_TOLERANCE = 1e-4
+_RELATIVE_NORMAL_DERIVATIVE_TOLERANCE = 1e-4
 # Distance from the centre of a sphere, relative to its radius, up to which there is no closest
 # point
-_CENTRE_TOLERANCE = 1e-12
+_MIN_CENTRE_DISTANCE_PER_RADIUS = 1e-12
 # Largest relative change of a gradient by finite differences when their step is halved. A warning
 # is logged if the change is larger. With the default step the change is caused by round-off of the
 # function; it is up to 1e-6 for a radius of 1e4 times the body's size
-MAX_DIFFERENCE_STEP_ERROR = 1e-5
+MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP = 1e-5
 
 
 def unit_vector(direction: Sequence[float]) -> Array:
@@ -166,7 +166,7 @@ class Parabola:
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         arguments.check_vector("the apex of a parabola", self.apex)
-        if arguments.check_number("radius", self.radius) == 0:
+        if arguments.check_finite_number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs a radius that is not zero")
 
     def gap(self, x: PointArray) -> Array:
@@ -228,7 +228,7 @@ class Sphere:
         """
         gap, from_centre = self.gap(x), x - np.asarray(self.centre)
         distance = np.linalg.norm(from_centre, axis=1)
-        central = distance <= _CENTRE_TOLERANCE * self.radius
+        central = distance <= _MIN_CENTRE_DISTANCE_PER_RADIUS * self.radius
         gap[central] = distance[central] = np.nan
         normal = from_centre / distance[:, None]
         tangential = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
@@ -323,7 +323,7 @@ class SignedDistance:
         They are arbitrary where the surface does not face a point.
         """
         faced = np.isfinite(self._evaluate_function(x))
-        self._check_gradient(x[faced])
+        self._check_user_gradient(x[faced])
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
         normal[faced] = normalise_rows(self._evaluate_gradient(x[faced]))
         return normal
@@ -343,26 +343,26 @@ class SignedDistance:
         gap, normal = np.full(n, np.inf), np.tile(np.eye(dim)[-1], (n, 1))
         curvature = np.zeros((n, dim, dim))
         if faced.any():
-            gap[faced], normal[faced], curvature[faced] = self._project_points(x[faced])
+            gap[faced], normal[faced], curvature[faced] = self._compute_distances_normals_and_curvatures(x[faced])
         return gap, normal, curvature
 
-    def _project_points(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def _compute_distances_normals_and_curvatures(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances, normals and derivatives of normals at points x (n, dim).
 
         The function has to be finite at the points. Results are NaN where Newton's method finds no
         closest point.
         """
         n, dim = x.shape
-        self._check_gradient(x)
+        self._check_user_gradient(x)
         identity, p = np.eye(dim), x.copy()
-        gradient, zero_at_x = self._nonzero_gradient(x)
+        gradient, zero_at_x = self._evaluate_gradient_and_replace_zeros(x)
         length = self._evaluate_function(x) / np.sum(gradient**2, axis=1)
-        tolerance = _PROJECTION_TOLERANCE
+        tolerance = _CLOSEST_POINT_STEP_PER_COORDINATE
         if self.gradient is None:
-            tolerance = _PROJECTION_TOLERANCE_BY_DIFFERENCES
+            tolerance = _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES
         tolerance *= np.abs(x).max(initial=0.0)
-        for _ in range(_MAX_PROJECTION_STEPS):
-            gradient, hessian = self._nonzero_gradient(p)[0], self._evaluate_hessian(p)
+        for _ in range(_MAX_CLOSEST_POINT_NEWTON_STEPS):
+            gradient, hessian = self._evaluate_gradient_and_replace_zeros(p)[0], self._evaluate_hessian(p)
             matrix = np.zeros((n, dim + 1, dim + 1))
             matrix[:, :dim, :dim] = identity + length[:, None, None] * hessian
             matrix[:, :dim, dim] = matrix[:, dim, :dim] = gradient
@@ -376,7 +376,7 @@ class SignedDistance:
             converged = np.abs(step[:, :dim]).max(axis=1) <= tolerance
             if converged.all():
                 break
-        gradient, zero_at_p = self._nonzero_gradient(p)
+        gradient, zero_at_p = self._evaluate_gradient_and_replace_zeros(p)
         converged &= ~(zero_at_x | zero_at_p)
         size = np.linalg.norm(gradient, axis=1)
         normal, gap = gradient / size[:, None], length * size
@@ -400,13 +400,13 @@ class SignedDistance:
             return arguments.check_function_values(
                 "the gradient of a signed distance", gradient, x.shape, layout
             )
-        steps, values = self._difference_step(x) * np.eye(x.shape[1]), self._evaluate_function(x)
+        steps, values = self._finite_difference_step(x) * np.eye(x.shape[1]), self._evaluate_function(x)
         derivatives = [
-            _directional_derivative(self._evaluate_function, x, values, h) for h in steps
+            _difference_along_direction(self._evaluate_function, x, values, h) for h in steps
         ]
         return np.asarray(np.array(derivatives).T, dtype=float)
 
-    def _check_gradient(self, x: PointArray) -> None:
+    def _check_user_gradient(self, x: PointArray) -> None:
         """Raise ValueError if finite differences contradict a user's gradient at points x (n, dim).
 
         At an edge of the surface, a component may have any value between its values on both sides.
@@ -414,7 +414,7 @@ class SignedDistance:
         if self.gradient is None or not len(x):
             return
         gradient, values = self._evaluate_gradient(x), self._evaluate_function(x)
-        step = self._difference_step(x)
+        step = self._finite_difference_step(x)
         with np.errstate(all="ignore"):  # points may be outside the domain of the function
             one_sided = [
                 [sign * (self._evaluate_function(x + sign * h) - values) / step for sign in (-1, 1)]
@@ -424,8 +424,8 @@ class SignedDistance:
         central = np.mean(one_sided, axis=1).T
         size = np.linalg.norm(central, axis=1)
         magnitude = np.abs(values) + size * np.abs(x).max(axis=1)
-        round_off = _ROUND_OFF_IN_EPS * np.finfo(float).eps * magnitude / step
-        tolerance = (_GRADIENT_TOLERANCE * size + round_off)[:, None]
+        round_off = _FUNCTION_ROUND_OFF_IN_EPS * np.finfo(float).eps * magnitude / step
+        tolerance = (_RELATIVE_GRADIENT_TOLERANCE * size + round_off)[:, None]
         too_small, too_large = gradient < smallest - tolerance, gradient > largest + tolerance
         wrong = (too_small | too_large).any(axis=1)
         wrong &= np.isfinite(central).all(axis=1)
@@ -437,10 +437,10 @@ class SignedDistance:
                 "gradient, or leave it out"
             )
 
-    def _difference_step(self, x: PointArray) -> float:
+    def _finite_difference_step(self, x: PointArray) -> float:
         return self.step or _DIFFERENCE_STEP * (np.abs(x).max(initial=0.0) or 1.0)
 
-    def _nonzero_gradient(self, x: PointArray) -> tuple[PointArray, Mask]:
+    def _evaluate_gradient_and_replace_zeros(self, x: PointArray) -> tuple[PointArray, Mask]:
         """Return the gradient (n, dim), and a mask (n,) of the points x at which it vanishes.
 
         There it is replaced by a unit vector.
@@ -451,20 +451,20 @@ class SignedDistance:
 
     def _evaluate_hessian(self, x: PointArray) -> Array:
         """Return symmetrised second derivatives (n, dim, dim) of the function at points x."""
-        factor = 1 if self.gradient is not None else _SECOND_DIFFERENCE_FACTOR
-        step = self._difference_step(x) * factor
+        factor = 1 if self.gradient is not None else _SECOND_TO_FIRST_DIFFERENCE_STEP_RATIO
+        step = self._finite_difference_step(x) * factor
         steps, gradient = step * np.eye(x.shape[1]), self._evaluate_gradient(x)
         hessian = np.array(
-            [_directional_derivative(self._evaluate_gradient, x, gradient, h) for h in steps]
+            [_difference_along_direction(self._evaluate_gradient, x, gradient, h) for h in steps]
         )
         return np.asarray(hessian.transpose(1, 0, 2) + hessian.transpose(1, 2, 0)) / 2
 
 
 # Surfaces of the library that have closest points; surfaces without any function of the user; and
 # surfaces of the latter kind that have a normal everywhere
-BUILT_IN_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
-CLOSED_FORM_SURFACES = (Plane, Parabola, Sphere, FlatPunch)
-SURFACES_DEFINED_EVERYWHERE = (Plane, Parabola, FlatPunch)
+BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
+CLOSED_FORM_SURFACE_TYPES = (Plane, Parabola, Sphere, FlatPunch)
+SURFACE_TYPES_WITH_NORMAL_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
 def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step: float) -> str:
@@ -491,9 +491,9 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
     smallest, largest = np.sort(one_sided, axis=1).transpose(1, 2, 3, 0)
     central = one_sided.mean(axis=1).transpose(1, 2, 0)
     derivatives = np.concatenate([normal[:, None], curvature], axis=1)
-    round_off = _ROUND_OFF_IN_EPS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
+    round_off = _FUNCTION_ROUND_OFF_IN_EPS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
     size = np.abs(central).max(axis=(1, 2)) + np.abs(derivatives).max(axis=(1, 2))
-    tolerance = (_NORMAL_DERIVATIVE_TOLERANCE * size + round_off)[:, None, None]
+    tolerance = (_RELATIVE_NORMAL_DERIVATIVE_TOLERANCE * size + round_off)[:, None, None]
     wrong = (derivatives < smallest - tolerance) | (derivatives > largest + tolerance)
     wrong &= np.isfinite(central).all(axis=(1, 2))[:, None, None]
     if not wrong.any():
@@ -507,8 +507,8 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
     )
 
 
-def _directional_derivative(
-    function: Callable[[PointArray], Array], x: PointArray, values: Array, h: Array
+def _difference_along_direction(
+    function: Callable[[PointArray], Array], x: PointArray, values_at_x: Array, step_vector: Array
 ) -> Array:
     """Return the derivative (n, ...) of a function in the direction of h (dim,) by differences.
 
@@ -517,21 +517,21 @@ def _directional_derivative(
     Args:
         function: function of points (n, dim) that returns values (n, ...).
         x: (n, dim), points.
-        values: (n, ...), values of the function at x.
-        h: (dim,), step of the differences.
+        values_at_x: (n, ...), values of the function at x.
+        step_vector: (dim,), step of the differences.
     """
-    size = np.linalg.norm(h)
+    size = np.linalg.norm(step_vector)
     with np.errstate(invalid="ignore"):
-        next_values, previous_values = function(x + h), function(x - h)
+        next_values, previous_values = function(x + step_vector), function(x - step_vector)
         central = (next_values - previous_values) / (2 * size)
         if np.isfinite(central).all():
             return central
-        forward, backward = (next_values - values) / size, (values - previous_values) / size
+        forward, backward = (next_values - values_at_x) / size, (values_at_x - previous_values) / size
     one_sided = np.where(np.isfinite(forward), forward, backward)
     return np.where(np.isfinite(central), central, one_sided)
 
 
-def measure_difference_step_error(surface: SignedDistance, x: PointArray) -> float:
+def measure_gradient_change_at_half_step(surface: SignedDistance, x: PointArray) -> float:
     """Return the largest relative change of the gradient when the step of differences is halved.
 
     The gradient is evaluated at first-order approximations of the points of the surface that are
@@ -543,14 +543,14 @@ def measure_difference_step_error(surface: SignedDistance, x: PointArray) -> flo
     point = x[faced]
     point = point - surface.gap(point)[:, None] * surface.normal(point)
     gradient = surface._evaluate_gradient(point)
-    finer_surface = replace(surface, step=surface._difference_step(point) / 2)
+    finer_surface = replace(surface, step=surface._finite_difference_step(point) / 2)
     finer_gradient = finer_surface._evaluate_gradient(point)
     change = np.linalg.norm(gradient - finer_gradient, axis=1)
     change = change / np.linalg.norm(finer_gradient, axis=1)
     return float(np.max(change, where=np.isfinite(change), initial=0.0))
 
 
-def with_default_step(surface: Surface, max_coordinate: float) -> Surface:
+def with_default_difference_step(surface: Surface, max_coordinate: float) -> Surface:
     """Return the surface with a step of differences that suits the largest coordinate of a body.
 
     Surfaces that have a step, or that need none, are returned unchanged.

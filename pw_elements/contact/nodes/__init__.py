@@ -2,12 +2,12 @@
 
 from pw_elements.contact.nodes.deformed import (
     DeformablePairKinematics,
-    DeformedKinematics,
+    LargeStrainKinematics,
     NoDeformablePairs,
     RigidSurfaceMotion,
 )
 from pw_elements.contact.nodes.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     HELD,
     OPEN,
     SLIP,
@@ -15,23 +15,23 @@ from pw_elements.contact.nodes.nodes import (
     ActiveSet,
     ContactNodes,
     LinearisedKinematics,
-    LinearisedLaw,
+    LinearisedContactLaw,
     TorqueMap,
-    assemble_node_equations,
+    assemble_active_set_equations,
     combine_active_sets,
     describe_status_counts,
     eliminate_known_motions,
     find_differing_nodes,
     is_same_set,
     linearise_friction_limits,
-    make_sticking_set,
+    make_sticking_active_set,
     rotate_active_set,
 )
 from pw_elements.contact.nodes.sliding import MortarKinematics
 from pw_elements.contact.nodes.undeformed import (
     IncrementStart,
     Kinematics,
-    UndeformedKinematics,
+    SmallStrainKinematics,
     make_increment_start,
     remove_normal_part,
 )

@@ -12,10 +12,10 @@ import numpy as np
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
-    N_PATH_PIECES,
+    N_SLIP_PATH_PIECES,
     RIGID,
     Interface,
-    SlidingReference,
+    MortarSlipReference,
     check_closest_points,
 )
 from pw_elements.contact.model import ContactPair
@@ -30,13 +30,13 @@ from pw_elements.contact.nodes.undeformed import IncrementStart
 
 # In the following, s is half the length of the difference between two unit normals.
 # Largest s at which the ratio of arc to chord is computed by its series
-_MAX_SERIES_S = 1e-3
+_MAX_HALF_NORMAL_CHANGE_FOR_SERIES = 1e-3
 # Smallest divisor when vectors are normalised and rotated
-_MIN_DIVISOR = 1e-3
-# s of perpendicular normals, above which a point has jumped; largest argument of `_arc_factors`
-_RIGHT_ANGLE_S, _MAX_S = np.sqrt(0.5), 0.99
+_MIN_NORMALISATION_DIVISOR = 1e-3
+# s of perpendicular normals, above which a point has jumped; largest argument of `_arc_to_chord_ratios_and_slopes`
+_HALF_NORMAL_CHANGE_AT_RIGHT_ANGLE, _MAX_HALF_NORMAL_CHANGE = np.sqrt(0.5), 0.99
 # Fractions of a point's path at which penetration of the surface is checked
-_PATH_FRACTIONS = np.linspace(0.05, 0.95, 19)
+_PENETRATION_CHECK_PATH_FRACTIONS = np.linspace(0.05, 0.95, 19)
 
 
 class RigidSurfaceMotion:
@@ -71,13 +71,13 @@ class RigidSurfaceMotion:
         from_pivot = relative + self._from_pivot
         return relative + np.einsum("nba,nb->na", self.rotation_minus_identity(q), from_pivot)
 
-    def positions_in_surface_frame(self, pair: int, q: Array, x: Array) -> Array:
+    def positions_in_surface_frame(self, pair_index: int, q: Array, x: Array) -> Array:
         """Return the positions of points x (n, dim) in the moving frame of a pair's rigid surface.
 
-        `pair` is the index of the pair, and q (dim + 1,) is the motion of its surface.
+        `pair_index` is the index of the pair, and q (dim + 1,) is the motion of its surface.
         """
         dim = x.shape[1]
-        pivot, J = self._pivots[pair]
+        pivot, J = self._pivots[pair_index]
         angle = q[dim]
         R = np.eye(dim) + np.sin(angle) * J + 2 * np.sin(angle / 2) ** 2 * J @ J
         return np.asarray(pivot + (x - q[:dim] - pivot) @ R)
@@ -119,14 +119,14 @@ class DeformablePairKinematics(Protocol):
         """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
 
     @property
-    def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
+    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
 
 
 class NoDeformablePairs:
     """`DeformablePairKinematics` for problems without pairs of two bodies."""
 
-    sides: ClassVar[dict[int, tuple[SlidingReference, Array]]] = {}
+    sides: ClassVar[dict[int, tuple[MortarSlipReference, Array]]] = {}
 
     def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:  # noqa: ARG002
         return kinematics
@@ -135,7 +135,7 @@ class NoDeformablePairs:
         return slip
 
 
-class DeformedKinematics:
+class LargeStrainKinematics:
     """Kinematics of a deformed body since the start of an increment, linearised at each iterate.
 
     Args:
@@ -162,11 +162,11 @@ class DeformedKinematics:
         self._point0 = interface.position + self._motion0 - self._gap0[:, None] * self._normal0
 
     @property
-    def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
+    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
         return self._deformable_pairs.sides
 
-    def move_closed_with_surfaces(self, q: Array, displacement: Array, closed: Mask) -> Array:
+    def move_closed_points_with_surfaces(self, q: Array, displacement: Array, closed: Mask) -> Array:
         """Return displacements (m, dim) in which closed points move rigidly with their surfaces.
 
         Args:
@@ -217,9 +217,9 @@ class DeformedKinematics:
         tangent_change = tangents @ curvature  # t·N with the derivative N of the normal
         finite_gap = np.where(np.isfinite(gap), gap, 0.0)
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
-        normal0 = self._normals_at_start(normal, gap)
+        normal0 = self._normals_at_start_where_faced(normal, gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
-        factor, factor_slope = _arc_factors(np.minimum(s, _MAX_S))
+        factor, factor_slope = _arc_to_chord_ratios_and_slopes(np.minimum(s, _MAX_HALF_NORMAL_CHANGE))
         tangential_chord = np.einsum("nta,na->nt", tangents, chord)
         normal_chord = np.sum(normal * chord, axis=1)
         s_change = np.einsum("na,nab->nb", normal0, curvature) / 4
@@ -260,15 +260,15 @@ class DeformedKinematics:
         """
         check_closest_points(self._interface, self._surface_frame_motion(kinematics), pressed)
 
-    def slip_by_start_motion(self, kinematics: LinearisedKinematics) -> Array:
+    def differentiate_slip_by_start_displacement(self, kinematics: LinearisedKinematics) -> Array:
         """Return derivatives (m, dim - 1, dim) of slips with respect to displacements at the start.
 
         The start is that of the increment.
         """
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
-        normal0 = self._normals_at_start(normal, kinematics.gap)
+        normal0 = self._normals_at_start_where_faced(normal, kinematics.gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
-        factor, factor_slope = _arc_factors(np.minimum(s, _MAX_S))
+        factor, factor_slope = _arc_to_chord_ratios_and_slopes(np.minimum(s, _MAX_HALF_NORMAL_CHANGE))
         n_n = self._normal0[:, :, None] * self._normal0[:, None, :]
         # derivative of the closest point at the start of the increment
         point_by_v = np.eye(normal.shape[1]) - np.where(self._faced0[:, None, None], n_n, 0.0)
@@ -281,7 +281,7 @@ class DeformedKinematics:
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         In the frame of a surface, the closest point of each contact point is followed along
-        `N_PATH_PIECES` chords. Tangential vectors are rotated with the normal.
+        `N_SLIP_PATH_PIECES` chords. Tangential vectors are rotated with the normal.
 
         Args:
             q: (pairs, dim + 1), motions of the surfaces at the end.
@@ -290,12 +290,12 @@ class DeformedKinematics:
         """
         interface, surfaces, start = self._interface, self._surfaces, self._start
         normal, point, slip = self._normal0, self._point0, np.zeros_like(displacement)
-        for fraction in np.arange(1, N_PATH_PIECES + 1) / N_PATH_PIECES:
+        for fraction in np.arange(1, N_SLIP_PATH_PIECES + 1) / N_SLIP_PATH_PIECES:
             motion = surfaces.motion_in_surface_frame(
                 (1 - fraction) * start.q + fraction * q,
                 (1 - fraction) * start.displacement + fraction * displacement,
             )
-            gap, next_normal, _ = interface.find_closest_or_nan(motion)
+            gap, next_normal, _ = interface.evaluate_gaps_normals_and_curvatures_or_nan(motion)
             is_faced = np.isfinite(gap)[:, None]  # points that no surface faces do not slip
             next_normal = np.where(is_faced, next_normal, normal)
             finite_gap = np.where(is_faced[:, 0], gap, 0.0)
@@ -303,7 +303,7 @@ class DeformedKinematics:
             next_point = np.where(is_faced, on_surface, point)
             mean_normal = normal + next_normal
             norm = np.linalg.norm(mean_normal, axis=1, keepdims=True)
-            mean_normal /= np.maximum(norm, _MIN_DIVISOR)
+            mean_normal /= np.maximum(norm, _MIN_NORMALISATION_DIVISOR)
             chord = next_point - point
             chord -= np.sum(chord * mean_normal, axis=1, keepdims=True) * mean_normal
             slip = _rotate_with_normal(slip, normal, next_normal)
@@ -312,7 +312,7 @@ class DeformedKinematics:
         slip += np.einsum("nab,nb->na", surfaces.rotation_minus_identity(q), slip)
         return self._deformable_pairs.fill_path_slip(slip)
 
-    def find_jumped_points(self, kinematics: LinearisedKinematics, pressed: Mask) -> Mask:
+    def find_points_jumped_to_another_surface_part(self, kinematics: LinearisedKinematics, pressed: Mask) -> Mask:
         """Return a mask (m,) of points that have jumped to another part of their surface.
 
         The normal at such a point has rotated by more than a right angle since the start of the
@@ -322,10 +322,10 @@ class DeformedKinematics:
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
         gap, normal, _ = interface.find_closest(end)
-        normal_change = np.linalg.norm(normal - self._normals_at_start(normal, gap), axis=1)
-        jumped = normal_change > 2 * _RIGHT_ANGLE_S
+        normal_change = np.linalg.norm(normal - self._normals_at_start_where_faced(normal, gap), axis=1)
+        jumped = normal_change > 2 * _HALF_NORMAL_CHANGE_AT_RIGHT_ANGLE
         if len(interface.gather_values(jumped[jumped])):
-            for fraction in _PATH_FRACTIONS:
+            for fraction in _PENETRATION_CHECK_PATH_FRACTIONS:
                 motion = (1 - fraction) * self._motion0 + fraction * end
                 pressed = pressed | (interface.find_closest(motion)[0] < 0)
         return jumped & pressed
@@ -335,34 +335,34 @@ class DeformedKinematics:
         displacement = kinematics.v0[:, : self._motion0.shape[1]]
         return self._surfaces.motion_in_surface_frame(kinematics.q0, displacement)
 
-    def _normals_at_start(self, normal: Array, gap: Array) -> Array:
+    def _normals_at_start_where_faced(self, current_normal: Array, current_gap: Array) -> Array:
         """Return normals (m, dim) at the start of the increment.
 
-        The current `normal` is returned for points that no surface faces at the start or now. The
-        current `gap` of a point is infinite if no surface faces it.
+        The current `current_normal` is returned for points that no surface faces at the start or now. The
+        current `current_gap` of a point is infinite if no surface faces it.
         """
-        return np.where((self._faced0 & np.isfinite(gap))[:, None], self._normal0, normal)
+        return np.where((self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal)
 
 
 def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Array:
     """Return tangential vectors (m, dim) after a rotation that turns `normal` to `next_normal`."""
     one_plus_cosine = 1 + np.sum(normal * next_normal, axis=1, keepdims=True)
     normal_part = np.sum(vectors * next_normal, axis=1, keepdims=True)
-    divisor = np.maximum(one_plus_cosine, _MIN_DIVISOR)
+    divisor = np.maximum(one_plus_cosine, _MIN_NORMALISATION_DIVISOR)
     return vectors - normal_part / divisor * (normal + next_normal)
 
 
-def _arc_factors(s: Array) -> tuple[Array, Array]:
+def _arc_to_chord_ratios_and_slopes(half_normal_change: Array) -> tuple[Array, Array]:
     """Return ratios (m,) of arcs to the tangential parts of their chords, and slopes (m,).
 
     With half the length s of the difference between the unit normals at both ends, a ratio is
     arcsin(s) / (s sqrt(1 - s^2)). A slope is the derivative of the ratio divided by s.
     """
-    large = np.where(s < _MAX_SERIES_S, 0.5, s)
+    large = np.where(half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES, 0.5, half_normal_change)
     w, angle = np.sqrt(1 - large**2), np.arcsin(large)
     slope = (large - angle * (1 - 2 * large**2) / w) / (large**3 * w**2)
-    small = s < _MAX_SERIES_S
+    small = half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES
     return (
-        np.where(small, 1 + 2 * s**2 / 3, angle / (large * w)),
-        np.where(small, 4 / 3 + 32 * s**2 / 15, slope),
+        np.where(small, 1 + 2 * half_normal_change**2 / 3, angle / (large * w)),
+        np.where(small, 4 / 3 + 32 * half_normal_change**2 / 15, slope),
     )

@@ -34,12 +34,12 @@ HELD = 3
 
 # Largest difference between equal active sets: absolute for directions and slopes, relative for
 # support friction
-_SAME_SET_TOLERANCE = 1e-10
+_EQUAL_ACTIVE_SETS_TOLERANCE = 1e-10
 # Largest violation of the contact conditions, relative to the largest nodal contact force
-FORCE_TOLERANCE = 1e-9
+MAX_CONTACT_VIOLATION_PER_NODAL_FORCE = 1e-9
 # Smallest length of a unit tangent's projection on the components held by supports at which the
 # tangent counts as held
-_MIN_HELD_FRACTION = 0.5
+_MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT = 0.5
 
 
 @dataclass(frozen=True)
@@ -75,23 +75,23 @@ class ActiveSet:
 
 
 def linearise_friction_limits(
-    pressure: Array, limits: tuple[Array, Array], direction: Array
+    trial_pressure: Array, limits_and_slopes: tuple[Array, Array], friction_direction: Array
 ) -> tuple[Array, Array]:
     """Return slopes l'(p) and intercepts l(p) - l'(p) p of friction limits l at pressures p.
 
     Both are arrays (m,), and are zero at nodes that do not slip.
 
     Args:
-        pressure: (m,), trial pressures p, with zero in place of negative values.
-        limits: friction limits l(p) and slopes l'(p), (m,) each.
-        direction: (m, dim - 1), directions of friction in the active set, zero at nodes that do not
+        trial_pressure: (m,), trial pressures p, with zero in place of negative values.
+        limits_and_slopes: friction limits l(p) and slopes l'(p), (m,) each.
+        friction_direction: (m, dim - 1), directions of friction in the active set, zero at nodes that do not
             slip.
     """
-    (limit, slope), slips = limits, np.any(direction != 0, axis=1)
-    return np.where(slips, slope, 0.0), np.where(slips, limit - slope * pressure, 0.0)
+    (limit, slope), slips = limits_and_slopes, np.any(friction_direction != 0, axis=1)
+    return np.where(slips, slope, 0.0), np.where(slips, limit - slope * trial_pressure, 0.0)
 
 
-def make_sticking_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
+def make_sticking_active_set(closed: Mask, cone: FrictionCone, n_tangents: int) -> ActiveSet:
     """Return the active set in which closed nodes stick, or slip if they have no friction.
 
     Args:
@@ -124,12 +124,12 @@ def combine_active_sets(where: Mask, inside: ActiveSet, elsewhere: ActiveSet) ->
     return ActiveSet(*(np.where(where, a.T, b.T).T for a, b in pairs))
 
 
-def rotate_active_set(active: ActiveSet, old_frame: Array, frame: Array) -> ActiveSet:
+def rotate_active_set(active: ActiveSet, old_frame: Array, new_frame: Array) -> ActiveSet:
     """Return the active set with its vectors transformed from old to new frames.
 
-    `old_frame` and `frame` are (m, dim, dim).
+    `old_frame` and `new_frame` are (m, dim, dim).
     """
-    rotation = np.einsum("nai,nbi->nab", frame[:, 1:], old_frame[:, 1:])
+    rotation = np.einsum("nai,nbi->nab", new_frame[:, 1:], old_frame[:, 1:])
     names = "direction", "support_friction", "support_slip"
     vectors = {name: np.einsum("nab,nb->na", rotation, getattr(active, name)) for name in names}
     return replace(active, **vectors)
@@ -137,10 +137,10 @@ def rotate_active_set(active: ActiveSet, old_frame: Array, frame: Array) -> Acti
 
 def find_differing_nodes(a: ActiveSet, b: ActiveSet) -> Mask:
     """Return a mask (m,) of the nodes at which two active sets differ."""
-    direction = np.abs(a.direction - b.direction).max(axis=1) > _SAME_SET_TOLERANCE
-    slope = np.abs(a.limit_slope - b.limit_slope) > _SAME_SET_TOLERANCE
+    direction = np.abs(a.direction - b.direction).max(axis=1) > _EQUAL_ACTIVE_SETS_TOLERANCE
+    slope = np.abs(a.limit_slope - b.limit_slope) > _EQUAL_ACTIVE_SETS_TOLERANCE
     change = np.abs(a.support_friction - b.support_friction)
-    friction = change > _SAME_SET_TOLERANCE * np.abs(a.support_friction)
+    friction = change > _EQUAL_ACTIVE_SETS_TOLERANCE * np.abs(a.support_friction)
     return np.asarray((a.status != b.status) | direction | slope | friction.any(axis=1))
 
 
@@ -190,7 +190,7 @@ class ContactNodes:
     is_coupled_to_surface: Mask
 
     @cached_property
-    def resting_tangents(self) -> Mask:
+    def held_tangents_without_motion(self) -> Mask:
         """Mask (m, dim - 1) of held tangents along which neither the node nor its surface moves."""
         return (
             self.held_tangents & ~(self.has_prescribed_slip | self.is_coupled_to_surface)[:, None]
@@ -205,17 +205,17 @@ class ContactNodes:
     def trial_friction(self) -> Array:
         """Trial friction (m, dim - 1); zero along resting tangents, along which nothing slips."""
         trial = self.force[:, 1:] - self.scale[:, None] * self.slip
-        return np.asarray(np.where(self.resting_tangents, 0.0, trial))
+        return np.asarray(np.where(self.held_tangents_without_motion, 0.0, trial))
 
     @cached_property
-    def friction_limits(self) -> tuple[Array, Array]:
+    def friction_limits_and_slopes(self) -> tuple[Array, Array]:
         """Friction limits and their slopes, (m,) each, at the trial pressures.
 
         Negative trial pressures are replaced by zero.
         """
         return self.cone.limit(np.maximum(0.0, self.trial_pressure))
 
-    def admissible_friction(self, limit: Array) -> Array:
+    def admissible_friction(self, friction_limit: Array) -> Array:
         """Return the friction (m, dim - 1) that the law gives for friction limits (m,).
 
         At nodes with prescribed slip, friction has the size of the limit and opposes the slip. At
@@ -225,13 +225,13 @@ class ContactNodes:
         """
         slip_size = np.linalg.norm(self.slip, axis=1)
         against_slip = (
-            -(limit / np.where(self.has_prescribed_slip, slip_size, 1.0))[:, None] * self.slip
+            -(friction_limit / np.where(self.has_prescribed_slip, slip_size, 1.0))[:, None] * self.slip
         )
-        friction = shorten_to_limit(limit, self.trial_friction)
-        if self.resting_tangents.any():
-            remaining_limit = np.sqrt(np.maximum(0.0, limit**2 - np.sum(friction**2, axis=1)))
-            support_friction = np.where(self.resting_tangents, self.force[:, 1:], 0.0)
-            friction += shorten_to_limit(remaining_limit, support_friction)
+        friction = shorten_vectors_to_max_length(friction_limit, self.trial_friction)
+        if self.held_tangents_without_motion.any():
+            remaining_limit = np.sqrt(np.maximum(0.0, friction_limit**2 - np.sum(friction**2, axis=1)))
+            support_friction = np.where(self.held_tangents_without_motion, self.force[:, 1:], 0.0)
+            friction += shorten_vectors_to_max_length(remaining_limit, support_friction)
         return np.where(self.has_prescribed_slip[:, None], against_slip, friction)
 
     @cached_property
@@ -246,11 +246,11 @@ class ContactNodes:
         """
         return self._linearise(previous.direction)
 
-    def _linearise(self, previous_direction: Array) -> ActiveSet:
-        p, s, limit = self.trial_pressure, self.trial_friction, self.friction_limits[0]
+    def _linearise(self, previous_friction_direction: Array) -> ActiveSet:
+        p, s, limit = self.trial_pressure, self.trial_friction, self.friction_limits_and_slopes[0]
         size = np.linalg.norm(s, axis=1)
         slipping = (p > 0) & (size >= limit)
-        slipping &= ~(np.sum(s * previous_direction, axis=1) < 0)
+        slipping &= ~(np.sum(s * previous_friction_direction, axis=1) < 0)
         is_moved_by_support = self.has_prescribed_slip & (p > 0)
         slipping |= is_moved_by_support
         slip_size = np.linalg.norm(self.slip, axis=1)
@@ -264,7 +264,7 @@ class ContactNodes:
         is_iterated = self.held_tangents & self.is_coupled_to_surface[:, None]
         direction = np.where(has_direction, 1 / divisor, 0.0)[:, None] * s
         slope, intercept = linearise_friction_limits(
-            np.maximum(0.0, p), self.friction_limits, direction
+            np.maximum(0.0, p), self.friction_limits_and_slopes, direction
         )
         return ActiveSet(
             status.astype(np.int8),
@@ -284,23 +284,23 @@ class ContactNodes:
         friction minus the friction that the law gives.
         """
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
-        tangential = self.force[:, 1:] - self.admissible_friction(self.friction_limits[0])
+        tangential = self.force[:, 1:] - self.admissible_friction(self.friction_limits_and_slopes[0])
         return np.hstack([normal, tangential])
 
-    def friction_round_off(self, coordinate_round_off: float) -> Array:
+    def friction_round_off(self, coordinate_round_off_force: float) -> Array:
         """Return the round-off (m,) of friction that the round-off of coordinates causes.
 
         Slips do not depend on coordinates, but the friction limit depends on the gap. At nodes
-        whose normal force exceeds `coordinate_round_off`, the result is the effect of the gap on
-        the limit. At other nodes it is `coordinate_round_off`.
+        whose normal force exceeds `coordinate_round_off_force`, the result is the effect of the gap on
+        the limit. At other nodes it is `coordinate_round_off_force`.
 
         Args:
-            coordinate_round_off: round-off of coordinates, converted to a force.
+            coordinate_round_off_force: round-off of coordinates, converted to a force.
         """
         gap = np.where(np.isfinite(self.gap), np.abs(self.gap), 0.0)
-        limit_round_off = self.friction_limits[1] * self.scale * gap
-        is_pressed = self.force[:, 0] > coordinate_round_off
-        return np.where(is_pressed, limit_round_off, coordinate_round_off)
+        limit_round_off = self.friction_limits_and_slopes[1] * self.scale * gap
+        is_pressed = self.force[:, 0] > coordinate_round_off_force
+        return np.where(is_pressed, limit_round_off, coordinate_round_off_force)
 
     def residuals(
         self, reference_force: float, reference_length: Array | float
@@ -328,22 +328,22 @@ class ContactNodes:
         }
 
 
-def shorten_to_limit(limit: Array, vectors: Array) -> Array:
+def shorten_vectors_to_max_length(max_length: Array, vectors: Array) -> Array:
     """Return vectors (m, dim - 1), shortened to the limits (m,) of their lengths."""
     size = np.linalg.norm(vectors, axis=1)
-    is_longer = size > limit
-    factor = np.where(is_longer, limit / np.where(is_longer, size, 1.0), 1.0)
+    is_longer = size > max_length
+    factor = np.where(is_longer, max_length / np.where(is_longer, size, 1.0), 1.0)
     return np.asarray(factor[:, None] * vectors)
 
 
-def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
+def assemble_active_set_equations(active: ActiveSet, law_scale: Array) -> tuple[Array, Array, Array]:
     """Return the linear equations A r + B (g; v) = b of an active set in the frames of the nodes.
 
     The unknowns are forces r, gaps g and slips v.
 
     Args:
         active: active set.
-        scale: (m,), factor c of gaps and slips in the contact law.
+        law_scale: (m,), factor c of gaps and slips in the contact law.
 
     Returns:
         A (m, dim, dim), B (m, dim, dim) and b (m, dim).
@@ -354,10 +354,10 @@ def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Arr
     A[active.status == OPEN] = identity
 
     stick = active.status == STICK
-    B[stick] = scale[stick, None, None] * identity
+    B[stick] = law_scale[stick, None, None] * identity
 
     slip = active.status == SLIP
-    d, c = active.direction[slip], scale[slip]
+    d, c = active.direction[slip], law_scale[slip]
     projector = identity[1:, 1:] - d[:, :, None] * d[:, None, :]
     M = active.friction_ratio[slip, None, None] * projector
     B[slip, 0, 0] = c
@@ -368,7 +368,7 @@ def assemble_node_equations(active: ActiveSet, scale: Array) -> tuple[Array, Arr
 
 
 @dataclass(frozen=True)
-class LinearisedLaw:
+class LinearisedContactLaw:
     """Linearised contact law E r + C v - D q = c of the contact points (m) of this process.
 
     The unknowns are the contact forces r, the motions v of the points and the motions q of their
@@ -388,16 +388,16 @@ class LinearisedLaw:
     c: Array
 
 
-def eliminate_known_motions(law: LinearisedLaw, q: Array, v: Array) -> LinearisedLaw:
+def eliminate_known_motions(law: LinearisedContactLaw, known_q: Array, known_v: Array) -> LinearisedContactLaw:
     """Return the law in which known parts of the motions have been moved to the right-hand side.
 
     Args:
         law: law for the whole motions.
-        q: (m, k), known parts of the motions of the surfaces.
-        v: (m, p), known parts of the motions of the points.
+        known_q: (m, k), known parts of the motions of the surfaces.
+        known_v: (m, p), known parts of the motions of the points.
     """
-    change = np.einsum("nij,nj->ni", law.D, q)
-    change -= np.einsum("nij,nj->ni", law.C, v)
+    change = np.einsum("nij,nj->ni", law.D, known_q)
+    change -= np.einsum("nij,nj->ni", law.C, known_v)
     return replace(law, c=law.c + change)
 
 
@@ -422,22 +422,22 @@ class TorqueMap:
     d0: Array
 
     @classmethod
-    def without_rotation(cls, m: int, dim: int) -> "TorqueMap":
+    def without_rotation(cls, n_points: int, dim: int) -> "TorqueMap":
         """Return the map of m points in dim dimensions on surfaces that do not rotate."""
-        return cls(np.broadcast_to(np.eye(dim), (m, dim, dim)), *np.zeros((2, m, dim)))
+        return cls(np.broadcast_to(np.eye(dim), (n_points, dim, dim)), *np.zeros((2, n_points, dim)))
 
-    def resultants(self, force: Array) -> Array:
+    def resultants(self, point_forces: Array) -> Array:
         """Return the forces and torques (m, k) on surfaces due to forces (m, dim) on the points."""
-        return np.einsum("nak,na->nk", self.V, force)
+        return np.einsum("nak,na->nk", self.V, point_forces)
 
-    def eliminate_known_motions(self, q: Array, v: Array) -> "TorqueMap":
+    def eliminate_known_motions(self, known_q: Array, known_v: Array) -> "TorqueMap":
         """Return the map for the unknown parts of motions, given the known parts.
 
         Args:
-            q: (m, k), known parts of the motions of the surfaces.
-            v: (m, dim), known parts of the displacements of the points.
+            known_q: (m, k), known parts of the motions of the surfaces.
+            known_v: (m, dim), known parts of the displacements of the points.
         """
-        return replace(self, d0=self.d0 + q[:, : v.shape[1]] - v)
+        return replace(self, d0=self.d0 + known_q[:, : known_v.shape[1]] - known_v)
 
 
 @dataclass(frozen=True)
@@ -479,8 +479,8 @@ class LinearisedKinematics:
     force_by_q: Array
     held_tangents: Mask
 
-    def evaluate_nodes(
-        self, v: Array, q: Array, force: Array, *, cone: FrictionCone, scale: Array
+    def evaluate_contact_nodes(
+        self, v: Array, q: Array, force: Array, *, cone: FrictionCone, law_scale: Array
     ) -> ContactNodes:
         """Return gap, slip and force of the contact nodes at given motions and forces.
 
@@ -489,7 +489,7 @@ class LinearisedKinematics:
             q: (pairs, k), motions of the surfaces.
             force: (m, dim), contact forces in global components.
             cone: friction laws of the points.
-            scale: (m,), factor c of gaps and slips in the contact law.
+            law_scale: (m,), factor c of gaps and slips in the contact law.
         """
         dv, dq = v - self.v0, (q - self.q0)[self.pair]
 
@@ -506,18 +506,18 @@ class LinearisedKinematics:
             slip=self.slip + motion[:, 1:],
             force=components,
             cone=cone,
-            scale=scale,
+            scale=law_scale,
             held_tangents=self.held_tangents,
             has_prescribed_slip=no_nodes,
             is_coupled_to_surface=no_nodes,
         )
 
-    def linearise_law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
+    def linearise_law(self, active: ActiveSet, law_scale: Array) -> LinearisedContactLaw:
         """Return the linearised law of an active set in global components.
 
-        `scale` (m,) is the factor c of gaps and slips in the contact law.
+        `law_scale` (m,) is the factor c of gaps and slips in the contact law.
         """
-        A, B, b = assemble_node_equations(active, scale)
+        A, B, b = assemble_active_set_equations(active, law_scale)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
         is_stated = np.pad(~self.held_tangents, ((0, 0), (1, 0)), constant_values=True)
         stated_frame = self.frame * is_stated[:, :, None]
@@ -529,46 +529,46 @@ class LinearisedKinematics:
         c = b + (offset - np.einsum("nab,nb->na", D, self.q0[self.pair]))
         to_global = np.swapaxes(stated_frame, 1, 2)
         E, C, D, c = (to_global @ part for part in (A @ stated_frame, C, D, c[:, :, None]))
-        return LinearisedLaw(E, C, D, c[:, :, 0])
+        return LinearisedContactLaw(E, C, D, c[:, :, 0])
 
 
-def make_frames(normal: Array, stated: Mask) -> Array:
+def make_frames(normal: Array, law_applies: Mask) -> Array:
     """Return frames (m, dim, dim) whose rows are a unit normal and tangents.
 
     Tangents lie in the directions in which the contact law applies. The remaining rows are zero.
 
     Args:
         normal: (m, dim), unit normals.
-        stated: (m, dim), mask of the global components in which the law applies. All other
+        law_applies: (m, dim), mask of the global components in which the law applies. All other
             components have to be perpendicular to the normal.
     """
-    free = np.eye(normal.shape[1]) * stated[:, None, :]
+    free = np.eye(normal.shape[1]) * law_applies[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
     tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
     return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
 
 
-def add_tangents_along_supports(frame: Array, held: Mask) -> Array:
+def add_tangents_along_supports(frame: Array, held_components: Mask) -> Array:
     """Return frames (m, dim, dim) whose zero tangents are replaced by tangents along supports.
 
-    `held` (m, dim) is a mask of the global components that supports hold.
+    `held_components` (m, dim) is a mask of the global components that supports hold.
     """
     frame = frame.copy()
     for t in range(1, frame.shape[1]):
-        empty = np.flatnonzero(held.any(axis=1) & ~frame[:, t].any(axis=1))
+        empty = np.flatnonzero(held_components.any(axis=1) & ~frame[:, t].any(axis=1))
         rows = frame[empty]
         axes = np.eye(frame.shape[1]) - np.einsum("nka,nkb->nab", rows, rows)
-        lengths = np.where(held[empty], np.linalg.norm(axes, axis=2), 0.0)
+        lengths = np.where(held_components[empty], np.linalg.norm(axes, axis=2), 0.0)
         chosen = axes[np.arange(len(empty)), lengths.argmax(axis=1)]
         frame[empty, t] = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
     return frame
 
 
-def find_held_tangents(frame: Array, held: Mask) -> Mask:
+def find_held_tangents(frame: Array, held_components: Mask) -> Mask:
     """Return a mask (m, dim - 1) of the tangents along which supports hold a point.
 
-    `held` (m, dim) is a mask of the global components that supports hold.
+    `held_components` (m, dim) is a mask of the global components that supports hold.
     """
-    held_part = np.where(held[:, None], frame[:, 1:], 0.0)
-    return np.asarray(np.linalg.norm(held_part, axis=2) > _MIN_HELD_FRACTION)
+    held_part = np.where(held_components[:, None], frame[:, 1:], 0.0)
+    return np.asarray(np.linalg.norm(held_part, axis=2) > _MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT)

@@ -6,7 +6,7 @@ the force operator H turns contact forces r into nodal forces. Both are assemble
 iterate. See the theory page ("Large strains").
 
 The module guarantees G and H at the current positions, and the derivative of H r. It assumes plane
-or axisymmetric bodies. It also assumes that `update_force_operator` is called before any other
+or axisymmetric bodies. It also assumes that `linearise_mortars_and_assemble_force_operator` is called before any other
 evaluation at an iterate.
 """
 
@@ -19,11 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import RIGID, Interface, SlidingReference
+from pw_elements.contact.interface import RIGID, Interface, MortarSlipReference
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
 # Number of motions of a slave node that faces the master: gap, slip and angle of the normal
-_MOTIONS_PER_NODE = 3
+_N_MOTIONS_PER_SLAVE_NODE = 3
 
 
 class MortarKinematics:
@@ -58,7 +58,7 @@ class MortarKinematics:
         }
         self.motion_operator: PETSc.Mat = interface.motion
 
-    def update_force_operator(self, unknowns: PETSc.Vec) -> PETSc.Mat:
+    def linearise_mortars_and_assemble_force_operator(self, unknowns: PETSc.Vec) -> PETSc.Mat:
         """Linearise the mortars at all unknowns (n,) and return the force operator (n, m dim).
 
         The operator turns forces on the points into nodal forces.
@@ -86,7 +86,7 @@ class MortarKinematics:
         rows = sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim)))
         return interface.assemble_rows(rows).transpose(PETSc.Mat())
 
-    def force_operator_stiffness(self, force: Array) -> PETSc.Mat:
+    def assemble_stiffness_of_force_operator_change(self, force: Array) -> PETSc.Mat:
         """Return the stiffness (n, n) due to the change of the force operator with the unknowns.
 
         It is the derivative of -H r with respect to the unknowns, with the force operator H and
@@ -119,18 +119,18 @@ class MortarKinematics:
         gap, slip = kinematics.gap.copy(), kinematics.slip.copy()
         frame = kinematics.frame.copy()
         v0, motion_by_v, force_by_v = (
-            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _MOTIONS_PER_NODE - dim)])
+            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _N_MOTIONS_PER_SLAVE_NODE - dim)])
             for values in (kinematics.v0, kinematics.motion_by_v, kinematics.force_by_v)
         )
         node = interface.node * dim
         rigid = np.flatnonzero(interface.faced == RIGID)
         rows = [
-            (rigid * _MOTIONS_PER_NODE + a, node[rigid] + a, np.ones(len(rigid)))
+            (rigid * _N_MOTIONS_PER_SLAVE_NODE + a, node[rigid] + a, np.ones(len(rigid)))
             for a in range(dim)
         ]
         for k, mortar_state in self._mortars.items():
             mortar, points, number = interface.mortars[k], self._points[k], self._slave_indices[k]
-            slips, motions = mortar_state.measure_slip_and_rates(
+            slips, motions = mortar_state.measure_slip_and_position_derivatives(
                 self._references[k], self._positions[k]
             )
             normal, tangent, faced = (
@@ -154,11 +154,11 @@ class MortarKinematics:
             for motion, change in enumerate(motions):
                 part = sp.coo_array(change[number])
                 rows.append(
-                    (points[part.row] * _MOTIONS_PER_NODE + motion, dofs[part.col], part.data)
+                    (points[part.row] * _N_MOTIONS_PER_SLAVE_NODE + motion, dofs[part.col], part.data)
                 )
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
-        shape = (m * _MOTIONS_PER_NODE, interface.field.sizes[1])
+        shape = (m * _N_MOTIONS_PER_SLAVE_NODE, interface.field.sizes[1])
         self.motion_operator = interface.assemble_rows(sp.csr_matrix((value, (row, column)), shape))
         return replace(
             kinematics,
@@ -171,12 +171,12 @@ class MortarKinematics:
         )
 
     @property
-    def references(self) -> dict[int, SlidingReference]:
+    def references(self) -> dict[int, MortarSlipReference]:
         """State of each pair, by its index, from which slip is measured."""
         return self._references
 
     @property
-    def sides(self) -> dict[int, tuple[SlidingReference, Array]]:
+    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and positions (nodes, dim) at the last iterate of each pair, by index."""
         return {k: (start, self._positions[k]) for k, start in self._references.items()}
 
@@ -188,12 +188,12 @@ class MortarKinematics:
             slip[self._points[k]] = path_slip[self._slave_indices[k]]
         return slip
 
-    def _gather_positions(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
+    def _gather_positions(self, pair_index: int, unknowns: PETSc.Vec, master_translations: Array) -> Array:
         """Return the positions (nodes, dim) of both sides of a pair on all processes; collective.
 
-        The masters are moved by `translations` (pairs, dim).
+        The masters are moved by `master_translations` (pairs, dim).
         """
-        mortar = self._interface.mortars[pair]
-        displacement = self._interface.extract_at_nodes(mortar.nodes, unknowns)
-        displacement[mortar.n_slave_nodes :] += translations[pair]
+        mortar = self._interface.mortars[pair_index]
+        displacement = self._interface.extract_displacements_at_nodes(mortar.nodes, unknowns)
+        displacement[mortar.n_slave_nodes :] += master_translations[pair_index]
         return np.asarray(mortar.x + displacement)

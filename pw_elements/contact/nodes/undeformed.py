@@ -49,7 +49,7 @@ def make_increment_start(state: ContactState, interface: Interface, q: Array) ->
 
     The motions q (pairs, k) of the surfaces are included in the result.
     """
-    displacement, force = interface.extract_local_values(
+    displacement, force = interface.extract_local_pair_state_values(
         state.pairs, "displacement", "force_vector"
     )
     return IncrementStart(displacement, force, q)
@@ -90,7 +90,7 @@ class Kinematics(Protocol):
         """
 
 
-class UndeformedKinematics:
+class SmallStrainKinematics:
     """Kinematics at small strains.
 
     They are linearised again only when an iterate satisfies the contact law and may have changed
@@ -130,7 +130,7 @@ class UndeformedKinematics:
         return self.linearise(q, displacement, force)
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
-        return remove_normal_part(self._relative_motion(q, displacement), normal)
+        return remove_normal_part(self._relative_motion_since_start(q, displacement), normal)
 
     def linearise(
         self, translations: Array, displacement: Array, force: Array
@@ -146,7 +146,7 @@ class UndeformedKinematics:
         """
         return self._linearise(self._free, translations, displacement, force)
 
-    def linearise_by_all_translations(
+    def linearise_with_all_translations_free(
         self, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
         """Return the kinematics linearised at a state, as if all translations were free.
@@ -156,12 +156,12 @@ class UndeformedKinematics:
         """
         return self._linearise(np.ones_like(self._free), translations, displacement, force)
 
-    def _relative_motion(self, q: Array, displacement: Array) -> Array:
+    def _relative_motion_since_start(self, q: Array, displacement: Array) -> Array:
         start, pair = self._start, self._interface.pair
         return displacement - start.displacement - (q - start.q)[pair]
 
     def _linearise(
-        self, free: Mask, translations: Array, displacement: Array, force: Array
+        self, is_free_translation: Mask, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
         interface, held_components = self._interface, self._interface.held_components
         force = np.where(held_components, 0.0, force)
@@ -173,11 +173,11 @@ class UndeformedKinematics:
         if self._load_factor != 1:  # a part of the interference is not applied yet
             gap = gap + (1 - self._load_factor) * interface.interference
         normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
-        for axis in np.flatnonzero(free.any(axis=0)):
+        for axis in np.flatnonzero(is_free_translation.any(axis=0)):
             forward, backward = translations.copy(), translations.copy()
-            forward[free[:, axis], axis] += step
-            backward[free[:, axis], axis] -= step
-            is_moved = free[interface.pair, axis]
+            forward[is_free_translation[:, axis], axis] += step
+            backward[is_free_translation[:, axis], axis] -= step
+            is_moved = is_free_translation[interface.pair, axis]
             (forward_gap, forward_normal), (backward_gap, backward_normal) = (
                 interface.evaluate_surfaces(moved) for moved in (forward, backward)
             )

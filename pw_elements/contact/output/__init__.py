@@ -4,9 +4,9 @@ from pw_elements.contact.output.fields import ContactFields
 from pw_elements.contact.output.identity import (
     Fingerprint,
     ResidualCoefficients,
-    ResidualProbe,
+    ResidualFingerprint,
     check_changed_parts,
-    fingerprint_problem,
+    fingerprint_mesh_supports_and_pairs,
     fingerprint_stiffness,
 )
 from pw_elements.contact.output.pictures import plot

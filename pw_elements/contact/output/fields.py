@@ -19,25 +19,25 @@ from dolfinx import fem
 from pw_elements.arrays import Indices, LocalIndices
 from pw_elements.checks import (
     arguments,
-    check_same_arguments,
-    collective_errors,
-    vector_sizes,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+    count_local_and_global_dofs,
 )
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.sides import OppositeSurface, make_pair_results, make_pair_sides
+from pw_elements.contact.output.sides import OppositeSurface, make_results_of_own_side, make_own_and_opposite_surface
 from pw_elements.elasticity import (
     Body,
     StressState,
     SurfaceNodes,
     boundary_measure,
-    facets_with_all_nodes,
+    exterior_facets_with_all_nodes,
 )
 from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
     is_hybrid,
-    scalar_space,
+    scalar_component_space,
     split,
     test_space,
 )
@@ -46,8 +46,8 @@ from pw_elements.spaces import (
 # coordinate
 _MAX_NODE_DISTANCE = 1e-9
 # Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
-_INDICATOR_DEGREE = 2
-STATE_REMEDY = "solve_contact gives a list of states, ContactProblem.step one of them"
+_ERROR_INDICATOR_QUADRATURE_DEGREE = 2
+STATE_ARGUMENT_ADVICE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class ContactFields:
     body: Body | None = None
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def from_state(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Create functions with the values of a state; collective.
 
@@ -141,8 +141,8 @@ class ContactFields:
                 that belongs to no facet whose nodes are all in the pair.
         """
         space = displacement_space(body)
-        check_state(state, space)
-        scalars = scalar_space(space)
+        check_state_fits_space(state, space)
+        scalars = scalar_component_space(space)
         given_body, whole_space = (
             (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         )
@@ -152,7 +152,7 @@ class ContactFields:
         ) -> fem.Function | None:
             return fem.Function(functions, name=name) if is_wanted else None
 
-        sides = [make_pair_sides(k, state, given_body, space) for k in range(len(state.pairs))]
+        sides = [make_own_and_opposite_surface(k, state, given_body, space) for k in range(len(state.pairs))]
         fields = cls(
             fem.Function(space, name="displacement"),
             fem.Function(space, name="contact_force"),
@@ -174,7 +174,7 @@ class ContactFields:
         fields.fill(state)
         return fields
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def fill(self, state: ContactState) -> None:
         """Set the functions to the values of another state of the same problem; collective.
 
@@ -185,7 +185,7 @@ class ContactFields:
             ValueError: for a state of another space or with other pairs.
         """
         space = self.displacement.function_space
-        check_state(state, space)
+        check_state_fits_space(state, space)
         pairs = state.pairs
         surface_nodes, pair_nodes = (
             [part.node.tolist() for part in parts] for parts in (self.surfaces, pairs)
@@ -196,12 +196,12 @@ class ContactFields:
         ]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # after large sliding, other parts of the sides face each other
-            sides = [make_pair_sides(k, state, self.body, space) for k in range(len(pairs))]
+            sides = [make_own_and_opposite_surface(k, state, self.body, space) for k in range(len(pairs))]
             object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
         _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
-            local = _find_local_nodes(space, pair.opposite_node)
+            local = _convert_to_local_nodes(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[local[local >= 0]] += pair.opposite_force[local >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
@@ -209,7 +209,7 @@ class ContactFields:
         _set_nodal_values(self.slip, pairs, [pair.slip for pair in pairs])
         _set_nodal_values(self.status, pairs, [pair.status for pair in pairs])
         results = [
-            make_pair_results(surface, pair)
+            make_results_of_own_side(surface, pair)
             for surface, pair in zip(self.surfaces, pairs, strict=False)
         ]
         _set_nodal_values(self.pressure, pairs, [side.pressure for side in results])
@@ -219,17 +219,17 @@ class ContactFields:
             for side, surface in zip(results, self.surfaces, strict=True)
         ]
         _set_nodal_values(self.tributary_pressure, pairs, tributary_pressures)
-        deformed_surfaces = self._make_deformed_surfaces(pairs)
+        deformed_surfaces = self._make_surfaces_with_deformed_areas(pairs)
         true_pressures = [
             np.where(np.isnan(side.pressure), np.nan, surface.pressure(side.normal_force))
             for side, surface in zip(results, deformed_surfaces, strict=False)
         ]
         _set_nodal_values(self.true_pressure, pairs, true_pressures)
-        self._fill_opposite(pairs, deformed_surfaces)
+        self._fill_opposite_nodes(pairs, deformed_surfaces)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
-    def _make_deformed_surfaces(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
+    def _make_surfaces_with_deformed_areas(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
         """Return the pairs' own surfaces with the areas of the deformed body.
 
         The list is empty if there are no true pressures.
@@ -240,13 +240,13 @@ class ContactFields:
         area_ratio = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             area_ratio *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
-        facets = [facets_with_all_nodes(space, pair.node) for pair in pairs]
+        facets = [exterior_facets_with_all_nodes(space, pair.node) for pair in pairs]
         return [
             SurfaceNodes.from_body(self.body, facets_of_pair, area_ratio)
             for facets_of_pair in facets
         ]
 
-    def _fill_opposite(
+    def _fill_opposite_nodes(
         self, pairs: Sequence[PairState], deformed_surfaces: Sequence[SurfaceNodes]
     ) -> None:
         """Set the values at nodes of opposite surfaces that are not nodes of a pair themselves.
@@ -257,12 +257,12 @@ class ContactFields:
         space = self.displacement.function_space
         max_facing = np.zeros(len(self.gap.x.array))
         for pair in pairs:
-            local = _find_local_nodes(space, np.concatenate([pair.node, pair.faced_node]))
+            local = _convert_to_local_nodes(space, np.concatenate([pair.node, pair.faced_node]))
             max_facing[local[local >= 0]] = np.inf
         for k, (opposite, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if opposite is None:
                 continue
-            results, local = opposite.results(pair), _find_local_nodes(space, pair.opposite_node)
+            results, local = opposite.results(pair), _convert_to_local_nodes(space, pair.opposite_node)
             is_set = (local >= 0) & (opposite.facing_area > max_facing[local])
             nodes = local[is_set]
             max_facing[nodes] = opposite.facing_area[is_set]
@@ -284,7 +284,7 @@ class ContactFields:
                     block = function.function_space.dofmap.index_map_bs
                     function.x.array.reshape(-1, block)[nodes] = values[is_set].reshape(-1, block)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def indicator(self) -> fem.Function:
         """Return an error indicator per cell, for the refinement of contact surfaces.
 
@@ -320,10 +320,10 @@ class ContactFields:
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
         facets = [
-            facets_with_all_nodes(self.displacement.function_space, surface.node)
+            exterior_facets_with_all_nodes(self.displacement.function_space, surface.node)
             for surface in self.surfaces
         ]
-        ds = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
+        ds = boundary_measure(mesh, np.unique(np.concatenate(facets)), _ERROR_INDICATOR_QUADRATURE_DEGREE)
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array
         stress = self.body.stress(self.displacement)
@@ -367,11 +367,11 @@ def _set_nodal_values(
             (pair.node, 1.0),
             (pair.faced_node, 1.0 if nodal_values.ndim == 1 else -1.0),
         ):
-            local = _find_local_nodes(space, nodes)
+            local = _convert_to_local_nodes(space, nodes)
             array[local[local >= 0]] = sign * columns[local >= 0]
 
 
-def _find_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
+def _convert_to_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:
     """Return local numbers (m,) of nodes, including ghosts, for global numbers (m,).
 
     The local number is -1 if the node is not on this process, or if the global number is negative.
@@ -385,17 +385,17 @@ def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):
-        arguments.check_space(body)
+        arguments.check_function_space(body)
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
-def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
+def check_state_fits_space(state: ContactState, space: fem.FunctionSpace) -> None:
     """Raise an error unless a state belongs to the given space of displacements; collective."""
     first_node, end_node = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
-    with collective_errors(space.mesh.comm):
-        arguments.check_type("state", state, ContactState, STATE_REMEDY)
-        is_same_space = state.displacement.getSizes() == vector_sizes(space)
+    with raise_errors_on_all_processes(space.mesh.comm):
+        arguments.check_type("state", state, ContactState, STATE_ARGUMENT_ADVICE)
+        is_same_space = state.displacement.getSizes() == count_local_and_global_dofs(space)
         for pair in state.pairs if is_same_space else ():
             is_owned = (pair.node >= first_node) & (pair.node < end_node)
             distance = np.abs(x[pair.node[is_owned] - first_node] - pair.position[is_owned])

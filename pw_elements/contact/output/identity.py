@@ -33,33 +33,33 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, relative_difference
 from pw_elements.contact.interface import (
     Interface,
-    probe_friction,
-    probe_interference,
-    probe_surface,
+    sample_friction_coefficients,
+    sample_interference,
+    sample_surface_around_pair,
 )
 from pw_elements.contact.model import ContactPair, PairState
-from pw_elements.spaces import SubSpace, gather_from_owners, list_fields
+from pw_elements.spaces import SubSpace, gather_nodal_values, list_fields
 
 # Largest difference between two fingerprints, relative to the values compared, that counts as
 # round-off
 _ROUND_OFF = 1e-8
 # Smooth probes are cosines. For each probe, change of the phase along each axis from one end of the
 # body to the other, and phase at the body's lower corner
-_PHASE_CHANGES = (
+_COSINE_PROBE_PHASE_CHANGES = (
     2 * np.pi * np.array([[0.31, 0.17, 0.23], [0.83, -0.57, 0.41], [-0.47, 1.13, 0.89]])
 )
-_FIRST_PHASES = np.array([0.4, 1.1, 2.3])
+_COSINE_PROBE_START_PHASES = np.array([0.4, 1.1, 2.3])
 # Size of probing displacements relative to the body's diagonal: strains are a few per cent
-_PROBE_DISPLACEMENT = 0.005
+_PROBE_DISPLACEMENT_PER_DIAGONAL = 0.005
 # Parts of a problem that a user may declare as changed
-CHANGEABLE_PARTS = (
+PARTS_DECLARABLE_AS_CHANGED = (
     *("constants", "friction", "interference", "pivot"),
     *("residual", "stiffness", "supports", "surface"),
 )
-_RESIDUAL_SUFFIX = " of the residual"
+_RESIDUAL_COEFFICIENT_SUFFIX = " of the residual"
 # Least scale of one row of values, relative to the largest value of all rows, since sums have
 # round-off
-_MIN_ROW_SCALE = 1e-3
+_MIN_ROW_SCALE_PER_LARGEST_VALUE = 1e-3
 
 FingerprintValues = dict[str, npt.NDArray]
 
@@ -109,7 +109,7 @@ class ResidualCoefficients:
         )
 
     @contextmanager
-    def record_changes(self) -> Iterator[None]:
+    def record_changes_by_load(self) -> Iterator[None]:
         """Record which constants and functions change within a `with` block that applies a load."""
         old_constants = [np.array(coefficient.value) for coefficient in self.constants]
         old_functions = [coefficient.x.array.copy() for coefficient in self.functions]
@@ -139,55 +139,55 @@ class Fingerprint:
     Args:
         parts: values that do not depend on the constants and functions of a residual, by the names
             of the parts.
-        residual_probe: probe that evaluates the residual, with its constants and functions; None if
+        residual_fingerprint: probe that evaluates the residual, with its constants and functions; None if
             the problem is defined by a stiffness matrix.
     """
 
     parts: FingerprintValues
-    residual_probe: "ResidualProbe | None" = None
+    residual_fingerprint: "ResidualFingerprint | None" = None
 
     def evaluate(self) -> FingerprintValues:
         """Return all values that identify the problem in a file, by name; collective."""
-        if self.residual_probe is None:
+        if self.residual_fingerprint is None:
             return self.parts
-        values = self.residual_probe.evaluate_coefficients()
-        return self.parts | values | self.residual_probe.evaluate_residual(values)
+        values = self.residual_fingerprint.evaluate_coefficients()
+        return self.parts | values | self.residual_fingerprint.evaluate_probed_residual(values)
 
-    def refuse_other_problem(
-        self, path: Path, stored: Mapping[str, npt.NDArray], changed: Collection[object]
+    def raise_if_file_of_other_problem(
+        self, path: Path, stored_values: Mapping[str, npt.NDArray], changed_parts: Collection[object]
     ) -> None:
         """Raise ValueError if a file contains the fingerprint of another problem; collective.
 
         Args:
             path: path of the file.
-            stored: values that `evaluate` returned when the file was written, the same on all
+            stored_values: values that `evaluate` returned when the file was written, the same on all
                 processes.
-            changed: parts that may differ: names from `CHANGEABLE_PARTS`, constants and functions.
+            changed_parts: parts that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
         """
-        values, ignored = dict(self.parts), {name for name in changed if isinstance(name, str)}
-        if self.residual_probe is not None:
-            values |= self.residual_probe.evaluate_coefficients()
-            ignored |= self.residual_probe.list_changed_names(stored, changed)
+        values, ignored = dict(self.parts), {name for name in changed_parts if isinstance(name, str)}
+        if self.residual_fingerprint is not None:
+            values |= self.residual_fingerprint.evaluate_coefficients()
+            ignored |= self.residual_fingerprint.list_coefficients_that_may_differ(stored_values, changed_parts)
         stored_parts = {
-            name: value for name, value in stored.items() if not name.startswith("residual")
+            name: value for name, value in stored_values.items() if not name.startswith("residual")
         }
         for name in values | stored_parts:
-            _refuse_difference(path, name, values.get(name), stored.get(name), ignored)
-        if self.residual_probe is None:
+            _raise_if_entry_differs(path, name, values.get(name), stored_values.get(name), ignored)
+        if self.residual_fingerprint is None:
             return
         if "residual" not in ignored:
-            for name, residual_values in self.residual_probe.evaluate_residual(stored).items():
-                note = _version_note(stored)
-                _refuse_difference(path, name, residual_values, stored.get(name), ignored, note)
-        self.residual_probe.mark_changed(stored)
+            for name, residual_values in self.residual_fingerprint.evaluate_probed_residual(stored_values).items():
+                note = _note_on_dolfinx_version(stored_values)
+                _raise_if_entry_differs(path, name, residual_values, stored_values.get(name), ignored, note)
+        self.residual_fingerprint.mark_coefficients_changed_in_file(stored_values)
 
 
-def _refuse_difference(
+def _raise_if_entry_differs(
     path: Path,
     name: str,
     values: npt.NDArray | None,
-    stored: npt.NDArray | None,
-    changed: Collection[str],
+    stored_values: npt.NDArray | None,
+    changed_names: Collection[str],
     note: str = "",
 ) -> None:
     """Raise ValueError if an entry of a fingerprint differs from the file, but may not differ.
@@ -196,33 +196,33 @@ def _refuse_difference(
         path: path of the file.
         name: name of the entry.
         values: values of this problem; None if it has no entry of this name.
-        stored: values in the file; None if it has no entry of this name.
-        changed: names of parts, constants and functions that may differ.
+        stored_values: values in the file; None if it has no entry of this name.
+        changed_names: names of parts, constants and functions that may differ.
         note: text at the end of the error message.
     """
     part = name.partition("#")[0]
     kind = part.partition(" of ")[0]
-    if kind in ("changed", "version") or kind in changed:
+    if kind in ("changed", "version") or kind in changed_names:
         return
     refusal = f"{path} has the state of a problem with another {part}"
     refusal = refusal.replace("another supports", "other supports")
-    if values is None or stored is None or values.shape != stored.shape:
+    if values is None or stored_values is None or values.shape != stored_values.shape:
         raise ValueError(refusal + note)
-    is_coefficient = part.endswith(_RESIDUAL_SUFFIX)
-    if kind == "mean" or part in changed or (is_coefficient and "constants" in changed):
+    is_coefficient = part.endswith(_RESIDUAL_COEFFICIENT_SUFFIX)
+    if kind == "mean" or part in changed_names or (is_coefficient and "constants" in changed_names):
         return
-    difference = _relative_difference(values, stored)
+    difference = _relative_difference(values, stored_values)
     if difference <= _ROUND_OFF:
         return
     amount = f"it differs by {difference:.2g} of its size"
     if values.size == 1:
-        amount = f"it is {values.item():.10g} here, and {stored.item():.10g} in the file"
+        amount = f"it is {values.item():.10g} here, and {stored_values.item():.10g} in the file"
     if is_coefficient:
         note = (
             ". Set it to that value first; or, if it is a load and no property of the body, name "
             "it: load(path, changed=[...])"
         )
-    elif kind in CHANGEABLE_PARTS:
+    elif kind in PARTS_DECLARABLE_AS_CHANGED:
         note += f". If the change is intended, name it: load(path, changed=[{kind!r}])"
     raise ValueError(f"{refusal}: {amount}{note}")
 
@@ -230,7 +230,7 @@ def _refuse_difference(
 def check_changed_parts(changed: object) -> None:
     """Raise TypeError or ValueError unless all items of `changed` are valid.
 
-    Valid items are names from `CHANGEABLE_PARTS`, constants and functions.
+    Valid items are names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
     """
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
@@ -238,8 +238,8 @@ def check_changed_parts(changed: object) -> None:
     for item in changed:
         kinds = (str, fem.Constant, fem.Function)
         arguments.check_type("an item of changed", item, kinds, remedy)
-        if isinstance(item, str) and item not in CHANGEABLE_PARTS:
-            raise ValueError(f"changed {item!r}: the names are {', '.join(CHANGEABLE_PARTS)}")
+        if isinstance(item, str) and item not in PARTS_DECLARABLE_AS_CHANGED:
+            raise ValueError(f"changed {item!r}: the names are {', '.join(PARTS_DECLARABLE_AS_CHANGED)}")
 
 
 def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
@@ -249,13 +249,13 @@ def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
     largest stored value.
     """
     rows, stored_rows = np.atleast_2d(values), np.atleast_2d(stored)
-    min_scale = _MIN_ROW_SCALE * np.abs(stored_rows[np.isfinite(stored_rows)]).max(initial=0.0)
+    min_scale = _MIN_ROW_SCALE_PER_LARGEST_VALUE * np.abs(stored_rows[np.isfinite(stored_rows)]).max(initial=0.0)
     return max(
         relative_difference(*pair, min_scale) for pair in zip(rows, stored_rows, strict=True)
     )
 
 
-def _version_note(stored: Mapping[str, npt.NDArray]) -> str:
+def _note_on_dolfinx_version(stored: Mapping[str, npt.NDArray]) -> str:
     """Return a note if the file was written with another version of DOLFINx, otherwise ""."""
     version = str(stored.get("version", ""))
     if version == dolfinx.__version__:
@@ -266,11 +266,11 @@ def _version_note(stored: Mapping[str, npt.NDArray]) -> str:
     )
 
 
-def fingerprint_problem(
+def fingerprint_mesh_supports_and_pairs(
     interface: Interface,
     pairs: Sequence[ContactPair],
     states: Sequence[PairState],
-    column: Indices,
+    column_of_unknown: Indices,
     space: fem.FunctionSpace,
 ) -> FingerprintValues:
     """Return the fingerprint of mesh, spaces, supports and contact pairs; collective.
@@ -279,14 +279,14 @@ def fingerprint_problem(
         interface: the contact nodes of all pairs.
         pairs: contact pairs as given by the user.
         states: states of the pairs on the undeformed body.
-        column: number (n,) of each unknown of this process among the free unknowns. It is -1 for a
+        column_of_unknown: number (n,) of each unknown of this process among the free unknowns. It is -1 for a
             prescribed unknown, and -2 for an unknown that follows from other unknowns.
         space: space of the unknowns.
     """
-    probes, topology = _Probes(space), space.mesh.topology
+    probes, topology = _SmoothProbes(space), space.mesh.topology
     elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
     element_kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
-    supports = [probes.weighted_sums((column == status).astype(float)) for status in (-1, -2)]
+    supports = [probes.sum_products_with_probes((column_of_unknown == status).astype(float)) for status in (-1, -2)]
     numbers: FingerprintValues = {
         "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
         "element": np.array(element_kinds, dtype=float),
@@ -304,12 +304,12 @@ def fingerprint_problem(
         )
         pair_numbers = {
             "surface": np.concatenate([state.gap / size, state.normal.ravel()]),
-            "surface#probes": probe_surface(interface, k, interface.surfaces[k]),
+            "surface#probes": sample_surface_around_pair(interface, k, interface.surfaces[k]),
             "friction": state.friction,
-            "friction#probes": probe_friction(interface, k, pair),
+            "friction#probes": sample_friction_coefficients(interface, k, pair),
             "pivot": spin,
-            "interference": probe_interference(interface, k, pair),
-            "opposite side": gather_from_owners(probes.fields[0].space, facing, owned).ravel(),
+            "interference": sample_interference(interface, k, pair),
+            "opposite side": gather_nodal_values(probes.fields[0].space, facing, owned).ravel(),
         }
         for name, values in pair_numbers.items():
             status, separator, suffix = name.partition("#")
@@ -322,7 +322,7 @@ def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Fingerprint
 
     Displacements and pressures have separate sums, since their units differ.
     """
-    probes, image = _Probes(space), K.createVecLeft()
+    probes, image = _SmoothProbes(space), K.createVecLeft()
     numbers = {}
     for column_field, vectors in enumerate(probes.vectors):
         forces = []
@@ -330,13 +330,13 @@ def fingerprint_stiffness(K: PETSc.Mat, space: fem.FunctionSpace) -> Fingerprint
             vector = K.createVecRight()
             vector.setArray(values)
             K.mult(vector, image)
-            forces.append(probes.weighted_sums(image.array_r))
+            forces.append(probes.sum_products_with_probes(image.array_r))
         for row_field in range(len(probes.fields)):
             numbers[f"stiffness#{row_field}{column_field}"] = np.array(forces)[:, row_field]
     return numbers
 
 
-class ResidualProbe:
+class ResidualFingerprint:
     """Fingerprint of a residual: values of the residual at smooth unknowns, and its coefficients.
 
     Args:
@@ -356,54 +356,54 @@ class ResidualProbe:
         coefficients, comm = self._coefficients, self._space.mesh.comm
         numbers: FingerprintValues = {"version": np.array(dolfinx.__version__)}
         for number, constant in enumerate(coefficients.constants):
-            numbers[f"constant {number}{_RESIDUAL_SUFFIX}"] = np.array(
+            numbers[f"constant {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"] = np.array(
                 constant.value, dtype=float
             ).ravel()
         for number, function in enumerate(coefficients.functions):
-            numbers[f"function {number}{_RESIDUAL_SUFFIX}"] = _function_sums(function)
+            numbers[f"function {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"] = _sums_that_identify_function(function)
         for number, function in enumerate([*coefficients.functions, *coefficients.history]):
-            numbers[f"mean of function {number}"] = _function_mean(function)
+            numbers[f"mean of function {number}"] = _mean_of_nodal_values(function)
         changed_functions = coefficients.changed_functions.copy()
         comm.Allreduce(MPI.IN_PLACE, changed_functions, MPI.LOR)
         numbers["changed#constants"] = coefficients.changed_constants.copy()
         numbers["changed#functions"] = changed_functions
         return numbers
 
-    def evaluate_residual(self, values: Mapping[str, npt.NDArray]) -> FingerprintValues:
+    def evaluate_probed_residual(self, coefficient_values: Mapping[str, npt.NDArray]) -> FingerprintValues:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
-            values: result of `evaluate_coefficients` for this problem, or from a file. While the
+            coefficient_values: result of `evaluate_coefficients` for this problem, or from a file. While the
                 residual is evaluated, constants are set to these values and functions to these
                 means.
         """
-        coefficients, u, probes = self._coefficients, self._system.u, _Probes(self._space)
+        coefficients, u, probes = self._coefficients, self._system.u, _SmoothProbes(self._space)
         constants = [
             (
                 constant.value,
-                values[f"constant {number}{_RESIDUAL_SUFFIX}"].reshape(constant.value.shape),
+                coefficient_values[f"constant {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"].reshape(constant.value.shape),
             )
             for number, constant in enumerate(coefficients.constants)
         ]
         functions = []
         for number, function in enumerate([*coefficients.functions, *coefficients.history]):
-            mean = values[f"mean of function {number}"]
+            mean = coefficient_values[f"mean of function {number}"]
             functions.append((function.x.array.reshape(-1, mean.size), mean))
         sums = []
-        with _temporary_values([*constants, *functions, (u.x.array, 0.0)]):
+        with _set_arrays_temporarily([*constants, *functions, (u.x.array, 0.0)]):
             vector = self._system.assemble_residual()
-            sums.append(probes.weighted_sums(vector.array_r))
-            for unknowns in probes.small_unknowns():
+            sums.append(probes.sum_products_with_probes(vector.array_r))
+            for unknowns in probes.make_small_smooth_unknowns():
                 vector.setArray(unknowns)
                 self._system.set_unknowns(vector)
                 sums.append(
-                    probes.weighted_sums(self._system.assemble_residual().array_r) - sums[0]
+                    probes.sum_products_with_probes(self._system.assemble_residual().array_r) - sums[0]
                 )
         return {
             f"residual#{field}": np.array(sums)[:, field] for field in range(len(probes.fields))
         }
 
-    def list_changed_names(
+    def list_coefficients_that_may_differ(
         self, stored: Mapping[str, npt.NDArray], changed: Collection[object]
     ) -> set[str]:
         """Return the names of constants and functions that may differ from those of a file.
@@ -419,28 +419,28 @@ class ResidualProbe:
             ("constant", coefficients.constants),
             ("function", coefficients.functions),
         ):
-            is_changed = getattr(coefficients, f"changed_{kind}s") | _stored_flags(
+            is_changed = getattr(coefficients, f"changed_{kind}s") | _read_changed_flags(
                 stored, f"{kind}s", len(items)
             )
             names |= {
-                f"{kind} {number}{_RESIDUAL_SUFFIX}"
+                f"{kind} {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"
                 for number, item in enumerate(items)
                 if is_changed[number] or any(item is declared for declared in changed)
             }
         return names
 
-    def mark_changed(self, stored: Mapping[str, npt.NDArray]) -> None:
+    def mark_coefficients_changed_in_file(self, stored: Mapping[str, npt.NDArray]) -> None:
         """Mark the constants and functions as changed by loads that a file marks so."""
         coefficients = self._coefficients
-        coefficients.changed_constants |= _stored_flags(
+        coefficients.changed_constants |= _read_changed_flags(
             stored, "constants", len(coefficients.constants)
         )
-        coefficients.changed_functions |= _stored_flags(
+        coefficients.changed_functions |= _read_changed_flags(
             stored, "functions", len(coefficients.functions)
         )
 
 
-def _stored_flags(
+def _read_changed_flags(
     stored: Mapping[str, npt.NDArray], name: str, count: int
 ) -> npt.NDArray[np.bool_]:
     """Return the flags (count,) of a name from a file; all False if the file has none."""
@@ -448,34 +448,34 @@ def _stored_flags(
     return flags.astype(bool) if flags.shape == (count,) else np.zeros(count, dtype=bool)
 
 
-class _Probes:
+class _SmoothProbes:
     """Vectors of all unknowns of a space that are smooth functions of position."""
 
     def __init__(self, space: fem.FunctionSpace) -> None:
         self.comm: MPI.Comm = space.mesh.comm
         self.fields: list[SubSpace] = list_fields(space)
         self.vectors = [
-            [field.embed(v) for v in _smooth_functions(field.space)] for field in self.fields
+            [field.embed(v) for v in _evaluate_smooth_probes(field.space)] for field in self.fields
         ]
 
-    def weighted_sums(self, values: Array) -> Array:
+    def sum_products_with_probes(self, values: Array) -> Array:
         """Return sums (fields, probes) of values (n,) times each probe; collective."""
         sums = np.array([[np.dot(v, values) for v in vectors] for vectors in self.vectors])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
-    def small_unknowns(self) -> list[Array]:
+    def make_small_smooth_unknowns(self) -> list[Array]:
         """Return vectors (n,) of unknowns, each of which is nonzero in one field only.
 
         The displacements are so small that no cell is inverted.
         """
-        _, diagonal = _bounding_box(self.fields[0].space)
-        sizes = [_PROBE_DISPLACEMENT * diagonal, 1.0]
+        _, diagonal = _bounding_box_corner_and_diagonal(self.fields[0].space)
+        sizes = [_PROBE_DISPLACEMENT_PER_DIAGONAL * diagonal, 1.0]
         sizes_and_vectors = zip(sizes, self.vectors, strict=False)
         return [size * v for size, vectors in sizes_and_vectors for v in vectors[1:]]
 
 
-def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
+def _bounding_box_corner_and_diagonal(space: fem.FunctionSpace) -> tuple[Array, float]:
     """Return the lower corner (3,) and the diagonal's length of the body's bounding box."""
     x, comm = space.mesh.geometry.x, space.mesh.comm
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
@@ -483,60 +483,60 @@ def _bounding_box(space: fem.FunctionSpace) -> tuple[Array, float]:
     return ends[0], float(np.linalg.norm(ends.sum(axis=0)))
 
 
-def _smooth_functions(space: fem.FunctionSpace) -> list[Array]:
+def _evaluate_smooth_probes(space: fem.FunctionSpace) -> list[Array]:
     """Return the values (owned unknowns,) of each smooth probe of a space.
 
     A probe has different values for each component of a vector.
     """
-    lower, diagonal = _bounding_box(space)
+    lower, diagonal = _bounding_box_corner_and_diagonal(space)
     owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
     x = (space.tabulate_dof_coordinates()[:owned] - lower) / diagonal
     component = np.arange(block)
     return [
         np.cos((x @ phase_change)[:, None] + first_phase + 0.7 * component).ravel()
-        for phase_change, first_phase in zip(_PHASE_CHANGES, _FIRST_PHASES, strict=True)
+        for phase_change, first_phase in zip(_COSINE_PROBE_PHASE_CHANGES, _COSINE_PROBE_START_PHASES, strict=True)
     ]
 
 
-def _owned_values(function: fem.Function) -> Array:
+def _owned_nodal_values(function: fem.Function) -> Array:
     """Return the values (owned nodes, block) of a function at the nodes of this process."""
     dofmap = function.function_space.dofmap
     owned, block = dofmap.index_map.size_local, dofmap.index_map_bs
     return np.asarray(function.x.array[: owned * block].reshape(owned, block))
 
 
-def _function_mean(function: fem.Function) -> Array:
+def _mean_of_nodal_values(function: fem.Function) -> Array:
     """Return the mean (block,) of a function's values on all processes; collective."""
-    values, comm = _owned_values(function), function.function_space.mesh.comm
+    values, comm = _owned_nodal_values(function), function.function_space.mesh.comm
     total = np.append(values.sum(axis=0), float(len(values)))
     comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
     return np.asarray(total[:-1] / max(total[-1], 1.0))
 
 
-def _function_sums(function: fem.Function) -> Array:
+def _sums_that_identify_function(function: fem.Function) -> Array:
     """Return sums of a function's values, of their squares, and of values times smooth probes.
 
     The sums include all processes.
     """
-    space, values = function.function_space, _owned_values(function).ravel()
+    space, values = function.function_space, _owned_nodal_values(function).ravel()
     sums = [values.sum(), np.linalg.norm(values) ** 2]
     try:
-        sums += [np.dot(values, probe) for probe in _smooth_functions(space)]
+        sums += [np.dot(values, probe) for probe in _evaluate_smooth_probes(space)]
     except RuntimeError:  # values that belong to no points, such as those of a mixed space
-        sums += [0.0] * len(_PHASE_CHANGES)
+        sums += [0.0] * len(_COSINE_PROBE_PHASE_CHANGES)
     total = np.array(sums)
     space.mesh.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
     return total
 
 
 @contextmanager
-def _temporary_values(changes: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
+def _set_arrays_temporarily(arrays_and_values: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
     """Set arrays to values within a `with` block, and restore them afterwards."""
-    old_values = [array.copy() for array, _ in changes]
+    old_values = [array.copy() for array, _ in arrays_and_values]
     try:
-        for array, values in changes:
+        for array, values in arrays_and_values:
             array[...] = values
         yield
     finally:
-        for (array, _), values in zip(changes, old_values, strict=True):
+        for (array, _), values in zip(arrays_and_values, old_values, strict=True):
             array[...] = values

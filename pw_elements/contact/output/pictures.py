@@ -19,13 +19,13 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.output.fields import check_state
-from pw_elements.contact.output.sides import SideResults, make_pair_results, make_pair_sides
+from pw_elements.contact.output.fields import check_state_fits_space
+from pw_elements.contact.output.sides import ContactSideResults, make_results_of_own_side, make_own_and_opposite_surface
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
-from pw_elements.pictures import SUB_TRIANGLES, check_axes
+from pw_elements.pictures import SUB_TRIANGLE_NODES_BY_NODE_COUNT, check_matplotlib_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 _PRESSURE_COLOUR = "#0072B2"
 _SHEAR_COLOUR = "#D55E00"
 # Arrows shorter than this fraction of the longest one are left out
-_MIN_ARROW_LENGTH = 1e-3
+_MIN_ARROW_TO_LONGEST_RATIO = 1e-3
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def plot(
     state: ContactState,
     body: Body,
@@ -83,49 +83,49 @@ def plot(
     arguments.check_type("body", body, Body, "pressures need the body's surface measure")
     arguments.check_flag("opposite", opposite)
     arguments.check_type("unit", unit, str, 'it has to be a string, such as "MPa"')
-    with collective_errors(body.spaces.mesh.comm):
-        check_axes(axes)
-    check_state(state, body.spaces.displacements.trial)
+    with raise_errors_on_all_processes(body.spaces.mesh.comm):
+        check_matplotlib_axes(axes)
+    check_state_fits_space(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if arguments.check_integer("pair", pair, 0) >= len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)} pairs, counted from 0")
     if along is not None and (dim == 3 or arguments.check_integer("along", along, 0) > 1):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
-    surface, side = _select_side(pair, state, body, opposite)
+    surface, side = _make_surface_and_results_of_side(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
-        _plot_face(axes, surface, side, name, unit)
+        _plot_contact_face(axes, surface, side, name, unit)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
-        _plot_line(axes, surface, side, along, name)
+        _plot_contact_line(axes, surface, side, along, name)
         axes.set(xlabel="arc length" if along is None else names[along])
         axes.set(ylabel=f"traction [{unit}]" if unit else "traction")
     return axes
 
 
-def _select_side(
-    number: int, state: ContactState, body: Body, opposite: bool
-) -> tuple[SurfaceNodes, SideResults]:
+def _make_surface_and_results_of_side(
+    pair_number: int, state: ContactState, body: Body, opposite: bool
+) -> tuple[SurfaceNodes, ContactSideResults]:
     """Return the surface nodes and results of a pair's own side, or of its opposite surface."""
-    slave, master = make_pair_sides(number, state, body, body.spaces.displacements.trial)
-    pair = state.pairs[number]
+    slave, master = make_own_and_opposite_surface(pair_number, state, body, body.spaces.displacements.trial)
+    pair = state.pairs[pair_number]
     if not opposite:
         assert slave is not None
-        return slave, make_pair_results(slave, pair)
+        return slave, make_results_of_own_side(slave, pair)
     if master is None or master.surface is None:
-        raise ValueError(f"opposite = True: pair {number} does not face a deformable surface")
+        raise ValueError(f"opposite = True: pair {pair_number} does not face a deformable surface")
     return master.surface, master.results(pair)
 
 
-def _plot_line(
-    axes: Axes, surface: SurfaceNodes, side: SideResults, along: int | None, name: str
+def _plot_contact_line(
+    axes: Axes, surface: SurfaceNodes, side: ContactSideResults, along: int | None, pressure_label: str
 ) -> None:
     """Plot pressure, shear and status along a contact line."""
     pressure, traction = side.pressure, side.traction
-    has_friction, bounds_label = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {name}"
+    has_friction, bounds_label = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {pressure_label}"
     arc_length = 0.0
-    for chain in _order_line_nodes(surface.edges):
+    for chain in _order_nodes_along_lines(surface.edges):
         position, normal = surface.position[chain], side.normal[chain]
         direction = np.gradient(position, axis=0)
         if along is None:
@@ -149,7 +149,7 @@ def _plot_line(
             axes.plot(abscissa[slips], shear[slips], label="shear, slip", mfc="white", **style)
         axes.plot(abscissa, pressure[chain], color=_PRESSURE_COLOUR, lw=1)
         axes.plot(
-            abscissa[is_closed], pressure[chain][is_closed], ".", color=_PRESSURE_COLOUR, label=name
+            abscissa[is_closed], pressure[chain][is_closed], ".", color=_PRESSURE_COLOUR, label=pressure_label
         )
     axes.axhline(0.0, color="0.5", lw=0.5)
     handles, texts = axes.get_legend_handles_labels()
@@ -157,7 +157,7 @@ def _plot_line(
     axes.legend(handle_of_text.values(), handle_of_text.keys(), frameon=False)
 
 
-def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit: str) -> None:
+def _plot_contact_face(axes: Axes, surface: SurfaceNodes, side: ContactSideResults, pressure_label: str, unit: str) -> None:
     """Plot pressure, shear and the edges of the contact and stick regions on a contact face."""
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
@@ -166,14 +166,14 @@ def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, 
     plotted_axes = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
     x, y = surface.position[:, plotted_axes].T
     has_pressure = np.isfinite(pressure)
-    triangles = surface.facets[:, SUB_TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
+    triangles = surface.facets[:, SUB_TRIANGLE_NODES_BY_NODE_COUNT[surface.facets.shape[1]]].reshape(-1, 3)
     face, pressure_face = (Triangulation(x, y, triangles) for _ in range(2))
     pressure_face.set_mask(~has_pressure[triangles].all(axis=1))
     colours = axes.tripcolor(
         pressure_face, np.where(has_pressure, pressure, 0.0), shading="gouraud", cmap="Blues"
     )
     colour_bar = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # as high as the face
-    axes.figure.colorbar(colours, cax=colour_bar, label=name + (f" [{unit}]" if unit else ""))
+    axes.figure.colorbar(colours, cax=colour_bar, label=pressure_label + (f" [{unit}]" if unit else ""))
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
     for statuses, text, style in edges:
@@ -185,7 +185,7 @@ def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, 
     shear_size = np.linalg.norm(np.nan_to_num(traction), axis=1)
     if np.any(side.friction > 0) and shear_size.max() > 0:
         spacing = np.sqrt(np.ptp(x) * np.ptp(y) / len(x))
-        has_arrow = shear_size > _MIN_ARROW_LENGTH * shear_size.max()
+        has_arrow = shear_size > _MIN_ARROW_TO_LONGEST_RATIO * shear_size.max()
         axes.quiver(
             *(x[has_arrow], y[has_arrow], *traction[has_arrow].T),
             color=_SHEAR_COLOUR,
@@ -212,7 +212,7 @@ def _plot_face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, 
         )
 
 
-def _order_line_nodes(edges: Indices) -> list[Indices]:
+def _order_nodes_along_lines(edges: Indices) -> list[Indices]:
     """Return the nodes of each connected part of a line, in their order along the line.
 
     Args:
@@ -225,7 +225,7 @@ def _order_line_nodes(edges: Indices) -> list[Indices]:
     segments = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
     graph = sp.csr_array((np.ones(segments.shape[1]), segments), shape=(segments.max() + 1,) * 2)
     graph = graph + graph.T
-    n_neighbours, (_, part_of_node) = np.diff(graph.indptr), csgraph.connected_components(graph)
+    n_neighbours, (_, part_of_node) = np.diff(graph.indptr), csgraph.label_connected_components(graph)
     chains = []
     for part in np.unique(part_of_node[segments]):
         nodes = np.flatnonzero(part_of_node == part)

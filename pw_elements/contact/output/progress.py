@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.checks import collective_errors
+from pw_elements.checks import raise_errors_on_all_processes
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK, ActiveSet
 from pw_elements.progress import log_on_root
@@ -80,9 +80,9 @@ class ProgressReporter:
         if not self._reports_iterations:
             return
         counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
-        progress = self._make_progress(iteration, violation, counts)
+        progress = self._make_progress_with_node_counts(iteration, violation, counts)
         message = f"iteration {iteration}: {progress}, violation / tolerance {violation:.1e}"
-        self._log_and_call(logging.DEBUG, message, progress)
+        self._log_and_call_user(logging.DEBUG, message, progress)
 
     def report_increment(self, state: ContactState, seconds: float) -> None:
         """Log the end of the increment and call the user's function, if any process wants this.
@@ -95,27 +95,27 @@ class ProgressReporter:
             return
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
-        progress = self._make_progress(state.iterations, self.violation, counts, state)
+        progress = self._make_progress_with_node_counts(state.iterations, self.violation, counts, state)
         message = (
             f"{progress.iteration} iterations, {progress}, "
             f"residual {state.residuals.largest():.1e}, {report.method}, "
             f"{report.factorisations} factorisations, {seconds:.2f} s"
         )
-        self._log_and_call(logging.INFO, message, progress)
+        self._log_and_call_user(logging.INFO, message, progress)
 
-    def _make_progress(
+    def _make_progress_with_node_counts(
         self,
         iteration: int,
         violation: float,
-        counts: npt.NDArray[np.intp],
+        counts_by_status: npt.NDArray[np.intp],
         state: ContactState | None = None,
     ) -> Progress:
         """Return a progress report with the number of nodes of each status on all processes."""
-        sticking = int(counts[STICK] + counts[HELD])
-        numbers_of_nodes = int(counts[OPEN]), sticking, int(counts[SLIP])
+        sticking = int(counts_by_status[STICK] + counts_by_status[HELD])
+        numbers_of_nodes = int(counts_by_status[OPEN]), sticking, int(counts_by_status[SLIP])
         return Progress(self._increment, iteration, violation, *numbers_of_nodes, state)
 
-    def _log_and_call(self, level: int, message: str, progress: Progress) -> None:
+    def _log_and_call_user(self, level: int, message: str, progress: Progress) -> None:
         """Log a message and call the user's function.
 
         An error of the user's function is raised on all processes.
@@ -126,6 +126,6 @@ class ProgressReporter:
             progress: argument of the user's function.
         """
         log_on_root(self._comm, level, f"increment {self._increment}: {message}", ".contact")
-        with collective_errors(self._comm):
+        with raise_errors_on_all_processes(self._comm):
             if self._callback is not None:
                 self._callback(progress)

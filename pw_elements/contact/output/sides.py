@@ -18,12 +18,12 @@ from pw_elements.contact.interface import (
     SlidingMortar,
     Trace,
     compute_tributary_areas,
-    gather_trace,
+    gather_boundary_facets,
 )
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
-from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_with_all_nodes
-from pw_elements.spaces import gather_from_owners
+from pw_elements.elasticity import Body, StressState, SurfaceNodes, exterior_facets_with_all_nodes
+from pw_elements.spaces import gather_nodal_values
 
 # Least fraction of a node's area that has to face the other side; below it the node has no
 # pressure. For a linear pressure, the error of nodal values is up to 0.3 % at a fraction of 1/4,
@@ -32,7 +32,7 @@ _MIN_COVERED_FRACTION = 0.1
 
 
 @dataclass(frozen=True)
-class SideResults:
+class ContactSideResults:
     """Results at the k nodes of one side of a contact pair.
 
     Pressures and tractions are NaN if no body is given.
@@ -106,7 +106,7 @@ class OppositeSurface:
     weight_area: Array
     surface: SurfaceNodes | None
 
-    def results(self, pair: PairState, weight_area: Array | None = None) -> SideResults:
+    def results(self, pair: PairState, weight_area: Array | None = None) -> ContactSideResults:
         """Return the results at the nodes of the surface.
 
         Args:
@@ -128,7 +128,7 @@ class OppositeSurface:
             np.where(self.opposite_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
             np.inf,
         )
-        return SideResults(
+        return ContactSideResults(
             normal,
             self.means @ np.where(np.isfinite(pair.gap), pair.gap, 0.0),
             self.means @ pair.slip,
@@ -140,7 +140,7 @@ class OppositeSurface:
         )
 
 
-def make_pair_sides(
+def make_own_and_opposite_surface(
     number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
     """Return the nodes of a pair's own surface and the deformable surface that the pair faces.
@@ -166,11 +166,11 @@ def make_pair_sides(
         return surface, None
     nodes = pair.node, pair.opposite_node
     slave_trace, master_trace = (
-        gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes
+        gather_boundary_facets(space, exterior_facets_with_all_nodes(space, side)) for side in nodes
     )
     is_axisymmetric = body is not None and body.state is StressState.AXISYMMETRIC
     if not is_deformed:
-        means, dual_integrals = _integrate_undeformed_sides(
+        means, dual_integrals = _assemble_undeformed_mortar_matrices(
             space, pair, slave_trace, master_trace, is_axisymmetric
         )
         covered_area = np.asarray(dual_integrals.sum(axis=0))
@@ -180,7 +180,7 @@ def make_pair_sides(
     else:
         mortar = SlidingMortar(slave_trace, master_trace, is_axisymmetric)
         displacement = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
-        x = mortar.x + gather_from_owners(space, mortar.nodes, displacement)
+        x = mortar.x + gather_nodal_values(space, mortar.nodes, displacement)
         x[mortar.n_slave_nodes :] += pair.translation
         slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
         mortar.allowed_components[slaves] = pair.normal != 0
@@ -209,7 +209,7 @@ def make_pair_sides(
         compute_tributary_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((slave_trace, master_trace), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
+    opposite = SurfaceNodes.from_body(body, exterior_facets_with_all_nodes(space, pair.opposite_node))
     if not np.array_equal(opposite.node, pair.opposite_node):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     pair_fraction = covered_area / whole_areas_of_pair
@@ -235,7 +235,7 @@ def make_pair_sides(
     return surface, opposite_side
 
 
-def _integrate_undeformed_sides(
+def _assemble_undeformed_mortar_matrices(
     space: fem.FunctionSpace,
     pair: PairState,
     slave_trace: Trace,
@@ -257,7 +257,7 @@ def _integrate_undeformed_sides(
     first_node, end_node = space.dofmap.index_map.local_range
     owned = np.flatnonzero((pair.node >= first_node) & (pair.node < end_node))
     overlap, n_opposite = (
-        Overlap.from_traces(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
+        Overlap.from_slave_and_master(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
         len(pair.opposite_node),
     )
     node, weight = overlap.functions[2]
@@ -265,7 +265,7 @@ def _integrate_undeformed_sides(
     node = order[np.searchsorted(pair.opposite_node, node, sorter=order)]
 
     def gather_integrals(tested_functions: Array) -> sp.csr_array:
-        integrals = overlap.assemble_integrals(
+        integrals = overlap.assemble_product_integrals(
             tested_functions, node, weight, (len(owned), n_opposite)
         ).tocoo()
         parts_of_ranks = space.mesh.comm.allgather(
@@ -281,7 +281,7 @@ def _make_pair_surface(
     number: int, pair: PairState, body: Body, space: fem.FunctionSpace
 ) -> SurfaceNodes:
     """Return the surface nodes of a pair, or raise ValueError if a node belongs to no facet."""
-    surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
+    surface = SurfaceNodes.from_body(body, exterior_facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         isolated = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
@@ -292,7 +292,7 @@ def _make_pair_surface(
     return surface
 
 
-def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
+def make_results_of_own_side(surface: SurfaceNodes, pair: PairState) -> ContactSideResults:
     """Return the results at a pair's own nodes.
 
     Pressures and tractions are zero at open nodes whose area is NaN.
@@ -303,4 +303,4 @@ def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
         for force in (pair.force_normal, pair.force_tangential)
     )
     nodal_values = pair.normal, pair.gap, pair.slip, pair.friction, pair.status, pair.force_normal
-    return SideResults(*nodal_values, pressure, traction)
+    return ContactSideResults(*nodal_values, pressure, traction)

@@ -27,13 +27,13 @@ from pw_elements.solvers import SolverReport
 
 # Largest difference between two stored displacements of one node, relative to the largest
 # displacement
-_DISPLACEMENT_TOLERANCE = 1e-9
+_RELATIVE_DISPLACEMENT_MISMATCH_TOLERANCE = 1e-9
 # Largest difference between the length of a unit vector and one
 _UNIT_TOLERANCE = 1e-6
-_MAX_COUNT = 2**62
+_MAX_PLAUSIBLE_COUNT = 2**62
 
 
-def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
+def check_stored_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     """Raise ValueError unless the numbers in a file can belong to a contact state.
 
     Args:
@@ -41,7 +41,7 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         dim: dimension of space.
     """
     for name in ("iterations", "increment", "pairs"):
-        _check_count(name, numbers[name])
+        _check_nonnegative_integer(name, numbers[name])
     if not (numbers["unique"] is None or isinstance(numbers["unique"], bool)):
         raise ValueError(f"unique is {numbers['unique']!r}: it must be true, false or null")
     if not set(_check_list("determinant_signs", numbers["determinant_signs"])) <= {-1, 0, 1}:
@@ -65,28 +65,28 @@ def check_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
         ("allowance", Residuals),
         ("scale", ResidualScale),
     ):
-        _check_record(name, numbers[name], kind)
+        _check_nonnegative_record(name, numbers[name], kind)
     if numbers["smallness"] is not None:
-        _check_record("smallness", numbers["smallness"], Smallness)
+        _check_nonnegative_record("smallness", numbers["smallness"], Smallness)
     report = _check_fields("report", numbers["report"], SolverReport)
     arguments.check_type("the method of the report", report["method"], str, "it must be a name")
     for name in ("factorisations", "krylov_iterations"):
-        _check_count(name, report[name])
+        _check_nonnegative_integer(name, report[name])
 
 
-def check_real_arrays(arrays: Mapping[str, npt.NDArray], text_names: Sequence[str]) -> None:
+def check_real_arrays(arrays: Mapping[str, npt.NDArray], names_of_text_arrays: Sequence[str]) -> None:
     """Raise ValueError if an array does not consist of real numbers.
 
     Args:
         arrays: arrays by name.
-        text_names: names of arrays that contain text and are not checked.
+        names_of_text_arrays: names of arrays that contain text and are not checked.
     """
     for name, values in arrays.items():
-        if name not in text_names and values.dtype.kind not in "fiub":
+        if name not in names_of_text_arrays and values.dtype.kind not in "fiub":
             raise ValueError(f"{name} is of the type {values.dtype}: it must have real numbers")
 
 
-def check_pair_results(
+def check_stored_pair_results(
     pairs: Sequence[Mapping[str, npt.NDArray]],
     undeformed_state: ContactState,
     contact_pairs: Sequence[ContactPair],
@@ -101,7 +101,7 @@ def check_pair_results(
             the present mesh.
         undeformed_state: undeformed state of the problem.
         contact_pairs: the problem's contact pairs.
-        numbers: numbers in the file, checked by `check_state_numbers`.
+        numbers: numbers in the file, checked by `check_stored_state_numbers`.
         displacement: displacements (nodes, dim) by global node numbers.
         max_scale: largest plausible force and length.
     """
@@ -110,19 +110,19 @@ def check_pair_results(
         if axis == dim and contact_pairs[pair].pivot is None:
             raise ValueError(f"the surface of contact pair {pair} is free to turn, without a pivot")
     scale = ResidualScale(**numbers["scale"])
-    check_size("the scale of forces", scale.force, max_scale.force)
-    check_size("the scale of lengths", scale.length, max_scale.length)
-    check_size("a displacement", np.abs(displacement).max(initial=0.0), max_scale.length)
+    check_plausible_size("the scale of forces", scale.force, max_scale.force)
+    check_plausible_size("the scale of lengths", scale.length, max_scale.length)
+    check_plausible_size("a displacement", np.abs(displacement).max(initial=0.0), max_scale.length)
     if not numbers["increment"] and np.any(displacement != 0):
         raise ValueError("an undeformed body has displacements")
     for k, (values, expected) in enumerate(zip(pairs, undeformed_state.pairs, strict=True)):
         try:
-            _check_pair(values, expected, displacement, max_scale)
+            _check_stored_pair(values, expected, displacement, max_scale)
         except ValueError as error:
             raise ValueError(f"contact pair {k}: {error}") from None
 
 
-def _check_pair(
+def _check_stored_pair(
     values: Mapping[str, npt.NDArray],
     undeformed: PairState,
     displacement: npt.NDArray,
@@ -158,9 +158,9 @@ def _check_pair(
     if not (np.abs(np.linalg.norm(values["normal"], axis=1) - 1) < _UNIT_TOLERANCE).all():
         raise ValueError("normal has vectors that are not of unit length")
     for name in ("force_normal", "force_tangential", "opposite_force"):
-        check_size(name, np.abs(values[name]).max(initial=0.0), max_scale.force)
+        check_plausible_size(name, np.abs(values[name]).max(initial=0.0), max_scale.force)
     for name in ("slip", "path_slip", "translation"):
-        check_size(name, np.abs(values[name]).max(initial=0.0), max_scale.length)
+        check_plausible_size(name, np.abs(values[name]).max(initial=0.0), max_scale.length)
     # nodes that face a deformable surface move relative to weighted means of many nodes
     faces_at_most_one_node = values["faced_node"] >= -1
     node, faced = (
@@ -174,19 +174,19 @@ def _check_pair(
     difference = np.abs(values["displacement"][faces_at_most_one_node] - relative_displacement).max(
         initial=0.0
     )
-    if difference > _DISPLACEMENT_TOLERANCE * max_displacement:
+    if difference > _RELATIVE_DISPLACEMENT_MISMATCH_TOLERANCE * max_displacement:
         raise ValueError("displacement differs from that of the body's nodes")
 
 
-def check_size(name: str, size: float, max_size: float) -> None:
+def check_plausible_size(name: str, size: float, max_size: float) -> None:
     """Raise ValueError if a size exceeds the largest plausible one."""
     if not size <= max_size:
         raise ValueError(f"{name} is {size:.3g}, more than {max_size:.3g}, which is not plausible")
 
 
-def _check_count(name: str, value: object) -> None:
+def _check_nonnegative_integer(name: str, value: object) -> None:
     """Raise ValueError unless a value is a nonnegative integer of plausible size."""
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_COUNT:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_PLAUSIBLE_COUNT:
         raise ValueError(f"{name} is {value!r}: it must be a whole number >= 0")
 
 
@@ -197,19 +197,19 @@ def _check_list(name: str, value: object) -> list[Any]:
     return value
 
 
-def _check_fields(name: str, value: object, kind: type) -> dict[str, Any]:
-    """Return the value, a dictionary with the field names of the dataclass `kind`.
+def _check_fields(name: str, value: object, record_type: type) -> dict[str, Any]:
+    """Return the value, a dictionary with the field names of the dataclass `record_type`.
 
     An error is raised if it is no dictionary, or if its names differ from those of the fields.
     """
-    names = [field.name for field in fields(kind)]
+    names = [field.name for field in fields(record_type)]
     if not isinstance(value, dict) or sorted(value) != sorted(names):
         raise ValueError(f"{name} does not have the fields {', '.join(names)}")
     return value
 
 
-def _check_record(name: str, value: object, kind: type) -> None:
+def _check_nonnegative_record(name: str, value: object, record_type: type) -> None:
     """Raise an error unless a value has nonnegative numbers for all fields of a dataclass."""
-    for part, number in _check_fields(name, value, kind).items():
-        if arguments.check_number(f"{part} of {name}", number) < 0:
+    for part, number in _check_fields(name, value, record_type).items():
+        if arguments.check_finite_number(f"{part} of {name}", number) < 0:
             raise ValueError(f"{part} of {name} is {number}: it must not be negative")

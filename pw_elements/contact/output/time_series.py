@@ -20,27 +20,27 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, io
 
-from pw_elements.checks import arguments, check_same_arguments, collective_errors
+from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.output.fields import STATE_REMEDY, ContactFields, displacement_space
-from pw_elements.contact.output.storage import check_path
+from pw_elements.contact.output.fields import STATE_ARGUMENT_ADVICE, ContactFields, displacement_space
+from pw_elements.contact.output.storage import check_and_convert_path
 from pw_elements.elasticity import Body
 from pw_elements.files import FolderReplacement
 from pw_elements.spaces import quadratic_element
 
-_FOLDER_CONTENT = "a time series of contact fields"
+_FOLDER_CONTENT_DESCRIPTION = "a time series of contact fields"
 # Components of vectors in a file, in any dimension
-_VTX_COMPONENTS = 3
+_VECTOR_COMPONENTS_IN_VTX = 3
 # Estimated bytes that a file needs for its description
-_DESCRIPTION_SIZE = 100_000
+_ESTIMATED_DESCRIPTION_BYTES = 100_000
 # Seconds for which processes wait for each other after an error on one of them, and seconds between
 # two tests whether all have arrived
 _MAX_WAIT, _TEST_INTERVAL = 60.0, 0.01
 # Error numbers by which file systems report that they cannot reserve space
-_NO_ALLOCATION_ERRORS = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
+_ERRNOS_OF_UNSUPPORTED_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
@@ -72,40 +72,40 @@ def write(
         RuntimeError: if DOLFINx was built without ADIOS2.
         OSError: if the path exists and was not written by this function, or if the disk is full.
     """
-    path, space = check_path(path), displacement_space(body)
+    path, space = check_and_convert_path(path), displacement_space(body)
     states = arguments.as_list(states)
     comm = space.mesh.comm
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         for state in states:
-            arguments.check_type("a state", state, ContactState, STATE_REMEDY)
+            arguments.check_type("a state", state, ContactState, STATE_ARGUMENT_ADVICE)
         increments = [float(state.increment) for state in states]
         times_of_states = (
             increments if times is None else list(arguments.check_vector("times", times))
         )
-        _check_series(path, states, times_of_states, space)
-    replacement = FolderReplacement(path, _FOLDER_CONTENT, durable=True)
-    with collective_errors(comm):
+        _check_series_is_writable(path, states, times_of_states, space)
+    replacement = FolderReplacement(path, _FOLDER_CONTENT_DESCRIPTION, durable=True)
+    with raise_errors_on_all_processes(comm):
         if comm.rank == 0:
             replacement.start()
     try:
         fields = ContactFields.from_state(states[0], body)
-        size = _estimate_size(fields, len(states))
-        with collective_errors(comm):
+        size = _estimate_file_size_in_bytes(fields, len(states))
+        with raise_errors_on_all_processes(comm):
             if comm.rank == 0:
                 _check_disk_space(replacement.scratch, size, path)
         folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
-        with _raise_errors_together(comm), io.VTXWriter(comm, folder, fields.functions()) as file:
+        with _raise_or_abort_on_all_processes(comm), io.VTXWriter(comm, folder, fields.functions()) as file:
             for time, state in zip(times_of_states, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))
-        with collective_errors(comm):
+        with raise_errors_on_all_processes(comm):
             if comm.rank == 0:
                 replacement.commit()
     finally:
         replacement.abandon()
 
 
-def _estimate_size(fields: ContactFields, n_steps: int) -> int:
+def _estimate_file_size_in_bytes(fields: ContactFields, n_steps: int) -> int:
     """Return the approximate size in bytes of a time series; collective.
 
     Each step contains numbers, positions and values of all nodes, and the nodes of all cells.
@@ -117,33 +117,33 @@ def _estimate_size(fields: ContactFields, n_steps: int) -> int:
     space = fields.displacement.function_space
     n_nodes, cells = len(space.tabulate_dof_coordinates()), space.dofmap.list
     block_sizes = [function.function_space.dofmap.bs for function in fields.functions()]
-    n_values = sum(_VTX_COMPONENTS if size > 1 else 1 for size in block_sizes)
-    n_entries = n_nodes * (1 + _VTX_COMPONENTS + n_values) + cells.size + len(cells)
-    return _DESCRIPTION_SIZE + 8 * n_steps * int(space.mesh.comm.allreduce(n_entries))
+    n_values = sum(_VECTOR_COMPONENTS_IN_VTX if size > 1 else 1 for size in block_sizes)
+    n_entries = n_nodes * (1 + _VECTOR_COMPONENTS_IN_VTX + n_values) + cells.size + len(cells)
+    return _ESTIMATED_DESCRIPTION_BYTES + 8 * n_steps * int(space.mesh.comm.allreduce(n_entries))
 
 
-def _check_disk_space(folder: Path, size: int, path: Path) -> None:
+def _check_disk_space(folder: Path, size_in_bytes: int, path: Path) -> None:
     """Raise OSError unless the disk has room for a file of the given size.
 
     Without this check, ADIOS2 on all other processes would wait for the one that fails to write.
 
     Args:
         folder: folder in which a file of that size is created and removed again.
-        size: size in bytes.
+        size_in_bytes: size in bytes.
         path: path of the file to be written, for the error message.
     """
     try:
         with TemporaryFile(dir=folder) as file:
-            os.posix_fallocate(file.fileno(), 0, size)
+            os.posix_fallocate(file.fileno(), 0, size_in_bytes)
     except OSError as error:
-        if error.errno in _NO_ALLOCATION_ERRORS:
+        if error.errno in _ERRNOS_OF_UNSUPPORTED_ALLOCATION:
             return
-        message = f"{os.strerror(error.errno or 0)}: it takes about {size / 1e6:.3g} MB"
+        message = f"{os.strerror(error.errno or 0)}: it takes about {size_in_bytes / 1e6:.3g} MB"
         raise OSError(error.errno, message, str(path)) from None
 
 
 @contextmanager
-def _raise_errors_together(comm: MPI.Comm) -> Iterator[None]:
+def _raise_or_abort_on_all_processes(comm: MPI.Comm) -> Iterator[None]:
     """Raise an error of ADIOS2 within a `with` block on all processes.
 
     If only some processes have an error, and the others wait for them within ADIOS2, all processes
@@ -161,12 +161,12 @@ def _raise_errors_together(comm: MPI.Comm) -> Iterator[None]:
         if error is not None and waiting_time > _MAX_WAIT:
             print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
             comm.Abort(1)
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         if error is not None:
             raise error
 
 
-def _check_series(
+def _check_series_is_writable(
     path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
 ) -> None:
     """Raise an error unless the states can be written to the path with these times and space."""

@@ -2,26 +2,26 @@
 
 from pw_elements.contact.rescue.passing import (
     refuse_passed_nodes,
-    refuse_supports_through_each_other,
-    refuse_tools_through_supports,
-    sample_placements,
+    raise_if_supports_meet_or_pass,
+    raise_if_tools_reach_or_pass_supports,
+    interpolate_placements_and_path,
 )
-from pw_elements.contact.rescue.placing import SupportedPieces, ends_all_contact
+from pw_elements.contact.rescue.placing import PiecesMovingWithSupports, does_rigid_motion_end_all_contact
 from pw_elements.contact.rescue.refusals import (
     prove_no_equilibrium,
-    refuse_loose_body,
+    raise_if_body_is_loose,
     rescue_increment,
-    solve_with_springs,
+    solve_with_softening_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions
 from pw_elements.contact.rescue.substeps import (
-    combine_substeps,
+    combine_substeps_with_summed_slip,
     count_straight_segments,
     round_up_to_power_of_two,
     solve_in_substeps,
 )
 from pw_elements.contact.rescue.support_path import (
     BodySupports,
-    LoadFunction,
+    LoadFractionSetter,
     find_contact_free_start,
 )

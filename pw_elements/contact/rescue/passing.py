@@ -19,11 +19,11 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import Interface, SlidingReference
+from pw_elements.checks import raise_errors_on_all_processes, format_points
+from pw_elements.contact.interface import Interface, MortarSlipReference
 from pw_elements.contact.model import NotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
-from pw_elements.contact.rescue.placing import SupportedPieces
+from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
 
 # Relative to the extent of the contact side: smallest depth of a support that has passed through a
 # rigid surface, smallest depth of a slave node that has passed through the master, and largest
@@ -31,21 +31,21 @@ from pw_elements.contact.rescue.placing import SupportedPieces
 _MAX_SUPPORT_DEPTH, _MAX_SLAVE_DEPTH, _MAX_MEETING_OFFSET = 0.1, 0.25, 0.5
 # Largest distance of a support from a rigid surface or another support that leaves no room for the
 # body, relative to the same extent
-_MIN_ROOM = 1e-9
+_MIN_ROOM_FOR_BODY_PER_EXTENT = 1e-9
 # Points between a support and a contact node that are tested for lying inside the body, as
 # fractions of the distance
-_SAMPLES_BETWEEN = np.linspace(0.1, 0.9, 9)
+_FRACTIONS_BETWEEN_SUPPORT_AND_NODE = np.linspace(0.1, 0.9, 9)
 # Largest number of supports that are tested on each process
-_MAX_TESTED_SUPPORTS = 100
+_MAX_TESTED_SUPPORTS_PER_PROCESS = 100
 
 
-def refuse_tools_through_supports(
+def raise_if_tools_reach_or_pass_supports(
     interface: Interface,
     surface_motion: RigidSurfaceMotion,
     positions: Array,
     is_supported: Mask,
-    piece: Indices,
-    placements: Array,
+    piece_of_node: Indices,
+    surface_placements: Array,
     support_paths: Array,
 ) -> None:
     """Raise SurfacePassed if a rigid surface is moved through fully supported nodes, or up to them.
@@ -59,8 +59,8 @@ def refuse_tools_through_supports(
         surface_motion: rigid motion of the rigid surfaces.
         positions: undeformed positions (n, dim) of the nodes of this process.
         is_supported: mask (n, dim) of displacement components that supports prescribe.
-        piece: number (n,) of the connected piece of the body to which each node belongs.
-        placements: translations and angles (samples, pairs, dim + 1) of the surfaces, NaN where a
+        piece_of_node: number (n,) of the connected piece of the body to which each node belongs.
+        surface_placements: translations and angles (samples, pairs, dim + 1) of the surfaces, NaN where a
             motion is free.
         support_paths: prescribed displacements (samples, n, dim).
 
@@ -69,23 +69,23 @@ def refuse_tools_through_supports(
     """
     is_fixed = is_supported.all(axis=1)
     for k, surface in enumerate(interface.surfaces):
-        if k in interface.mortars or np.isnan(placements[:, k]).any():
+        if k in interface.mortars or np.isnan(surface_placements[:, k]).any():
             continue
         in_surface_frame = np.array(
             [
                 surface_motion.positions_in_surface_frame(
-                    k, placements[j, k], positions[is_fixed] + support_paths[j][is_fixed]
+                    k, surface_placements[j, k], positions[is_fixed] + support_paths[j][is_fixed]
                 )
-                for j in range(len(placements))
+                for j in range(len(surface_placements))
             ]
         )
-        n_supports, substitute = int(is_fixed.sum()), interface.first_nodes[k]
-        with collective_errors(interface.comm), np.errstate(all="ignore"):
+        n_supports, substitute = int(is_fixed.sum()), interface.first_node_position_of_each_pair[k]
+        with raise_errors_on_all_processes(interface.comm), np.errstate(all="ignore"):
             # the user's surface may communicate, so all processes have to call it
             answers = [surface.gap(x if n_supports else substitute) for x in in_surface_frame]
             gaps: Array = np.array([np.asarray(gap, dtype=float)[:n_supports] for gap in answers])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
-        min_gap, extent = gaps.min(axis=0, initial=np.inf), _smallest_extent(interface, k)
+        min_gap, extent = gaps.min(axis=0, initial=np.inf), _extent_of_smaller_side(interface, k)
         is_deep = min_gap < -_MAX_SUPPORT_DEPTH * extent
         passed = interface.gather_values(positions[is_fixed][is_deep & (gaps[0] > 0)])
         if len(passed):
@@ -93,16 +93,16 @@ def refuse_tools_through_supports(
                 f"the motion of the surface of contact pair {k} leads it through the supports at "
                 f"{format_points(passed)}: it passes through the body; end the motion before"
             )
-        min_room = _MIN_ROOM * extent
+        min_room = _MIN_ROOM_FOR_BODY_PER_EXTENT * extent
         reached = np.flatnonzero((min_gap <= min_room) & (gaps[0] > min_room))
         if not len(interface.gather_values(reached)):
             continue
-        reached = reached[np.argsort(min_gap[reached])[:_MAX_TESTED_SUPPORTS]]
-        pieces = SupportedPieces.fit(positions, is_supported, piece, support_paths, interface.comm)
+        reached = reached[np.argsort(min_gap[reached])[:_MAX_TESTED_SUPPORTS_PER_PROCESS]]
+        pieces = PiecesMovingWithSupports.fit(positions, is_supported, piece_of_node, support_paths, interface.comm)
         sample = gaps[:, reached].argmin(axis=0)
         supports = positions[is_fixed][reached], in_surface_frame[sample, reached], sample
-        crushing = _find_supports_behind_nodes(
-            interface, surface_motion, k, pieces, placements[:, k], *supports
+        crushing = _find_supports_with_body_in_front(
+            interface, surface_motion, k, pieces, surface_placements[:, k], *supports
         )
         if len(crushing):
             raise SurfacePassed(
@@ -112,15 +112,15 @@ def refuse_tools_through_supports(
             )
 
 
-def _find_supports_behind_nodes(
+def _find_supports_with_body_in_front(
     interface: Interface,
     surface_motion: RigidSurfaceMotion,
     pair: int,
-    pieces: SupportedPieces,
+    pieces: PiecesMovingWithSupports,
     placements: Array,
     supports: Array,
     supports_in_surface_frame: Array,
-    sample: Indices,
+    sample_at_contact: Indices,
 ) -> Array:
     """Return the undeformed positions of supports that have a part of the body in front of them.
 
@@ -135,7 +135,7 @@ def _find_supports_behind_nodes(
         supports: undeformed positions (s, dim) of the supports on this process.
         supports_in_surface_frame: positions (s, dim) of the supports in the frame of the surface
             when the surface reaches them.
-        sample: number (s,) of the sample at which the surface reaches each support.
+        sample_at_contact: number (s,) of the sample at which the surface reaches each support.
 
     Returns:
         Positions (k, dim) of the supports of all processes.
@@ -144,18 +144,18 @@ def _find_supports_behind_nodes(
     x = interface.gather_values(interface.position[in_pair])
     piece_of_node = interface.gather_values(pieces.number[interface.own_nodes[in_pair]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
-    with collective_errors(comm), np.errstate(all="ignore"):
+    with raise_errors_on_all_processes(comm), np.errstate(all="ignore"):
         # the user's surface may communicate, so all processes have to call it
         answer = interface.surfaces[pair].normal(
             supports_in_surface_frame
             if len(supports_in_surface_frame)
-            else interface.first_nodes[pair]
+            else interface.first_node_position_of_each_pair[pair]
         )
         normal = np.asarray(answer, dtype=float)[: len(supports_in_surface_frame)]
     node_paths, nodes, behind = pieces.move(x, piece_of_node), [], []
     for j in range(len(supports)):
         from_nodes = supports_in_surface_frame[j] - surface_motion.positions_in_surface_frame(
-            pair, placements[sample[j]], node_paths[sample[j]]
+            pair, placements[sample_at_contact[j]], node_paths[sample_at_contact[j]]
         )
         depth = from_nodes @ normal[j]
         offset = np.linalg.norm(from_nodes - depth[:, None] * normal[j], axis=1)
@@ -165,13 +165,13 @@ def _find_supports_behind_nodes(
             nodes.append(x[nearest])
             behind.append(supports[j])
     ends = [interface.gather_values(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
-    between = ends[0][:, None] + _SAMPLES_BETWEEN[:, None] * (ends[1] - ends[0])[:, None]
-    is_inside = _lie_inside(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
-    all_inside = is_inside.reshape(len(ends[0]), len(_SAMPLES_BETWEEN)).all(axis=1)
+    between = ends[0][:, None] + _FRACTIONS_BETWEEN_SUPPORT_AND_NODE[:, None] * (ends[1] - ends[0])[:, None]
+    is_inside = _are_points_inside_mesh(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
+    all_inside = is_inside.reshape(len(ends[0]), len(_FRACTIONS_BETWEEN_SUPPORT_AND_NODE)).all(axis=1)
     return np.asarray(ends[0][all_inside])
 
 
-def _lie_inside(mesh: Mesh, x: Array) -> Mask:
+def _are_points_inside_mesh(mesh: Mesh, x: Array) -> Mask:
     """Return which points lie inside the undeformed body; collective.
 
     All processes have to pass the same points `x` (k, dim).
@@ -185,9 +185,9 @@ def _lie_inside(mesh: Mesh, x: Array) -> Mask:
     return np.asarray(n_cells > 0)
 
 
-def refuse_supports_through_each_other(
+def raise_if_supports_meet_or_pass(
     interface: Interface,
-    references: Mapping[int, SlidingReference],
+    references: Mapping[int, MortarSlipReference],
     positions: Array,
     is_supported: Mask,
     support_paths: Array,
@@ -227,9 +227,9 @@ def refuse_supports_through_each_other(
         else:
             separation = means[0] - means[1]  # (samples, dim)
             offset = np.abs((separation - separation[0]) @ tangent)
-            extent = _smallest_extent(interface, k)
+            extent = _extent_of_smaller_side(interface, k)
             distance = np.where(offset < _MAX_MEETING_OFFSET * extent, separation @ normal, np.inf)
-            min_distance, min_room = float(distance.min()), _MIN_ROOM * extent
+            min_distance, min_room = float(distance.min()), _MIN_ROOM_FOR_BODY_PER_EXTENT * extent
             if min_distance < -min_room:
                 raise SurfacePassed(
                     f"the supports of both bodies of contact pair {k} pass each other by "
@@ -244,7 +244,7 @@ def refuse_supports_through_each_other(
 
 
 def refuse_passed_nodes(
-    interface: Interface, sides: Mapping[int, tuple[SlidingReference, Array]]
+    interface: Interface, sides: Mapping[int, tuple[MortarSlipReference, Array]]
 ) -> None:
     """Raise NotFound if slave nodes pass through the master on straight paths; collective.
 
@@ -257,8 +257,8 @@ def refuse_passed_nodes(
     """
     for k, (reference, x) in sides.items():
         mortar = interface.mortars[k]
-        depth = mortar.measure_penetration(reference.x, x)
-        is_passed = depth > _MAX_SLAVE_DEPTH * _smallest_extent(interface, k)
+        depth = mortar.measure_max_penetration_along_path(reference.x, x)
+        is_passed = depth > _MAX_SLAVE_DEPTH * _extent_of_smaller_side(interface, k)
         positions = mortar.x[: mortar.n_slave_nodes][is_passed]
         if len(positions):
             raise NotFound.with_positions(
@@ -266,45 +266,45 @@ def refuse_passed_nodes(
             )
 
 
-def _smallest_extent(interface: Interface, pair: int) -> float:
+def _extent_of_smaller_side(interface: Interface, pair: int) -> float:
     """Return the largest extent of a pair's contact nodes along an axis.
 
     For two bodies, it is the extent of the smaller side.
     """
-    sides = [interface.gather_in_order(pair, interface.position)]
+    sides = [interface.gather_pair_in_position_order(pair, interface.position)]
     if pair in interface.mortars:
         mortar = interface.mortars[pair]
         sides = [mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]]
     return min(float(np.ptp(side, axis=0).max()) for side in sides)
 
 
-def sample_placements(
-    q_start: Array, q_end: Array, path: Array, samples: int
+def interpolate_placements_and_path(
+    start_placements: Array, end_placements: Array, path: Array, n_intervals: int
 ) -> tuple[Array, Array]:
     """Return placements of surfaces and values of a path at equally spaced samples.
 
     Args:
-        q_start: translations and angles (pairs, dim + 1) of the surfaces at the start.
-        q_end: translations and angles (pairs, dim + 1) of the surfaces at the end.
+        start_placements: translations and angles (pairs, dim + 1) of the surfaces at the start.
+        end_placements: translations and angles (pairs, dim + 1) of the surfaces at the end.
         path: values (k, ...) at equally spaced points of the path.
-        samples: number of intervals.
+        n_intervals: number of intervals.
 
     Returns:
         Placements (samples + 1, pairs, dim + 1), and values (samples + 1, ...) of the path.
     """
-    fractions: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    placements = np.array([(1 - fraction) * q_start + fraction * q_end for fraction in fractions])
+    fractions: Array = np.linspace(0, 1, n_intervals + 1, dtype=float)
+    placements = np.array([(1 - fraction) * start_placements + fraction * end_placements for fraction in fractions])
     return placements, _interpolate(path, fractions)
 
 
-def _interpolate(path: Array, ratios: Array) -> Array:
+def _interpolate(path: Array, fractions: Array) -> Array:
     """Return values (k, ...) that are linearly interpolated along a path.
 
     Args:
         path: values (samples + 1, ...) at equally spaced points.
-        ratios: fractions (k,) of the path at which values are returned.
+        fractions: fractions (k,) of the path at which values are returned.
     """
-    position = ratios * (len(path) - 1)
+    position = fractions * (len(path) - 1)
     lower = np.minimum(position.astype(int), len(path) - 2)
     weight = (position - lower).reshape(-1, *[1] * (path.ndim - 1))
     return np.asarray((1 - weight) * path[lower] + weight * path[lower + 1])

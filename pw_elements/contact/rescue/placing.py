@@ -17,24 +17,24 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective_errors
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, MIN_OUTWARD_COSINE, Interface
+from pw_elements.checks import raise_errors_on_all_processes
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, MIN_NORMAL_COSINE_OF_OUTWARD_PUSH, Interface
 from pw_elements.contact.nodes import RigidSurfaceMotion
-from pw_elements.spaces import gather_from_owners
+from pw_elements.spaces import gather_nodal_values
 
 # Largest distance of supports from their best-fitting rigid motion, relative to the piece's extent
-_MAX_MISFIT = 1e-9
+_MAX_RIGID_FIT_ERROR_PER_EXTENT = 1e-9
 # Smallest spread of supports that determines a rotation, relative to their largest spread
-_MIN_RELATIVE_SPREAD = 1e-6
+_MIN_SUPPORT_SPREAD_RATIO_FOR_ROTATION = 1e-6
 # Largest penetration depth during a motion that separates two sides, divided by the depth at the
 # start
-_MAX_DEPTH_GROWTH = 1.25
+_MAX_PENETRATION_RATIO_TO_START = 1.25
 # Largest step between samples that misses no contact, relative to the extent of the contact nodes
-_MAX_SAMPLE_STEP = 0.1
+_MAX_SAMPLE_STEP_PER_EXTENT = 0.1
 
 
 @dataclass(frozen=True)
-class SupportedPieces:
+class PiecesMovingWithSupports:
     """Rigid motions of the connected pieces of a body with their supports, at samples of a path.
 
     Args:
@@ -57,23 +57,23 @@ class SupportedPieces:
         cls,
         positions: Array,
         is_supported: Mask,
-        piece: Indices,
+        piece_of_node: Indices,
         support_paths: Array,
         comm: MPI.Comm,
-    ) -> "SupportedPieces":
+    ) -> "PiecesMovingWithSupports":
         """Return the rigid motions that fit best to the nodes supported in all components.
 
         Args:
             positions: undeformed positions (n, dim) of the nodes of this process.
             is_supported: mask (n, dim) of displacement components that supports prescribe.
-            piece: number (n,) of the piece to which each node belongs.
+            piece_of_node: number (n,) of the piece to which each node belongs.
             support_paths: prescribed displacements (samples, n, dim).
             comm: communicator of the mesh.
         """
         dim = positions.shape[1]
-        n_pieces = comm.allreduce(int(piece.max(initial=-1)) + 1, MPI.MAX)
+        n_pieces = comm.allreduce(int(piece_of_node.max(initial=-1)) + 1, MPI.MAX)
         is_fixed = is_supported.all(axis=1)
-        x, piece_of_x = positions[is_fixed], piece[is_fixed]
+        x, piece_of_x = positions[is_fixed], piece_of_node[is_fixed]
 
         def sum_by_piece(values: Array) -> Array:
             sums = np.zeros((n_pieces, *values.shape[1:]))
@@ -87,7 +87,7 @@ class SupportedPieces:
         spread = np.linalg.svd(sum_by_piece(arm[:, :, None] * arm[:, None]), compute_uv=False)
         # two supports determine a rotation in two dimensions, three supports in three dimensions
         is_rigid = (spread[:, 0] > 0) & (
-            spread[:, dim - 2] > _MIN_RELATIVE_SPREAD**2 * spread[:, 0]
+            spread[:, dim - 2] > _MIN_SUPPORT_SPREAD_RATIO_FOR_ROTATION**2 * spread[:, 0]
         )
         pivot_path, rotations = [], []
         for displacement in support_paths:
@@ -98,9 +98,9 @@ class SupportedPieces:
             left[:, :, -1] *= np.sign(np.linalg.det(left @ right))[:, None]
             pivot_path.append(moved_pivot)
             rotations.append(left @ right)
-        pieces = cls(piece, pivot, np.array(pivot_path), np.array(rotations), is_rigid)
+        pieces = cls(piece_of_node, pivot, np.array(pivot_path), np.array(rotations), is_rigid)
         has_support = is_supported.any(axis=1)
-        supported_x, supported_piece = positions[has_support], piece[has_support]
+        supported_x, supported_piece = positions[has_support], piece_of_node[has_support]
         displacement = support_paths[:, has_support]
         misfit = np.abs(pieces.move(supported_x, supported_piece) - supported_x - displacement)
         max_misfit = np.zeros(n_pieces)
@@ -109,23 +109,23 @@ class SupportedPieces:
         comm.Allreduce(MPI.IN_PLACE, max_misfit, MPI.MAX)
         max_displacement = comm.allreduce(float(np.abs(support_paths).max(initial=0.0)), MPI.MAX)
         extent = np.sqrt(spread[:, 0] / n_nodes[:, 0]) + max_displacement
-        return replace(pieces, is_rigid=is_rigid & (max_misfit <= _MAX_MISFIT * extent))
+        return replace(pieces, is_rigid=is_rigid & (max_misfit <= _MAX_RIGID_FIT_ERROR_PER_EXTENT * extent))
 
-    def move(self, x: Array, piece: Indices) -> Array:
+    def move(self, x: Array, piece_of_point: Indices) -> Array:
         """Return the positions (samples, k, dim) of points that move rigidly with their pieces.
 
         Args:
             x: undeformed positions (k, dim) of the points.
-            piece: number (k,) of the piece to which each point belongs.
+            piece_of_point: number (k,) of the piece to which each point belongs.
         """
-        arm = x - self.pivot[piece]
+        arm = x - self.pivot[piece_of_point]
         return np.asarray(
-            self.pivot_path[:, piece] + np.einsum("skab,kb->ska", self.rotation[:, piece], arm)
+            self.pivot_path[:, piece_of_point] + np.einsum("skab,kb->ska", self.rotation[:, piece_of_point], arm)
         )
 
 
 @dataclass(frozen=True)
-class _RigidSeparation:
+class _SeparationAlongRigidPath:
     """Distances between the two sides of a pair along a path.
 
     The bodies move rigidly with their supports.
@@ -148,10 +148,10 @@ class _RigidSeparation:
     is_outside: bool
 
 
-def ends_all_contact(
+def does_rigid_motion_end_all_contact(
     interface: Interface,
     surface_motion: RigidSurfaceMotion,
-    pieces: SupportedPieces,
+    pieces: PiecesMovingWithSupports,
     placements: Array,
     unknowns: PETSc.Vec,
 ) -> bool:
@@ -177,7 +177,7 @@ def ends_all_contact(
     for k in range(interface.pairs):
         if k in interface.mortars:
             separations.append(
-                _measure_body_separation(interface, pieces, k, placements[:, k, :-1], unknowns)
+                _measure_two_body_separation(interface, pieces, k, placements[:, k, :-1], unknowns)
             )
         else:
             separations.append(
@@ -188,12 +188,12 @@ def ends_all_contact(
     depth = np.max([pair.depth for pair in separations], axis=0)
     deformation = max(pair.deformation for pair in separations)
     return bool(
-        depth[0] > COORDINATE_ROUND_OFF * interface.extent
-        and depth.max() <= _MAX_DEPTH_GROWTH * depth[0]
+        depth[0] > RELATIVE_COORDINATE_ROUND_OFF * interface.extent
+        and depth.max() <= _MAX_PENETRATION_RATIO_TO_START * depth[0]
         and all(pair.clearance > deformation and pair.is_outside for pair in separations)
         and (
             len(placements) == 2
-            or all(pair.max_step <= _MAX_SAMPLE_STEP * pair.extent for pair in separations)
+            or all(pair.max_step <= _MAX_SAMPLE_STEP_PER_EXTENT * pair.extent for pair in separations)
         )
     )
 
@@ -201,11 +201,11 @@ def ends_all_contact(
 def _measure_tool_separation(
     interface: Interface,
     surface_motion: RigidSurfaceMotion,
-    pieces: SupportedPieces,
+    pieces: PiecesMovingWithSupports,
     pair: int,
     placements: Array,
     unknowns: PETSc.Vec,
-) -> _RigidSeparation:
+) -> _SeparationAlongRigidPath:
     """Return the distances between the contact nodes of a pair and its rigid surface.
 
     Args:
@@ -231,7 +231,7 @@ def _measure_tool_separation(
         for path in (node_paths, normal_ends)
     )
     gap, normal = np.full(in_surface_frame.shape[:2], np.inf), np.zeros(in_surface_frame.shape)
-    with collective_errors(comm), np.errstate(all="ignore"):
+    with raise_errors_on_all_processes(comm), np.errstate(all="ignore"):
         if len(x):
             points = in_surface_frame.reshape(-1, x.shape[1])
             gap = np.asarray(surface.gap(points), dtype=float).reshape(gap.shape)
@@ -240,25 +240,25 @@ def _measure_tool_separation(
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
     outward = ends_in_surface_frame - in_surface_frame
     normal_part = np.sum(normal * outward, axis=2)
-    is_pushed_inwards = normal_part <= MIN_OUTWARD_COSINE * np.linalg.norm(outward, axis=2)
+    is_pushed_inwards = normal_part <= MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(outward, axis=2)
     deformed = interface.extract_at_points(unknowns)[in_pair] + x
-    return _RigidSeparation(
+    return _SeparationAlongRigidPath(
         depth,
         comm.allreduce(gap[-1].min(initial=np.inf), MPI.MIN),
-        comm.allreduce(_max_length(deformed - node_paths[0]), MPI.MAX),
-        comm.allreduce(_max_length(np.diff(in_surface_frame, axis=0)), MPI.MAX),
+        comm.allreduce(_max_vector_length(deformed - node_paths[0]), MPI.MAX),
+        comm.allreduce(_max_vector_length(np.diff(in_surface_frame, axis=0)), MPI.MAX),
         interface.extent,
         comm.allreduce(bool(np.all(is_pushed_inwards | (gap >= 0))), MPI.LAND),
     )
 
 
-def _measure_body_separation(
+def _measure_two_body_separation(
     interface: Interface,
-    pieces: SupportedPieces,
+    pieces: PiecesMovingWithSupports,
     pair: int,
     translations: Array,
     unknowns: PETSc.Vec,
-) -> _RigidSeparation:
+) -> _SeparationAlongRigidPath:
     """Return the distances between the two bodies of a pair.
 
     Args:
@@ -271,10 +271,10 @@ def _measure_body_separation(
     mortar = interface.mortars[pair]
     slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
-    piece = gather_from_owners(interface.field.space, mortar.nodes, pieces.number[:owned])
+    piece = gather_nodal_values(interface.field.space, mortar.nodes, pieces.number[:owned])
     node_paths = pieces.move(x, piece)
-    deformed = x + interface.extract_at_nodes(mortar.nodes, unknowns)
-    deformation = _max_length(deformed - node_paths[0])
+    deformed = x + interface.extract_displacements_at_nodes(mortar.nodes, unknowns)
+    deformation = _max_vector_length(deformed - node_paths[0])
     node_paths[:, slaves:] += translations[:, None]
     extent = min(float(np.ptp(side, axis=0).max()) for side in (x[:slaves], x[slaves:]))
     relative_paths = node_paths[:, :slaves] - node_paths[:, slaves:].mean(axis=1, keepdims=True)
@@ -287,11 +287,11 @@ def _measure_body_separation(
         if j == len(node_paths) - 1:
             distance = cKDTree(positions[slaves:]).query(positions[:slaves])[0].min()
             clearance = min(
-                gap.min(initial=np.inf), distance - mortar.measure_shortest_facets().max()
+                gap.min(initial=np.inf), distance - mortar.measure_shortest_facet_at_slave_nodes().max()
             )
-    max_step = _max_length(np.diff(relative_paths, axis=0))
-    return _RigidSeparation(depth, clearance, deformation, max_step, extent, is_outside=True)
+    max_step = _max_vector_length(np.diff(relative_paths, axis=0))
+    return _SeparationAlongRigidPath(depth, clearance, deformation, max_step, extent, is_outside=True)
 
 
-def _max_length(vectors: Array) -> float:
+def _max_vector_length(vectors: Array) -> float:
     return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective_errors, format_points
+from pw_elements.checks import raise_errors_on_all_processes, format_points
 from pw_elements.contact.iteration import (
     ActiveSetUpdate,
     Increment,
@@ -39,7 +39,7 @@ from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
     LastContactLost,
-    MissingForce,
+    LoadMissingForEquilibrium,
     NoEquilibrium,
     NotFound,
     NotUnique,
@@ -48,14 +48,14 @@ from pw_elements.contact.model import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     ActiveSet,
     LinearisedKinematics,
-    UndeformedKinematics,
+    SmallStrainKinematics,
     is_same_set,
 )
 from pw_elements.contact.rescue.rigid import (
-    NEGLIGIBLE_PART,
+    NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO,
     Basis,
     RigidModes,
     RigidMotions,
@@ -71,7 +71,7 @@ _FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
 _SOFTENING, _STIFFENING = 30.0, 5.0
 # After a failure the softening factor is raised to this power, and limited by the smallest factor
 _SOFTENING_EXPONENT, _MIN_SOFTENING = 0.7, 2.0
-_MAX_FAILURES = 20
+_MAX_SPRING_FAILURES = 20
 # Largest number of iterations with springs, and without springs from the solution with springs
 _MAX_SPRING_ITERATIONS, _MAX_CONFIRMING_ITERATIONS = 25, 12
 _LOOSE_BODY_MESSAGE = (
@@ -81,22 +81,22 @@ _LOOSE_BODY_MESSAGE = (
 )
 
 # Largest work of the loads that counts as zero, divided by the sum of the magnitudes of its parts
-_ZERO_WORK = 1e-9
+_NEGLIGIBLE_TO_ABSOLUTE_WORK_RATIO = 1e-9
 # Largest ratio of contact forces to loads that is considered where a motion violates the condition
 # of a friction cone by round-off
-_MAX_FORCE_RATIO = 1e3
+_MAX_CONTACT_FORCE_TO_LOAD_RATIO = 1e3
 # Smallest violation of a friction cone that requires a cut in the linear program
-_MAX_CONE_VIOLATION = 1e-10
-_MAX_CUTS = 40
+_MAX_CONE_VIOLATION_WITHOUT_CUT = 1e-10
+_MAX_CUTTING_PLANE_ROUNDS = 40
 # Cost of motion in the linear program, which prevents motions in which the loads do no work
-_MOTION_PRICE = 1e-7
+_MOTION_COST_PER_MAX_POWER = 1e-7
 # Distances along a free translation at which normals are evaluated, relative to the extent of the
 # contact nodes; and largest change of a normal that counts as zero
-_NORMAL_PROBE_STEPS = (1e-4, 1e-2, 1.0)
-_MAX_NORMAL_CHANGE = 1e-9
+_NORMAL_PROBE_STEPS_PER_EXTENT = (1e-4, 1e-2, 1.0)
+_NEGLIGIBLE_NORMAL_CHANGE = 1e-9
 _HIGHS_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
-_ENCLOSED_BODY_MESSAGE = (
+_ENCLOSED_INCOMPRESSIBLE_BODY_MESSAGE = (
     "Supports and contact enclose an incompressible body: its volume cannot change and its "
     "pressure is not determined; leave a part of its surface free, or use nu below 1/2"
 )
@@ -108,7 +108,7 @@ SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrement]
 
 
 @dataclass(frozen=True)
-class NodeVelocities:
+class NodeVelocitiesInRigidMotions:
     """Velocities of contact nodes in k rigid motions.
 
     The m nodes of all processes face a surface, or may face it after a free translation.
@@ -127,31 +127,31 @@ class NodeVelocities:
     normal: Array
     tangential: Array
 
-    def group_motions(self) -> list[Indices]:
+    def group_coupled_motions(self) -> list[Indices]:
         """Return the groups of motions that are coupled because they move the same nodes."""
-        is_moved = self._is_moved().astype(float)
+        is_moved = self._mask_of_nodes_moved_by_motions().astype(float)
         return group_connected_nodes(is_moved.T @ is_moved > 0)
 
-    def restrict(self, motions: Indices) -> "NodeVelocities":
+    def restrict(self, motions: Indices) -> "NodeVelocitiesInRigidMotions":
         """Return the nodes moved by any of the given motions, with velocities in these motions."""
-        moved_nodes = self.select(np.any(self._is_moved()[:, motions], axis=1))
+        moved_nodes = self.select(np.any(self._mask_of_nodes_moved_by_motions()[:, motions], axis=1))
         normal, tangential = moved_nodes.normal[:, motions], moved_nodes.tangential[..., motions]
         return replace(moved_nodes, normal=normal, tangential=tangential)
 
-    def cone_rows(self, direction: Array) -> Array:
+    def friction_cone_cut_rows(self, sliding_direction: Array) -> Array:
         """Return normalised rows (m, k) of the linear functions v_n - mu v_t·d of a motion.
 
         Here v_n and v_t are the normal and tangential velocities, and mu is the slope of the
         friction limit. Each row is divided by the length of the vector (1, mu).
 
         Args:
-            direction: unit vector d (m, dim) at each node.
+            sliding_direction: unit vector d (m, dim) at each node.
         """
-        sliding = np.einsum("ma,mak->mk", direction, self.tangential)
+        sliding = np.einsum("ma,mak->mk", sliding_direction, self.tangential)
         mu = self.friction_slope[:, None]
         return np.asarray((self.normal - mu * sliding) / np.sqrt(1 + mu**2))
 
-    def cone_margin(self, motion: Array) -> Array:
+    def friction_cone_margins(self, motion: Array) -> Array:
         """Return the normalised margin v_n - mu |v_t| of each node (m,) in a motion (k,).
 
         Here v_n and v_t are the normal and tangential velocities, and mu is the slope of the
@@ -162,52 +162,52 @@ class NodeVelocities:
         margin = self.normal @ motion - self.friction_slope * sliding
         return np.asarray(margin / np.sqrt(1 + self.friction_slope**2))
 
-    def select(self, mask: Mask) -> "NodeVelocities":
+    def select(self, mask: Mask) -> "NodeVelocitiesInRigidMotions":
         """Return a copy with the nodes at which a mask (m,) is True."""
-        return NodeVelocities(*(values[mask] for values in vars(self).values()))
+        return NodeVelocitiesInRigidMotions(*(values[mask] for values in vars(self).values()))
 
-    def _is_moved(self) -> Mask:
+    def _mask_of_nodes_moved_by_motions(self) -> Mask:
         """Return a mask (m, k) of the nodes that each motion moves."""
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
-def find_proof(nodes: NodeVelocities, power: Array, size: Array) -> tuple[Array, Array] | None:
+def find_proof(nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array) -> tuple[Array, Array] | None:
     """Return a motion which proves that there is no equilibrium, or None if none is found.
 
     In this motion loads do work that no contact force can balance.
 
     Args:
         nodes: velocities of the contact nodes.
-        power: work (k,) of the loads in each motion.
-        size: sum (k,) of the magnitudes of the parts of the work in each motion.
+        load_power: work (k,) of the loads in each motion.
+        absolute_power: sum (k,) of the magnitudes of the parts of the work in each motion.
 
     Returns:
         The motion (k,), and the smallest forces (k,) that would have to be added for equilibrium.
     """
     # the cost of motion hides work near the friction limit, and HiGHS sometimes fails with it
-    for price in (_MOTION_PRICE, 0.0):
-        motion, missing = find_escape_motion(nodes, power, price)
-        if proves_imbalance(nodes, power, size, motion):
+    for price in (_MOTION_COST_PER_MAX_POWER, 0.0):
+        motion, missing = find_unresisted_motion_of_most_work(nodes, load_power, price)
+        if does_motion_prove_no_equilibrium(nodes, load_power, absolute_power, motion):
             return motion, missing
     return None
 
 
-def proves_imbalance(nodes: NodeVelocities, power: Array, size: Array, motion: Array) -> bool:
+def does_motion_prove_no_equilibrium(nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array, motion: Array) -> bool:
     """Return whether a motion (k,) proves that no contact forces balance the loads.
 
     The result is evaluated directly, without the linear program. If the motion violates the
     condition of a friction cone by round-off, large contact forces could balance the work of the
-    loads. The work therefore has to exceed the work of contact forces that are `_MAX_FORCE_RATIO`
-    times as large as the loads. `power` and `size` (k,) are the work of the loads in each motion
+    loads. The work therefore has to exceed the work of contact forces that are `_MAX_CONTACT_FORCE_TO_LOAD_RATIO`
+    times as large as the loads. `load_power` and `absolute_power` (k,) are the work of the loads in each motion
     and the sum of the magnitudes of its parts.
     """
-    violation = float(np.max(-nodes.cone_margin(motion), initial=0.0))
-    min_work = max(_ZERO_WORK, _MAX_FORCE_RATIO * violation) * float(size @ np.abs(motion))
-    return bool(power @ motion > min_work)
+    violation = float(np.max(-nodes.friction_cone_margins(motion), initial=0.0))
+    min_work = max(_NEGLIGIBLE_TO_ABSOLUTE_WORK_RATIO, _MAX_CONTACT_FORCE_TO_LOAD_RATIO * violation) * float(absolute_power @ np.abs(motion))
+    return bool(load_power @ motion > min_work)
 
 
-def find_escape_motion(
-    nodes: NodeVelocities, power: Array, price: float = _MOTION_PRICE
+def find_unresisted_motion_of_most_work(
+    nodes: NodeVelocitiesInRigidMotions, load_power: Array, motion_cost: float = _MOTION_COST_PER_MAX_POWER
 ) -> tuple[Array, Array]:
     """Return the motion in which the loads do most work and no contact force resists.
 
@@ -215,18 +215,18 @@ def find_escape_motion(
 
     Args:
         nodes: velocities of the contact nodes.
-        power: work (k,) of the loads in each motion.
-        price: cost of motion, divided by the largest power.
+        load_power: work (k,) of the loads in each motion.
+        motion_cost: cost of motion, divided by the largest power.
 
     Returns:
         The motion (k,), with components of at most one, and the smallest forces (k,) that would
         have to be added for equilibrium. Both are zero if the linear program fails.
     """
-    k, scale = len(power), np.abs(power).max() or 1.0
-    costs = np.concatenate([-power, power]) / scale + price  # both directions of each motion
+    k, scale = len(load_power), np.abs(load_power).max() or 1.0
+    costs = np.concatenate([-load_power, load_power]) / scale + motion_cost  # both directions of each motion
     axes = np.eye(nodes.tangential.shape[1])
-    rows = [nodes.cone_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
-    for _ in range(_MAX_CUTS):
+    rows = [nodes.friction_cone_cut_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
+    for _ in range(_MAX_CUTTING_PLANE_ROUNDS):
         cuts = np.unique(np.vstack(rows), axis=0)
         best = linprog(
             costs,
@@ -238,63 +238,63 @@ def find_escape_motion(
         if not best.success:
             return np.zeros(k), np.zeros(k)
         motion = best.x[:k] - best.x[k:]
-        violating = nodes.select(nodes.cone_margin(motion) < -_MAX_CONE_VIOLATION)
+        violating = nodes.select(nodes.friction_cone_margins(motion) < -_MAX_CONE_VIOLATION_WITHOUT_CUT)
         sliding: Array = violating.tangential @ motion
         speed = np.linalg.norm(sliding, axis=1, keepdims=True)
         if not speed.any():
             break
         is_sliding = speed[:, 0] > 0
-        rows.append(violating.select(is_sliding).cone_rows((sliding / speed)[is_sliding]))
+        rows.append(violating.select(is_sliding).friction_cone_cut_rows((sliding / speed)[is_sliding]))
     multipliers = best.upper.marginals
     return motion, scale * (multipliers[:k] - multipliers[k:])
 
 
 def gather_node_velocities(
-    increment: Increment, kinematics: LinearisedKinematics, works: Array
-) -> NodeVelocities:
+    increment: Increment, kinematics: LinearisedKinematics, work_velocities: Array
+) -> NodeVelocitiesInRigidMotions:
     """Return velocities of the contact nodes, the same on any number of processes; collective.
 
     Args:
         increment: equations of the increment.
         kinematics: linearised kinematics, with the frames of the contact nodes.
-        works: velocities (m, dim, k) of this process' nodes with which contact forces do work.
+        work_velocities: velocities (m, dim, k) of this process' nodes with which contact forces do work.
     """
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
     is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
     has_force = (interface.equation >= 0) | interface.held_components
-    works = np.where(has_force[..., None], works, 0.0)
+    work_velocities = np.where(has_force[..., None], work_velocities, 0.0)
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
         interface.cone.max_coefficient,
-        _find_turning_normals(increment, kinematics),
-        np.einsum("na,nak->nk", kinematics.frame[:, 0], works),
-        np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
+        _find_normals_turned_by_free_translation(increment, kinematics),
+        np.einsum("na,nak->nk", kinematics.frame[:, 0], work_velocities),
+        np.einsum("nta,ntb,nbk->nak", tangents, tangents, work_velocities),
         is_faced,
     )
     *fields, is_faced = (
-        np.concatenate([interface.gather_in_order(k, part) for k in range(interface.pairs)])
+        np.concatenate([interface.gather_pair_in_position_order(k, part) for k in range(interface.pairs)])
         for part in values
     )
-    return NodeVelocities(*fields).select(is_faced)
+    return NodeVelocitiesInRigidMotions(*fields).select(is_faced)
 
 
-def _find_turning_normals(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
+def _find_normals_turned_by_free_translation(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
     """Return a mask (m,) of nodes at which a free translation of the surface turns the normal."""
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
-    normals = interface.evaluate_normals(kinematics.q0)
+    normals = interface.evaluate_undeformed_normals(kinematics.q0)
     is_turning = np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(is_free.any(axis=0)):
         for step in (
-            sign * part * interface.extent for part in _NORMAL_PROBE_STEPS for sign in (-1, 1)
+            sign * part * interface.extent for part in _NORMAL_PROBE_STEPS_PER_EXTENT for sign in (-1, 1)
         ):
             translations = kinematics.q0.copy()
             translations[is_free[:, axis], axis] += step
             try:
-                change = np.abs(interface.evaluate_normals(translations) - normals).max(axis=1)
+                change = np.abs(interface.evaluate_undeformed_normals(translations) - normals).max(axis=1)
             except Exception:  # the user's surface may have no normals so far away
                 change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
-            is_turning |= ~(change <= _MAX_NORMAL_CHANGE)
+            is_turning |= ~(change <= _NEGLIGIBLE_NORMAL_CHANGE)
     return is_turning
 
 
@@ -309,43 +309,43 @@ def prove_no_equilibrium(
         kinematics: linearised kinematics, with the frames of the contact nodes.
         rigid: rigid motions of the body and of free surfaces.
     """
-    basis, works = rigid.find_virtual_motions()
-    work, size = rigid.measure_work(load, increment.totals)
+    basis, works = rigid.find_motions_without_strain_work()
+    work, size = rigid.measure_work_and_magnitude_in_modes(load, increment.totals)
     nodes = gather_node_velocities(increment, kinematics, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
-    with collective_errors(comm):
+    with raise_errors_on_all_processes(comm):
         if comm.rank == 0:
-            error = _combine_proofs(nodes, basis, work, size, rigid.modes)
+            error = _prove_no_equilibrium_by_motion_groups(nodes, basis, work, size, rigid.modes)
     return comm.bcast(error)
 
 
-def refuse_loose_body(
+def raise_if_body_is_loose(
     increment: Increment,
     end: NewtonState,
     rigid: RigidMotions,
-    before: ContactState,
+    start_state: ContactState,
     measure_cost: Callable[[], Cost],
 ) -> None:
     """Raise NotUnique if a body is loose, without any contact force, in the solution `end`."""
-    if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
+    if not (motions := rigid.describe_unstopped_motion_of_loose_pieces(end.nodes, end.allowance)):
         return
     failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
-    failure.state = _make_unsolved_state(increment, end, before, measure_cost())
+    failure.state = _make_state_of_unsolved_iterate(increment, end, start_state, measure_cost())
     raise failure
 
 
-def _make_unsolved_state(
-    increment: Increment, state: NewtonState, before: ContactState, cost: Cost
+def _make_state_of_unsolved_iterate(
+    increment: Increment, state: NewtonState, start_state: ContactState, cost: Cost
 ) -> ContactState:
     """Return the contact state of an iterate that is not a solution, with the cost so far."""
     iterations, report = cost
-    scale, force, length = increment.reference_sizes(state, before.scale)
+    scale, force, length = increment.reference_sizes(state, start_state.scale)
     residuals = increment.largest_residuals(state, force, length)
     unsolved = make_contact_state(
         increment,
         state,
-        before,
+        start_state,
         scale=scale,
         iterations=iterations,
         report=report,
@@ -357,9 +357,9 @@ def _make_unsolved_state(
 def rescue_increment(
     failure: ContactFailed | NotConverged,
     increment: Increment,
-    prove: Callable[[], NoEquilibrium | None],
-    remedy: Callable[[], NewtonState | None] | None,
-    before: ContactState,
+    try_proof: Callable[[], NoEquilibrium | None],
+    solve_otherwise: Callable[[], NewtonState | None] | None,
+    start_state: ContactState,
     measure_cost: Callable[[], Cost],
 ) -> NewtonState:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
@@ -370,10 +370,10 @@ def rescue_increment(
     Args:
         failure: error of the iteration.
         increment: equations of the increment.
-        prove: function that returns an error if it proves that there is no equilibrium.
-        remedy: function that solves the increment by another method and returns None if it fails;
+        try_proof: function that returns an error if it proves that there is no equilibrium.
+        solve_otherwise: function that solves the increment by another method and returns None if it fails;
             None if no other method is available.
-        before: contact state at the start of the increment.
+        start_state: contact state at the start of the increment.
         measure_cost: function that returns the number of iterations and the solver report of the
             increment so far.
 
@@ -383,27 +383,27 @@ def rescue_increment(
         NotUnique: if a solution has a singular tangent.
         NotFound: in all other cases; its state is the closest approximation to a solution.
     """
-    if proof := prove():
+    if proof := try_proof():
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
-    if remedy is not None and not isinstance(failure, NotUnique):
+    if solve_otherwise is not None and not isinstance(failure, NotUnique):
         try:
-            solution = remedy()
+            solution = solve_otherwise()
         except NotUnique as unique:
             failure, solution = unique, None
         if solution is not None:
             return solution
     nearest, state = "", None
     if increment.best_state is not None:
-        state = _make_unsolved_state(increment, increment.best_state, before, measure_cost())
-        violation = f"{increment.best_state.violation * FORCE_TOLERANCE:.1g}"
+        state = _make_state_of_unsolved_iterate(increment, increment.best_state, start_state, measure_cost())
+        violation = f"{increment.best_state.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE:.1g}"
         nearest = (
             f" The state that came nearest violates the law by {violation} of its largest force."
         )
     if not isinstance(failure, NotUnique):
         enclosed = (
-            f" {_ENCLOSED_BODY_MESSAGE}."
+            f" {_ENCLOSED_INCOMPRESSIBLE_BODY_MESSAGE}."
             if increment.system.tangent.has_enclosed_pressure()
             else ""
         )
@@ -417,8 +417,8 @@ def rescue_increment(
     raise failure from None
 
 
-def _combine_proofs(
-    nodes: NodeVelocities, basis: Basis, work: Array, size: Array, modes: RigidModes
+def _prove_no_equilibrium_by_motion_groups(
+    nodes: NodeVelocitiesInRigidMotions, basis: Basis, work: Array, size: Array, modes: RigidModes
 ) -> NoEquilibrium | None:
     """Return one error with the proofs for all groups of motions, or None if there is no proof.
 
@@ -430,7 +430,7 @@ def _combine_proofs(
         modes: modes of rigid motion.
     """
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
-    for group in nodes.group_motions():
+    for group in nodes.group_coupled_motions():
         moved_nodes, motions = nodes.restrict(group), basis.motions[group]
         if moved_nodes.has_turning_normal.any():
             continue
@@ -439,14 +439,14 @@ def _combine_proofs(
             continue
         escape, lacking = proof
         motion += escape @ motions
-        lacking[np.abs(lacking) <= NEGLIGIBLE_PART * np.abs(lacking).max()] = 0.0
+        lacking[np.abs(lacking) <= NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(lacking).max()] = 0.0
         missing[basis.pivot[group]] = lacking
-        words.append(modes.describe(escape @ motions) + _describe_contacts(moved_nodes, escape))
+        words.append(modes.describe(escape @ motions) + _describe_sliding_and_lifting_pairs(moved_nodes, escape))
     if not words:
         return None
     translation, rotation, surface = modes.split(motion)
     force, moment, surface_force = modes.split(missing)
-    missing_force = MissingForce(force, moment * modes.length[:, None], surface_force)
+    missing_force = LoadMissingForEquilibrium(force, moment * modes.length[:, None], surface_force)
     error = NoEquilibrium(
         f"no contact forces balance the loads: {'; '.join(words)}. At least "
         f"{_describe_missing_force(modes.centre, missing_force)} would have to be added to the "
@@ -459,17 +459,17 @@ def _combine_proofs(
     return error
 
 
-def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
+def _describe_sliding_and_lifting_pairs(nodes: NodeVelocitiesInRigidMotions, motion: Array) -> str:
     """Return a text with the pairs on which the body slides or lifts off in a motion (k,)."""
-    sliding, margin = nodes.tangential @ motion, nodes.cone_margin(motion)
+    sliding, margin = nodes.tangential @ motion, nodes.friction_cone_margins(motion)
     speed = np.linalg.norm(sliding, axis=1)
-    negligible = NEGLIGIBLE_PART * max(speed.max(initial=0.0), margin.max(initial=0.0))
+    negligible = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * max(speed.max(initial=0.0), margin.max(initial=0.0))
     words = []
     for k in np.unique(nodes.pair):
         slides = (nodes.pair == k) & (margin <= negligible) & (speed > negligible)
         if slides.any():
             directions = sliding[slides] / speed[slides, None]
-            is_common = np.all(directions @ directions[0] > 1 - NEGLIGIBLE_PART)
+            is_common = np.all(directions @ directions[0] > 1 - NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO)
             direction = f"along {format_direction(directions[0])} " if is_common else ""
             words.append(f"slides {direction}on pair {k}")
         elif np.any(margin[nodes.pair == k] > negligible):
@@ -477,7 +477,7 @@ def _describe_contacts(nodes: NodeVelocities, motion: Array) -> str:
     return f", by which the body {' and '.join(words)}" if words else ""
 
 
-def _describe_missing_force(centre: Array, missing: MissingForce) -> str:
+def _describe_missing_force(centre: Array, missing: LoadMissingForEquilibrium) -> str:
     """Return a message that lists the missing forces and moments about centres (pieces, dim)."""
     words = []
     for k in range(len(centre)):
@@ -499,10 +499,10 @@ def _format_vector(values: Array) -> str:
     return f"({components})" if len(values) > 1 else components
 
 
-def solve_with_springs(
+def solve_with_softening_springs(
     increment: LinearIncrement,
-    with_springs: SpringIncrementMaker,
-    kinematics: UndeformedKinematics,
+    make_increment_with_springs: SpringIncrementMaker,
+    kinematics: SmallStrainKinematics,
     *,
     start: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
     make_update: Callable[[], ActiveSetUpdate],
@@ -513,7 +513,7 @@ def solve_with_springs(
 
     Args:
         increment: equations of the increment without springs.
-        with_springs: function that returns the increment with springs of a given stiffness.
+        make_increment_with_springs: function that returns the increment with springs of a given stiffness.
         kinematics: kinematics of the contact points.
         start: active set, linearised kinematics and all unknowns (n,) of the initial iterate.
         make_update: function that returns the rule for the next active set without springs.
@@ -536,8 +536,8 @@ def solve_with_springs(
     previous: ActiveSet | None = None
     words = f"by springs, at the cost of at most {remaining_systems():.0f} linear systems"
     log_on_root(comm, logging.INFO, words, ".contact")
-    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and remaining_systems() > 0:
-        spring_increment = with_springs(stiffness, unknowns, q)
+    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_SPRING_FAILURES and remaining_systems() > 0:
+        spring_increment = make_increment_with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(report_no_free_motions, increment.interface)
         try:
             spring_state = solve_increment(
@@ -564,7 +564,7 @@ def solve_with_springs(
         unknowns, q = spring_state.unknowns, spring_state.q
         linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
         state = increment.evaluate(spring_state.reduced, q, linearised)
-        increment.record_best_state(state)
+        increment.keep_if_smallest_violation(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
         if state.violation <= 1 or is_steady:
@@ -584,7 +584,7 @@ def solve_with_springs(
                 log_on_root(comm, logging.INFO, words, ".contact")
                 if state.violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        (force,) = increment.max_over_ranks(np.abs(state.force))
+                        (force,) = increment.nonnegative_max_over_ranks(np.abs(state.force))
                         is_loose = force <= state.round_off
                         message = _LOOSE_BODY_MESSAGE if is_loose else f"at a solution, {failed}"
                         raise NotUnique(message) from failed

@@ -20,32 +20,32 @@ from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import find_reduced_columns
-from pw_elements.contact.model import FreeMotions
+from pw_elements.contact.interface import find_reduced_column_of_each_unknown
+from pw_elements.contact.model import FreeMotionIndices
 from pw_elements.contact.nodes import (
     OPEN,
     SLIP,
     STICK,
     ActiveSet,
     ContactNodes,
-    assemble_node_equations,
+    assemble_active_set_equations,
     combine_active_sets,
 )
-from pw_elements.contact.system import ContactSystem, extract_local_rows, make_border_columns
-from pw_elements.solvers import RigidComponents, destroy_objects, null_space, qr_triangle
+from pw_elements.contact.system import ContactSystem, extract_local_rows, make_map_from_free_motions_to_points
+from pw_elements.solvers import ComponentRigidModes, destroy_objects, null_space_basis, qr_triangle
 
-_AXES = "xyz"
+_AXIS_NAMES = "xyz"
 # Largest component of a motion that counts as zero in descriptions and proofs, relative to the
 # largest component of the motion
-NEGLIGIBLE_PART = 1e-6
+NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO = 1e-6
 # Largest component of a basis motion that is due to round-off, relative to the largest component
-_BASIS_ROUND_OFF = 1e-12
+_RELATIVE_BASIS_ROUND_OFF = 1e-12
 # Largest ratio of amplitudes at which a mode of a preferred kind, instead of the mode with the
 # largest amplitude, becomes the pivot of a motion
-_PIVOT_PREFERENCE = 1e3
+_MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT = 1e3
 
 # Largest stiffness of a motion that counts as zero in proofs, relative to an arbitrary motion
-_ZERO_STIFFNESS = 1e-11
+_ZERO_RELATIVE_STIFFNESS_IN_PROOFS = 1e-11
 # Stiffness below which a motion counts as free, relative to the stiffness of an arbitrary motion
 _FREE_STIFFNESS = 1e-8
 
@@ -66,7 +66,7 @@ class Basis:
 class RigidModes:
     """Modes of rigid motion of the connected pieces of a body and of free surfaces.
 
-    A motion (modes,) contains the amplitudes of one piece after another, as in `RigidComponents`,
+    A motion (modes,) contains the amplitudes of one piece after another, as in `ComponentRigidModes`,
     followed by the free translations of the surfaces.
 
     Attributes:
@@ -81,7 +81,7 @@ class RigidModes:
             number of its own.
     """
 
-    def __init__(self, pieces: RigidComponents, free: FreeMotions, n_pairs: int) -> None:
+    def __init__(self, pieces: ComponentRigidModes, free: FreeMotionIndices, n_pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._n_pairs = free, n_pairs
         self.modes_per_piece = pieces.modes.shape[2]
@@ -121,22 +121,22 @@ class RigidModes:
         """
         is_rotation = np.arange(self.n_piece_modes) % self.modes_per_piece >= self.centre.shape[1]
         rank = np.concatenate([np.where(is_rotation, 0, 1), np.full(len(self.free), 2)])
-        _, pivots = qr(motions / _PIVOT_PREFERENCE**rank, mode="r", pivoting=True)
+        _, pivots = qr(motions / _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT**rank, mode="r", pivoting=True)
         pivot = np.array(sorted(pivots[: len(motions)], key=lambda k: (rank[k], k)), dtype=int)
         rows = np.asarray(np.linalg.solve(motions[:, pivot], motions), dtype=float)
-        return Basis(np.where(np.abs(rows) <= _BASIS_ROUND_OFF, 0.0, rows), pivot)
+        return Basis(np.where(np.abs(rows) <= _RELATIVE_BASIS_ROUND_OFF, 0.0, rows), pivot)
 
     def describe(self, motion: Array) -> str:
         """Return a text that tells how each piece and surface moves in a motion (modes,)."""
         translation, rotation, surface = self.split(motion)
-        negligible, words = NEGLIGIBLE_PART * np.abs(motion).max(), []
+        negligible, words = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(motion).max(), []
         locations = [
             f" around {format_points(self.centre[k : k + 1])}" for k in range(len(self.centre))
         ]
         for k, location in enumerate(locations):
             body = f"the body{location if len(locations) > 1 else ''}"
             if np.abs(rotation[k]).max(initial=0.0) > negligible:
-                words.append(f"{self._describe_rotation(k, translation[k], rotation[k])} of {body}")
+                words.append(f"{self._describe_rotation_with_axis(k, translation[k], rotation[k])} of {body}")
             elif np.abs(translation[k]).max() > negligible:
                 words.append(f"translation {format_direction(translation[k])} of {body}")
         for k in range(len(surface)):
@@ -145,15 +145,15 @@ class RigidModes:
                 words.append(f"translation {direction} of the surface of pair {k}")
         return " with ".join(words)
 
-    def _describe_rotation(self, k: int, translation: Array, rotation: Array) -> str:
-        """Return a text with the pole or axis of the rotation of piece `k`."""
+    def _describe_rotation_with_axis(self, piece: int, translation: Array, rotation: Array) -> str:
+        """Return a text with the pole or axis of the rotation of piece `piece`."""
         dim = len(translation)
         v, w = np.pad(translation, (0, 3 - dim)), np.pad(rotation, (3 - len(rotation), 0))
-        pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
+        pole = self.centre[piece] + self.length[piece] * np.cross(w, v)[:dim] / (w @ w)
         if dim == 2:
             return f"rotation about {format_points(pole[None])}"
         axis = format_direction(w * np.sign(w[np.argmax(np.abs(w))]))
-        is_screw = abs(v @ w) > NEGLIGIBLE_PART * (w @ w)
+        is_screw = abs(v @ w) > NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * (w @ w)
         screw = " with a translation along it" if is_screw else ""
         return f"rotation about the axis along {axis} through {format_points(pole[None])}{screw}"
 
@@ -165,8 +165,8 @@ def format_direction(vector: Array) -> str:
     """
     vector = vector / np.linalg.norm(vector)
     main = int(np.argmax(np.abs(vector)))
-    if np.linalg.norm(np.delete(vector, main)) <= NEGLIGIBLE_PART:
-        return ("-" if vector[main] < 0 else "") + _AXES[main]
+    if np.linalg.norm(np.delete(vector, main)) <= NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO:
+        return ("-" if vector[main] < 0 else "") + _AXIS_NAMES[main]
     return format_points(vector[None])
 
 
@@ -184,15 +184,15 @@ class RigidMotions:
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K, self._space = system, K, space
-        pieces = RigidComponents.from_space(space)
+        pieces = ComponentRigidModes.from_space(space)
         self.modes = RigidModes(pieces, system.free_motions, system.interface.pairs)
         self._displacement_rows = system.interface.field.owned_unknowns.ravel()
         # triangle of a QR factorisation: motions in its null space are free under the supports
         self._support_rows = qr_triangle(
-            self._assemble_resistance(pieces, transposed=False), system.comm
+            self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=False), system.comm
         )
         # relative motions (m dim, modes) of the contact nodes
-        self._relative_motions = self._assemble_relative_motions(pieces, for_work=False)
+        self._relative_motions = self._assemble_node_motions_relative_to_surfaces(pieces, conjugate_to_forces=False)
         if isinstance(self._support_rows, np.ndarray):  # if there are few modes
             self._relative_motions = self._relative_motions.toarray()
 
@@ -201,23 +201,23 @@ class RigidMotions:
 
         `frame` (m, dim, dim) are the frames of the contact nodes.
         """
-        free = self._find_free_motions(active, frame)
+        free = self._find_free_rigid_motions(active, frame)
         if not len(free):
             return []
         return [
             self.modes.describe(motion) for motion in self.modes.make_simplest_basis(free).motions
         ]
 
-    def is_friction_exhausted(self, nodes: ContactNodes, allowance: float) -> bool:
+    def can_slide_at_exhausted_friction(self, nodes: ContactNodes, force_tolerance: float) -> bool:
         """Return whether a body may keep sliding because friction has reached its limit.
 
-        Friction that is below its limit by no more than the force `allowance` counts as friction at
+        Friction that is below its limit by no more than the force `force_tolerance` counts as friction at
         the limit.
         """
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
-        size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits[0]
-        is_at_limit = nodes.cone.has_friction & (active.status != OPEN) & (size > allowance)
-        is_at_limit &= size >= limit - allowance
+        size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits_and_slopes[0]
+        is_at_limit = nodes.cone.has_friction & (active.status != OPEN) & (size > force_tolerance)
+        is_at_limit &= size >= limit - force_tolerance
         if not comm.allreduce(bool(is_at_limit.any()), MPI.LOR):
             return False
         direction = shear / np.where(is_at_limit, size, 1.0)[:, None]
@@ -230,7 +230,7 @@ class RigidMotions:
                 for name in ("friction_ratio", "limit_slope", "limit_intercept")
             },
         )
-        free = self._find_free_motions(
+        free = self._find_free_rigid_motions(
             combine_active_sets(~is_at_limit, active, sliding), nodes.frame
         )
         motions = (self._relative_motions @ free.T).reshape(*nodes.frame.shape[:2], len(free))
@@ -242,15 +242,15 @@ class RigidMotions:
             len(free) == 1 and np.max(extremes, axis=0).min() <= _FREE_STIFFNESS
         )
 
-    def describe_loose_motions(self, nodes: ContactNodes, allowance: float) -> list[str]:
+    def describe_unstopped_motion_of_loose_pieces(self, nodes: ContactNodes, force_tolerance: float) -> list[str]:
         """Return a text for a motion of loose pieces that no surface stops.
 
-        A loose piece has no contact forces; forces up to `allowance` count as zero. A node that
+        A loose piece has no contact forces; forces up to `force_tolerance` count as zero. A node that
         touches a surface without force stops only motions into this surface. The list is empty if
         all motions are stopped.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
-        is_pressed = nodes.force[:, 0] > allowance
+        is_pressed = nodes.force[:, 0] > force_tolerance
         at_pressed = sp.diags_array(np.repeat(is_pressed.astype(float), dim)) @ abs(
             self._relative_motions
         )
@@ -262,63 +262,63 @@ class RigidMotions:
             return []
         held_rows = np.eye(self.modes.n_modes)[is_held]
         is_dense = isinstance(self._support_rows, np.ndarray)
-        free = null_space(
+        free = null_space_basis(
             [self._support_rows, held_rows if is_dense else sp.csr_array(held_rows)],
             _FREE_STIFFNESS,
         )
         if not len(free):
             return []
         motions = (self._relative_motions @ free.T).reshape(m, dim, len(free))
-        is_touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= allowance) & ~is_pressed
+        is_touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= force_tolerance) & ~is_pressed
         opening = np.einsum("na,nak->nk", nodes.frame[:, 0], motions)[is_touching]
         opening = np.concatenate(comm.allgather(opening))
-        motion = comm.bcast(find_unstopped_motion(opening) if comm.rank == 0 else None)
+        motion = comm.bcast(find_motion_closing_no_gap(opening) if comm.rank == 0 else None)
         return [] if motion is None else [self.modes.describe(motion @ free)]
 
-    def find_virtual_motions(self) -> tuple[Basis, Array]:
+    def find_motions_without_strain_work(self) -> tuple[Basis, Array]:
         """Return the motions in which only loads and contact forces do work, whatever the strains.
 
         Returns:
             A basis of k motions, each of a single piece or surface, and the velocities (m, dim, k)
             of the contact nodes relative to their surfaces with which contact forces do work.
         """
-        pieces, mover = RigidComponents.from_space(self._space), self.modes.mover
+        pieces, mover = ComponentRigidModes.from_space(self._space), self.modes.mover
         resistance = qr_triangle(
-            self._assemble_resistance(pieces, transposed=True), self._system.comm
+            self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=True), self._system.comm
         )
         by_mover = [
             resistance @ sp.diags_array((mover == k).astype(float)) for k in np.unique(mover)
         ]
-        free = null_space([resistance[:0], *by_mover], _ZERO_STIFFNESS)
+        free = null_space_basis([resistance[:0], *by_mover], _ZERO_RELATIVE_STIFFNESS_IN_PROOFS)
         basis = self.modes.make_simplest_basis(free)
-        works = self._assemble_relative_motions(pieces, for_work=True) @ basis.motions.T
+        works = self._assemble_node_motions_relative_to_surfaces(pieces, conjugate_to_forces=True) @ basis.motions.T
         return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
-    def measure_work(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
+    def measure_work_and_magnitude_in_modes(self, load: PETSc.Vec, free_motion_forces: Array) -> tuple[Array, Array]:
         """Return the work (modes,) of loads in each mode, and the sum of magnitudes of its parts.
 
         Args:
             load: load vector, reduced by the supports.
-            totals: prescribed forces (free,) on the free surfaces.
+            free_motion_forces: prescribed forces (free,) on the free surfaces.
         """
-        column = self._reduced_columns()
+        column = self._reduced_columns_of_displacements()
         forces, is_kept = np.zeros(len(column)), column >= 0
         forces[is_kept] = load.array_r[column[is_kept] - load.getOwnershipRange()[0]]
-        pieces = RigidComponents.from_space(self._space)
-        motions = pieces.mode_matrix(pieces.modes, len(self.modes.free))
+        pieces = ComponentRigidModes.from_space(self._space)
+        motions = pieces.matrix_with_mode_columns(pieces.modes, len(self.modes.free))
         work_and_size = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, work_and_size, MPI.SUM)
-        work_and_size[:, self.modes.n_piece_modes :] = totals, np.abs(totals)
+        work_and_size[:, self.modes.n_piece_modes :] = free_motion_forces, np.abs(free_motion_forces)
         return work_and_size[0], work_and_size[1]
 
-    def _find_free_motions(self, active: ActiveSet, frame: Array) -> Array:
+    def _find_free_rigid_motions(self, active: ActiveSet, frame: Array) -> Array:
         """Return the rigid motions (k, modes) that remain free for an active set.
 
         `frame` (m, dim, dim) are the frames of the contact nodes.
         """
         m, dim = frame.shape[:2]
         constraints, motions = (
-            assemble_node_equations(active, np.ones(m))[1] @ frame,
+            assemble_active_set_equations(active, np.ones(m))[1] @ frame,
             self._relative_motions,
         )
         if isinstance(motions, np.ndarray):
@@ -328,16 +328,16 @@ class RigidMotions:
             blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(blocks @ motions)
         contact_rows = qr_triangle(rows, self._system.comm)
-        return null_space([self._support_rows, contact_rows], _FREE_STIFFNESS)
+        return null_space_basis([self._support_rows, contact_rows], _FREE_STIFFNESS)
 
-    def _reduced_columns(self) -> Indices:
+    def _reduced_columns_of_displacements(self) -> Indices:
         """Return the number of the reduced unknown of each displacement.
 
         It is -1 for a prescribed displacement, and -2 for a combination of several unknowns.
         """
-        return find_reduced_columns(self._system.reduction.right)[self._displacement_rows]
+        return find_reduced_column_of_each_unknown(self._system.reduction.right)[self._displacement_rows]
 
-    def _assemble_resistance(self, pieces: RigidComponents, transposed: bool) -> sp.csr_array:
+    def _assemble_resistance_to_modes(self, pieces: ComponentRigidModes, with_transposed_stiffness: bool) -> sp.csr_array:
         """Return the displacements or forces that each mode causes.
 
         A row contains displacements if a support prescribes the displacement, otherwise forces. A
@@ -346,28 +346,28 @@ class RigidMotions:
 
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
-            transposed: whether to use the transposed stiffness. It gives the motions in which no
+            with_transposed_stiffness: whether to use the transposed stiffness. It gives the motions in which no
                 state of strain does work, which may be fewer if the stiffness is unsymmetric.
 
         Returns:
             Matrix (owned displacements, modes), in whose null space the free motions are.
         """
-        is_free = self._reduced_columns() != -1
+        is_free = self._reduced_columns_of_displacements() != -1
         return pieces.resistance(
-            self._K, is_free, self._displacement_rows, transposed, len(self.modes.free)
+            self._K, is_free, self._displacement_rows, with_transposed_stiffness, len(self.modes.free)
         )
 
-    def _assemble_relative_motions(self, pieces: RigidComponents, for_work: bool) -> sp.csr_array:
+    def _assemble_node_motions_relative_to_surfaces(self, pieces: ComponentRigidModes, conjugate_to_forces: bool) -> sp.csr_array:
         """Return the motions (m dim, modes) of the contact nodes relative to their surfaces.
 
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
-            for_work: whether to return the motions with which contact forces do work. They follow
+            conjugate_to_forces: whether to return the motions with which contact forces do work. They follow
                 from the transposed force operator, all others from the motion operator.
         """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field
-        owned_motions = pieces.mode_matrix(pieces.modes, len(modes.free))
+        owned_motions = pieces.matrix_with_mode_columns(pieces.modes, len(modes.free))
         n_owned = len(self._displacement_rows)
         spread = sp.csr_array(
             (np.ones(n_owned), (self._displacement_rows, np.arange(n_owned))),
@@ -377,24 +377,24 @@ class RigidMotions:
         pattern = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
         sizes = field.full_sizes, (modes.n_modes if comm.rank == 0 else 0, modes.n_modes)
         motions = PETSc.Mat().createAIJ(sizes, csr=(*pattern, full.data), comm=comm)
-        multiply = interface.force.transposeMatMult if for_work else interface.motion.matMult
+        multiply = interface.force.transposeMatMult if conjugate_to_forces else interface.motion.matMult
         at_nodes = multiply(motions)
         dim, of_pieces = interface.position.shape[1], extract_local_rows(at_nodes, 0)
         destroy_objects(motions, at_nodes)
-        of_surfaces = make_border_columns(modes.free, interface.pair, dim)
+        of_surfaces = make_map_from_free_motions_to_points(modes.free, interface.pair, dim)
         no_surface_motion = sp.csr_array((len(interface.pair) * dim, modes.n_piece_modes))
         return sp.csr_array(of_pieces - sp.hstack([no_surface_motion, of_surfaces]))
 
 
-def find_unstopped_motion(opening: Array) -> Array | None:
+def find_motion_closing_no_gap(opening_rates: Array) -> Array | None:
     """Return a combination (k,) of motions that closes no gap, or None if there is none.
 
     Args:
-        opening: rate (m, k) at which each gap opens in each motion.
+        opening_rates: rate (m, k) at which each gap opens in each motion.
     """
-    k = opening.shape[1]
+    k = opening_rates.shape[1]
     for direction in (*np.eye(k), *-np.eye(k)):
-        best = linprog(-direction, A_ub=-opening, b_ub=np.zeros(len(opening)), bounds=(-1, 1))
-        if best.success and best.x @ direction > NEGLIGIBLE_PART:
+        best = linprog(-direction, A_ub=-opening_rates, b_ub=np.zeros(len(opening_rates)), bounds=(-1, 1))
+        if best.success and best.x @ direction > NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO:
             return np.asarray(best.x, dtype=float)
     return None

@@ -21,26 +21,26 @@ from pw_elements.solvers import SingularSystem
 
 # Largest ratio of path length to chord for prescribed displacements in one substep; it is the ratio
 # for a quarter circle
-_MAX_PATH_RATIO = np.pi / np.sqrt(8)
+_MAX_PATH_TO_CHORD_RATIO = np.pi / np.sqrt(8)
 # Shortest path that may count as curved, relative to the longest path of any node
-_MIN_PATH_FRACTION = 1e-3
+_MIN_CURVED_TO_LONGEST_PATH_RATIO = 1e-3
 # Bound of the round-off in the binary logarithm of a number of substeps
-_LOG_ROUND_OFF = 1e-9
+_ROUND_OFF_OF_LOG2_SUBSTEPS = 1e-9
 
 
 def solve_in_substeps(
-    step: Callable[[ContactState, float], ContactState],
+    solve_to_load_factor: Callable[[ContactState, float], ContactState],
     state: ContactState,
-    substep_sizes: tuple[float, float, float],
+    first_size_min_size_and_growth: tuple[float, float, float],
     may_continue: Callable[[], bool] = lambda: True,
 ) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
     """Solve an increment in substeps, which are halved after a failure and grow after a success.
 
     Args:
-        step: function that solves for the state at a fraction of the increment's loads and motions,
+        solve_to_load_factor: function that solves for the state at a fraction of the increment's loads and motions,
             between 0 and 1, starting from a given state.
         state: state at the start of the increment.
-        substep_sizes: size of the first substep, which is the largest; size of the smallest
+        first_size_min_size_and_growth: size of the first substep, which is the largest; size of the smallest
             substep; and factor by which substeps grow.
         may_continue: function that returns whether another substep may be tried.
 
@@ -48,7 +48,7 @@ def solve_in_substeps(
         Fraction and state at the end of each substep; and fraction and error of the last failure,
         or None if the last substep has succeeded.
     """
-    max_size, min_size, growth = substep_sizes
+    max_size, min_size, growth = first_size_min_size_and_growth
     size = max_size
     fraction, current_state, failure = 0.0, state, None
     substeps: list[tuple[float, ContactState]] = []
@@ -56,7 +56,7 @@ def solve_in_substeps(
         next_fraction = min(1.0, fraction + size)
         try:
             current_state = replace(
-                step(current_state, next_fraction), increment=state.increment + 1
+                solve_to_load_factor(current_state, next_fraction), increment=state.increment + 1
             )
         except (ContactFailed, InvalidContactNodes, SingularSystem) as error:
             words = f"not from {fraction:.4g} to {next_fraction:.4g} of the increment: {error}"
@@ -68,7 +68,7 @@ def solve_in_substeps(
     return substeps, failure
 
 
-def combine_substeps(substeps: Sequence[tuple[float, ContactState]]) -> ContactState:
+def combine_substeps_with_summed_slip(substeps: Sequence[tuple[float, ContactState]]) -> ContactState:
     """Return the state of the last substep, with slips summed over all substeps."""
     end, pairs = substeps[-1][1], []
     for k, pair in enumerate(end.pairs):
@@ -87,13 +87,13 @@ def round_up_to_power_of_two(number: float) -> int:
 
     Round-off in `number` is ignored.
     """
-    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _LOG_ROUND_OFF)))
+    return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _ROUND_OFF_OF_LOG2_SUBSTEPS)))
 
 
 def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
     """Return the number of equal segments in which the paths of all nodes are nearly straight.
 
-    In each segment, the path of a node is at most `_MAX_PATH_RATIO` times as long as its chord. The
+    In each segment, the path of a node is at most `_MAX_PATH_TO_CHORD_RATIO` times as long as its chord. The
     number of segments is a power of two.
 
     Args:
@@ -111,8 +111,8 @@ def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
         distances = np.linalg.norm(
             path[segment_size::segment_size] - path[:-1:segment_size], axis=2
         )
-        is_bent = (path_lengths > _MAX_PATH_RATIO * distances) & (
-            path_lengths > _MIN_PATH_FRACTION * longest_path
+        is_bent = (path_lengths > _MAX_PATH_TO_CHORD_RATIO * distances) & (
+            path_lengths > _MIN_CURVED_TO_LONGEST_PATH_RATIO * longest_path
         )
         if comm.allreduce(bool(is_bent.any()), MPI.LOR):
             break

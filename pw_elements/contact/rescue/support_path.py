@@ -14,18 +14,18 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import evaluate_conditions
+from pw_elements.algebra import free_dofs_and_prescribed_values
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import connected_components
+from pw_elements.checks import label_connected_components
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import OPEN, RigidSurfaceMotion
-from pw_elements.contact.rescue.passing import sample_placements
-from pw_elements.contact.rescue.placing import SupportedPieces, ends_all_contact
+from pw_elements.contact.rescue.passing import interpolate_placements_and_path
+from pw_elements.contact.rescue.placing import PiecesMovingWithSupports, does_rigid_motion_end_all_contact
 from pw_elements.contact.rescue.substeps import count_straight_segments
 
 # Function that sets loads and conditions at a fraction (0, 1] of an increment
-LoadFunction: TypeAlias = Callable[[float], None]
+LoadFractionSetter: TypeAlias = Callable[[float], None]
 
 # Initial and largest number of samples of the support path per increment, and number of samples in
 # the check that a motion separates bodies and surfaces
@@ -47,19 +47,19 @@ class BodySupports:
         interface: Interface,
         whole_space: fem.FunctionSpace,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
-        apply_load: Callable[[LoadFunction | None, float], None],
+        apply_load: Callable[[LoadFractionSetter | None, float], None],
     ) -> None:
         self._interface, self._whole_space = interface, whole_space
         self._conditions, self._apply_load = conditions, apply_load
 
     def prescribed_displacements(self) -> PETSc.Vec:
         """Return the displacements (n,) that the conditions prescribe now, zero elsewhere."""
-        return evaluate_conditions(self._whole_space, self._conditions)[1]
+        return free_dofs_and_prescribed_values(self._whole_space, self._conditions)[1]
 
     @property
     def free_unknowns(self) -> Mask:
         """Mask (n,) of the unknowns of this process that no condition prescribes."""
-        return evaluate_conditions(self._whole_space, self._conditions)[0]
+        return free_dofs_and_prescribed_values(self._whole_space, self._conditions)[0]
 
     @property
     def is_supported(self) -> Mask:
@@ -76,7 +76,7 @@ class BodySupports:
     def node_component(self) -> Indices:
         """Number (owned nodes,) of the connected component of the mesh that contains each node."""
         dofmap = self._interface.field.space.dofmap
-        number, _ = connected_components(self._interface.comm, dofmap.index_map, dofmap.list)
+        number, _ = label_connected_components(self._interface.comm, dofmap.index_map, dofmap.list)
         return number[: len(self.node_positions)]
 
     def supported_axes(self) -> Mask:
@@ -85,7 +85,7 @@ class BodySupports:
         self._interface.comm.Allreduce(MPI.IN_PLACE, is_supported, MPI.LOR)
         return is_supported
 
-    def trace_path(self, state: ContactState, load: LoadFunction | None) -> Array:
+    def trace_path(self, state: ContactState, load: LoadFractionSetter | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
 
         The samples are equally spaced. There are enough samples to find nearly straight segments.
@@ -102,7 +102,7 @@ class BodySupports:
             path = self.sample_path(state, load, n_samples)
         return path
 
-    def sample_path(self, state: ContactState, load: LoadFunction | None, n_samples: int) -> Array:
+    def sample_path(self, state: ContactState, load: LoadFractionSetter | None, n_samples: int) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero for free components."""
         field, dim = self._interface.field, self._interface.position.shape[1]
         start_unknowns = state.unknowns.copy()
@@ -121,7 +121,7 @@ def find_contact_free_start(
     surfaces: RigidSurfaceMotion,
     supports: BodySupports,
     state: ContactState,
-    load: LoadFunction | None,
+    load: LoadFractionSetter | None,
     *,
     q_ends: tuple[Array, Array],
     support_path: Array,
@@ -140,7 +140,7 @@ def find_contact_free_start(
         q_ends: motions (pairs, dim + 1) of the surfaces at the start and at the end.
         support_path: prescribed displacements (samples + 1, nodes, dim) along the increment.
     """
-    is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
+    is_closed = interface.extract_local_pair_state_values(state.pairs, "status")[0] != OPEN
     if not interface.comm.allreduce(bool(is_closed.any()), MPI.LOR):
         return None
     positions, is_supported = supports.node_positions, supports.is_supported
@@ -149,11 +149,11 @@ def find_contact_free_start(
     for n_samples in (1, _SEPARATION_SAMPLES):  # the two ends exclude most cases cheaply
         if n_samples > 1:
             support_path = supports.sample_path(state, load, n_samples)
-        surface_path, _ = sample_placements(*q_ends, support_path, n_samples)
-        pieces = SupportedPieces.fit(
+        surface_path, _ = interpolate_placements_and_path(*q_ends, support_path, n_samples)
+        pieces = PiecesMovingWithSupports.fit(
             positions, is_supported, component, support_path, interface.comm
         )
-        if not ends_all_contact(interface, surfaces, pieces, surface_path, state.unknowns):
+        if not does_rigid_motion_end_all_contact(interface, surfaces, pieces, surface_path, state.unknowns):
             return None
     start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
     displacement = pieces.move(positions, component)[-1] - positions

@@ -18,8 +18,8 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, collective_errors
-from pw_elements.contact.interface import check_piecewise_linear_weights
+from pw_elements.checks import arguments, raise_errors_on_all_processes
+from pw_elements.contact.interface import check_piecewise_linear_weight_functions
 from pw_elements.contact.model import (
     ClosestPointSurface,
     ContactPair,
@@ -36,7 +36,7 @@ from pw_elements.contact.steps.sensitivity import (
     ParametricResidual,
     parameter_object,
 )
-from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Remedy
+from pw_elements.contact.steps.stepping import MAX_REMEDY_COST_PER_FIRST_ATTEMPT, REMEDIES_FOR_FAILED_ITERATION, Remedy
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import Solver
 from pw_elements.spaces import is_hybrid
@@ -45,10 +45,10 @@ from pw_elements.spaces import is_hybrid
 # cost of the first attempt
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 # Function that returns the translation (dim,) of a surface at a given time
-PathInTime: TypeAlias = Callable[[float], Sequence[float]]
+SurfacePathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 # Largest difference between positions of identical nodes, relative to the largest coordinate
-_POSITION_TOLERANCE = 1e-9
+_MAX_SAME_NODE_DISTANCE_PER_COORDINATE = 1e-9
 
 _NEEDS_RESIDUAL_MESSAGE = (
     "a stiffness K has no known constants and no u: give vectors of weights and of loads, or state "
@@ -70,22 +70,22 @@ def check_contact_arguments(
     Raises:
         TypeError, ValueError: for arguments that do not fit together.
     """
-    arguments.check_space(space)
+    arguments.check_function_space(space)
     arguments.check_integer("max_iterations", max_iterations, 1)
-    with collective_errors(space.mesh.comm):  # only some processes may have a callback
-        check_function("callback", callback, "it has to be a function")
-    pair_list = list_of_type(pairs, ContactPair, "a contact pair")
+    with raise_errors_on_all_processes(space.mesh.comm):  # only some processes may have a callback
+        check_function_or_none("callback", callback, "it has to be a function")
+    pair_list = as_list_of_type(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in pair_list):
-        check_piecewise_linear_weights(K, space)
+        check_piecewise_linear_weight_functions(K, space)
     return tuple(pair_list)
 
 
-def list_paths(
-    paths: PathInTime | Sequence[PathInTime | None],
+def check_and_list_surface_paths(
+    paths: SurfacePathInTime | Sequence[SurfacePathInTime | None],
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
-) -> list[PathInTime | None]:
+) -> list[SurfacePathInTime | None]:
     """Return the path of each pair's surface in explicit dynamics.
 
     The path of a surface that does not move is None.
@@ -102,21 +102,21 @@ def list_paths(
             "a pressure has no mass: give a space of displacements alone, as of "
             "Spaces.petrov_galerkin(mesh)"
         )
-    path_list = list_per_pair("paths", paths, len(pairs))
+    path_list = as_list_per_pair("paths", paths, len(pairs))
     for k, path in enumerate(path_list):
-        check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
+        check_function_or_none(f"the path of contact pair {k}", path, "it has to be a function of time")
     return path_list
 
 
-def list_remedy_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
+def list_remedy_max_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
     """Return the largest cost of each remedy, relative to the cost of the first attempt."""
     has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
-    if not has_names or any(remedy not in REMEDIES for remedy in remedies):
-        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
-    ratios = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_COST_RATIO)
+    if not has_names or any(remedy not in REMEDIES_FOR_FAILED_ITERATION for remedy in remedies):
+        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES_FOR_FAILED_ITERATION))}")
+    ratios = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_REMEDY_COST_PER_FIRST_ATTEMPT)
     return {
         name: arguments.check_positive(f"the multiple of {name}", ratios[name])
-        for name in REMEDIES
+        for name in REMEDIES_FOR_FAILED_ITERATION
         if name in ratios
     }
 
@@ -152,20 +152,20 @@ def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.Functio
             raise ValueError(f"contact pair {k}: {fault}")
 
 
-def check_state_of_problem(state: ContactState, undeformed: ContactState, label: str) -> None:
+def check_state_fits_problem(state: ContactState, undeformed_state: ContactState, label: str) -> None:
     """Raise an error if a state has contact nodes other than those of the problem, or contains NaN.
 
     Args:
         state: state that the user has passed.
-        undeformed: undeformed state of the problem.
+        undeformed_state: undeformed state of the problem.
         label: name of the state, used in error messages.
     """
-    list_of_type([state], ContactState, label)
-    has_same_nodes = len(state.pairs) == len(undeformed.pairs) and all(
+    as_list_of_type([state], ContactState, label)
+    has_same_nodes = len(state.pairs) == len(undeformed_state.pairs) and all(
         pair.position.shape == undeformed_pair.position.shape
         and np.abs(pair.position - undeformed_pair.position).max()
-        <= _POSITION_TOLERANCE * np.abs(undeformed_pair.position).max()
-        for pair, undeformed_pair in zip(state.pairs, undeformed.pairs, strict=True)
+        <= _MAX_SAME_NODE_DISTANCE_PER_COORDINATE * np.abs(undeformed_pair.position).max()
+        for pair, undeformed_pair in zip(state.pairs, undeformed_state.pairs, strict=True)
     )
     if not has_same_nodes:
         raise ValueError(f"{label} belongs to other contact nodes than this problem's")
@@ -175,7 +175,7 @@ def check_state_of_problem(state: ContactState, undeformed: ContactState, label:
             raise ValueError(f"{label} has forces or displacements that are not finite")
 
 
-def list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa: ANN401
+def as_list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa: ANN401
     """Return one or several values as a list.
 
     `label` is the name of the values, used in error messages.
@@ -189,7 +189,7 @@ def list_of_type(values: Any, expected_type: type, label: str) -> list:  # noqa:
     return items
 
 
-def list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN401
+def as_list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN401
     """Return a list with one value per pair.
 
     If there are no values, the list contains None for each pair. `label` is the name of the values,
@@ -204,7 +204,7 @@ def list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN40
     return items or [None] * n_pairs
 
 
-def check_function(name: str, function: object, remedy: str) -> None:
+def check_function_or_none(name: str, function: object, remedy: str) -> None:
     """Raise a TypeError if an argument is neither a function nor None.
 
     Args:
@@ -223,7 +223,7 @@ def check_start_state(state: ContactState, undeformed: ContactState) -> None:
         state: state that the user has passed.
         undeformed: undeformed state of the problem.
     """
-    check_state_of_problem(state, undeformed, "the state")
+    check_state_fits_problem(state, undeformed, "the state")
     if not state.converged:
         raise ValueError(
             "the state at the start has not converged: continue from the last converged state"
@@ -240,7 +240,7 @@ def list_motions(
         pairs: contact pairs.
         dim: dimension of the mesh.
     """
-    motion_list = list_per_pair("motions", () if motions is None else motions, len(pairs))
+    motion_list = as_list_per_pair("motions", () if motions is None else motions, len(pairs))
     check_motions(motion_list, pairs, dim)
     return motion_list
 
@@ -254,7 +254,7 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
     for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
         if motion is None:
             continue
-        list_of_type([motion], Motion, f"a motion of contact pair {k}")
+        as_list_of_type([motion], Motion, f"a motion of contact pair {k}")
         if len(motion.translation) != dim:
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
@@ -271,12 +271,12 @@ def list_history_functions(
         update: function of the user that sets them.
         comm: communicator of the mesh.
     """
-    check_function("update", update, "it has to be a function")
-    with collective_errors(comm) as same:
+    check_function_or_none("update", update, "it has to be a function")
+    with raise_errors_on_all_processes(comm) as same:
         same["the history"] = [
             getattr(function, "function_space", None) for function in arguments.as_list(history)
         ]
-        functions = list_of_type(history, fem.Function, "a function of the history")
+        functions = as_list_of_type(history, fem.Function, "a function of the history")
         if not all(np.isfinite(function.x.array).all() for function in functions):
             raise ValueError("a function of the history has values that are not finite")
     return functions
@@ -294,9 +294,9 @@ def list_successive_states(
     Raises:
         TypeError, ValueError: for states of another problem, or fewer than two states.
     """
-    state_list = list_of_type(states, ContactState, "a state")
+    state_list = as_list_of_type(states, ContactState, "a state")
     for state in state_list:
-        check_state_of_problem(state, undeformed, "a state")
+        check_state_fits_problem(state, undeformed, "a state")
     if len(state_list) < 2:
         raise ValueError(
             f"{len(state_list)} states: give the states at the start and at the end of each step"
@@ -304,7 +304,7 @@ def list_successive_states(
     return state_list
 
 
-def check_load_history(
+def check_and_list_loads_and_motions(
     loads: PETSc.Vec | Sequence[PETSc.Vec], K: PETSc.Mat, pairs: Sequence[ContactPair], dim: int
 ) -> tuple[list[PETSc.Vec], list[list[Motion | None]]]:
     """Return the load of each increment, and the motions of all surfaces in each increment.
@@ -321,7 +321,7 @@ def check_load_history(
         TypeError, ValueError: if loads or motions are invalid, or if their number differs from the
             number of increments.
     """
-    load_list = list_of_type(
+    load_list = as_list_of_type(
         [loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load"
     )
     if not load_list:
@@ -329,7 +329,7 @@ def check_load_history(
     for k, load in enumerate(load_list):
         check_load(f"the load of increment {k}", load, K)
     motions_by_pair = [
-        list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list) for pair in pairs
+        as_list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list) for pair in pairs
     ]
     for k, pair_motions in enumerate(motions_by_pair):
         if len(pair_motions) != len(load_list):
@@ -356,8 +356,8 @@ def check_outputs(
     for output in outputs:
         match output:
             case ("force" | "translation", pair, axis):
-                _check_number(pair, n_pairs, "contact pairs")
-                _check_number(axis, space.mesh.geometry.dim, "components")
+                _check_index_below_count(pair, n_pairs, "contact pairs")
+                _check_index_below_count(axis, space.mesh.geometry.dim, "components")
             case ufl.Form() if allow_forms:
                 pass
             case ufl.Form():
@@ -405,11 +405,11 @@ def check_parameters(
             case (PETSc.Vec() as load, rates):
                 _check_vector("the load that is a parameter", load, space)
             case ("friction", pair):
-                law = pairs[_check_number(pair, len(pairs), "contact pairs")].law
+                law = pairs[_check_index_below_count(pair, len(pairs), "contact pairs")].law
                 if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
                     raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
             case ("motion", pair, rates):
-                _check_number(pair, len(pairs), "contact pairs")
+                _check_index_below_count(pair, len(pairs), "contact pairs")
                 shape += (space.mesh.geometry.dim,)
             case _:
                 raise ValueError(
@@ -421,7 +421,7 @@ def check_parameters(
     return with_rates
 
 
-def check_constants(
+def check_constants_are_used(
     parameters: Sequence[tuple[Parameter, Array]],
     outputs: Sequence[Output],
     residual: ParametricResidual,
@@ -451,7 +451,7 @@ def check_constants(
             )
 
 
-def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
+def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
     """Raise TypeError or ValueError unless the loads fit the problem.
 
     The list may be empty. Otherwise the problem must be defined by a residual, and the list must
@@ -487,7 +487,7 @@ def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> Non
         raise ValueError(f"{name} is not finite")
 
 
-def _check_number(number: Any, count: int, things: str) -> int:  # noqa: ANN401
+def _check_index_below_count(number: Any, count: int, things: str) -> int:  # noqa: ANN401
     """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
     if arguments.check_integer("a number", number, 0) >= count:
         raise ValueError(f"number {number} of {count} {things}: they count from 0")

@@ -26,21 +26,21 @@ from dolfinx import fem
 from pw_elements.algebra import (
     PetrovGalerkinProblem,
     Reduction,
-    full_size_reduction,
-    scale_pressures,
+    full_size_masking_reduction,
+    scale_pressures_to_displacements,
 )
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import arguments, call_user_function, collective_errors
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, Interface, build_interface
+from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, Interface, build_interface
 from pw_elements.contact.iteration import (
-    CellGuard,
+    CellInversionCheck,
     CycleKeepingSetUpdate,
-    DeformedSetUpdate,
-    FiniteEquilibrium,
+    LargeStrainActiveSetUpdate,
+    LargeStrainEquilibrium,
     Increment,
-    IncrementTarget,
+    TargetLoadsAndMotions,
     NewtonState,
-    SlidingEquilibrium,
+    SlidingBodiesEquilibrium,
     interpolate_targets,
     make_contact_state,
     solve_increment,
@@ -49,52 +49,52 @@ from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     Cycling,
-    FreeMotions,
+    FreeMotionIndices,
     Motion,
     NotFound,
     ResidualScale,
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     OPEN,
-    DeformedKinematics,
+    LargeStrainKinematics,
     MortarKinematics,
     NoDeformablePairs,
     RigidSurfaceMotion,
     make_increment_start,
-    make_sticking_set,
+    make_sticking_active_set,
 )
 from pw_elements.contact.output import (
     Callback,
     ProgressReporter,
     ResidualCoefficients,
-    ResidualProbe,
+    ResidualFingerprint,
 )
 from pw_elements.contact.rescue import (
     BodySupports,
-    LoadFunction,
-    combine_substeps,
+    LoadFractionSetter,
+    combine_substeps_with_summed_slip,
     count_straight_segments,
     find_contact_free_start,
     refuse_passed_nodes,
-    refuse_supports_through_each_other,
-    refuse_tools_through_supports,
+    raise_if_supports_meet_or_pass,
+    raise_if_tools_reach_or_pass_supports,
     round_up_to_power_of_two,
-    sample_placements,
+    interpolate_placements_and_path,
     solve_in_substeps,
 )
-from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
+from pw_elements.contact.steps.sensitivity import IncrementOrSubstep, EquationsLinearisedAtEnd
 from pw_elements.contact.steps.smallness import log_slip_differences
 from pw_elements.contact.steps.verification import (
-    ReferenceSizes,
+    VerificationScales,
     check_stiffness_sign,
-    make_torque_function,
-    measure_deformed,
+    make_nodal_torque_function,
+    measure_large_strain_kinematics,
     verify_state,
 )
 from pw_elements.contact.system import ContactSystem, measure_cost
-from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentRatioMonitor
+from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentBulkShearMonitor
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
@@ -103,11 +103,11 @@ from pw_elements.spaces import is_hybrid
 _MIN_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
 # the surface would be mistaken for a node that has jumped to another place
-MAX_SUBSTEP_ROTATION = np.pi / 4
+MAX_SURFACE_RADIANS_PER_SUBSTEP = np.pi / 4
 # Smallest number of samples in the check that supports and surfaces do not pass each other
 _MIN_PASSING_SAMPLES = 64
 # Largest number of linear systems solved for a state without contact
-_MAX_CLEAR_ITERATIONS = 10
+_MAX_ITERATIONS_WITHOUT_CONTACT = 10
 
 
 class LargeStrainStepping:
@@ -145,8 +145,8 @@ class LargeStrainStepping:
         self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
         self._residual_system, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
-        reduction = full_size_reduction(reduction) if is_matrix_free(solver) else reduction
-        self._reduction = scale_pressures(reduction, problem.system.tangent)
+        reduction = full_size_masking_reduction(reduction) if is_matrix_free(solver) else reduction
+        self._reduction = scale_pressures_to_displacements(reduction, problem.system.tangent)
         self._whole_space = problem.u.function_space
         self.interface = build_interface(
             pairs, self._whole_space, self._reduction, large_sliding=True
@@ -164,24 +164,24 @@ class LargeStrainStepping:
         )
         self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
-        self._cell_guard = CellGuard(problem.u, problem.form)
+        self._cell_guard = CellInversionCheck(problem.u, problem.form)
         self._pairs_with_slip_warning: set[int] = set()
         self.history, self._history_update = list(history), update
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
-        self._ratio_monitor: TangentRatioMonitor | None = None
+        self._ratio_monitor: TangentBulkShearMonitor | None = None
         (test_function,) = self.form.arguments()
         is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
         if not (is_galerkin or is_hybrid(self._whole_space)):
-            self._ratio_monitor = TangentRatioMonitor(self.form, self.u)
+            self._ratio_monitor = TangentBulkShearMonitor(self.form, self.u)
 
     def step(
-        self, state: ContactState, load: LoadFunction | None, motions: Sequence[Motion | None]
+        self, state: ContactState, load: LoadFractionSetter | None, motions: Sequence[Motion | None]
     ) -> ContactState:
         """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
-        start = IncrementTarget.from_state(state, state.placements)
-        end = IncrementTarget.from_motions(None, motions, n_motions=start.q.shape[1])
+        start = TargetLoadsAndMotions.from_state(state, state.placements)
+        end = TargetLoadsAndMotions.from_load_and_motions(None, motions, n_motions=start.q.shape[1])
         if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
                 "the surface of a deformed body cannot have free motions in addition to its "
@@ -193,10 +193,10 @@ class LargeStrainStepping:
             cost_before = measure_cost([system])
             # for later states, the tangent has been checked at the end of the increment before
             if self._ratio_monitor is not None and not state.increment:
-                self._restore_state(state)
+                self._set_unknowns_and_history(state)
                 self._ratio_monitor.is_beyond_limit()
             support_path = self._supports.trace_path(state, load)
-            self._refuse_passing_surfaces(state, start, end, support_path)
+            self._raise_if_surfaces_pass_supports(state, start, end, support_path)
             start_unknowns = None
             if not (self.history or self._history_update):
                 start_unknowns = find_contact_free_start(
@@ -219,10 +219,10 @@ class LargeStrainStepping:
             def solve_substep(
                 current: ContactState,
                 fraction: float,
-                make_update: Callable[[Interface], DeformedSetUpdate] = DeformedSetUpdate,
+                make_update: Callable[[Interface], LargeStrainActiveSetUpdate] = LargeStrainActiveSetUpdate,
                 start_unknowns: PETSc.Vec | None = None,
             ) -> ContactState:
-                self._restore_state(current)
+                self._set_unknowns_and_history(current)
                 self._apply_load(load, fraction)
                 if not state.increment and current is state:
                     residual = self._residual_system.assemble_residual()
@@ -235,7 +235,7 @@ class LargeStrainStepping:
                     )
                 except NotConverged as error:
                     raise NotFound(str(error)) from error
-                return replace(solution, history=self._update_history_functions())
+                return replace(solution, history=self._update_and_copy_history_values())
 
             substeps: list[tuple[float, ContactState]] = []
             if start_unknowns is not None:
@@ -255,7 +255,7 @@ class LargeStrainStepping:
                     substeps, failure = retried_substeps, None
             if failure is not None:
                 reached_fraction, current = substeps[-1] if substeps else (0.0, state)
-                self._restore_state(current)
+                self._set_unknowns_and_history(current)
                 self._apply_load(load, reached_fraction)
                 fraction, error = failure
                 interval = f"from {reached_fraction:.4g} to {fraction:.4g} of the increment"
@@ -271,22 +271,22 @@ class LargeStrainStepping:
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
         n_solves, report = measure_cost([system], cost_before)
-        solution = replace(combine_substeps(substeps), iterations=n_solves, report=report)
+        solution = replace(combine_substeps_with_summed_slip(substeps), iterations=n_solves, report=report)
         log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
     def _count_initial_substeps(
-        self, start: IncrementTarget, end: IncrementTarget, support_path: Array
+        self, start: TargetLoadsAndMotions, end: TargetLoadsAndMotions, support_path: Array
     ) -> int:
         """Return the number of substeps, a power of two, that is sufficient to compute slip."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
-        rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SUBSTEP_ROTATION
+        rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SURFACE_RADIANS_PER_SUBSTEP
         n_straight = count_straight_segments(support_path, self.interface.comm)
         return max(round_up_to_power_of_two(rotations), n_straight)
 
-    def _refuse_passing_surfaces(
-        self, state: ContactState, start: IncrementTarget, end: IncrementTarget, support_path: Array
+    def _raise_if_surfaces_pass_supports(
+        self, state: ContactState, start: TargetLoadsAndMotions, end: TargetLoadsAndMotions, support_path: Array
     ) -> None:
         """Raise SurfacePassed if supports and surfaces, or supports of two bodies, pass each other.
 
@@ -298,15 +298,15 @@ class LargeStrainStepping:
         """
         interface, supports, q = self.interface, self._supports, state.placements
         node_data = supports.node_positions, supports.is_supported, supports.node_component
-        surface_path, support_path = sample_placements(
+        surface_path, support_path = interpolate_placements_and_path(
             start.q, end.q, support_path, max(len(support_path) - 1, _MIN_PASSING_SAMPLES)
         )
-        refuse_tools_through_supports(
+        raise_if_tools_reach_or_pass_supports(
             interface, self._surfaces, *node_data, surface_path, support_path
         )
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
-            refuse_supports_through_each_other(
+            raise_if_supports_meet_or_pass(
                 interface, mortars.references, *node_data[:2], support_path
             )
 
@@ -318,10 +318,10 @@ class LargeStrainStepping:
     def _solve_substep(
         self,
         state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         system: ContactSystem,
         reporter: ProgressReporter,
-        make_update: Callable[[Interface], DeformedSetUpdate],
+        make_update: Callable[[Interface], LargeStrainActiveSetUpdate],
         start_unknowns: PETSc.Vec | None = None,
     ) -> ContactState:
         """Solve from a state to a target in one step and return the state at the target.
@@ -343,21 +343,21 @@ class LargeStrainStepping:
         system.set_initial_iterate(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if start_unknowns is None:
-            is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
-            displacement = kinematics.move_closed_with_surfaces(q, start.displacement, is_closed)
+            is_closed = interface.extract_local_pair_state_values(state.pairs, "status")[0] != OPEN
+            displacement = kinematics.move_closed_points_with_surfaces(q, start.displacement, is_closed)
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0
         else:
-            max_iterations = min(max_iterations, _MAX_CLEAR_ITERATIONS)
+            max_iterations = min(max_iterations, _MAX_ITERATIONS_WITHOUT_CONTACT)
             no_force = np.zeros_like(start.force)
             linearised = kinematics.linearise(
-                q, system.point_displacements(start_unknowns), no_force
+                q, system.evaluate_relative_point_displacements(start_unknowns), no_force
             )
             is_closed = np.zeros(len(interface.pair), dtype=bool)
         n_signs = len(system.tangent.solver.determinant_signs)
         end = solve_increment(
             increment,
-            make_sticking_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
+            make_sticking_active_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
             linearised,
             make_update(interface),
             max_iterations=max_iterations,
@@ -366,14 +366,14 @@ class LargeStrainStepping:
         reporter.violation = end.violation
         is_pressed = end.nodes.trial_pressure > 0
         kinematics.check_surface_derivatives(end.kinematics, is_pressed)
-        interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
+        interface.check_supports_move_both_sides_equally(increment.equilibrium.offset, target.q, is_pressed)
         if start_unknowns is None:
             self._refuse_jumped_nodes(kinematics, end, is_pressed)
         else:
             self._refuse_contact(is_pressed)
         refuse_passed_nodes(interface, kinematics.sides)
         self._refuse_large_turns(start.q, end.q, target.q)
-        signs = self._check_stability(system, n_signs, state)
+        signs = self._check_and_return_determinant_signs(system, n_signs, state)
         sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
             increment,
@@ -388,10 +388,10 @@ class LargeStrainStepping:
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
     def _refuse_jumped_nodes(
-        self, kinematics: DeformedKinematics, end: NewtonState, is_pressed: Mask
+        self, kinematics: LargeStrainKinematics, end: NewtonState, is_pressed: Mask
     ) -> None:
         """Raise NotFound if pressed nodes have jumped to another place in a solution."""
-        is_jumped = kinematics.find_jumped_points(end.kinematics, is_pressed)
+        is_jumped = kinematics.find_points_jumped_to_another_surface_part(end.kinematics, is_pressed)
         positions = self.interface.gather_values(self.interface.position[is_jumped])
         if len(positions):
             message = "jumped to another sheet of their surface, or slid round by a right angle"
@@ -412,14 +412,14 @@ class LargeStrainStepping:
             target_q: prescribed motions of the surfaces, NaN where they are free.
         """
         angle = np.abs(end_q - start_q)[:, -1]
-        if (angle[np.isnan(target_q[:, -1])] > MAX_SUBSTEP_ROTATION).any():
+        if (angle[np.isnan(target_q[:, -1])] > MAX_SURFACE_RADIANS_PER_SUBSTEP).any():
             raise NotFound(
                 f"a surface that is free to turn has turned by {angle.max():.3g}: slip is resolved "
-                f"up to {MAX_SUBSTEP_ROTATION:.3g}, an eighth of a turn, in one substep"
+                f"up to {MAX_SURFACE_RADIANS_PER_SUBSTEP:.3g}, an eighth of a turn, in one substep"
             )
 
-    def _check_stability(
-        self, system: ContactSystem, n_signs: int, state: ContactState
+    def _check_and_return_determinant_signs(
+        self, system: ContactSystem, n_earlier_signs: int, state: ContactState
     ) -> Sequence[int]:
         """Return the signs of the determinants of this substep's tangents.
 
@@ -427,13 +427,13 @@ class LargeStrainStepping:
 
         Args:
             system: contact system.
-            n_signs: number of signs that the solver has recorded before this substep.
+            n_earlier_signs: number of signs that the solver has recorded before this substep.
             state: state at the start of the substep.
 
         Raises:
             NotFound: if the determinant of the last tangent has changed its sign.
         """
-        solver_signs = system.tangent.solver.determinant_signs[n_signs:]
+        solver_signs = system.tangent.solver.determinant_signs[n_earlier_signs:]
         signs = solver_signs or system.tangent.determinant_signs()
         if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
             signs = ()  # in nearly incompressible bodies, stable states may have either sign
@@ -449,7 +449,7 @@ class LargeStrainStepping:
         self,
         solution: ContactState,
         start_state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
         """Return the solution with residuals from the form, the surfaces and the law alone."""
@@ -461,45 +461,45 @@ class LargeStrainStepping:
         largest_residual = self.interface.field.extract(unbalanced).norm(PETSc.NormType.INFINITY)
         stiffness = comm.allreduce(law_scale.max(initial=0.0), MPI.MAX)
         round_off = (
-            FORCE_TOLERANCE * largest_residual
-            + COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
+            MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_residual
+            + RELATIVE_COORDINATE_ROUND_OFF * stiffness * self._cell_guard.extent
         )
         return verify_state(
             solution,
-            measure_deformed(self.interface, self._pairs, start_state, solution),
+            measure_large_strain_kinematics(self.interface, self._pairs, start_state, solution),
             unbalanced,
             self.interface,
             reduction=self._reduction,
-            sizes=ReferenceSizes(force, length, law_scale, round_off),
-            totals=target.totals,
-            torque=make_torque_function(self.interface, self._pairs, solution),
+            scales=VerificationScales(force, length, law_scale, round_off),
+            free_motion_forces=target.totals,
+            compute_torques=make_nodal_torque_function(self.interface, self._pairs, solution),
         )
 
     def _start_increment(
         self,
         state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         system: ContactSystem,
-        unknowns: PETSc.Vec,
-    ) -> tuple[Increment, DeformedKinematics]:
-        """Return equations and kinematics of a step; `unknowns` (n,) are its initial iterate."""
+        initial_unknowns: PETSc.Vec,
+    ) -> tuple[Increment, LargeStrainKinematics]:
+        """Return equations and kinematics of a step; `initial_unknowns` (n,) are its initial iterate."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
         reduction = replace(self._reduction, offset=self._supports.prescribed_displacements())
-        body_data = self._residual_system, system, reduction, self._cell_guard, unknowns
+        body_data = self._residual_system, system, reduction, self._cell_guard, initial_unknowns
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
-            equilibrium: FiniteEquilibrium = SlidingEquilibrium(*body_data, mortars=mortars)
-            kinematics = DeformedKinematics(interface, self._surfaces, start, mortars)
+            equilibrium: LargeStrainEquilibrium = SlidingBodiesEquilibrium(*body_data, mortars=mortars)
+            kinematics = LargeStrainKinematics(interface, self._surfaces, start, mortars)
         else:
-            equilibrium = FiniteEquilibrium(*body_data)
-            kinematics = DeformedKinematics(interface, self._surfaces, start, NoDeformablePairs())
+            equilibrium = LargeStrainEquilibrium(*body_data)
+            kinematics = LargeStrainKinematics(interface, self._surfaces, start, NoDeformablePairs())
         increment = Increment(
             system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
         )
         return increment, kinematics
 
-    def identify_residual(self) -> tuple[Indices, ResidualProbe]:
+    def support_markers_and_residual_fingerprint(self) -> tuple[Indices, ResidualFingerprint]:
         """Return data that identify the residual.
 
         Returns:
@@ -507,7 +507,7 @@ class LargeStrainStepping:
             residual with its unknowns and coefficients.
         """
         free = self._supports.free_unknowns
-        return np.where(free, 0, -1), ResidualProbe(self._residual_system, self.coefficients)
+        return np.where(free, 0, -1), ResidualFingerprint(self._residual_system, self.coefficients)
 
     @property
     def stiffness(self) -> PETSc.Mat:
@@ -519,17 +519,17 @@ class LargeStrainStepping:
 
     def depends_on(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
-        values = [getattr(condition.g, "value", None) for condition in self._condition_list]
+        values = [getattr(condition.g, "value", None) for condition in self._dirichlet_conditions]
         # DOLFINx stores constants as C++ objects, which share the array of values
         is_prescribed = any(v is not None and np.shares_memory(v, constant.value) for v in values)
         return is_prescribed or any(constant is c for c in self._constants)
 
     @property
-    def _condition_list(self) -> Sequence[fem.DirichletBC]:
+    def _dirichlet_conditions(self) -> Sequence[fem.DirichletBC]:
         is_single = isinstance(self._conditions, fem.DirichletBC)
         return [self._conditions] if is_single else self._conditions
 
-    def linearise(self, part: HistoryPart) -> LinearisedEnd:
+    def linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         """Return the equations linearised at the end of a substep.
 
         The unknown function, constants and conditions are set to their values at the end of the
@@ -538,7 +538,7 @@ class LargeStrainStepping:
         self._apply_load(part.load, part.fraction)
         free_motions = part.part_end.free_motions
         system = self._system_for(free_motions)
-        target = IncrementTarget.from_state(part.part_end, part.part_end.placements)
+        target = TargetLoadsAndMotions.from_state(part.part_end, part.part_end.placements)
         target = target.with_free_motions(free_motions)
         unknowns = part.part_end.unknowns
         increment, kinematics = self._start_increment(part.part_start, target, system, unknowns)
@@ -550,12 +550,12 @@ class LargeStrainStepping:
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
         solution = increment.evaluate(unknowns, end.q, linearised)
         increment.equilibrium.linearise(linearised.torque_map)
-        slip_by_start = kinematics.slip_by_start_motion(linearised)
-        return LinearisedEnd(
+        slip_by_start = kinematics.differentiate_slip_by_start_displacement(linearised)
+        return EquationsLinearisedAtEnd(
             increment, solution, self._residual_system.tangent, self._reduction, slip_by_start
         )
 
-    def _system_for(self, free_motions: FreeMotions) -> ContactSystem:
+    def _system_for(self, free_motions: FreeMotionIndices) -> ContactSystem:
         """Return the contact system for given free motions; the last system is cached."""
         if self._system is None or self._system.free_motions != free_motions:
             self.release()
@@ -571,22 +571,22 @@ class LargeStrainStepping:
             )
         return self._system
 
-    def _restore_state(self, state: ContactState) -> None:
+    def _set_unknowns_and_history(self, state: ContactState) -> None:
         self._residual_system.set_unknowns(state.unknowns)
         for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 
-    def _apply_load(self, load: LoadFunction | None, fraction: float) -> None:
-        with collective_errors(self.interface.comm) as same:
+    def _apply_load(self, load: LoadFractionSetter | None, fraction: float) -> None:
+        with raise_errors_on_all_processes(self.interface.comm) as same:
             if load is not None:
-                with self.coefficients.record_changes():
+                with self.coefficients.record_changes_by_load():
                     call_user_function(self.interface.comm, "the load", load, fraction)
             same["the constants and conditions"] = self._constants, self._conditions
 
-    def _update_history_functions(self) -> tuple[Array, ...]:
+    def _update_and_copy_history_values(self) -> tuple[Array, ...]:
         comm = self.interface.comm
         if self._history_update is not None:
-            with collective_errors(comm):
+            with raise_errors_on_all_processes(comm):
                 call_user_function(comm, "the update of the history", self._history_update)
                 for k, function in enumerate(self.history):
                     if not np.isfinite(function.x.array).all():

@@ -27,41 +27,41 @@ from pw_elements.checks import (
     arguments,
     call_user_function,
     check_mesh,
-    check_same_arguments,
-    collective_errors,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
 )
-from pw_elements.contact.interface import Interface, build_interface, find_reduced_columns
+from pw_elements.contact.interface import Interface, build_interface, find_reduced_column_of_each_unknown
 from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.checks import PathInTime, check_contact_arguments, list_paths
+from pw_elements.contact.steps.checks import SurfacePathInTime, check_contact_arguments, check_and_list_surface_paths
 from pw_elements.contact.steps.smallness import (
-    SmallnessCheck,
+    SmallDisplacementAndPassingCheck,
     gradient_at_vertices,
-    log_large_values,
-    measure_largest_gradient,
+    warn_if_no_longer_small,
+    measure_max_strain_and_rotation,
 )
 from pw_elements.progress import report_activity
-from pw_elements.solvers import is_blocked
+from pw_elements.solvers import is_stored_in_blocks
 from pw_elements.spaces import read_record
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
 # Default time step relative to the critical one
-_DEFAULT_STEP_RATIO = 0.9
+_DEFAULT_TO_CRITICAL_STEP_RATIO = 0.9
 # Estimated seconds of one step for each entry of the stiffness
-_SECONDS_PER_ENTRY = 3e-9
+_SECONDS_PER_STEP_AND_STIFFNESS_ENTRY = 3e-9
 # Relative difference between masses of one node, and between numbers of steps, that counts as
 # round-off
 _ROUND_OFF = 1e-9
 # Number of bisections that determine, to round-off, a slip combined with a prescribed slip
-_N_BISECTIONS = 60
+_N_SLIP_BISECTIONS = 60
 # Largest initial penetration, relative to the extent of the contact nodes, that counts as round-off
-_MAX_INITIAL_DEPTH = 1e-6
+_MAX_INITIAL_PENETRATION_PER_EXTENT = 1e-6
 
 
 @dataclass(frozen=True)
-class NodalContact:
+class NodalContactForcesAndSlip:
     """Contact forces and slip of this process' m contact nodes in one time step."""
 
     force_normal: Array  # (m,)
@@ -76,46 +76,46 @@ class NodalContact:
         return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
-def solve_nodal_contact(
-    motion: Array,
+def solve_nodal_contact_of_step(
+    contact_free_displacement: Array,
     gap: Array,
     normal: Array,
-    shift: Array,
+    surface_displacement: Array,
     is_supported: Mask,
-    friction_acts: Mask,
+    friction_opposes_support: Mask,
     mass: Array,
     cone: FrictionCone,
-    step: float,
-) -> NodalContact:
+    time_step: float,
+) -> NodalContactForcesAndSlip:
     """Return contact forces and slip of a step that ends without penetration.
 
     Friction follows Coulomb's law.
 
     Args:
-        motion: displacements (m, dim) of the nodes in the step if there were no contact.
+        contact_free_displacement: displacements (m, dim) of the nodes in the step if there were no contact.
         gap: gaps (m,) between the nodes at the start of the step and the surfaces at its end.
         normal: unit normals (m, dim) of the surfaces.
-        shift: displacements (m, dim) of the surfaces in the step.
+        surface_displacement: displacements (m, dim) of the surfaces in the step.
         is_supported: mask (m, dim) of components that supports prescribe; friction does not change
             the slip in these components.
-        friction_acts: mask (m, dim) of components that supports prescribe and in which friction
+        friction_opposes_support: mask (m, dim) of components that supports prescribe and in which friction
             opposes the prescribed slip.
         mass: masses (m,) of the nodes.
         cone: friction laws of the nodes.
-        step: the time step.
+        time_step: the time step.
     """
-    stiffness = mass / step**2
-    end_gap = gap + np.sum(normal * motion, axis=1)
+    stiffness = mass / time_step**2
+    end_gap = gap + np.sum(normal * contact_free_displacement, axis=1)
     normal_force = np.where(end_gap < 0, -stiffness * end_gap, 0.0)
-    slip = motion - shift
+    slip = contact_free_displacement - surface_displacement
     slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
-    prescribed_slip, slip = np.where(friction_acts, slip, 0.0), np.where(is_supported, 0.0, slip)
+    prescribed_slip, slip = np.where(friction_opposes_support, slip, 0.0), np.where(is_supported, 0.0, slip)
     limit, stick_force = cone.limit(normal_force)[0], stiffness * np.linalg.norm(slip, axis=1)
     stopped_ratio: Array = np.minimum(1.0, limit / np.where(stick_force > 0, stick_force, 1.0))
     slip_ratio = np.asarray(1 - stopped_ratio)
     is_dragged: Mask = np.any(prescribed_slip != 0, axis=1)
     if is_dragged.any():
-        slip_ratio[is_dragged] = _remaining_slip_ratio(
+        slip_ratio[is_dragged] = _fraction_of_slip_remaining_under_friction(
             np.linalg.norm(prescribed_slip[is_dragged], axis=1),
             np.linalg.norm(slip[is_dragged], axis=1),
             (limit / stiffness)[is_dragged],
@@ -127,10 +127,10 @@ def solve_nodal_contact(
     force_against_slip = -limit[:, None] * remaining_slip / np.where(slip_size > 0, slip_size, 1.0)
     force_that_stops = -(stopped_ratio * stiffness)[:, None] * slip
     force = np.where(is_dragged[:, None], force_against_slip, force_that_stops)
-    return NodalContact(normal_force, force, np.maximum(end_gap, 0.0), normal, remaining_slip)
+    return NodalContactForcesAndSlip(normal_force, force, np.maximum(end_gap, 0.0), normal, remaining_slip)
 
 
-def _remaining_slip_ratio(prescribed: Array, slip: Array, max_reduction: Array) -> Array:
+def _fraction_of_slip_remaining_under_friction(prescribed_slip: Array, frictionless_slip: Array, max_slip_reduction: Array) -> Array:
     """Return the fraction (n,) of a free slip that remains under friction and a prescribed slip.
 
     A node has a prescribed slip f, and would have a free slip v perpendicular to it without
@@ -138,16 +138,16 @@ def _remaining_slip_ratio(prescribed: Array, slip: Array, max_reduction: Array) 
     v - x = max_reduction x / |(f, x)|. The fraction is x / v.
 
     Args:
-        prescribed: magnitudes f (n,) of the prescribed slips.
-        slip: magnitudes v (n,) of the free slips without friction.
-        max_reduction: largest reduction (n,) of a slip by friction.
+        prescribed_slip: magnitudes f (n,) of the prescribed slips.
+        frictionless_slip: magnitudes v (n,) of the free slips without friction.
+        max_slip_reduction: largest reduction (n,) of a slip by friction.
     """
-    lower, upper = np.zeros_like(slip), slip.copy()
-    for _ in range(_N_BISECTIONS):
+    lower, upper = np.zeros_like(frictionless_slip), frictionless_slip.copy()
+    for _ in range(_N_SLIP_BISECTIONS):
         middle = (lower + upper) / 2
-        is_too_large = middle + max_reduction * middle / np.hypot(prescribed, middle) > slip
+        is_too_large = middle + max_slip_reduction * middle / np.hypot(prescribed_slip, middle) > frictionless_slip
         lower, upper = np.where(is_too_large, lower, middle), np.where(is_too_large, middle, upper)
-    return np.asarray(upper / np.where(slip > 0, slip, 1.0))
+    return np.asarray(upper / np.where(frictionless_slip > 0, frictionless_slip, 1.0))
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class ImpactHistory:
     frame_times: tuple[float, ...]
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def solve_impact(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -251,7 +251,7 @@ def solve_impact(
     duration: float,
     velocity: PETSc.Vec,
     load: Load | None = None,
-    paths: PathInTime | Sequence[PathInTime | None] = (),
+    paths: SurfacePathInTime | Sequence[SurfacePathInTime | None] = (),
     displacement: PETSc.Vec | None = None,
     step: float | None = None,
     frames: int = 0,
@@ -299,7 +299,7 @@ def solve_impact(
         FloatingPointError: if the motion is not finite.
     """
     contact_pairs = check_contact_arguments(K, reduction, pairs, space, 1, None)
-    surface_paths = list_paths(paths, contact_pairs, space)
+    surface_paths = check_and_list_surface_paths(paths, contact_pairs, space)
     initial_values = {"the velocity": velocity}
     if displacement is not None:
         initial_values["the displacement"] = displacement
@@ -316,14 +316,14 @@ def solve_impact(
     check_mesh(space.mesh)
     max_stable_step = critical_step(K, M, reduction)
     if step is None:
-        step = _DEFAULT_STEP_RATIO * max_stable_step
+        step = _DEFAULT_TO_CRITICAL_STEP_RATIO * max_stable_step
     if step > max_stable_step:
         raise ValueError(
             f"step = {step:.6g}: central differences are stable up to {max_stable_step:.6g}"
         )
     n_steps = np.ceil(duration / step * (1 - _ROUND_OFF))
     if n_steps > max_steps:
-        hours = n_steps * _SECONDS_PER_ENTRY * K.getInfo()["nz_used"] / 3600
+        hours = n_steps * _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY * K.getInfo()["nz_used"] / 3600
         raise ValueError(
             f"duration = {duration:.6g} takes {n_steps:.3g} steps of {step:.3g}, more than "
             f"max_steps = {max_steps}: about {hours:.2g} hours"
@@ -335,12 +335,12 @@ def solve_impact(
     v.setArray(np.where(is_free, velocity.array_r, 0.0))
     if displacement is not None:
         u.setArray(np.where(is_free, displacement.array_r, reduction.offset.array_r))
-    integration = _TimeIntegration(
-        K, _nodal_masses(M, space), is_free, interface, surface_paths, load, step, u, v
+    integration = _CentralDifferenceIntegration(
+        K, _extract_isotropic_nodal_masses(M, space), is_free, interface, surface_paths, load, step, u, v
     )
     smallness, gradient_function = Smallness(), fem.Function(space)
     gradient = gradient_at_vertices(gradient_function)
-    integration.max_surface_steps = SmallnessCheck(interface, space).min_facet_sizes
+    integration.max_surface_steps = SmallDisplacementAndPassingCheck(interface, space).min_facet_sizes
     kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with report_activity(comm, f"{n_steps} time steps"):
@@ -348,10 +348,10 @@ def solve_impact(
             contact = integration.advance()
             if n in kept_steps or n == n_steps:
                 true_displacement = u.copy() if sibling is None else sibling.displacement(u)
-                state = integration.make_frame(true_displacement, contact)
-                largest = measure_largest_gradient(gradient, gradient_function, true_displacement)
+                state = integration.make_state_of_last_step(true_displacement, contact)
+                largest = measure_max_strain_and_rotation(gradient, gradient_function, true_displacement)
                 previous, smallness = smallness, Smallness(*largest)
-                log_large_values(smallness, previous, f"step {n}", comm)
+                warn_if_no_longer_small(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
     forces, translations = np.array(integration.forces), np.array(integration.translations)
     return ImpactHistory(
@@ -361,9 +361,9 @@ def solve_impact(
         energies=Energies(*np.array(integration.energies).T),
         pairs=tuple(
             PairHistory(
-                position=interface.gather_in_order(k, interface.position),
-                node=interface.gather_in_order(k, interface.node),
-                force=interface.gather_in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
+                position=interface.gather_pair_in_position_order(k, interface.position),
+                node=interface.gather_pair_in_position_order(k, interface.node),
+                force=interface.gather_pair_in_position_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
                 translation=translations[:, k],
             )
             for k in range(len(contact_pairs))
@@ -375,7 +375,7 @@ def solve_impact(
     )
 
 
-class _TimeIntegration:
+class _CentralDifferenceIntegration:
     """Time integration by central differences, which records energies, forces and translations.
 
     Args:
@@ -405,14 +405,14 @@ class _TimeIntegration:
         mass: Array,
         is_free: Mask,
         interface: Interface,
-        paths: Sequence[PathInTime | None],
+        paths: Sequence[SurfacePathInTime | None],
         load: Load | None,
         step: float,
         u: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
         # products with a matrix stored in blocks are faster than with PETSc's inodes
-        has_point_blocks = K.getBlockSize() > 1 and not is_blocked(K)
+        has_point_blocks = K.getBlockSize() > 1 and not is_stored_in_blocks(K)
         self._K = K.convert("baij", PETSc.Mat()) if has_point_blocks else K
         self._mass, self._step, self._interface = mass, step, interface
         self._inverse_mass = np.where(is_free, 1 / mass, 0.0)
@@ -422,7 +422,7 @@ class _TimeIntegration:
         self._node_rows = interface.node[:, None] * dim + np.arange(dim) - first_row
         self.energies: list[Array] = []
         self.forces: list[Array] = []
-        self.translations = [self._evaluate_paths(0.0)]
+        self.translations = [self._evaluate_surface_translations(0.0)]
         self._u, self._v, self._internal_force = u, v, u.duplicate()
         K.mult(u, self._internal_force)
         # start with the velocity half a step earlier, so that the first step is like all others
@@ -434,12 +434,12 @@ class _TimeIntegration:
             * (self._evaluate_load(0.0) - self._internal_force.array_r)
         )
         self._previous_u = u.array_r - step * v.array_r
-        self._gap_and_normal = self._evaluate_surfaces()
+        self._gap_and_normal = self._evaluate_gaps_and_normals()
         gap, normal = self._gap_and_normal
         gap = gap + np.sum(normal * u.array_r[self._node_rows], axis=1)
         depth = -interface.gather_values(gap).min()
-        interface.refuse_points(
-            gap < -_MAX_INITIAL_DEPTH * np.ptp(interface.gather_values(interface.position)),
+        interface.raise_error_for_invalid_points(
+            gap < -_MAX_INITIAL_PENETRATION_PER_EXTENT * np.ptp(interface.gather_values(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it start "
             f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
             "earlier)",
@@ -447,13 +447,13 @@ class _TimeIntegration:
         self._record_energies(np.zeros(3))
         self.max_surface_steps = [np.inf] * len(paths)
 
-    def advance(self) -> NodalContact:
+    def advance(self) -> NodalContactForcesAndSlip:
         """Advance by one time step and return its contact forces."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
         load, old_u = self._evaluate_load(time), self._u.array_r.copy()
         velocity = self._v.array_r + dt * self._inverse_mass * (load - self._internal_force.array_r)
-        self.translations.append(self._evaluate_paths(time + dt))
+        self.translations.append(self._evaluate_surface_translations(time + dt))
         shift = self.translations[-1] - self.translations[-2]
         for k, distance in enumerate(np.linalg.norm(shift, axis=1)):
             if distance > self.max_surface_steps[k]:
@@ -464,10 +464,10 @@ class _TimeIntegration:
                     "steps, or a slower surface"
                 )
         if shift.any():
-            self._gap_and_normal = self._evaluate_surfaces()
+            self._gap_and_normal = self._evaluate_gaps_and_normals()
         gap, normal = self._gap_and_normal
         gap = gap + np.sum(normal * old_u[self._node_rows], axis=1)
-        contact = solve_nodal_contact(
+        contact = solve_nodal_contact_of_step(
             dt * velocity[self._node_rows],
             gap,
             normal,
@@ -479,7 +479,7 @@ class _TimeIntegration:
             dt,
         )
         if interface.cone.has_user_law:
-            interface.check_laws()
+            interface.check_friction_laws()
         velocity[self._node_rows] += dt * self._inverse_mass[self._node_rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
@@ -499,7 +499,7 @@ class _TimeIntegration:
         self.forces.append(contact.force)
         return contact
 
-    def make_frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
+    def make_state_of_last_step(self, displacement: PETSc.Vec, contact: NodalContactForcesAndSlip) -> ContactState:
         """Return displacements and contact forces of the last step as a `ContactState`."""
         interface, is_closed = self._interface, contact.force_normal > 0
         slip = np.where(is_closed[:, None], contact.slip, 0.0)
@@ -519,13 +519,13 @@ class _TimeIntegration:
             displacement, pairs, residuals=no_residuals, increment=n_steps, converged=False
         )
 
-    def _record_energies(self, work: Array) -> None:
+    def _record_energies(self, work_of_step: Array) -> None:
         """Record the energies after a step, and add the work (3,) of this step to the total."""
         v = self._v.array_r
         energies = [
             self._mass * v @ v / 2,
             self._previous_u @ self._internal_force.array_r / 2,
-            *work,
+            *work_of_step,
         ]
         totals = self._comm.allreduce(np.array(energies))
         if not np.isfinite(totals).all():
@@ -536,11 +536,11 @@ class _TimeIntegration:
             totals[2:] += self.energies[-1][2:]
         self.energies.append(totals)
 
-    def _evaluate_surfaces(self) -> tuple[Array, Array]:
+    def _evaluate_gaps_and_normals(self) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
         translations = self.translations[-1]
         gap, normal = self._interface.evaluate_surfaces(translations)
-        self._interface.check_supports(gap, normal)
+        self._interface.check_gaps_normals_and_supports(gap, normal)
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:
@@ -550,18 +550,18 @@ class _TimeIntegration:
             return np.asarray(load.array_r)
         if load is None:
             return np.zeros_like(self._mass)
-        with collective_errors(self._comm):
+        with raise_errors_on_all_processes(self._comm):
             vector = call_user_function(self._comm, "the load", load, time)
         check_load(f"the load at the time {time:.6g}", vector, self._K)
         return np.asarray(vector.array_r)
 
-    def _evaluate_paths(self, time: float) -> Array:
+    def _evaluate_surface_translations(self, time: float) -> Array:
         """Return translations (pairs, dim) of the surfaces at a time."""
         comm, dim = self._comm, self._node_rows.shape[1]
         translations = np.zeros((len(self._paths), dim))
         if not any(self._paths):
             return translations
-        with collective_errors(comm) as same:
+        with raise_errors_on_all_processes(comm) as same:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
@@ -572,14 +572,14 @@ class _TimeIntegration:
         return translations
 
 
-def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
+def _extract_isotropic_nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     """Return the masses (n,) of this process' unknowns.
 
     ValueError is raised if the masses of a node differ between its components.
     """
     mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
-    with collective_errors(space.mesh.comm):
+    with raise_errors_on_all_processes(space.mesh.comm):
         if np.any(np.ptp(mass_of_node, axis=1) > _ROUND_OFF * mass_of_node[:, 0]):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
@@ -589,8 +589,8 @@ def _nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
 
 def _find_free_unknowns(reduction: Reduction) -> Mask:
     """Return the mask (n,) of this process' unknowns that no support prescribes."""
-    column = find_reduced_columns(reduction.right)
-    with collective_errors(reduction.offset.comm.tompi4py()):
+    column = find_reduced_column_of_each_unknown(reduction.right)
+    with raise_errors_on_all_processes(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):
             raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
     return np.asarray(column >= 0)

@@ -18,35 +18,35 @@ from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_mesh, check_same_arguments
-from pw_elements.contact.interface import find_reduced_columns
+from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes
+from pw_elements.contact.interface import find_reduced_column_of_each_unknown
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactFailed, ContactPair, ContactState, Motion
 from pw_elements.contact.output import (
     Callback,
     Fingerprint,
     check_changed_parts,
-    fingerprint_problem,
+    fingerprint_mesh_supports_and_pairs,
     fingerprint_stiffness,
     read_state,
     write_state,
 )
-from pw_elements.contact.rescue import LoadFunction
+from pw_elements.contact.rescue import LoadFractionSetter
 from pw_elements.contact.steps.checks import (
     Remedies,
-    check_constants,
+    check_constants_are_used,
     check_contact_arguments,
-    check_function,
+    check_function_or_none,
     check_large_strain_surfaces,
-    check_load_history,
-    check_loads,
+    check_and_list_loads_and_motions,
+    check_loads_fit_problem,
     check_outputs,
     check_parameters,
     check_start_state,
-    check_state_of_problem,
+    check_state_fits_problem,
     list_history_functions,
     list_motions,
-    list_remedy_cost_ratios,
+    list_remedy_max_cost_ratios,
     list_successive_states,
 )
 from pw_elements.contact.steps.finite import LargeStrainStepping
@@ -54,9 +54,9 @@ from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
     Parameter,
-    iterate_history_parts,
+    iterate_increments_and_substeps,
 )
-from pw_elements.contact.steps.stepping import REMEDIES, SmallStrainStepping
+from pw_elements.contact.steps.stepping import REMEDIES_FOR_FAILED_ITERATION, SmallStrainStepping
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
@@ -64,7 +64,7 @@ from pw_elements.solvers import (
     Solver,
     choose_solver,
     collect_garbage,
-    compute_with_fallback,
+    compute_with_direct_fallback,
     is_matrix_free,
 )
 
@@ -109,7 +109,7 @@ class ContactProblem:
     # spaces of the history functions, which belong to a state
     _history_spaces: Sequence[fem.FunctionSpace] = ()
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def __init__(
         self,
         K: PETSc.Mat,
@@ -119,7 +119,7 @@ class ContactProblem:
         solver: Solver = None,
         max_iterations: int = 50,
         callback: Callback | None = None,
-        remedies: Remedies = REMEDIES,
+        remedies: Remedies = REMEDIES_FOR_FAILED_ITERATION,
     ) -> None:
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
@@ -127,7 +127,7 @@ class ContactProblem:
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
         self._requested_solver, self._supports = solver, reduction.supports
-        cost_ratios = list_remedy_cost_ratios(remedies)
+        cost_ratios = list_remedy_max_cost_ratios(remedies)
         self._make_small_strain_stepping = partial(
             SmallStrainStepping,
             K,
@@ -147,7 +147,7 @@ class ContactProblem:
         )
 
     @classmethod
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def of_residual(
         cls,
         residual: ufl.Form,
@@ -212,11 +212,11 @@ class ContactProblem:
             update=update,
         )
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def step(
         self,
         state: ContactState,
-        load: PETSc.Vec | LoadFunction | None = None,
+        load: PETSc.Vec | LoadFractionSetter | None = None,
         motions: Motion | Sequence[Motion | None] | None = (),
     ) -> ContactState:
         """Return the state at the end of one increment.
@@ -271,7 +271,7 @@ class ContactProblem:
                 self._small_strain_stepping = self._make_small_strain_stepping(solver=solver)
             return self._small_strain_stepping.step(state, load, motions)
 
-        return compute_with_fallback(
+        return compute_with_direct_fallback(
             self._small_strain_stepping.solver, self._requested_solver, self._supports, step_with
         )
 
@@ -284,13 +284,13 @@ class ContactProblem:
                 self._K.stateGet(),
             )
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def sensitivity(
         self,
         states: Sequence[ContactState],
         outputs: Sequence[Output],
         parameters: Sequence[Parameter],
-        loads: Sequence[LoadFunction | None] = (),
+        loads: Sequence[LoadFractionSetter | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
         """Return derivatives of outputs of a history of states with respect to parameters.
@@ -343,7 +343,7 @@ class ContactProblem:
             )
         states = list_successive_states(states, self.undeformed)
         n_steps = len(states) - 1
-        check_loads(loads, n_steps, self._has_residual)
+        check_loads_fit_problem(loads, n_steps, self._has_residual)
         self._rebuild_if_stiffness_changed()
         stepping, space_and_kind = self._current_stepping, (self._space, self._has_residual)
         if is_matrix_free(stepping.solver) or stepping.interface.mortars:
@@ -354,8 +354,8 @@ class ContactProblem:
         output_list = check_outputs(outputs, len(self.pairs), *space_and_kind)
         parameter_list = check_parameters(parameters, len(states), self.pairs, *space_and_kind)
         if self._residual_stepping is not None:
-            check_constants(parameter_list, output_list, self._residual_stepping)
-        parts = list(iterate_history_parts(states, loads or [None] * n_steps))
+            check_constants_are_used(parameter_list, output_list, self._residual_stepping)
+        parts = list(iterate_increments_and_substeps(states, loads or [None] * n_steps))
         derivatives = Derivatives(
             stepping.interface,
             stepping.linearise,
@@ -365,13 +365,13 @@ class ContactProblem:
             parameter_list,
         )
         if weights is None:
-            return derivatives.compute_direct()
+            return derivatives.compute_all_by_direct_mode()
         weight_shape = n_steps, len(output_list)
-        return derivatives.compute_adjoint(
+        return derivatives.compute_gradient_by_adjoint_mode(
             arguments.check_real_array("weights", weights, weight_shape)
         )
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def release(self) -> None:
         """Free the memory of the solver on all processes.
 
@@ -396,19 +396,19 @@ class ContactProblem:
 
         They do not depend on the number of processes.
         """
-        parts = self._identify_interface(find_reduced_columns(self._reduction.right))
+        parts = self._fingerprint_mesh_supports_and_pairs(find_reduced_column_of_each_unknown(self._reduction.right))
         return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
-    def _identify_interface(self, column: Indices) -> dict[str, Any]:
+    def _fingerprint_mesh_supports_and_pairs(self, column_of_unknown: Indices) -> dict[str, Any]:
         """Return the identifying data that all problems have in common.
 
         Args:
-            column: array (n,) of this process, -1 for unknowns that supports prescribe.
+            column_of_unknown: array (n,) of this process, -1 for unknowns that supports prescribe.
         """
         interface, states = self._current_stepping.interface, self.undeformed.pairs
-        return fingerprint_problem(interface, self.pairs, states, column, self._space)
+        return fingerprint_mesh_supports_and_pairs(interface, self.pairs, states, column_of_unknown, self._space)
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def save(self, state: ContactState, path: str | Path) -> None:
         """Write a state to a file, a NumPy archive without pickles.
 
@@ -423,10 +423,10 @@ class ContactProblem:
             ValueError: for a state with other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_state_of_problem(state, self.undeformed, "the state")
+        check_state_fits_problem(state, self.undeformed, "the state")
         write_state(path, state, self._space, self._history_spaces, self._identify())
 
-    @check_same_arguments
+    @check_same_arguments_on_all_processes
     def load(
         self, path: str | Path, changed: Sequence[str | fem.Constant | fem.Function] = ()
     ) -> ContactState:
@@ -517,7 +517,7 @@ class _ResidualProblem(ContactProblem):
             "give a function of the fraction (0, 1] of the increment, which sets the constants and "
             "functions that change"
         )
-        check_function("the load of a residual", load, remedy)
+        check_function_or_none("the load of a residual", load, remedy)
         return self._large_strain_stepping.step(state, load, motions)
 
     def _rebuild_if_stiffness_changed(self) -> None:
@@ -536,11 +536,11 @@ class _ResidualProblem(ContactProblem):
         return self._large_strain_stepping.stiffness
 
     def _identify(self) -> Fingerprint:
-        column, residual = self._large_strain_stepping.identify_residual()
-        return Fingerprint(self._identify_interface(column), residual)
+        column, residual = self._large_strain_stepping.support_markers_and_residual_fingerprint()
+        return Fingerprint(self._fingerprint_mesh_supports_and_pairs(column), residual)
 
 
-@check_same_arguments
+@check_same_arguments_on_all_processes
 def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
@@ -550,7 +550,7 @@ def solve_contact(
     max_iterations: int = 50,
     solver: Solver = None,
     callback: Callback | None = None,
-    remedies: Remedies = REMEDIES,
+    remedies: Remedies = REMEDIES_FOR_FAILED_ITERATION,
 ) -> list[ContactState]:
     """Solve contact at small displacements; return the state at the end of each increment.
 
@@ -578,7 +578,7 @@ def solve_contact(
             contains the states before this increment.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    load_list, motions_by_increment = check_load_history(
+    load_list, motions_by_increment = check_and_list_loads_and_motions(
         loads, K, problem.pairs, space.mesh.geometry.dim
     )
     states = [problem.undeformed]

@@ -31,8 +31,8 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import (
-    LinearisedLaw,
-    assemble_node_equations,
+    LinearisedContactLaw,
+    assemble_active_set_equations,
     eliminate_known_motions,
 )
 from pw_elements.contact.system import AssembledTangent
@@ -47,14 +47,14 @@ Parameter: TypeAlias = (
 )
 
 # Least distance of a node's force from a change of status, relative to the largest nodal force
-_MIN_STATUS_MARGIN = 1e-6
+_MIN_STATUS_MARGIN_PER_MAX_FORCE = 1e-6
 # Largest violation of the contact law, relative to its tolerance, that the state at the end of an
 # increment may have
-_MAX_END_VIOLATION = 10.0
+_MAX_END_STATE_VIOLATION_PER_TOLERANCE = 10.0
 
 
 @dataclass(frozen=True)
-class HistoryPart:
+class IncrementOrSubstep:
     """An increment, or one part of an increment that was divided into several.
 
     Args:
@@ -75,9 +75,9 @@ class HistoryPart:
     load: Any
 
 
-def iterate_history_parts(
+def iterate_increments_and_substeps(
     states: Sequence[ContactState], loads: Sequence[Any]
-) -> Iterator[HistoryPart]:
+) -> Iterator[IncrementOrSubstep]:
     """Yield all parts of a load history in order.
 
     Args:
@@ -92,12 +92,12 @@ def iterate_history_parts(
             )
         part_start = start
         for fraction, state in (*end.substates, (1.0, end)):
-            yield HistoryPart(k, start, part_start, state, fraction, load)
+            yield IncrementOrSubstep(k, start, part_start, state, fraction, load)
             part_start = state
 
 
 @dataclass(frozen=True)
-class StateChange:
+class StateDerivativeOrWeights:
     """Derivative of a state with respect to a parameter, or weights of all components of a state.
 
     Args:
@@ -111,26 +111,26 @@ class StateChange:
     translations: Array
     force: Array
 
-    def add_multiple(self, factor: float, other: "StateChange") -> "StateChange":
+    def add_multiple(self, factor: float, other: "StateDerivativeOrWeights") -> "StateDerivativeOrWeights":
         """Return the sum of this change and `factor` times another change."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
-        return StateChange(
+        return StateDerivativeOrWeights(
             unknowns,
             self.translations + factor * other.translations,
             self.force + factor * other.force,
         )
 
-    def weighted_sum(self, change: "StateChange") -> float:
+    def inner_product(self, other: "StateDerivativeOrWeights") -> float:
         """Return the sum of a change's components, weighted with the components of this object."""
         comm = self.unknowns.comm.tompi4py()
-        of_forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
-        of_translations = float(np.sum(self.translations * change.translations))
-        return float(self.unknowns.dot(change.unknowns)) + of_forces + of_translations
+        of_forces = comm.allreduce(float(np.sum(self.force * other.force)), MPI.SUM)
+        of_translations = float(np.sum(self.translations * other.translations))
+        return float(self.unknowns.dot(other.unknowns)) + of_forces + of_translations
 
 
 @dataclass(frozen=True)
-class DataRates:
+class ProblemDataDerivatives:
     """Derivatives of the data at the end of an increment with respect to a parameter.
 
     Args:
@@ -147,7 +147,7 @@ class DataRates:
     friction: Array
 
 
-class LinearisedEnd:
+class EquationsLinearisedAtEnd:
     """Equations of an increment or of a part of an increment, linearised at its end.
 
     Args:
@@ -171,23 +171,23 @@ class LinearisedEnd:
         reduction: Reduction,
         by_start: Array,
     ) -> None:
-        if end.violation > _MAX_END_VIOLATION:
+        if end.violation > _MAX_END_STATE_VIOLATION_PER_TOLERANCE:
             raise ValueError(
                 "is not the end of a step from the state before under this load: give the `states` "
                 "and `loads` of the computation"
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
-        self._check_margin(end)
+        self._raise_if_not_differentiable(end)
         active, kinematics = end.nodes.active_set, end.kinematics
         self._law = kinematics.linearise_law(active, self._system.law_scale)
         self._torque_map = kinematics.torque_map
         to_global = np.swapaxes(kinematics.frame, 1, 2)
-        slip_equations = assemble_node_equations(active, self._system.law_scale)[1][:, :, 1:]
+        slip_equations = assemble_active_set_equations(active, self._system.law_scale)[1][:, :, 1:]
         self._by_start = to_global @ slip_equations @ by_start
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
-    def _check_margin(self, end: NewtonState) -> None:
+    def _raise_if_not_differentiable(self, end: NewtonState) -> None:
         """Raise ValueError if a status is about to change, or if supports carry friction forces."""
         interface, nodes = self._system.interface, end.nodes
         is_closed = nodes.trial_pressure > 0
@@ -203,14 +203,14 @@ class LinearisedEnd:
         has_free_tangent = nodes.frame[:, 1:].any(axis=2) & ~nodes.held_tangents
         may_slip = is_closed & nodes.cone.has_friction & has_free_tangent.any(axis=1)
         friction_margin = np.abs(
-            np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits[0]
+            np.linalg.norm(nodes.trial_friction, axis=1) - nodes.friction_limits_and_slopes[0]
         )
         margin = np.minimum(
             np.abs(nodes.trial_pressure), np.where(may_slip, friction_margin, np.inf)
         )
         max_force = np.linalg.norm(nodes.force, axis=1).max(initial=0.0)
         max_force = self._system.comm.allreduce(max_force, MPI.MAX)
-        is_near_change = margin < _MIN_STATUS_MARGIN * max_force + end.round_off
+        is_near_change = margin < _MIN_STATUS_MARGIN_PER_MAX_FORCE * max_force + end.round_off
         positions, margins = (
             interface.gather_values(interface.position[is_near_change]),
             interface.gather_values(margin),
@@ -223,18 +223,18 @@ class LinearisedEnd:
                 "before or after"
             )
 
-    def propagate_change(self, rates: DataRates, start_change: StateChange) -> StateChange:
+    def propagate_derivative_to_end(self, data_derivatives: ProblemDataDerivatives, start_derivative: StateDerivativeOrWeights) -> StateDerivativeOrWeights:
         """Return the change of the state at the end.
 
         Args:
-            rates: derivatives of the data at the end.
-            start_change: change of the state at the start.
+            data_derivatives: derivatives of the data at the end.
+            start_derivative: change of the state at the start.
         """
         system = self._system
-        load, law, totals, translations, offset = self._right_hand_side(rates)
+        load, law, totals, translations, offset = self._assemble_derivative_right_hand_side(data_derivatives)
         start_motion = (
-            system.point_displacements(start_change.unknowns)
-            - start_change.translations[system.interface.pair]
+            system.evaluate_relative_point_displacements(start_derivative.unknowns)
+            - start_derivative.translations[system.interface.pair]
         )
         law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start_motion))
         solution = system.solve(load, law, totals, torque_map=self._torque_map)
@@ -244,18 +244,18 @@ class LinearisedEnd:
         self._reduction.right.multAdd(solution.reduced_unknowns, offset, unknowns)
         system.stiffness.mult(solution.reduced_unknowns, residual)
         residual.axpy(-1.0, load)
-        return StateChange(unknowns, translations, system.split_residual(residual)[0])
+        return StateDerivativeOrWeights(unknowns, translations, system.split_residual_into_contact_and_unbalanced_forces(residual)[0])
 
-    def propagate_weights(
-        self, weights: StateChange, rates_of_parameters: Sequence[DataRates]
-    ) -> tuple[Array, StateChange]:
+    def propagate_weights_to_start(
+        self, end_weights: StateDerivativeOrWeights, data_derivatives_by_parameter: Sequence[ProblemDataDerivatives]
+    ) -> tuple[Array, StateDerivativeOrWeights]:
         """Return derivatives of a weighted sum, and the weights of the state at the start.
 
         The sum is that of all components of the state at the end, with the given weights.
 
         Args:
-            weights: weights of the state at the end.
-            rates_of_parameters: derivatives of the data with respect to each parameter.
+            end_weights: weights of the state at the end.
+            data_derivatives_by_parameter: derivatives of the data with respect to each parameter.
 
         Returns:
             Derivatives (parameters,) of the weighted sum for a fixed state at the start; and its
@@ -263,40 +263,40 @@ class LinearisedEnd:
         """
         system, motion = self._system, self._system.interface.motion
         force, right = (
-            system.make_equation_weights(weights.force),
+            system.convert_force_weights_to_equation_weights(end_weights.force),
             self._reduction.right.createVecRight(),
         )
-        self._reduction.right.multTranspose(weights.unknowns, right)
+        self._reduction.right.multTranspose(end_weights.unknowns, right)
         system.stiffness.multTransposeAdd(force, right, right)
         free_weights = np.array(
-            [weights.translations[pair_and_axis] for pair_and_axis in system.free_motions]
+            [end_weights.translations[pair_and_axis] for pair_and_axis in system.free_motions]
         )
         assert isinstance(system.tangent, AssembledTangent)
         adjoint = system.tangent.solve_transposed(right.array_r, free_weights, self._law)
-        derivatives = np.zeros(len(rates_of_parameters))
-        for number, rates in enumerate(rates_of_parameters):
-            load, law, totals, motion_rates, offset = self._right_hand_side(rates)
+        derivatives = np.zeros(len(data_derivatives_by_parameter))
+        for number, rates in enumerate(data_derivatives_by_parameter):
+            load, law, totals, motion_rates, offset = self._assemble_derivative_right_hand_side(rates)
             right_hand_sides = np.append(
                 *system.assemble_right_hand_sides(load, law, totals, self._torque_map)
             )[: len(adjoint)]
             derivatives[number] = adjoint @ right_hand_sides - force.array_r @ load.array_r
-            derivatives[number] += weights.unknowns.array_r @ offset.array_r
-            derivatives[number] += np.sum(weights.translations * motion_rates) * (
+            derivatives[number] += end_weights.unknowns.array_r @ offset.array_r
+            derivatives[number] += np.sum(end_weights.translations * motion_rates) * (
                 system.comm.rank == 0
             )
         start_weights = -np.einsum("nab,na->nb", self._by_start, system.extract_at_points(adjoint))
         node_weights, unknowns = motion.createVecLeft(), motion.createVecRight()
         node_weights.setArray(start_weights)
         motion.multTranspose(node_weights, unknowns)
-        translations = np.zeros_like(weights.translations)
+        translations = np.zeros_like(end_weights.translations)
         np.add.at(translations, system.interface.pair, -start_weights)
         for values in (derivatives, translations):
             system.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)
-        return derivatives, StateChange(unknowns, translations, np.zeros_like(start_weights))
+        return derivatives, StateDerivativeOrWeights(unknowns, translations, np.zeros_like(start_weights))
 
-    def _right_hand_side(
-        self, rates: DataRates
-    ) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
+    def _assemble_derivative_right_hand_side(
+        self, data_derivatives: ProblemDataDerivatives
+    ) -> tuple[PETSc.Vec, LinearisedContactLaw, Array, Array, PETSc.Vec]:
         """Return the right-hand side that belongs to derivatives of the data.
 
         Returns:
@@ -304,18 +304,18 @@ class LinearisedEnd:
             on free motions, of the prescribed translations (pairs, dim), and of the prescribed
             displacements (n,).
         """
-        system, translations = self._system, rates.motions.copy()
+        system, translations = self._system, data_derivatives.motions.copy()
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
         for pair_and_axis in system.free_motions:
             translations[pair_and_axis] = 0.0
-        reduction = replace(self._reduction, offset=rates.offset).for_load(self._K, rates.load)
+        reduction = replace(self._reduction, offset=data_derivatives.offset).for_load(self._K, data_derivatives.load)
         pair = system.interface.pair
-        law = replace(self._law, c=rates.friction[pair, None] * self._by_friction)
+        law = replace(self._law, c=data_derivatives.friction[pair, None] * self._by_friction)
         # angles of surfaces that may turn have zero derivatives
         n_angles = law.D.shape[2] - translations.shape[1]
         known_motions = np.pad(translations[pair], [(0, 0), (0, n_angles)])
-        law = eliminate_known_motions(law, known_motions, system.point_motions(reduction.offset))
-        return reduction.load(self._K, rates.load), law, totals, translations, reduction.offset
+        law = eliminate_known_motions(law, known_motions, system.evaluate_point_motions(reduction.offset))
+        return reduction.load(self._K, data_derivatives.load), law, totals, translations, reduction.offset
 
 
 class ParametricResidual(Protocol):
@@ -348,51 +348,51 @@ class Derivatives:
     """
 
     interface: Interface
-    linearise_end: Callable[[HistoryPart], LinearisedEnd]
+    linearise_end: Callable[[IncrementOrSubstep], EquationsLinearisedAtEnd]
     residual: ParametricResidual | None
-    parts: Sequence[HistoryPart]
+    parts: Sequence[IncrementOrSubstep]
     outputs: Sequence[Output]
     parameters: Sequence[tuple[Parameter, Array]]
 
-    def compute_direct(self) -> Array:
+    def compute_all_by_direct_mode(self) -> Array:
         """Return all derivatives (increments, outputs, parameters), computed in the direct mode."""
         shape = self.parts[-1].increment + 1, len(self.outputs), len(self.parameters)
-        derivatives, changes = np.zeros(shape), [self._zero_change()] * len(self.parameters)
+        derivatives, changes = np.zeros(shape), [self._zero_state_derivative()] * len(self.parameters)
         for part in self.parts:
-            linearised, rates = self._linearise(part), self._evaluate_rates(part)
+            linearised, rates = self._linearise(part), self._evaluate_data_derivatives(part)
             changes = [
-                linearised.propagate_change(rate, start_change)
+                linearised.propagate_derivative_to_end(rate, start_change)
                 for rate, start_change in zip(rates, changes, strict=True)
             ]
             for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
-                weights = self._output_weights(output)
+                weights = self._differentiate_output_by_state(output)
                 derivatives[part.increment, i] = [
-                    weights.weighted_sum(change) for change in changes
+                    weights.inner_product(change) for change in changes
                 ]
-                derivatives[part.increment, i] += self._explicit_derivatives(output, part)
+                derivatives[part.increment, i] += self._differentiate_output_at_fixed_state(output, part)
         return derivatives
 
-    def compute_adjoint(self, weights: Array) -> Array:
+    def compute_gradient_by_adjoint_mode(self, output_weights: Array) -> Array:
         """Return the gradient of a weighted sum of all outputs, computed in the adjoint mode.
 
         Args:
-            weights: weights (increments, outputs) of the outputs at the end of each increment.
+            output_weights: weights (increments, outputs) of the outputs at the end of each increment.
 
         Returns:
             Derivatives (parameters,) of the weighted sum.
         """
-        gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
+        gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_state_derivative()
         for part in reversed(self.parts):
-            linearised, rates = self._linearise(part), self._evaluate_rates(part)
+            linearised, rates = self._linearise(part), self._evaluate_data_derivatives(part)
             for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
-                weight = weights[part.increment, i]
-                adjoint_weights = adjoint_weights.add_multiple(weight, self._output_weights(output))
-                gradient += weight * self._explicit_derivatives(output, part)
-            part_gradient, adjoint_weights = linearised.propagate_weights(adjoint_weights, rates)
+                weight = output_weights[part.increment, i]
+                adjoint_weights = adjoint_weights.add_multiple(weight, self._differentiate_output_by_state(output))
+                gradient += weight * self._differentiate_output_at_fixed_state(output, part)
+            part_gradient, adjoint_weights = linearised.propagate_weights_to_start(adjoint_weights, rates)
             gradient += part_gradient
         return gradient
 
-    def _linearise(self, part: HistoryPart) -> LinearisedEnd:
+    def _linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         try:
             return self.linearise_end(part)
         except ValueError as error:
@@ -404,13 +404,13 @@ class Derivatives:
         vector.set(0.0)
         return vector
 
-    def _zero_change(self) -> StateChange:
+    def _zero_state_derivative(self) -> StateDerivativeOrWeights:
         start, position = self.parts[0].increment_start, self.interface.position
-        return StateChange(
+        return StateDerivativeOrWeights(
             self._zero_vector(), np.zeros_like(start.translations), np.zeros_like(position)
         )
 
-    def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
+    def _evaluate_data_derivatives(self, part: IncrementOrSubstep) -> list[ProblemDataDerivatives]:
         """Return derivatives of the data at the end of a part with respect to each parameter."""
         rates_of_parameters, number, fraction = [], part.increment, part.fraction
         for parameter, rates in self.parameters:
@@ -420,22 +420,22 @@ class Derivatives:
             friction = np.zeros(len(motions))
             match parameter_object(parameter):
                 case fem.Constant() as constant:
-                    load, offset = self._constant_rates(constant, rate)
+                    load, offset = self._differentiate_load_and_supports_by_constant(constant, rate)
                 case PETSc.Vec() as vector:
                     load.axpy(float(rate), vector)
                 case "friction":
                     friction[parameter[1]] = rate
                 case _:
                     motions[parameter[1]] = rate
-            rates_of_parameters.append(DataRates(load, offset, motions, friction))
+            rates_of_parameters.append(ProblemDataDerivatives(load, offset, motions, friction))
         return rates_of_parameters
 
-    def _constant_rates(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
+    def _differentiate_load_and_supports_by_constant(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Return derivatives (n,) of load and prescribed displacements along a constant's rate."""
         residual = self.residual
         assert residual is not None  # only residuals have constants
         change, load = (
-            _differentiate_by_constant(residual.form, constant, rate),
+            _differentiate_form_by_constant(residual.form, constant, rate),
             self._zero_vector(),
         )
         if not change.empty():
@@ -450,12 +450,12 @@ class Derivatives:
         constant.value = value
         return load, offset
 
-    def _output_weights(self, output: Output) -> StateChange:
+    def _differentiate_output_by_state(self, output: Output) -> StateDerivativeOrWeights:
         """Return the weights with which the components of a change of state change an output.
 
         A functional is linearised at the present values of the unknown function.
         """
-        weights = self._zero_change()
+        weights = self._zero_state_derivative()
         if isinstance(output, ufl.Form):
             assert self.residual is not None
             u = self.residual.u
@@ -471,7 +471,7 @@ class Derivatives:
             weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
-    def _explicit_derivatives(self, output: Output, part: HistoryPart) -> Array:
+    def _differentiate_output_at_fixed_state(self, output: Output, part: IncrementOrSubstep) -> Array:
         """Return derivatives (parameters,) of an output at a fixed state.
 
         They are zero for all parameters except constants that the output contains.
@@ -480,7 +480,7 @@ class Derivatives:
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
                 if isinstance(constant := parameter_object(parameter), fem.Constant):
-                    change = _differentiate_by_constant(output, constant, rates[part.increment + 1])
+                    change = _differentiate_form_by_constant(output, constant, rates[part.increment + 1])
                     derivatives[i] = 0.0 if change.empty() else assemble_scalar(change)
         return derivatives
 
@@ -490,7 +490,7 @@ def parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
     return parameter[0] if isinstance(parameter, tuple) else parameter
 
 
-def _differentiate_by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
+def _differentiate_form_by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
     """Return the derivative of a form along the rate of a constant.
 
     The derivative is an empty form if the form does not contain the constant.

@@ -18,32 +18,32 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import collective_errors, format_points
-from pw_elements.contact.interface import MIN_OUTWARD_COSINE, RIGID, Interface, compute_flat_facets
+from pw_elements.checks import raise_errors_on_all_processes, format_points
+from pw_elements.contact.interface import MIN_NORMAL_COSINE_OF_OUTWARD_PUSH, RIGID, Interface, compute_facet_nodes_positions_and_normals
 from pw_elements.contact.iteration import Increment, NewtonState
 from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import log_on_root
 
 # Number of cells whose gradients are evaluated at once
-_CELLS_AT_ONCE = 4_000
+_GRADIENT_BATCH_SIZE_IN_CELLS = 4_000
 
 # Strain below which no node of a body can have been pushed beyond the far side of the body, since
 # the strain around this node would be about one
-_MIN_CRUSHING_STRAIN = 0.5
+_MIN_STRAIN_TO_CROSS_THICKNESS = 0.5
 # Largest distance between positions that counts as round-off, relative to the largest coordinate
-_POSITION_ROUND_OFF = 1e-9
+_RELATIVE_POSITION_ROUND_OFF = 1e-9
 # Step along a surface's path, and depth from which on a node counts as inside the surface, both
 # relative to the smallest facet
-_PATH_STEP = 0.25
-_MIN_SWALLOWED_DEPTH = 1e-3
-_MAX_PATH_STEPS = 10_000
+_SURFACE_PATH_STEP_IN_FACETS = 0.25
+_MIN_DEPTH_INSIDE_SURFACE_IN_FACETS = 1e-3
+_MAX_SURFACE_PATH_STEPS = 10_000
 # Offset of positions, relative to the smallest facet, that avoids points where a surface has no
 # normal
-_SAMPLE_OFFSET = 1e-7
+_OFFSET_FROM_SINGULAR_POINTS_IN_FACETS = 1e-7
 
 # Largest difference between the two slips relative to the larger one
-MAX_SLIP_DIFFERENCE = 0.1
+MAX_RELATIVE_PATH_SLIP_DIFFERENCE = 0.1
 # Difference between the two slips that is allowed in any case. For two sliding bodies, where slip
 # is a mean over facets, it is relative to the shortest facet around a node; for all other pairs, it
 # is relative to the largest displacement
@@ -52,7 +52,7 @@ _ALLOWED_PER_FACET, _ALLOWED_PER_DISPLACEMENT = 0.05, 1e-6
 # Limits of small displacements. Neglected second-order terms change a strain e by e^2/2. A rotation
 # w turns forces by w and causes strains of w^2/2. After slip by half a facet, a node would face
 # another node
-_SMALL_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
+_SMALL_DISPLACEMENT_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 
 def gradient_at_vertices(u: fem.Function) -> fem.Expression:
@@ -64,7 +64,7 @@ def gradient_at_vertices(u: fem.Function) -> fem.Expression:
     return fem.Expression(ufl.grad(u), basix.geometry(u.function_space.mesh.basix_cell()))
 
 
-def measure_largest_gradient(
+def measure_max_strain_and_rotation(
     gradient: fem.Expression, u: fem.Function, displacement: PETSc.Vec
 ) -> tuple[float, float]:
     """Return the largest strain and the largest rotation in the cells of all processes.
@@ -83,8 +83,8 @@ def measure_largest_gradient(
     u.x.scatter_forward()
     dim, n_cells = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     strain, rotation = 0.0, 0.0
-    for first_cell in range(0, n_cells, _CELLS_AT_ONCE):
-        cells = np.arange(first_cell, min(first_cell + _CELLS_AT_ONCE, n_cells), dtype=np.int32)
+    for first_cell in range(0, n_cells, _GRADIENT_BATCH_SIZE_IN_CELLS):
+        cells = np.arange(first_cell, min(first_cell + _GRADIENT_BATCH_SIZE_IN_CELLS, n_cells), dtype=np.int32)
         values = np.reshape(gradient.eval(mesh, cells), (-1, dim, dim))
         transposed = np.swapaxes(values, 1, 2)
         symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
@@ -101,28 +101,28 @@ def measure_largest_gradient(
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
-def log_large_values(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm) -> None:
+def warn_if_no_longer_small(smallness: Smallness, previous_smallness: Smallness, message_start: str, comm: MPI.Comm) -> None:
     """Log a warning if strain, rotation or slip leaves the range of small displacements.
 
     A quantity that was out of range before causes no further warning.
 
     Args:
         smallness: strain, rotation and slip of a state.
-        before: strain, rotation and slip of the previous state.
-        when: start of the message.
+        previous_smallness: strain, rotation and slip of the previous state.
+        message_start: start of the message.
         comm: communicator of the mesh.
     """
     large_quantities = [
         f"largest {name} {value:.3g} (above {limit:g})"
         for name, value in vars(smallness).items()
-        if value > (limit := getattr(_SMALL_LIMITS, name)) >= getattr(before, name)
+        if value > (limit := getattr(_SMALL_DISPLACEMENT_LIMITS, name)) >= getattr(previous_smallness, name)
     ]
     if large_quantities:
-        words = f"{when} leaves the range of small displacements: {', '.join(large_quantities)}"
+        words = f"{message_start} leaves the range of small displacements: {', '.join(large_quantities)}"
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-class SmallnessCheck:
+class SmallDisplacementAndPassingCheck:
     """Check that displacements stay small, and that rigid surfaces stay outside the body.
 
     Args:
@@ -137,7 +137,7 @@ class SmallnessCheck:
         self._interface, self._comm = interface, interface.comm
         self._u = fem.Function(space)
         self._gradient = gradient_at_vertices(self._u)
-        self._node_of_facet, self._facet_normal, size = _find_adjacent_facets(interface.node, space)
+        self._node_of_facet, self._facet_normal, size = _measure_exterior_facets_at_nodes(interface.node, space)
         self._facet_size = np.full(len(interface.node), np.inf)
         np.minimum.at(self._facet_size, self._node_of_facet, size)
         in_pairs = [interface.pair == k for k in range(interface.pairs)]
@@ -150,45 +150,45 @@ class SmallnessCheck:
             for in_pair in in_pairs
         ]
 
-    def refuse_prescribed_passing(self, increment: Increment) -> None:
+    def raise_if_prescribed_motion_passes_body(self, increment: Increment) -> None:
         """Raise SurfacePassed if prescribed translations move a rigid surface through the body."""
         start = increment.start
         is_prescribed = np.isfinite(increment.prescribed)
-        self._refuse_passing(start, np.where(is_prescribed, increment.prescribed, start.q))
+        self._raise_if_surfaces_pass_body(start, np.where(is_prescribed, increment.prescribed, start.q))
 
-    def check_solution(
-        self, increment: Increment, end: NewtonState, before: ContactState
+    def check_and_measure_smallness(
+        self, increment: Increment, end: NewtonState, start_state: ContactState
     ) -> Smallness:
         """Return the largest strain, rotation and slip of a solution; warn if one is too large.
 
         Args:
             increment: the equations of the increment.
             end: solution of the increment.
-            before: state at the start of the increment.
+            start_state: state at the start of the increment.
 
         Raises:
             SurfacePassed: if a rigid surface has gone through the body or pushes it outwards.
         """
-        self._refuse_passing(increment.start, end.q)
+        self._raise_if_surfaces_pass_body(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
         displacement = interface.field.extract(end.unknowns)
-        strain, rotation = measure_largest_gradient(self._gradient, self._u, displacement)
+        strain, rotation = measure_max_strain_and_rotation(self._gradient, self._u, displacement)
         is_closed = nodes.active_set.status != OPEN
-        cosine = self._min_outward_cosine(nodes.frame[:, 0])
+        cosine = self._min_cosine_to_outward_normals(nodes.frame[:, 0])
         for k in np.flatnonzero(self._is_rigid_pair):
             in_pair = is_closed & (interface.pair == k)
-            self._refuse_nodes(
-                k, in_pair & (cosine > MIN_OUTWARD_COSINE), "pushes the body outwards at"
+            self._raise_surface_passed_if_any(
+                k, in_pair & (cosine > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH), "pushes the body outwards at"
             )
-            if strain > _MIN_CRUSHING_STRAIN:
-                is_beyond = in_pair & self._find_nodes_beyond_far_side(end)
-                self._refuse_nodes(k, is_beyond, "is through the whole thickness of the body at")
-        smallness = Smallness(strain, rotation, self._measure_slip(increment, end))
-        when = f"increment {before.increment}"
-        log_large_values(smallness, before.smallness or Smallness(), when, self._comm)
+            if strain > _MIN_STRAIN_TO_CROSS_THICKNESS:
+                is_beyond = in_pair & self._find_nodes_pushed_beyond_far_side(end)
+                self._raise_surface_passed_if_any(k, is_beyond, "is through the whole thickness of the body at")
+        smallness = Smallness(strain, rotation, self._measure_max_slip_in_facets(increment, end))
+        when = f"increment {start_state.increment}"
+        warn_if_no_longer_small(smallness, start_state.smallness or Smallness(), when, self._comm)
         return smallness
 
-    def _measure_slip(self, increment: Increment, end: NewtonState) -> float:
+    def _measure_max_slip_in_facets(self, increment: Increment, end: NewtonState) -> float:
         """Return the largest slip of a closed node, divided by the size of its facets.
 
         On rigid surfaces, slip is measured from the start of the increment; between two bodies, it
@@ -205,33 +205,33 @@ class SmallnessCheck:
         max_slip = np.max(slip / self._facet_size, where=is_closed, initial=0.0)
         return float(self._comm.allreduce(max_slip, MPI.MAX))
 
-    def _min_outward_cosine(self, normal: Array) -> Array:
+    def _min_cosine_to_outward_normals(self, unit_vectors: Array) -> Array:
         """Return the least cosine (m,) between a node's vector and its facets' outward normals.
 
         Args:
-            normal: unit vectors (m, dim) at the nodes.
+            unit_vectors: unit vectors (m, dim) at the nodes.
         """
-        min_cosine = np.full(len(normal), np.inf)
-        cosine = np.sum(normal[self._node_of_facet] * self._facet_normal, axis=1)
+        min_cosine = np.full(len(unit_vectors), np.inf)
+        cosine = np.sum(unit_vectors[self._node_of_facet] * self._facet_normal, axis=1)
         np.minimum.at(min_cosine, self._node_of_facet, cosine)
         return min_cosine
 
-    def _refuse_passing(self, start: IncrementStart, translations: Array) -> None:
+    def _raise_if_surfaces_pass_body(self, start: IncrementStart, end_translations: Array) -> None:
         """Raise SurfacePassed if a rigid surface passes through the body on its path.
 
         Args:
             start: start of the increment, and of the paths.
-            translations: translations (pairs, dim) of the surfaces at the end of the paths.
+            end_translations: translations (pairs, dim) of the surfaces at the end of the paths.
         """
         for k, is_rigid in enumerate(self._is_rigid_pair):
-            path = translations[k] - start.q[k]
-            if is_rigid and np.linalg.norm(path) > _PATH_STEP * self.min_facet_sizes[k]:
-                is_swallowed = self._find_swallowed(k, start, path)
-                self._refuse_nodes(
+            path = end_translations[k] - start.q[k]
+            if is_rigid and np.linalg.norm(path) > _SURFACE_PATH_STEP_IN_FACETS * self.min_facet_sizes[k]:
+                is_swallowed = self._find_nodes_reached_from_behind(k, start, path)
+                self._raise_surface_passed_if_any(
                     k, is_swallowed, "passes through the body: it goes through the nodes at"
                 )
 
-    def _find_swallowed(self, k: int, start: IncrementStart, path: Array) -> Mask:
+    def _find_nodes_reached_from_behind(self, pair_number: int, start: IncrementStart, surface_path: Array) -> Mask:
         """Return a mask (m,) of the nodes that a rigid surface reaches from the wrong side.
 
         Relative to the surface, each node moves along the reverse of the surface's path, by half of
@@ -239,48 +239,48 @@ class SmallnessCheck:
         at a point where the surface's normal points out of the body.
 
         Args:
-            k: number of the pair.
+            pair_number: number of the pair.
             start: start of the increment.
-            path: straight path (dim,) of the pair's surface.
+            surface_path: straight path (dim,) of the pair's surface.
         """
-        interface, in_pair = self._interface, self._interface.pair == k
-        surface, facet_size = interface.surfaces[k], self.min_facet_sizes[k]
-        x, displacement = interface.position[in_pair] - start.q[k], start.displacement[in_pair]
-        length = float(np.linalg.norm(path))
-        step = max(_PATH_STEP * facet_size, length / _MAX_PATH_STEPS)
+        interface, in_pair = self._interface, self._interface.pair == pair_number
+        surface, facet_size = interface.surfaces[pair_number], self.min_facet_sizes[pair_number]
+        x, displacement = interface.position[in_pair] - start.q[pair_number], start.displacement[in_pair]
+        length = float(np.linalg.norm(surface_path))
+        step = max(_SURFACE_PATH_STEP_IN_FACETS * facet_size, length / _MAX_SURFACE_PATH_STEPS)
         # avoid points where a surface has no normal, such as the centre of a sphere
-        x = x + _SAMPLE_OFFSET * facet_size * np.sqrt(np.arange(2, 2 + x.shape[1]))
+        x = x + _OFFSET_FROM_SINGULAR_POINTS_IN_FACETS * facet_size * np.sqrt(np.arange(2, 2 + x.shape[1]))
 
         path_ratio, is_swallowed = np.zeros(len(x)), np.zeros(len(in_pair), dtype=bool)
         normals = np.zeros_like(interface.position)
-        n_nodes, substitute, is_finished = len(x), interface.first_nodes[k], False
+        n_nodes, substitute, is_finished = len(x), interface.first_node_position_of_each_pair[pair_number], False
         while not is_finished:
-            with collective_errors(self._comm):
-                position = x - path_ratio[:, None] * path if n_nodes else substitute
+            with raise_errors_on_all_processes(self._comm):
+                position = x - path_ratio[:, None] * surface_path if n_nodes else substitute
                 gap, normal = surface.gap(position)[:n_nodes], surface.normal(position)[:n_nodes]
                 depth = -(gap + np.sum(normal * displacement, axis=1))
                 normals[in_pair] = normal
-                is_outwards = self._min_outward_cosine(normals)[in_pair] > MIN_OUTWARD_COSINE
-                is_swallowed[in_pair] |= is_outwards & (depth > _MIN_SWALLOWED_DEPTH * facet_size)
+                is_outwards = self._min_cosine_to_outward_normals(normals)[in_pair] > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH
+                is_swallowed[in_pair] |= is_outwards & (depth > _MIN_DEPTH_INSIDE_SURFACE_IN_FACETS * facet_size)
                 # the surface is a gap away; take half of it, since a gap may not be a distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
                 last_ratio, path_ratio = path_ratio, np.minimum(path_ratio + stride / length, 1.0)
             is_finished = self._comm.allreduce(bool(last_ratio.min(initial=1.0) >= 1), MPI.LAND)
         return is_swallowed
 
-    def _find_nodes_beyond_far_side(self, end: NewtonState) -> Mask:
+    def _find_nodes_pushed_beyond_far_side(self, end: NewtonState) -> Mask:
         """Return a mask (m,) of the contact nodes that are pushed beyond the body's far side.
 
         The far side consists of the nodes that come last along the contact normal in the undeformed
         body.
         """
-        interface, u = self._interface, self._u  # u was set by `measure_largest_gradient`
+        interface, u = self._interface, self._u  # u was set by `measure_max_strain_and_rotation`
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
         deformed, normals = x + u.x.array.reshape(-1, dim), interface.gather_values(normal)
         far_ends = np.array([(x @ n).max() for n in normals])
         far_ends = (
-            np.max(self._comm.allgather(far_ends), axis=0) - _POSITION_ROUND_OFF * np.abs(x).max()
+            np.max(self._comm.allgather(far_ends), axis=0) - _RELATIVE_POSITION_ROUND_OFF * np.abs(x).max()
         )
         deformed_ends = [
             (deformed @ n).max(where=x @ n >= end, initial=-np.inf)
@@ -291,26 +291,26 @@ class SmallnessCheck:
             first_row : first_row + len(normal)
         ]
         position_along_normal = np.sum(normal * (interface.position + end.displacement), axis=1)
-        return position_along_normal >= far_side - _POSITION_ROUND_OFF * np.abs(far_side)
+        return position_along_normal >= far_side - _RELATIVE_POSITION_ROUND_OFF * np.abs(far_side)
 
-    def _refuse_nodes(self, k: int, is_wrong: Mask, problem: str) -> None:
+    def _raise_surface_passed_if_any(self, pair_number: int, is_wrong: Mask, problem: str) -> None:
         """Raise SurfacePassed if there are nodes in a mask (m,), and name their positions.
 
         Args:
-            k: number of the pair.
+            pair_number: number of the pair.
             is_wrong: mask (m,) of the nodes.
             problem: what the surface does at these nodes, for the error message.
         """
         positions = self._interface.gather_values(self._interface.position[is_wrong])
         if len(positions):
             raise SurfacePassed(
-                f"the surface of contact pair {k} {problem} {format_points(positions)}; contact is "
+                f"the surface of contact pair {pair_number} {problem} {format_points(positions)}; contact is "
                 "stated for small displacements and surfaces that come from outside: move it less "
                 "far, or around the body in increments without contact"
             )
 
 
-def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
+def _measure_exterior_facets_at_nodes(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
     """Return data (f, ...) of the exterior facets around m nodes of this process.
 
     A facet occurs once for each of its nodes. Facets that belong to other processes are included.
@@ -325,7 +325,7 @@ def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indi
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = compute_flat_facets(space, exterior_facet_indices(mesh.topology))
+    nodes, x, normal = compute_facet_nodes_positions_and_normals(space, exterior_facet_indices(mesh.topology))
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     facet, corner = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
     diameter = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
@@ -351,29 +351,29 @@ def log_slip_differences(state: ContactState, interface: Interface, warned_pairs
         warned_pairs: numbers of the pairs with a warning, to which the function adds pairs.
     """
     for k, pair in enumerate(state.pairs):
-        difference = measure_slip_difference(pair)
+        difference = measure_difference_of_slip_and_path_slip(pair)
         allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
         if k in interface.mortars:
             mortar = interface.mortars[k]
             slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)
-            allowed = _ALLOWED_PER_FACET * mortar.measure_shortest_facets()[slave_number]
+            allowed = _ALLOWED_PER_FACET * mortar.measure_shortest_facet_at_slave_nodes()[slave_number]
         slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
         has_friction = (pair.status != OPEN) & (pair.friction > 0)
         is_wrong = has_friction & (
-            difference > np.maximum(MAX_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
+            difference > np.maximum(MAX_RELATIVE_PATH_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
         )
         if is_wrong.any() and k not in warned_pairs:
             warned_pairs.add(k)
             words = (
                 f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
                 f"of the path by up to {difference[is_wrong].max():.3g}, more than "
-                f"{MAX_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
+                f"{MAX_RELATIVE_PATH_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
                 f"{format_points(pair.position[is_wrong])}, where friction may be wrong: make "
                 "smaller increments and compare `PairState.slip` with `path_slip`"
             )
             log_on_root(interface.comm, logging.WARNING, words, ".contact")
 
 
-def measure_slip_difference(pair: PairState) -> Array:
+def measure_difference_of_slip_and_path_slip(pair: PairState) -> Array:
     """Return the length (m,) of `path_slip` minus `slip` at the nodes of a pair."""
     return np.asarray(np.linalg.norm(pair.slip - pair.path_slip, axis=1))

@@ -25,58 +25,58 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, full_size_reduction, scale_pressures
+from pw_elements.algebra import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import build_interface
 from pw_elements.contact.iteration import (
-    DISPLACEMENT_ROUND_OFF,
+    RELATIVE_DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
-    IncrementTarget,
+    TargetLoadsAndMotions,
     LinearEquilibrium,
     LinearIncrement,
     NewtonState,
-    choose_first_set,
+    choose_first_active_set,
     interpolate_targets,
-    make_balanced_target,
+    make_target_in_equilibrium_with_state,
     make_contact_state,
-    resume_active_set,
+    recover_active_set_of_state,
     solve_increment,
 )
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
     ContactState,
-    FreeMotions,
+    FreeMotionIndices,
     Motion,
     NoEquilibrium,
     NotFound,
     ResidualScale,
 )
 from pw_elements.contact.nodes import (
-    FORCE_TOLERANCE,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     ActiveSet,
     IncrementStart,
     LinearisedKinematics,
     TorqueMap,
-    UndeformedKinematics,
+    SmallStrainKinematics,
     make_increment_start,
 )
 from pw_elements.contact.output import Callback, ProgressReporter
 from pw_elements.contact.rescue import (
     RigidMotions,
-    combine_substeps,
+    combine_substeps_with_summed_slip,
     prove_no_equilibrium,
-    refuse_loose_body,
+    raise_if_body_is_loose,
     rescue_increment,
     solve_in_substeps,
-    solve_with_springs,
+    solve_with_softening_springs,
 )
-from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
-from pw_elements.contact.steps.smallness import SmallnessCheck, log_slip_differences
+from pw_elements.contact.steps.sensitivity import IncrementOrSubstep, EquationsLinearisedAtEnd
+from pw_elements.contact.steps.smallness import SmallDisplacementAndPassingCheck, log_slip_differences
 from pw_elements.contact.steps.verification import (
-    ReferenceSizes,
+    VerificationScales,
     check_stiffness_sign,
-    measure_undeformed,
+    measure_small_strain_kinematics,
     verify_state,
 )
 from pw_elements.contact.system import NO_COST, Accuracy, ContactSystem, Cost, measure_cost
@@ -94,16 +94,16 @@ from pw_elements.spaces import read_record
 _MIN_SUBSTEP = 1 / 16
 
 # Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
-# remedy may solve MAX_COST_RATIO times as many linear systems as the first attempt. The first
+# remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first attempt. The first
 # attempt counts as at least _MIN_ATTEMPT_SOLVES systems, fewer if there are more than
 # _SMALL_PROBLEM_DOFS unknowns
 Remedy: TypeAlias = Literal["springs", "cutback"]
-REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
-MAX_COST_RATIO = 3.0
+REMEDIES_FOR_FAILED_ITERATION: tuple[Remedy, ...] = ("springs", "cutback")
+MAX_REMEDY_COST_PER_FIRST_ATTEMPT = 3.0
 _MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
 # Number of iterations after which a proof is attempted that there is no equilibrium. Most
 # increments take fewer iterations
-_ITERATIONS_BEFORE_PROOF = 12
+_ITERATIONS_BEFORE_NO_EQUILIBRIUM_PROOF = 12
 
 
 class SmallStrainStepping:
@@ -136,8 +136,8 @@ class SmallStrainStepping:
         self.solver = solver
         uses_krylov = is_matrix_free(solver)
         self._K = K
-        self._reduction = scale_pressures(
-            full_size_reduction(reduction) if uses_krylov else reduction, K
+        self._reduction = scale_pressures_to_displacements(
+            full_size_masking_reduction(reduction) if uses_krylov else reduction, K
         )
         self._max_iterations, self._callback = max_iterations, callback
         # springs require an assembled matrix
@@ -146,7 +146,7 @@ class SmallStrainStepping:
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
-        self._smallness_check = SmallnessCheck(self.interface, self.space)
+        self._smallness_check = SmallDisplacementAndPassingCheck(self.interface, self.space)
         self._pairs_with_slip_warning: set[int] = set()
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._system_with_springs: ContactSystem | None = None
@@ -159,7 +159,7 @@ class SmallStrainStepping:
         Arguments and errors are the same as those of `ContactProblem.step`.
         """
         start_time = perf_counter()
-        end = IncrementTarget.from_motions(
+        end = TargetLoadsAndMotions.from_load_and_motions(
             load, motions, n_motions=self.interface.position.shape[1]
         )
         free_motions = end.free_motions
@@ -174,7 +174,7 @@ class SmallStrainStepping:
                 if not substeps:
                     raise
                 iterations, report = self._cost(free_motions, cost_before)
-                solution = replace(combine_substeps(substeps), iterations=iterations, report=report)
+                solution = replace(combine_substeps_with_summed_slip(substeps), iterations=iterations, report=report)
                 reached_fraction, _ = substeps[-1]
                 if reached_fraction < 1:
                     failure.last_substate = reached_fraction, solution
@@ -187,7 +187,7 @@ class SmallStrainStepping:
         return solution
 
     def _solve_in_substeps(
-        self, state: ContactState, end: IncrementTarget, reporter: ProgressReporter
+        self, state: ContactState, end: TargetLoadsAndMotions, reporter: ProgressReporter
     ) -> list[tuple[float, ContactState]]:
         """Solve an increment in substeps.
 
@@ -203,8 +203,8 @@ class SmallStrainStepping:
         """
         if "cutback" not in self._remedies:
             return []
-        start = make_balanced_target(state, self._K, self.interface)
-        remaining_solves = self._make_budget("cutback", end.free_motions)
+        start = make_target_in_equilibrium_with_state(state, self._K, self.interface)
+        remaining_solves = self._make_remaining_solves_counter("cutback", end.free_motions)
         comm = self.interface.comm
         message = f"in parts, at the cost of at most {remaining_solves():.0f} linear systems"
         log_on_root(comm, logging.INFO, message, ".contact")
@@ -224,7 +224,7 @@ class SmallStrainStepping:
         log_on_root(comm, logging.INFO, message, ".contact")
         return substeps
 
-    def _make_budget(self, remedy: Remedy, free_motions: FreeMotions) -> Callable[[], float]:
+    def _make_remaining_solves_counter(self, remedy: Remedy, free_motions: FreeMotionIndices) -> Callable[[], float]:
         """Return a function that counts the linear systems which a remedy may still solve."""
         min_solves = (
             _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
@@ -238,7 +238,7 @@ class SmallStrainStepping:
     def _solve_substep(
         self,
         state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         reporter: ProgressReporter,
         cost_before: Cost,
         remaining_solves: Callable[[], float] | None = None,
@@ -255,8 +255,8 @@ class SmallStrainStepping:
         """
         _, rigid = self._system_for(target.free_motions)
         increment, kinematics = self._start_increment(state, target)
-        linearised = self._linearise_start(increment, kinematics, state, target)
-        active = choose_first_set(
+        linearised = self._check_and_linearise_initial_kinematics(increment, kinematics, state, target)
+        active = choose_first_active_set(
             self.interface,
             linearised,
             state,
@@ -274,7 +274,7 @@ class SmallStrainStepping:
 
         def after_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
             reporter.report_iteration(iteration, active, violation)
-            is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_PROOF
+            is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_NO_EQUILIBRIUM_PROOF
             if is_late and (proof := find_proof()):
                 raise proof
 
@@ -283,7 +283,7 @@ class SmallStrainStepping:
                 increment,
                 active,
                 linearised,
-                self._make_set_update(rigid, accuracy),
+                self._make_active_set_update(rigid, accuracy),
                 max_iterations=max_iterations,
                 after_iteration=after_iteration,
             )
@@ -293,14 +293,14 @@ class SmallStrainStepping:
         except (ContactFailed, NotConverged) as failure:
             if remaining_solves is None:
                 self._n_first_attempt_solves = self._cost(target.free_motions, cost_before)[0]
-                remaining_solves = self._make_budget("springs", target.free_motions)
+                remaining_solves = self._make_remaining_solves_counter("springs", target.free_motions)
             springs = partial(
-                solve_with_springs,
+                solve_with_softening_springs,
                 increment,
                 partial(self._make_increment_with_springs, target, increment.start),
                 kinematics,
                 start=(active, linearised, state.unknowns),
-                make_update=partial(self._make_set_update, rigid, "rough"),
+                make_update=partial(self._make_active_set_update, rigid, "rough"),
                 max_iterations=self._max_iterations,
                 remaining_systems=remaining_solves,
             )
@@ -313,7 +313,7 @@ class SmallStrainStepping:
                 lambda: self._cost(target.free_motions, cost_before),
             )
         reporter.violation = end.violation
-        return self._check_and_make_state(increment, end, rigid, state, target, cost_before)
+        return self._check_iterate_and_make_state(increment, end, rigid, state, target, cost_before)
 
     @staticmethod
     def _iterate_with_accuracy_fallback(
@@ -331,13 +331,13 @@ class SmallStrainStepping:
                 raise
             return iterate("final")
 
-    def _check_and_make_state(
+    def _check_iterate_and_make_state(
         self,
         increment: LinearIncrement,
         end: NewtonState,
         rigid: RigidMotions,
         state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         cost_before: Cost,
     ) -> ContactState:
         """Check the last iterate of an increment and return the verified state.
@@ -351,14 +351,14 @@ class SmallStrainStepping:
             cost_before: cost at the start of the increment.
         """
         frame, gap = end.kinematics.frame, end.kinematics.gap
-        self.interface.check_supports(gap, frame[:, 0])
+        self.interface.check_gaps_normals_and_supports(gap, frame[:, 0])
         offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
-        self.interface.check_supports_between(offset, target.q, is_pressed)
-        refuse_loose_body(
+        self.interface.check_supports_move_both_sides_equally(offset, target.q, is_pressed)
+        raise_if_body_is_loose(
             increment, end, rigid, state, lambda: self._cost(target.free_motions, cost_before)
         )
-        slides = rigid.is_friction_exhausted(end.nodes, end.allowance)
-        smallness = self._smallness_check.check_solution(increment, end, state)
+        slides = rigid.can_slide_at_exhausted_friction(end.nodes, end.allowance)
+        smallness = self._smallness_check.check_and_measure_smallness(increment, end, state)
         iterations, report = self._cost(target.free_motions, cost_before)
         sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
@@ -369,7 +369,7 @@ class SmallStrainStepping:
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=slides,
+            can_slide_at_same_forces=slides,
         )
         return self._verify_state(solution, state, target, sizes)
 
@@ -377,7 +377,7 @@ class SmallStrainStepping:
         self,
         solution: ContactState,
         start_state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
         """Return the solution with residuals that are evaluated independently of the iteration.
@@ -390,41 +390,41 @@ class SmallStrainStepping:
         assert target.load is not None
         unbalanced.axpy(-1.0, target.load)
         largest = PETSc.NormType.INFINITY
-        round_off = DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * solution.unknowns.norm(largest)
+        round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * solution.unknowns.norm(largest)
         stiffness = self._system_for(target.free_motions)[0].law_scale
         return verify_state(
             solution,
-            measure_undeformed(self.interface, start_state, solution, 1 - target.load_factor),
+            measure_small_strain_kinematics(self.interface, start_state, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
             reduction=self._reduction,
-            sizes=ReferenceSizes(
-                force, length, stiffness, FORCE_TOLERANCE * target.load.norm(largest) + round_off
+            scales=VerificationScales(
+                force, length, stiffness, MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * target.load.norm(largest) + round_off
             ),
-            totals=target.totals,
+            free_motion_forces=target.totals,
         )
 
     def _make_increment_with_springs(
         self,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
         start: IncrementStart,
-        stiffness_share: float,
-        unknowns: PETSc.Vec,
-        q: Array,
+        spring_to_law_stiffness_ratio: float,
+        unstressed_unknowns: PETSc.Vec,
+        unstressed_translations: Array,
     ) -> LinearIncrement:
         """Return the increment with springs at the contact points and the free surfaces.
 
         Args:
             target: loads and motions at the end of the increment.
             start: state at the start of the increment.
-            stiffness_share: stiffness of the springs, divided by the stiffness of the contact law.
-            unknowns: unknowns (n,) at which the springs of the contact points are unstressed.
-            q: translations (pairs, dim) at which the springs of the surfaces are unstressed.
+            spring_to_law_stiffness_ratio: stiffness of the springs, divided by the stiffness of the contact law.
+            unstressed_unknowns: unknowns (n,) at which the springs of the contact points are unstressed.
+            unstressed_translations: translations (pairs, dim) at which the springs of the surfaces are unstressed.
         """
         interface, free_motions, field = self.interface, target.free_motions, self.interface.field
         has_equation, stiffness = (
             interface.equation >= 0,
-            stiffness_share * self._system_for(free_motions)[0].law_scale,
+            spring_to_law_stiffness_ratio * self._system_for(free_motions)[0].law_scale,
         )
         node = interface.node - field.space.dofmap.index_map.local_range[0]
         diagonal, load = self._K.createVecs()
@@ -439,45 +439,45 @@ class SmallStrainStepping:
         K = to_aij(self._K).copy()
         add_scaled(K, 1.0, springs)
         if self._system_with_springs is None:
-            self._system_with_springs = self._make_system(K, free_motions)
+            self._system_with_springs = self._make_contact_system(K, free_motions)
         system = self._system_with_springs
-        system.update_stiffness_and_springs(
+        system.update_stiffness_and_free_motion_springs(
             K, np.array([pair_stiffness[pair] for pair, _ in free_motions])
         )
-        load.pointwiseMult(diagonal, unknowns)
+        load.pointwiseMult(diagonal, unstressed_unknowns)
         load.axpy(1.0, target.load)
         return LinearIncrement(
             system,
             LinearEquilibrium.from_stiffness(system, K, load, target.load_factor),
-            UndeformedKinematics(interface, start, target.q, target.load_factor),
+            SmallStrainKinematics(interface, start, target.q, target.load_factor),
             start,
             prescribed=target.q,
-            totals=target.totals + system.springs * system.select_free_motions(q),
+            totals=target.totals + system.springs * system.select_free_motions(unstressed_translations),
         )
 
-    def linearise(self, part: HistoryPart) -> LinearisedEnd:
+    def linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         """Return the equations linearised at the end of a substep."""
         state, interface = part.part_end, self.interface
-        target = make_balanced_target(state, self._K, interface).with_free_motions(
+        target = make_target_in_equilibrium_with_state(state, self._K, interface).with_free_motions(
             state.free_motions
         )
         load_factor = 1.0 if part.increment_start.increment else part.fraction
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
-        linearised = kinematics.linearise_by_all_translations(end.q, end.displacement, end.force)
+        linearised = kinematics.linearise_with_all_translations_free(end.q, end.displacement, end.force)
         solution = increment.solve(
-            resume_active_set(interface, linearised, state), linearised, "final"
+            recover_active_set_of_state(interface, linearised, state), linearised, "final"
         )
         slip_by_start = -linearised.frame[:, 1:]
-        return LinearisedEnd(increment, solution, self._K, self._reduction, slip_by_start)
+        return EquationsLinearisedAtEnd(increment, solution, self._K, self._reduction, slip_by_start)
 
     def _start_increment(
-        self, state: ContactState, target: IncrementTarget
-    ) -> tuple[LinearIncrement, UndeformedKinematics]:
+        self, state: ContactState, target: TargetLoadsAndMotions
+    ) -> tuple[LinearIncrement, SmallStrainKinematics]:
         """Return the equations of the step from a state to a target, and the kinematics."""
         start = make_increment_start(state, self.interface, state.translations)
-        kinematics = UndeformedKinematics(self.interface, start, target.q, target.load_factor)
+        kinematics = SmallStrainKinematics(self.interface, start, target.q, target.load_factor)
         increment = LinearIncrement(
             self._system_for(target.free_motions)[0],
             self._make_equilibrium(target),
@@ -488,12 +488,12 @@ class SmallStrainStepping:
         )
         return increment, kinematics
 
-    def _linearise_start(
+    def _check_and_linearise_initial_kinematics(
         self,
         increment: LinearIncrement,
-        kinematics: UndeformedKinematics,
+        kinematics: SmallStrainKinematics,
         state: ContactState,
-        target: IncrementTarget,
+        target: TargetLoadsAndMotions,
     ) -> LinearisedKinematics:
         """Check the motions up to the initial iterate, and return kinematics linearised there.
 
@@ -507,18 +507,18 @@ class SmallStrainStepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
-        self.interface.check_supports(*self.interface.evaluate_surfaces(q))
-        self._smallness_check.refuse_prescribed_passing(increment)
+        self.interface.check_gaps_normals_and_supports(*self.interface.evaluate_surfaces(q))
+        self._smallness_check.raise_if_prescribed_motion_passes_body(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
-    def _make_equilibrium(self, target: IncrementTarget) -> LinearEquilibrium:
+    def _make_equilibrium(self, target: TargetLoadsAndMotions) -> LinearEquilibrium:
         system = self._system_for(target.free_motions)[0]
         return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
 
-    def _make_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
+    def _make_active_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
         return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
-    def _cost(self, free_motions: FreeMotions, cost_before: Cost = NO_COST) -> Cost:
+    def _cost(self, free_motions: FreeMotionIndices, cost_before: Cost = NO_COST) -> Cost:
         """Return the total cost since `cost_before` of the systems with and without springs."""
         system, _ = self._system_for(free_motions)
         with_springs = self._system_with_springs
@@ -531,18 +531,18 @@ class SmallStrainStepping:
             self._system[0].tangent.release()
             self._system = self._system_with_springs = None
 
-    def _system_for(self, free_motions: FreeMotions) -> tuple[ContactSystem, RigidMotions]:
+    def _system_for(self, free_motions: FreeMotionIndices) -> tuple[ContactSystem, RigidMotions]:
         """Return the contact system and rigid motions for given free motions of the surfaces.
 
         The result is cached for the next call with the same free motions.
         """
         if self._system is None or self._system[0].free_motions != free_motions:
             self.release()
-            system = self._make_system(self._K, free_motions)
+            system = self._make_contact_system(self._K, free_motions)
             self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
 
-    def _make_system(self, K: PETSc.Mat, free_motions: FreeMotions) -> ContactSystem:
+    def _make_contact_system(self, K: PETSc.Mat, free_motions: FreeMotionIndices) -> ContactSystem:
         interface = self.interface
         torque_map = TorqueMap.without_rotation(*interface.position.shape)
         return ContactSystem(K, self._reduction, interface, free_motions, self.solver, torque_map)

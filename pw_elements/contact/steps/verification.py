@@ -26,23 +26,23 @@ import scipy.sparse as sp
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.interface import (
-    COORDINATE_ROUND_OFF,
+    RELATIVE_COORDINATE_ROUND_OFF,
     Interface,
     MortarMatrices,
     measure_gap_and_slip,
 )
-from pw_elements.contact.iteration import DISPLACEMENT_ROUND_OFF
+from pw_elements.contact.iteration import RELATIVE_DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
-from pw_elements.contact.nodes import FORCE_TOLERANCE
+from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 
 # Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function
-_NOISE_SHIFT = 1e-12
+_NOISE_PROBE_SHIFT_PER_EXTENT = 1e-12
 # Sine of an angle below which the lengths of arc and chord are equal to round-off
-_MIN_ANGLE_SINE = 1e-8
+_MIN_SINE_WHERE_ARC_EXCEEDS_CHORD = 1e-8
 
 
 @dataclass(frozen=True)
-class ReferenceSizes:
+class VerificationScales:
     """Scales of residuals, and quantities from which allowances for round-off are computed.
 
     Args:
@@ -84,55 +84,55 @@ class MeasuredKinematics:
     transfer_error: Array
 
 
-def measure_undeformed(
-    interface: Interface, before: ContactState, state: ContactState, remaining_interference: float
+def measure_small_strain_kinematics(
+    interface: Interface, start_state: ContactState, state: ContactState, remaining_interference_fraction: float
 ) -> MeasuredKinematics:
     """Return gaps, normals and slips to surfaces, linearised at the undeformed body.
 
     Args:
         interface: the contact nodes.
-        before: state at the start of the increment.
+        start_state: state at the start of the increment.
         state: state at the end of the increment.
-        remaining_interference: fraction of the interference fit that is not applied yet.
+        remaining_interference_fraction: fraction of the interference fit that is not applied yet.
     """
-    translations = [end.translations for end in (before, state)]
-    motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
+    translations = [end.translations for end in (start_state, state)]
+    motions = [_contact_node_motions(interface, end.unknowns) for end in (start_state, state)]
     gap, normal = interface.evaluate_surfaces(translations[1])
     with np.errstate(invalid="ignore"):  # gaps may be infinite
         gap = gap + np.sum(normal * motions[1], axis=1)
     shifts = [translation[interface.pair] for translation in translations]
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
-    shift = _NOISE_SHIFT * (interface.extent or 1.0)
-    noise = np.abs(interface.evaluate_normals(translations[1] + shift) - normal).max(
+    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.extent or 1.0)
+    noise = np.abs(interface.evaluate_undeformed_normals(translations[1] + shift) - normal).max(
         axis=1, initial=0.0
     )
-    gap = gap + remaining_interference * interface.interference
+    gap = gap + remaining_interference_fraction * interface.interference
     motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(shifts[1], axis=1)
     return MeasuredKinematics(
         gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
     )
 
 
-def measure_deformed(
-    interface: Interface, pairs: Sequence[ContactPair], before: ContactState, state: ContactState
+def measure_large_strain_kinematics(
+    interface: Interface, pairs: Sequence[ContactPair], start_state: ContactState, state: ContactState
 ) -> MeasuredKinematics:
     """Return gaps, normals and slips of a deformed body to moving rigid surfaces or other bodies.
 
     Args:
         interface: the contact nodes.
         pairs: the contact pairs, with the pivots of their surfaces.
-        before: state at the start of the increment.
+        start_state: state at the start of the increment.
         state: state at the end of the increment.
     """
-    motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
+    motions = [_contact_node_motions(interface, end.unknowns) for end in (start_state, state)]
     dim = motions[0].shape[1]
     pivots, spins = (
         np.array(part) for part in zip(*(p.pivot_and_spin(dim) for p in pairs), strict=True)
     )
     pivot, J = pivots[interface.pair], spins[interface.pair]
     in_surface_frame, rotations = [], []
-    for motion, end in zip(motions, (before, state), strict=True):
+    for motion, end in zip(motions, (start_state, state), strict=True):
         placement = end.placements[interface.pair]
         cos, sin = (function(placement[:, -1])[:, None, None] for function in (np.cos, np.sin))
         rotation = np.eye(dim) + sin * J + (1 - cos) * J @ J
@@ -140,7 +140,7 @@ def measure_deformed(
         in_surface_frame.append(pivot + np.einsum("nba,nb->na", rotation, arm) - interface.position)
         rotations.append(rotation)
     (gap_0, normal_0, _), (gap, normal, _) = (interface.find_closest(x) for x in in_surface_frame)
-    shift = _NOISE_SHIFT * (interface.extent or 1.0)
+    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.extent or 1.0)
     noise = np.abs(interface.find_closest(in_surface_frame[1] + shift)[1] - normal).max(
         axis=1, initial=0.0
     )
@@ -153,18 +153,18 @@ def measure_deformed(
         for x, g, n in zip(in_surface_frame, (gap_0, gap), (normal_0, normal), strict=True)
     ]
     chord = closest_points[1] - closest_points[0]
-    angle = _angle_between(normal_0, normal)
+    angle = _angles_between_unit_vectors(normal_0, normal)
     if dim == 2:
         # a node in contact stays on its side of the surface, even if this turns more than once
         normals_in_space = [
             np.einsum("nab,nb->na", rotation, n)
             for rotation, n in zip(rotations, (normal_0, normal), strict=True)
         ]
-        surface_rotation = (state.placements - before.placements)[interface.pair, -1]
+        surface_rotation = (state.placements - start_state.placements)[interface.pair, -1]
         angle = np.where(
-            J.any(axis=(1, 2)), _angle_between(*normals_in_space) - surface_rotation, angle
+            J.any(axis=(1, 2)), _angles_between_unit_vectors(*normals_in_space) - surface_rotation, angle
         )
-    is_curved = np.abs(np.sin(angle)) > _MIN_ANGLE_SINE
+    is_curved = np.abs(np.sin(angle)) > _MIN_SINE_WHERE_ARC_EXCEEDS_CHORD
     # length of the arc divided by that of the chord's tangential part, which vanishes after half a
     # turn
     ratio_of_chord = np.where(np.abs(angle) < 1.0, 1.0, np.nan)
@@ -177,13 +177,13 @@ def measure_deformed(
         gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
     )
     return (
-        _measure_sliding_bodies(interface, before, state, measured)
+        _measure_kinematics_of_sliding_bodies(interface, start_state, state, measured)
         if interface.mortars
         else measured
     )
 
 
-def _angle_between(start: Array, end: Array) -> Array:
+def _angles_between_unit_vectors(start: Array, end: Array) -> Array:
     """Return angles (m,) between unit vectors (m, dim).
 
     In the plane, angles from `start` to `end` are signed, counter-clockwise positive.
@@ -195,8 +195,8 @@ def _angle_between(start: Array, end: Array) -> Array:
     return np.asarray(np.arctan2(sine, cosine))
 
 
-def _measure_sliding_bodies(
-    interface: Interface, before: ContactState, state: ContactState, measured: MeasuredKinematics
+def _measure_kinematics_of_sliding_bodies(
+    interface: Interface, start_state: ContactState, state: ContactState, kinematics_elsewhere: MeasuredKinematics
 ) -> MeasuredKinematics:
     """Return kinematics with measured values for all nodes of pairs of sliding bodies.
 
@@ -204,9 +204,9 @@ def _measure_sliding_bodies(
 
     Args:
         interface: the contact nodes.
-        before: state at the start of the increment.
+        start_state: state at the start of the increment.
         state: state at the end of the increment.
-        measured: kinematics of all other nodes, which are changed in place.
+        kinematics_elsewhere: kinematics of all other nodes, which are changed in place.
     """
     dim, n_nodes = interface.position.shape[1], len(interface.node)
     # fractions of unit forces that master nodes receive: value, contact node and global node
@@ -215,15 +215,15 @@ def _measure_sliding_bodies(
         points = np.flatnonzero(interface.pair == k)
         slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], interface.node[points])
         x, parts = list[Array](), list[MortarMatrices]()
-        for end in (before, state):
-            displacement = interface.extract_at_nodes(mortar.nodes, end.unknowns)
+        for end in (start_state, state):
+            displacement = interface.extract_displacements_at_nodes(mortar.nodes, end.unknowns)
             displacement[mortar.n_slave_nodes :] += end.translations[k]
             x.append(mortar.x + displacement)
             parts.append(mortar.evaluate_for_verification(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
-        measured.gap[points], measured.slip[points] = gap[slave_number], slip[slave_number]
-        measured.normal[points], measured.noise[points] = parts[1].normals[slave_number], 0.0
-        measured.transfer_error[points] = parts[1].fraction_error[slave_number]
+        kinematics_elsewhere.gap[points], kinematics_elsewhere.slip[points] = gap[slave_number], slip[slave_number]
+        kinematics_elsewhere.normal[points], kinematics_elsewhere.noise[points] = parts[1].normals[slave_number], 0.0
+        kinematics_elsewhere.transfer_error[points] = parts[1].fraction_error[slave_number]
         master_parts = sp.coo_array(parts[1].master_fractions[slave_number])
         entries.append(
             (
@@ -237,7 +237,7 @@ def _measure_sliding_bodies(
     unit_forces = sp.csr_matrix((np.ones(n_nodes), (np.arange(n_nodes), interface.node)), shape)
     nodal_forces = unit_forces - sp.csr_matrix((value, (row, column)), shape)
     rows = interface.assemble_rows(sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim))))
-    return replace(measured, force_operator=rows.transpose(PETSc.Mat()))
+    return replace(kinematics_elsewhere, force_operator=rows.transpose(PETSc.Mat()))
 
 
 def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> None:
@@ -259,14 +259,14 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
         )
 
 
-def make_torque_function(
+def make_nodal_torque_function(
     interface: Interface, pairs: Sequence[ContactPair], state: ContactState
 ) -> Callable[[Array], Array]:
     """Return a function that computes torques (m,) from forces (m, dim) at the contact nodes.
 
     The torque of a node's force is about the present pivot of the surface that the node faces.
     """
-    motion = _node_motions(interface, state.unknowns)
+    motion = _contact_node_motions(interface, state.unknowns)
     pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
     placement, pair = state.placements[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[pair]
@@ -277,13 +277,13 @@ def make_torque_function(
 def verify_state(
     state: ContactState,
     kinematics: MeasuredKinematics,
-    unbalanced: PETSc.Vec,
+    residual_without_contact: PETSc.Vec,
     interface: Interface,
     *,
     reduction: Reduction,
-    sizes: ReferenceSizes,
-    totals: Array,
-    torque: Callable[[Array], Array] | None = None,
+    scales: VerificationScales,
+    free_motion_forces: Array,
+    compute_torques: Callable[[Array], Array] | None = None,
 ) -> ContactState:
     """Return the state with residuals and allowances that are computed anew.
 
@@ -296,15 +296,15 @@ def verify_state(
     residuals, allowance = measure_residuals(
         state,
         kinematics,
-        unbalanced,
+        residual_without_contact,
         interface,
         reduction=reduction,
-        sizes=sizes,
-        totals=totals,
-        torque=torque,
+        sizes=scales,
+        totals=free_motion_forces,
+        torque=compute_torques,
     )
     for name, value in vars(residuals).items():
-        limit = FORCE_TOLERANCE + getattr(allowance, name)
+        limit = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE + getattr(allowance, name)
         if not value <= limit:
             raise NotFound(
                 f"the state found violates {name} by {value:.2g}, computed anew from its "
@@ -316,11 +316,11 @@ def verify_state(
 def measure_residuals(
     state: ContactState,
     kinematics: MeasuredKinematics,
-    unbalanced: PETSc.Vec,
+    residual_without_contact: PETSc.Vec,
     interface: Interface,
     *,
     reduction: Reduction,
-    sizes: ReferenceSizes,
+    sizes: VerificationScales,
     totals: Array,
     torque: Callable[[Array], Array] | None = None,
 ) -> tuple[Residuals, Residuals]:
@@ -329,7 +329,7 @@ def measure_residuals(
     Args:
         state: state that the iteration has found.
         kinematics: kinematics of the state's contact nodes, measured anew.
-        unbalanced: residual forces (n,) of all unknowns without contact: the stiffness times the
+        residual_without_contact: residual forces (n,) of all unknowns without contact: the stiffness times the
             displacements minus the load, or the residual.
         interface: the contact nodes.
         reduction: supports and condensation.
@@ -339,17 +339,17 @@ def measure_residuals(
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
-    (state_force,) = interface.extract_local_values(state.pairs, "force_vector")
+    (state_force,) = interface.extract_local_pair_state_values(state.pairs, "force_vector")
     displacements = interface.field.owned_unknowns
-    nodal_force = unbalanced.array_r[displacements]
+    nodal_force = residual_without_contact.array_r[displacements]
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of the residual is a reaction; friction there is known from the state
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
-    values, allowances = _measure_law(
+    values, allowances = _measure_law_residuals_and_allowances(
         kinematics, force, has_equation | (state_force != 0), interface, sizes
     )
     unbalanced_elsewhere = _max_unbalanced_force(
-        unbalanced,
+        residual_without_contact,
         kinematics.force_operator,
         np.where(has_equation, force, 0.0),
         displacements.ravel(),
@@ -363,13 +363,13 @@ def measure_residuals(
     allowances["equilibrium"] = np.atleast_1d(
         force_round_off + (sizes.equilibrium + transfer_round_off) / sizes.force
     )
-    values["balance"], allowances["balance"] = _measure_balance(
+    values["balance"], allowances["balance"] = _measure_balance_residuals_and_allowances(
         state,
         force,
         interface,
         sizes,
-        totals=totals,
-        torque=torque,
+        free_motion_forces=totals,
+        compute_torques=torque,
         force_round_off=force_round_off,
     )
     residuals, allowance = (
@@ -379,12 +379,12 @@ def measure_residuals(
     return residuals, allowance
 
 
-def _measure_law(
+def _measure_law_residuals_and_allowances(
     kinematics: MeasuredKinematics,
     force: Array,
     friction_acts: Mask,
     interface: Interface,
-    sizes: ReferenceSizes,
+    scales: VerificationScales,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return residuals (m,) of contact and friction by name, and their allowances for round-off.
 
@@ -393,9 +393,9 @@ def _measure_law(
         force: forces (m, dim) on the contact nodes.
         friction_acts: mask (m, dim) of components in which friction acts.
         interface: the contact nodes.
-        sizes: scales of forces and lengths.
+        scales: scales of forces and lengths.
     """
-    F, L, c = sizes.force, sizes.length, sizes.stiffness
+    F, L, c = scales.force, scales.length, scales.stiffness
     normal_force = np.sum(force * kinematics.normal, axis=1)
     friction = np.where(friction_acts, force - normal_force[:, None] * kinematics.normal, 0.0)
     slip = np.where(friction_acts, kinematics.slip, 0.0)
@@ -412,78 +412,78 @@ def _measure_law(
     }
     motion_size = kinematics.motion_size
     coordinate_size = np.linalg.norm(interface.position, axis=1)
-    length_round_off = DISPLACEMENT_ROUND_OFF * motion_size + COORDINATE_ROUND_OFF * coordinate_size
+    length_round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * motion_size + RELATIVE_COORDINATE_ROUND_OFF * coordinate_size
     length_round_off = length_round_off + kinematics.noise * motion_size
     force_size = np.linalg.norm(force, axis=1)
     force_round_off = c * length_round_off + kinematics.noise * force_size
     force_round_off = np.full(len(c), _max_over_ranks(interface.comm, force_round_off)) / F
     # forces are exact to the tolerance; lengths, to the tolerance of forces divided by stiffness
     length_round_off = length_round_off / L + np.divide(
-        FORCE_TOLERANCE * F, c * L, where=c > 0, out=0 * c
+        MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * F, c * L, where=c > 0, out=0 * c
     )
     friction_round_off = (1 + slope) * force_round_off
     allowances = dict.fromkeys(("penetration", "complementarity", "stick"), length_round_off)
-    allowances |= {"tension": force_round_off, "cone": friction_round_off + slope * FORCE_TOLERANCE}
+    allowances |= {"tension": force_round_off, "cone": friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE}
     allowances["complementarity"] = np.maximum(length_round_off, force_round_off)
-    allowances["stick"] = np.maximum(length_round_off, friction_round_off + slope * FORCE_TOLERANCE)
+    allowances["stick"] = np.maximum(length_round_off, friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE)
     slip_ratio = np.minimum(1.0, (slip_size + length_round_off * L) / L)
     allowances["direction"] = (
-        2 * (friction_round_off + slope * FORCE_TOLERANCE) * slip_ratio
+        2 * (friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE) * slip_ratio
         + 2 * length_round_off * limit / F
     )
     return values, allowances
 
 
-def _measure_balance(
+def _measure_balance_residuals_and_allowances(
     state: ContactState,
     force: Array,
     interface: Interface,
-    sizes: ReferenceSizes,
+    scales: VerificationScales,
     *,
-    totals: Array,
-    torque: Callable[[Array], Array] | None,
+    free_motion_forces: Array,
+    compute_torques: Callable[[Array], Array] | None,
     force_round_off: float,
 ) -> tuple[Array, Array]:
     """Return residuals and allowances (free,) of the force and torque balances of free motions."""
     comm, dim = interface.comm, force.shape[1]
     values, allowances = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
-    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, totals, strict=True)):
+    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, free_motion_forces, strict=True)):
         in_pair = interface.pair == pair
         if axis < dim:
             forces, arms = force[in_pair, axis], np.ones(in_pair.sum())
         else:
-            assert torque is not None
-            forces = torque(force)[in_pair]
-            unit_torques = [torque(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)]
+            assert compute_torques is not None
+            forces = compute_torques(force)[in_pair]
+            unit_torques = [compute_torques(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)]
             arms = np.linalg.norm(unit_torques, axis=0)
         sum_of_forces = comm.allreduce(float(forces.sum()), MPI.SUM)
         arm = max(_max_over_ranks(comm, arms), np.finfo(float).tiny)
         n_nodes = comm.allreduce(int(np.sum(in_pair)), MPI.SUM)
-        values[number] = abs(sum_of_forces - total) / (sizes.force * arm)
+        values[number] = abs(sum_of_forces - total) / (scales.force * arm)
         allowances[number] = force_round_off * np.sqrt(n_nodes)
     return values, allowances
 
 
 def _max_unbalanced_force(
-    unbalanced: PETSc.Vec,
-    operator: PETSc.Mat,
-    force: Array,
+    residual_without_contact: PETSc.Vec,
+    force_operator: PETSc.Mat,
+    contact_force: Array,
     displacements: LocalIndices,
     reduction: Reduction,
 ) -> float:
     """Return the largest force in a free equation that contact forces do not balance.
 
     Args:
-        unbalanced: residual forces (n,) without contact.
-        operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
-        force: contact forces (m, dim).
+        residual_without_contact: residual forces (n,) without contact.
+        force_operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
+        contact_force: contact forces (m, dim).
         displacements: numbers of the displacements among the unknowns of this process.
         reduction: supports and condensation.
     """
-    node_forces = operator.createVecRight()
-    node_forces.setArray(force.ravel())
-    remainder = unbalanced.copy()
-    remainder.axpy(-1.0, operator * node_forces)
+    node_forces = force_operator.createVecRight()
+    node_forces.setArray(contact_force.ravel())
+    remainder = residual_without_contact.copy()
+    remainder.axpy(-1.0, force_operator * node_forces)
     node_remainder = remainder.duplicate()
     node_remainder.setArray(0.0)
     node_remainder.array[displacements] = remainder.array_r[displacements]
@@ -492,7 +492,7 @@ def _max_unbalanced_force(
     return float(reduced.norm(PETSc.NormType.INFINITY))
 
 
-def _node_motions(interface: Interface, unknowns: PETSc.Vec) -> Array:
+def _contact_node_motions(interface: Interface, unknowns: PETSc.Vec) -> Array:
     """Return motions (m, dim) of the contact nodes, computed from the unknowns (n,)."""
     return np.array((interface.motion * unknowns).array_r.reshape(interface.position.shape))
 

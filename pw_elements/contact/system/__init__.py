@@ -3,7 +3,7 @@
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
     extract_local_rows,
-    make_border_columns,
+    make_map_from_free_motions_to_points,
 )
 from pw_elements.contact.system.solution import Accuracy, Solution
 from pw_elements.contact.system.system import NO_COST, ContactSystem, Cost, measure_cost

@@ -16,17 +16,17 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, LocalIndices
-from pw_elements.contact.nodes import LinearisedLaw
-from pw_elements.contact.system.solution import Accuracy, TangentSolution
+from pw_elements.contact.nodes import LinearisedContactLaw
+from pw_elements.contact.system.solution import Accuracy, LocalTangentSolution
 from pw_elements.solvers import LinearSolver
 
 # Row pointers, columns and values of this process' rows in PETSc's compressed row format
 CsrArrays: TypeAlias = tuple[npt.NDArray, npt.NDArray, Array]
 # Largest relative change of a matrix row that counts as unchanged
-_ROW_CHANGE_TOLERANCE = 1e-12
+_RELATIVE_ROW_CHANGE_TOLERANCE = 1e-12
 
 
-class ContactRows:
+class ContactLawRows:
     """Matrix rows of the contact points, in which the linearised law replaces equilibrium.
 
     The rows are E F + C G - D B. The matrices F, G and B give the forces of the points, the motions
@@ -94,7 +94,7 @@ class ContactRows:
         shape = (len(self.columns), m * dim * width)
         self.entries_by_law = sp.csr_matrix((value[selected], (row, coefficient)), shape)
 
-    def petsc_pattern(self, first_row: int) -> list[npt.NDArray]:
+    def petsc_sparsity_pattern(self, first_row: int) -> list[npt.NDArray]:
         """Return row pointers, columns and row numbers in PETSc's compressed row format.
 
         `first_row` is the global number of this process' first row.
@@ -128,119 +128,119 @@ def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix
     return rows
 
 
-def insert_contact_rows(
-    rows: sp.csr_matrix, contact_rows: ContactRows, border: sp.csr_matrix
+def insert_empty_contact_rows(
+    stiffness_rows: sp.csr_matrix, contact_rows: ContactLawRows, balance_rows: sp.csr_matrix
 ) -> CsrArrays:
     """Return matrix rows with the pattern of the contact rows and the rows of the border.
 
     The inserted entries are zero until the law is known.
 
     Args:
-        rows: rows of the stiffness on this process.
+        stiffness_rows: rows of the stiffness on this process.
         contact_rows: rows of the contact points, which replace rows of the stiffness.
-        border: rows that are appended, the force balances of free motions.
+        balance_rows: rows that are appended, the force balances of free motions.
     """
-    replaced = np.zeros(rows.shape[0], dtype=bool)
+    replaced = np.zeros(stiffness_rows.shape[0], dtype=bool)
     replaced[contact_rows.rows] = True
-    row_sizes = np.diff(rows.indptr)
+    row_sizes = np.diff(stiffness_rows.indptr)
     is_kept = np.repeat(~replaced, row_sizes)
     row_sizes[replaced] = np.diff(contact_rows.pointers)
-    row_sizes = np.concatenate([row_sizes, np.diff(border.indptr)])
-    is_unchanged = np.repeat(np.append(~replaced, np.ones(border.shape[0], dtype=bool)), row_sizes)
+    row_sizes = np.concatenate([row_sizes, np.diff(balance_rows.indptr)])
+    is_unchanged = np.repeat(np.append(~replaced, np.ones(balance_rows.shape[0], dtype=bool)), row_sizes)
     indptr = np.concatenate([[0], np.cumsum(row_sizes)]).astype(PETSc.IntType)
     indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
-    indices[is_unchanged] = np.concatenate([rows.indices[is_kept], border.indices])
+    indices[is_unchanged] = np.concatenate([stiffness_rows.indices[is_kept], balance_rows.indices])
     indices[~is_unchanged] = contact_rows.columns
-    data[is_unchanged] = np.concatenate([rows.data[is_kept], border.data])
+    data[is_unchanged] = np.concatenate([stiffness_rows.data[is_kept], balance_rows.data])
     return indptr, indices, data
 
 
-def make_border_columns(
-    free_motions: Sequence[tuple[int, int]], pair: LocalIndices, n_motions: int
+def make_map_from_free_motions_to_points(
+    free_motions: Sequence[tuple[int, int]], pair_of_point: LocalIndices, n_motions_per_surface: int
 ) -> sp.csr_matrix:
     """Return a matrix of ones and zeros that maps free motions to motions at the points.
 
     Args:
         free_motions: number of the pair and of the component of each free motion.
-        pair: number (m,) of the pair of each point.
-        n_motions: number of motions of each surface.
+        pair_of_point: number (m,) of the pair of each point.
+        n_motions_per_surface: number of motions of each surface.
 
     Returns:
         Matrix (m n_motions, free), with ones where a free motion moves a point.
     """
     rows_by_motion = [
-        np.flatnonzero(pair == number) * n_motions + axis for number, axis in free_motions
+        np.flatnonzero(pair_of_point == number) * n_motions_per_surface + axis for number, axis in free_motions
     ]
     rows = np.concatenate([np.empty(0, dtype=np.int64), *rows_by_motion])
     column = np.repeat(np.arange(len(free_motions)), [len(r) for r in rows_by_motion])
     return sp.csr_matrix(
-        (np.ones(len(rows)), (rows, column)), (len(pair) * n_motions, len(free_motions))
+        (np.ones(len(rows)), (rows, column)), (len(pair_of_point) * n_motions_per_surface, len(free_motions))
     )
 
 
-def gather_balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
+def gather_balance_rows_on_last_rank(local_contributions: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
     """Return the force-balance rows of the free motions on the last process, no rows elsewhere.
 
     Args:
-        sums: contributions (free, n) of this process' contact points.
+        local_contributions: contributions (free, n) of this process' contact points.
         springs: stiffness (free,) of the spring of each free motion.
         comm: communicator of the matrix.
     """
-    parts = comm.gather((sums.row, sums.col, sums.data), root=comm.size - 1)
+    parts = comm.gather((local_contributions.row, local_contributions.col, local_contributions.data), root=comm.size - 1)
     if parts is None:
-        return sp.csr_matrix((0, sums.shape[1]))
-    motion_number = np.arange(sums.shape[0])
-    parts.append((motion_number, sums.shape[1] - len(motion_number) + motion_number, springs))
+        return sp.csr_matrix((0, local_contributions.shape[1]))
+    motion_number = np.arange(local_contributions.shape[0])
+    parts.append((motion_number, local_contributions.shape[1] - len(motion_number) + motion_number, springs))
     # explicit zeros are kept, because the pattern must not depend on values
     row, column, data = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    balance = sp.csr_matrix((data, (row, column)), sums.shape)
+    balance = sp.csr_matrix((data, (row, column)), local_contributions.shape)
     balance.sort_indices()
     return balance
 
 
-def split_force_operator(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
+def split_force_operator_at_own_equations(transposed_force_operator: PETSc.Mat, own_equation: Indices) -> tuple[Array, PETSc.Mat | None]:
     """Split a force operator into the entries at the points' own equations and all other entries.
 
     Args:
-        force: transposed force operator (m dim, n), which distributes contact forces to equations.
-        equation: global number (m, dim) of the own equation of each force component, -1 for a
+        transposed_force_operator: transposed force operator (m dim, n), which distributes contact forces to equations.
+        own_equation: global number (m, dim) of the own equation of each force component, -1 for a
             component without an equation.
 
     Returns:
         Inverses (m, dim) of the entries at the own equations; and a matrix (m dim, n) of the other
         entries with opposite sign, or None if they are zero on all processes.
     """
-    indptr, column, value = force.getValuesCSR()
+    indptr, column, value = transposed_force_operator.getValuesCSR()
     value = value.copy()
-    equation_of_entry = np.repeat(equation.ravel(), np.diff(indptr))
+    equation_of_entry = np.repeat(own_equation.ravel(), np.diff(indptr))
     is_own_equation = column == equation_of_entry
     diagonal = np.ones(len(indptr) - 1)
     diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[is_own_equation]] = value[
         is_own_equation
     ]
     value[is_own_equation | (equation_of_entry < 0)] = 0.0
-    force_factor = 1 / diagonal.reshape(equation.shape)
-    if not force.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
+    force_factor = 1 / diagonal.reshape(own_equation.shape)
+    if not transposed_force_operator.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
         return force_factor, None
     csr = (indptr, column, -value)
-    return force_factor, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+    return force_factor, PETSc.Mat().createAIJ(transposed_force_operator.getSizes(), csr=csr, comm=transposed_force_operator.comm)
 
 
-def extract_point_diagonal(matrix: sp.csr_matrix, equation: Indices) -> Array:
+def extract_entries_at_own_equations(matrix: sp.csr_matrix, own_equation: Indices) -> Array:
     """Return the entries of a matrix (m dim, n) at the own equations of the contact points.
 
     Args:
         matrix: matrix with one row per component of each contact point.
-        equation: column (m, dim) of the own equation of each component, -1 for none.
+        own_equation: column (m, dim) of the own equation of each component, -1 for none.
 
     Returns:
         Entries (m, dim), which are 1 for components without an equation.
     """
-    point_equations = equation.ravel()
+    point_equations = own_equation.ravel()
     rows = np.flatnonzero(point_equations >= 0)
     values = np.ones(len(point_equations))
     values[rows] = np.asarray(matrix[rows, point_equations[rows]]).ravel()
-    return values.reshape(equation.shape)
+    return values.reshape(own_equation.shape)
 
 
 class AssembledTangent:
@@ -261,22 +261,22 @@ class AssembledTangent:
     def __init__(
         self,
         matrix: PETSc.Mat,
-        contact_rows: ContactRows,
+        contact_rows: ContactLawRows,
         first_row: int,
         n_borders: int,
         solver: LinearSolver,
-        has_enclosed_pressure: Callable[[], bool],
+        is_constant_pressure_held_by_contact_only: Callable[[], bool],
     ) -> None:
         self._comm: MPI.Comm = matrix.comm.tompi4py()
         self.matrix, self._points, self._n_borders = matrix, contact_rows, n_borders
-        self._first_row, self._row_pattern = first_row, contact_rows.petsc_pattern(first_row)
+        self._first_row, self._row_pattern = first_row, contact_rows.petsc_sparsity_pattern(first_row)
         self._solver, self.solver = solver, solver.prepare(matrix)
-        self.has_enclosed_pressure = has_enclosed_pressure
+        self.has_enclosed_pressure = is_constant_pressure_held_by_contact_only
         self._factorised: Array | None = None
         # stiffness of free motions that is added to the springs in the matrix
         self._springs: Array | None = None
 
-    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
+    def set_initial_iterate(self, get_unknowns: Callable[[], Array], free_motions: Array) -> None:
         """Do nothing, because direct solvers do not need an initial iterate."""
 
     def set_springs(self, springs: Array) -> None:
@@ -302,14 +302,14 @@ class AssembledTangent:
         """Do nothing, because the factors are freed with the last reference to them."""
 
     def update_stiffness(
-        self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
+        self, assemble_rows: Callable[[], tuple[ContactLawRows, CsrArrays]], pattern_changed: bool
     ) -> None:
         (self._points, csr), self._factorised = assemble_rows(), None
         self._springs = None
         if not pattern_changed:
             self.matrix.setValuesCSR(*csr)
             return
-        self._row_pattern = self._points.petsc_pattern(self._first_row)
+        self._row_pattern = self._points.petsc_sparsity_pattern(self._first_row)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
         set_matrix = getattr(self.solver, "set_matrix", None)
         if set_matrix is None:
@@ -320,19 +320,19 @@ class AssembledTangent:
         set_matrix(self.matrix)
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
-    ) -> TangentSolution:
-        coefficients, combined_rhs = self._assemble_law(law), self._assemble_rhs(rhs, balance_rhs)
+        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+    ) -> LocalTangentSolution:
+        coefficients, combined_rhs = self._write_law_into_matrix(law), self._combine_right_hand_sides(rhs, balance_rhs)
         if accuracy == "tightened":
             self._factorised = None
-        solution = self._solve_by_correction(combined_rhs, coefficients)
+        solution = self._solve_by_correcting_last_factors(combined_rhs, coefficients)
         if solution is not None:
-            return TangentSolution(np.asarray(solution.array_r), is_exact=False, is_final=True)
+            return LocalTangentSolution(np.asarray(solution.array_r), is_exact=False, is_final=True)
         solution = self.solver.solve(combined_rhs)
         self._factorised = coefficients
-        return TangentSolution(np.asarray(solution.array_r), is_exact=True, is_final=True)
+        return LocalTangentSolution(np.asarray(solution.array_r), is_exact=True, is_final=True)
 
-    def solve_transposed(self, rhs: Array, balance_rhs: Array, law: LinearisedLaw) -> Array:
+    def solve_transposed(self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw) -> Array:
         """Return this process' part of the solution of the transposed system.
 
         Args:
@@ -341,13 +341,13 @@ class AssembledTangent:
             law: linearised law.
         """
         self.set_springs(np.zeros_like(balance_rhs))
-        self._assemble_law(law)
+        self._write_law_into_matrix(law)
         solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
-        weights = np.array(solver.solve(self._assemble_rhs(rhs, balance_rhs)).array_r)
+        weights = np.array(solver.solve(self._combine_right_hand_sides(rhs, balance_rhs)).array_r)
         solver.release()
         return weights
 
-    def _assemble_law(self, law: LinearisedLaw) -> Array:
+    def _write_law_into_matrix(self, law: LinearisedContactLaw) -> Array:
         """Write the contact rows into the matrix; return the coefficients of the law.
 
         The coefficients (m, dim, ...) are the law's matrices E, C and D, side by side.
@@ -359,17 +359,17 @@ class AssembledTangent:
         self.matrix.assemble()
         return coefficients
 
-    def _assemble_rhs(self, rhs: Array, balance_rhs: Array) -> PETSc.Vec:
+    def _combine_right_hand_sides(self, rhs: Array, balance_rhs: Array) -> PETSc.Vec:
         combined_rhs = self.matrix.createVecRight()
         combined_rhs.setArray(np.append(rhs, balance_rhs[: self._n_borders]))
         return combined_rhs
 
-    def _solve_by_correction(self, rhs: PETSc.Vec, coefficients: Array) -> PETSc.Vec | None:
+    def _solve_by_correcting_last_factors(self, rhs: PETSc.Vec, law_coefficients: Array) -> PETSc.Vec | None:
         """Return the solution by the last factors, corrected for the rows that have changed.
 
         Args:
             rhs: right-hand side of the whole system.
-            coefficients: coefficients (m, dim, ...) of the law.
+            law_coefficients: coefficients (m, dim, ...) of the law.
 
         Returns:
             The solution, or None if too many rows have changed.
@@ -377,6 +377,6 @@ class AssembledTangent:
         if self._factorised is None:  # equal on all processes
             return None
         scale = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
-        has_changed = np.abs(coefficients - self._factorised) > _ROW_CHANGE_TOLERANCE * scale
+        has_changed = np.abs(law_coefficients - self._factorised) > _RELATIVE_ROW_CHANGE_TOLERANCE * scale
         rows = self._points.equations[has_changed.any(axis=2)]
         return self.solver.solve_with_changed_rows(rhs, self._first_row + rows[rows >= 0])

@@ -1,6 +1,6 @@
 """The linear system of one active set as a matrix-free operator, solved by a Krylov method.
 
-The operator is the `MatrixFreeOperator`. The preconditioner is multigrid for the stiffness, in
+The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness, in
 which directions that the active set fixes are held like supports. For two bodies the
 `SpringPreconditioner` replaces it (docs/theory.md, "Large systems"). The few free translations of
 surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only
@@ -19,16 +19,16 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import FORCE_TOLERANCE, LinearisedLaw
+from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE, LinearisedContactLaw
 from pw_elements.contact.system.preconditioners import (
     AnchorNodes,
     BorderedPreconditioner,
     SpringPreconditioner,
 )
-from pw_elements.contact.system.solution import Accuracy, TangentSolution
+from pw_elements.contact.system.solution import Accuracy, LocalTangentSolution
 from pw_elements.contact.system.unassembled import (
-    ContactPointData,
-    MatrixFreeOperator,
+    ContactPointOperators,
+    MatrixFreeContactOperator,
 )
 from pw_elements.solvers import (
     MatrixFreeSolver,
@@ -39,43 +39,43 @@ from pw_elements.solvers import (
     collect_garbage,
     destroy_objects,
     has_free_rigid_motion,
-    python_matrix,
+    matrix_from_python_context,
     solve_with_ksp,
 )
 
 # Residual of an intermediate solution divided by the previous residual. For a constant tangent, a
 # smaller ratio would save no Newton step. For a changing tangent, a larger ratio may lead to
 # another branch of solutions
-_FORCING_TERM = 0.1
-_FORCING_TERM_NONLINEAR = 0.02
-# Inverse of the smallest value of `SpringPreconditioner.law_to_force_factors` for bodies of equal
+_FORCING_TERM_FOR_CONSTANT_TANGENT = 0.1
+_FORCING_TERM_FOR_CHANGING_TANGENT = 0.02
+# Inverse of the smallest value of `SpringPreconditioner.compute_length_to_force_factors` for bodies of equal
 # stiffness. The values are smaller if one body is softer. Forces then depend less on gaps, and the
 # residual has to be smaller
-_SPRING_FORCING_FACTOR = 5.0
+_FORCING_FACTOR_FOR_EQUALLY_STIFF_BODIES = 5.0
 # The final residual, divided by the largest nodal contact force, is limited to the solver's
-# tolerance and to _MAX_FINAL_TOLERANCE. For a changing tangent (large strains) the limit
-# _NONLINEAR_FINAL_TOLERANCE is added. The accuracy "tightened" multiplies the limit by
-# _TIGHTENING_FACTOR
-_MAX_FINAL_TOLERANCE = FORCE_TOLERANCE / 10
-_NONLINEAR_FINAL_TOLERANCE = 1e-13
-_TIGHTENING_FACTOR = 0.1
+# tolerance and to _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) the limit
+# _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE is added. The accuracy "tightened" multiplies the limit by
+# _TOLERANCE_TIGHTENING_FACTOR
+_MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE / 10
+_CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE = 1e-13
+_TOLERANCE_TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
-_EIGENVALUE_RESIDUAL = 1e-4
+_RELATIVE_RESIDUAL_FOR_EIGENVALUES = 1e-4
 # Smallest ratio of contact forces to residual at which the contact forces are meaningful
-_MIN_FORCE_TO_RESIDUAL = 1e-3
-# A solution whose residual is near round-off has stalled if the residual is not below _STALL_RATIO
-# times its target. Another solution has stalled if the residual is not below _MIN_REDUCTION times
+_MIN_MEANINGFUL_FORCE_PER_RESIDUAL = 1e-3
+# A solution whose residual is near round-off has stalled if the residual is not below _MIN_STALLED_RESIDUAL_PER_TARGET
+# times its target. Another solution has stalled if the residual is not below _MIN_STALLED_RESIDUAL_PER_PREVIOUS times
 # the previous one
-_STALL_RATIO = 2.0
-_MIN_REDUCTION = 0.1
+_MIN_STALLED_RESIDUAL_PER_TARGET = 2.0
+_MIN_STALLED_RESIDUAL_PER_PREVIOUS = 0.1
 # Largest excess cost of one solution with old multigrid levels, divided by the number of operations
 # to make new levels. The factor accounts for the lower speed of the operations in the set-up
-_LEVEL_COST_FACTOR = 3.0
+_MAX_EXCESS_COST_PER_LEVEL_SETUP = 3.0
 # Bounds of the singular values of the law's force coefficients, which are 0 for a held direction
 # and 1 for a free direction. Below the first bound, the law contains no force in this direction.
 # Below the second bound, the direction is held in the preconditioner
-_ZERO_SINGULAR_VALUE = 1e-9
-_HELD_SINGULAR_VALUE = 0.5
+_MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION = 1e-9
+_MAX_SINGULAR_VALUE_OF_HELD_DIRECTION = 0.5
 
 
 class KrylovTangent:
@@ -98,7 +98,7 @@ class KrylovTangent:
         self,
         K: PETSc.Mat,
         supports: Supports,
-        points: ContactPointData,
+        points: ContactPointOperators,
         matrix_free_solver: MatrixFreeSolver,
         supported_stiffness: PETSc.Mat,
     ) -> None:
@@ -114,12 +114,12 @@ class KrylovTangent:
             if block_preconditioner
             else self._multigrid.block_matrix
         )
-        self._matrix_free_operator = MatrixFreeOperator(stiffness, supports.free, points)
+        self._matrix_free_operator = MatrixFreeContactOperator(stiffness, supports.free, points)
         n_local, n_global = K.getSizes()[0]
         self._n_unknowns = n_local
         is_last_rank = self._comm.rank == self._comm.size - 1
         sizes = (n_local + points.n_translations * is_last_rank, n_global + points.n_translations)
-        self._operator = python_matrix((sizes, sizes), self._matrix_free_operator, K.comm)
+        self._operator = matrix_from_python_context((sizes, sizes), self._matrix_free_operator, K.comm)
         inner = krylov.ksp.getPC()
         self._spring_preconditioner: SpringPreconditioner | None = None
         self._bordered_preconditioner: BorderedPreconditioner | None = None
@@ -141,7 +141,7 @@ class KrylovTangent:
                 inner = spring_pc
         if points.n_translations:
             balance_rows = [
-                self._make_balance_row(stiffness, supports, j) for j in range(points.n_translations)
+                self._make_force_balance_row(stiffness, supports, j) for j in range(points.n_translations)
             ]
             self._bordered_preconditioner = BorderedPreconditioner(
                 inner, balance_rows, self._comm, K.createVecRight()
@@ -158,7 +158,7 @@ class KrylovTangent:
         )
         self._solution = self._operator.createVecRight()
         self._is_final = self._has_enclosed_pressure = False
-        self._final_tolerance = self._tolerance = min(krylov.tolerance, _MAX_FINAL_TOLERANCE)
+        self._final_tolerance = self._tolerance = min(krylov.tolerance, _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE)
         self._stiffness_changed = False
         self._solution_size = self._previous_residual = 0.0
         # floating-point operations to make multigrid levels, and operations wasted since then
@@ -169,8 +169,8 @@ class KrylovTangent:
         self._operations_per_iteration = 1.0
         self._max_iterations: int = self._ksp.getTolerances()[3]
 
-    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
-        initial_unknowns, local_solution = unknowns(), self._solution.array
+    def set_initial_iterate(self, get_unknowns: Callable[[], Array], free_motions: Array) -> None:
+        initial_unknowns, local_solution = get_unknowns(), self._solution.array
         local_solution[: len(initial_unknowns)] = initial_unknowns
         local_solution[len(initial_unknowns) :] = free_motions[
             : len(local_solution) - len(initial_unknowns)
@@ -206,9 +206,9 @@ class KrylovTangent:
         sign = -1
         for re_estimate in (False, True):
             if re_estimate:  # a smoother with wrong eigenvalue bounds may be what changes a sign
-                self._multigrid.re_estimate_eigenvalues()
+                self._multigrid.re_estimate_smoother_eigenvalues()
             self._ksp.setTolerances(
-                rtol=_EIGENVALUE_RESIDUAL, atol=0.0, max_it=self._max_iterations
+                rtol=_RELATIVE_RESIDUAL_FOR_EIGENVALUES, atol=0.0, max_it=self._max_iterations
             )
             self._ksp.solve(start_vector, image)
             values = self._ksp.computeEigenvalues()
@@ -223,32 +223,32 @@ class KrylovTangent:
         return self._has_enclosed_pressure
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
-    ) -> TangentSolution:
+        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+    ) -> LocalTangentSolution:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has no rotations
         tighten = accuracy == "tightened" and self._is_final
         final_tolerance = (
-            min(self._final_tolerance, _NONLINEAR_FINAL_TOLERANCE)
+            min(self._final_tolerance, _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE)
             if self._stiffness_changed
             else self._final_tolerance
         )
-        self._tolerance = self._tolerance * _TIGHTENING_FACTOR if tighten else final_tolerance
-        law, forcing_term = self._scale_law_to_forces(law, rhs)
+        self._tolerance = self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
+        law, forcing_term = self._scale_law_and_rhs_to_forces(law, rhs)
         self._matrix_free_operator.set_law(law)
         combined_rhs, x = self._operator.createVecLeft(), self._solution
         combined_rhs.setArray(np.append(rhs, balance_rhs[: combined_rhs.getLocalSize() - len(rhs)]))
         fixed_projectors = self._prepare_preconditioner(law)
         if self._spring_preconditioner is None:
-            self._move_to_held_positions(combined_rhs, x, fixed_projectors)
+            self._move_nodes_to_positions_fixed_by_law(combined_rhs, x, fixed_projectors)
         # the initial iterate may be needed again only if the levels may be old
         initial = x.copy() if self._stiffness_changed else x
         remaining_rhs = combined_rhs.duplicate()
-        residual = self._update_residual(combined_rhs, remaining_rhs)
+        residual = self._update_residual_and_return_norm(combined_rhs, remaining_rhs)
         if self._previous_residual:
             forcing_term = min(forcing_term, 0.9 * (residual / self._previous_residual) ** 2)
         self._previous_residual = residual
         intermediate_residual = forcing_term * residual if accuracy == "rough" else 0.0
-        outcome = self._reduce_residual(
+        outcome = self._iterate_until_target_or_stall(
             combined_rhs, remaining_rhs, residual, intermediate_residual, forcing_term
         )
         if outcome is None:  # the old levels are too inaccurate
@@ -256,8 +256,8 @@ class KrylovTangent:
             self.update_stiffness()
             self._prepare_preconditioner(law)
             initial.copy(x)
-            residual = self._update_residual(combined_rhs, remaining_rhs)
-            outcome = self._reduce_residual(
+            residual = self._update_residual_and_return_norm(combined_rhs, remaining_rhs)
+            outcome = self._iterate_until_target_or_stall(
                 combined_rhs, remaining_rhs, residual, intermediate_residual, forcing_term
             )
             assert outcome is not None, "new levels always give an outcome"
@@ -267,9 +267,9 @@ class KrylovTangent:
         )
         self._free_krylov_vectors()
         collect_garbage(combined_rhs)
-        return TangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
+        return LocalTangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
 
-    def _scale_law_to_forces(self, law: LinearisedLaw, rhs: Array) -> tuple[LinearisedLaw, float]:
+    def _scale_law_and_rhs_to_forces(self, law: LinearisedContactLaw, rhs: Array) -> tuple[LinearisedContactLaw, float]:
         """Return the law between two bodies with rows that are scaled from lengths to forces.
 
         Lengths are multiplied by the stiffness of the springs in the `SpringPreconditioner`. The
@@ -282,18 +282,18 @@ class KrylovTangent:
         Returns:
             The scaled law, and the ratio by which one solution has to reduce the residual.
         """
-        forcing_term = _FORCING_TERM_NONLINEAR if self._stiffness_changed else _FORCING_TERM
+        forcing_term = _FORCING_TERM_FOR_CHANGING_TANGENT if self._stiffness_changed else _FORCING_TERM_FOR_CONSTANT_TANGENT
         if self._spring_preconditioner is None:
             return law, forcing_term
-        factors = self._spring_preconditioner.law_to_force_factors(law)
+        factors = self._spring_preconditioner.compute_length_to_force_factors(law)
         has_equation = self._points.equations >= 0
         rhs[self._points.equations[has_equation]] *= factors[has_equation]
         E, C, D = (factors[:, :, None] * matrix for matrix in (law.E, law.C, law.D))
         smallest_factor = self._comm.allreduce(factors.min(initial=1.0), MPI.MIN)
-        forcing_term *= min(1.0, _SPRING_FORCING_FACTOR * smallest_factor)
+        forcing_term *= min(1.0, _FORCING_FACTOR_FOR_EQUALLY_STIFF_BODIES * smallest_factor)
         return replace(law, E=E, C=C, D=D, c=factors * law.c), forcing_term
 
-    def _prepare_preconditioner(self, law: LinearisedLaw) -> Array:
+    def _prepare_preconditioner(self, law: LinearisedContactLaw) -> Array:
         """Set up the preconditioner for a linearised law.
 
         Returns:
@@ -302,8 +302,8 @@ class KrylovTangent:
         Raises:
             SingularSystem: if a constant pressure in an incompressible body is free.
         """
-        operations_before = self._count_operations()
-        fixed_projectors = self._set_held_directions(law)
+        operations_before = self._count_floating_point_operations()
+        fixed_projectors = self._hold_law_directions_in_multigrid(law)
         if self._block_preconditioner and self._block_preconditioner.has_free_constant_pressure(
             self._operator
         ):
@@ -312,30 +312,30 @@ class KrylovTangent:
         self._krylov.ksp.getPC().setUp()
         if self._bordered_preconditioner is not None:
             border_columns = [
-                self._make_border_column(j, law.D) for j in range(self._points.n_translations)
+                self._make_free_translation_column(j, law.D) for j in range(self._points.n_translations)
             ]
             self._bordered_preconditioner.update(border_columns, self._matrix_free_operator.springs)
         if self._operations_per_digit is None:
-            self._setup_operations = self._count_operations() - operations_before
+            self._setup_operations = self._count_floating_point_operations() - operations_before
             self._wasted_operations = 0.0
         return fixed_projectors
 
-    def _reduce_residual(
+    def _iterate_until_target_or_stall(
         self,
         combined_rhs: PETSc.Vec,
-        remaining_rhs: PETSc.Vec,
-        residual: float,
-        intermediate_residual: float,
+        residual_vector: PETSc.Vec,
+        residual_norm: float,
+        intermediate_target: float,
         forcing_term: float,
     ) -> tuple[float, bool] | None:
         """Iterate until the residual reaches its target or stalls.
 
         Args:
             combined_rhs: right-hand side of all equations.
-            remaining_rhs: `combined_rhs` minus the product of the matrix with the iterate. It is
+            residual_vector: `combined_rhs` minus the product of the matrix with the iterate. It is
                 updated in place.
-            residual: norm of `remaining_rhs`.
-            intermediate_residual: target for the residual of an intermediate solution, 0 for a
+            residual_norm: norm of `residual_vector`.
+            intermediate_target: target for the residual of an intermediate solution, 0 for a
                 final solution.
             forcing_term: residual of an intermediate solution divided by the previous residual.
 
@@ -346,18 +346,18 @@ class KrylovTangent:
         Raises:
             NotConverged: if the method fails with new levels.
         """
-        x, correction = self._solution, remaining_rhs.duplicate()
-        operations_before = self._count_operations()
+        x, correction = self._solution, residual_vector.duplicate()
+        operations_before = self._count_floating_point_operations()
         operations_per_digit = self._operations_per_digit if self._stiffness_changed else None
-        initial_residual, is_stalled, round_off, n_iterations = residual, False, 0.0, 0
-        while not is_stalled and not residual <= (
-            target := self._target_residual(residual, intermediate_residual, forcing_term)
+        initial_residual, is_stalled, round_off, n_iterations = residual_norm, False, 0.0, 0
+        while not is_stalled and not residual_norm <= (
+            target := self._target_residual(residual_norm, intermediate_target, forcing_term)
         ):
             max_iterations = self._max_iterations
             if operations_per_digit is not None:
                 n_digits = np.log10(initial_residual / target)
                 affordable_operations = (
-                    _LEVEL_COST_FACTOR * self._setup_operations + operations_per_digit * n_digits
+                    _MAX_EXCESS_COST_PER_LEVEL_SETUP * self._setup_operations + operations_per_digit * n_digits
                 )
                 max_iterations = min(
                     max_iterations, 1 + int(affordable_operations / self._operations_per_iteration)
@@ -365,37 +365,37 @@ class KrylovTangent:
             self._ksp.setTolerances(rtol=0.0, atol=target, max_it=max_iterations)
             # options are checked in the first solution; external methods check them in each one
             if self._solution_size and not self._krylov.uses_external_method:
-                self._ksp.solve(remaining_rhs, correction)
+                self._ksp.solve(residual_vector, correction)
             else:
-                solve_with_ksp(self._ksp, remaining_rhs, correction, self._krylov.options)
+                solve_with_ksp(self._ksp, residual_vector, correction, self._krylov.options)
             n_iterations += self._ksp.getIterationNumber()
             x.axpy(1.0, correction)
-            previous_residual, residual = (
-                residual,
-                self._update_residual(combined_rhs, remaining_rhs),
+            previous_residual, residual_norm = (
+                residual_norm,
+                self._update_residual_and_return_norm(combined_rhs, residual_vector),
             )
             self._solution_size = max(self._solution_size, x.norm())
             round_off = (
                 self._krylov.round_off(self._solution_size) + self._points.force_round_off + target
             )
             # a residual of NaN, due to a failed factorisation, counts as stalled
-            is_stalled = not residual < (
-                min(previous_residual, _STALL_RATIO * target)
-                if residual <= round_off
-                else _MIN_REDUCTION * previous_residual
+            is_stalled = not residual_norm < (
+                min(previous_residual, _MIN_STALLED_RESIDUAL_PER_TARGET * target)
+                if residual_norm <= round_off
+                else _MIN_STALLED_RESIDUAL_PER_PREVIOUS * previous_residual
             )
             if (
                 operations_per_digit is not None
-                and not residual <= round_off
+                and not residual_norm <= round_off
                 and (is_stalled or n_iterations >= max_iterations)
             ):
                 return None
-        if is_stalled and not residual <= round_off:
-            raise self._krylov.not_converged(
-                residual / max(combined_rhs.norm(), self._largest_contact_force())
+        if is_stalled and not residual_norm <= round_off:
+            raise self._krylov.make_not_converged_error(
+                residual_norm / max(combined_rhs.norm(), self._largest_contact_force())
             )
-        digits = np.log10(initial_residual / max(residual, 1e-300))
-        operations = self._count_operations() - operations_before
+        digits = np.log10(initial_residual / max(residual_norm, 1e-300))
+        operations = self._count_floating_point_operations() - operations_before
         if self._operations_per_digit is None:
             self._operations_per_digit, self._operations_per_iteration = (
                 operations / max(digits, 1),
@@ -405,7 +405,7 @@ class KrylovTangent:
             self._wasted_operations = max(
                 0.0, self._wasted_operations + operations - self._operations_per_digit * digits
             )
-        return residual, is_stalled
+        return residual_norm, is_stalled
 
     def _free_krylov_vectors(self) -> None:
         """Free the vectors of the Krylov method without resetting the preconditioner."""
@@ -427,7 +427,7 @@ class KrylovTangent:
             self.solver.release()
 
     def _target_residual(
-        self, residual: float, intermediate_residual: float, forcing_term: float
+        self, residual_norm: float, intermediate_target: float, forcing_term: float
     ) -> float:
         """Return the residual at which the iteration stops.
 
@@ -437,30 +437,30 @@ class KrylovTangent:
         not followed.
 
         Args:
-            residual: residual of the current iterate.
-            intermediate_residual: target for the residual of an intermediate solution, 0 for a
+            residual_norm: residual of the current iterate.
+            intermediate_target: target for the residual of an intermediate solution, 0 for a
                 final solution.
             forcing_term: residual of an intermediate solution divided by the previous residual.
         """
         squared_force = self._comm.allreduce(
             float(np.sum(self._matrix_free_operator.force**2)), MPI.SUM
         )
-        if squared_force > (_MIN_FORCE_TO_RESIDUAL * residual) ** 2:
-            intermediate_residual = min(intermediate_residual, forcing_term * squared_force**0.5)
+        if squared_force > (_MIN_MEANINGFUL_FORCE_PER_RESIDUAL * residual_norm) ** 2:
+            intermediate_target = min(intermediate_target, forcing_term * squared_force**0.5)
         largest = self._largest_contact_force()
         # a solution so accurate that the next step would be the last is solved to final tolerance
-        intermediate_residual = (
-            intermediate_residual if intermediate_residual > FORCE_TOLERANCE * largest else 0.0
+        intermediate_target = (
+            intermediate_target if intermediate_target > MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest else 0.0
         )
-        return max(intermediate_residual, self._tolerance * largest)
+        return max(intermediate_target, self._tolerance * largest)
 
-    def _update_residual(self, combined_rhs: PETSc.Vec, remaining_rhs: PETSc.Vec) -> float:
-        """Set `remaining_rhs` to the residual vector of the solution, and return its norm."""
-        self._operator.mult(self._solution, remaining_rhs)
-        remaining_rhs.aypx(-1.0, combined_rhs)
-        return float(remaining_rhs.norm())
+    def _update_residual_and_return_norm(self, combined_rhs: PETSc.Vec, residual_vector: PETSc.Vec) -> float:
+        """Set `residual_vector` to the residual vector of the solution, and return its norm."""
+        self._operator.mult(self._solution, residual_vector)
+        residual_vector.aypx(-1.0, combined_rhs)
+        return float(residual_vector.norm())
 
-    def _count_operations(self) -> float:
+    def _count_floating_point_operations(self) -> float:
         """Return the number of floating-point operations that all processes have done so far."""
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
@@ -468,7 +468,7 @@ class KrylovTangent:
         force = float(np.abs(self._matrix_free_operator.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
-    def _set_held_directions(self, law: LinearisedLaw) -> Array:
+    def _hold_law_directions_in_multigrid(self, law: LinearisedContactLaw) -> Array:
         """Hold the directions that the active set fixes in the multigrid preconditioner.
 
         Returns:
@@ -482,21 +482,21 @@ class KrylovTangent:
                 (singular_values < bound).astype(float),
                 left_vectors,
             )
-            for bound in (_HELD_SINGULAR_VALUE, _ZERO_SINGULAR_VALUE)
+            for bound in (_MAX_SINGULAR_VALUE_OF_HELD_DIRECTION, _MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION)
         )
         anchored_projectors, points = held_projectors, self._points
         if self._anchor_nodes is not None:
-            anchored_projectors = self._anchor_nodes.add_anchors(held_projectors)
+            anchored_projectors = self._anchor_nodes.extend_projectors_at_anchors(held_projectors)
         springs = (
-            self._spring_preconditioner.assemble_springs(law, held_projectors, anchored_projectors)
+            self._spring_preconditioner.factorise_law_and_assemble_springs(law, held_projectors, anchored_projectors)
             if self._spring_preconditioner
             else None
         )
         self._multigrid.constrain(points.node, anchored_projectors, points.law_scale, springs)
         return fixed_projectors
 
-    def _move_to_held_positions(
-        self, combined_rhs: PETSc.Vec, x: PETSc.Vec, fixed_projectors: Array
+    def _move_nodes_to_positions_fixed_by_law(
+        self, combined_rhs: PETSc.Vec, iterate: PETSc.Vec, fixed_projectors: Array
     ) -> None:
         """Move nodes along the fixed directions to the positions that the law prescribes.
 
@@ -504,43 +504,43 @@ class KrylovTangent:
 
         Args:
             combined_rhs: right-hand side of all equations.
-            x: initial iterate, which is changed in place.
+            iterate: initial iterate, which is changed in place.
             fixed_projectors: projectors (m, dim, dim) onto the directions that the law fixes.
         """
         points, has_equation = self._points, self._points.equations >= 0
         violation = np.where(
             has_equation,
-            combined_rhs.array_r[points.equations] - self._matrix_free_operator.apply_motion_law(x),
+            combined_rhs.array_r[points.equations] - self._matrix_free_operator.evaluate_motion_terms_of_law(iterate),
             0.0,
         )
         step = np.einsum("nab,nb->na", fixed_projectors, violation) / points.law_scale[:, None]
-        x.array[points.equations[has_equation]] += step[has_equation]
+        iterate.array[points.equations[has_equation]] += step[has_equation]
 
-    def _make_balance_row(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
+    def _make_force_balance_row(self, K: PETSc.Mat, supports: Supports, translation_number: int) -> Array:
         """Return this process' part (n,) of the matrix row for a free translation's force balance.
 
         Args:
             K: stiffness (n, n).
             supports: supports of the body.
-            translation: number of the free translation.
+            translation_number: number of the free translation.
         """
         points = self._points
         point_factors, row = K.createVecs()
-        is_moved = (points.free_translation == translation) & (points.equations >= 0)
+        is_moved = (points.free_translation == translation_number) & (points.equations >= 0)
         point_factors.array[points.equations[is_moved]] = points.force_factor[is_moved]
         K.multTranspose(point_factors, row)
         return np.asarray(row.array_r * supports.free)
 
-    def _make_border_column(self, translation: int, D: Array) -> Array:
+    def _make_free_translation_column(self, translation_number: int, D: Array) -> Array:
         """Return this process' part (n,) of a free translation's matrix column.
 
         Args:
-            translation: number of the free translation.
+            translation_number: number of the free translation.
             D: coefficients (m, dim, k) of the surface motions in the law.
         """
         points = self._points
         law_values = -np.einsum(
-            "nab,nb->na", D, (points.free_translation == translation).astype(float)
+            "nab,nb->na", D, (points.free_translation == translation_number).astype(float)
         )
         column = np.zeros(self._n_unknowns)
         has_equation = points.equations >= 0

@@ -1,7 +1,7 @@
 """Preconditioners of the contact system, and choice of nodes that anchor free bodies.
 
 The module guarantees the same preconditioner on any number of processes. It assumes contact points
-as described by `ContactPointData`.
+as described by `ContactPointOperators`.
 """
 
 from mpi4py import MPI
@@ -11,20 +11,20 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import LinearisedLaw
+from pw_elements.contact.nodes import LinearisedContactLaw
 from pw_elements.contact.system.unassembled import (
-    ContactPointData,
+    ContactPointOperators,
     masked_row_mean,
 )
 from pw_elements.solvers import (
-    RigidComponents,
+    ComponentRigidModes,
     add_scaled,
     block_diagonal_matrix,
     destroy_objects,
 )
 
 # Smallest number of sticking nodes that hold a connected component without additional anchors
-_MIN_STICKING_NODES = 6
+_MIN_STICKING_NODES_WITHOUT_ANCHORS = 6
 
 
 class SpringPreconditioner:
@@ -40,7 +40,7 @@ class SpringPreconditioner:
         K: stiffness (n, n) of the displacements.
     """
 
-    def __init__(self, inner: PETSc.PC, points: ContactPointData, K: PETSc.Mat) -> None:
+    def __init__(self, inner: PETSc.PC, points: ContactPointOperators, K: PETSc.Mat) -> None:
         self._inner, self._points = inner, points
         inverse_diagonal_force = points.force.copy()
         inverse_diagonal_force.diagonalScale(R=1 / K.getDiagonal())
@@ -55,7 +55,7 @@ class SpringPreconditioner:
         self._ksp.getPC().setType("lu")
         self._ksp.getPC().setFactorSolverType("mumps")
 
-    def law_to_force_factors(self, law: LinearisedLaw) -> Array:
+    def compute_length_to_force_factors(self, law: LinearisedContactLaw) -> Array:
         """Return the factors (m, dim) that convert rows of the law from lengths to forces.
 
         They depend on the stiffness of the springs between the bodies.
@@ -66,8 +66,8 @@ class SpringPreconditioner:
         )
         return np.asarray(1 / np.where(law_size > 0, law_size, 1.0))
 
-    def assemble_springs(
-        self, law: LinearisedLaw, held_projectors: Array, anchored_projectors: Array
+    def factorise_law_and_assemble_springs(
+        self, law: LinearisedContactLaw, held_projectors: Array, anchored_projectors: Array
     ) -> PETSc.Mat:
         """Prepare the law for an active set, and return the stiffness (n, n) of the springs.
 
@@ -86,14 +86,14 @@ class SpringPreconditioner:
             np.where(has_both_equations, law.E, identity),
             np.where(has_both_equations, law.C, 0.0),
         )
-        force_law = self._multiply_blocks(C, self._compliance)
+        force_law = self._multiply_block_diagonal(C, self._compliance)
         add_scaled(
             force_law,
             1.0,
             block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm),
         )
         self._ksp.setOperators(force_law)
-        point_springs = self._multiply_blocks(
+        point_springs = self._multiply_block_diagonal(
             self._spring_stiffness * anchored_projectors * has_both_equations, points.motion
         )
         return points.force.transposeMatMult(point_springs)
@@ -113,7 +113,7 @@ class SpringPreconditioner:
     def release(self) -> None:
         destroy_objects(self._ksp)
 
-    def _multiply_blocks(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+    def _multiply_block_diagonal(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
         """Return the product of a block-diagonal matrix and another matrix (m dim, ...).
 
         The diagonal blocks are `blocks` (m, dim, dim).
@@ -145,36 +145,36 @@ class BorderedPreconditioner:
         self._inner_columns: list[Array] = []
         self._schur = np.eye(len(balance_rows))
 
-    def update(self, columns: list[Array], springs: Array) -> None:
+    def update(self, border_columns: list[Array], springs: Array) -> None:
         """Compute the Schur complement of the free translations.
 
         Args:
-            columns: this process' part (n,) of the matrix column of each free translation.
+            border_columns: this process' part (n,) of the matrix column of each free translation.
             springs: stiffness (translations,) of the spring of each free translation.
         """
-        self._inner_columns = [self._apply_inner(column) for column in columns]
+        self._inner_columns = [self._apply_inner_preconditioner(column) for column in border_columns]
         self._schur = (
             np.diag(springs)
-            - np.array([self._sum_rows(column) for column in self._inner_columns]).T
+            - np.array([self._multiply_balance_rows(column) for column in self._inner_columns]).T
         )
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         values, n = x.array_r, self._inner_input.getLocalSize()
         balance = self._comm.bcast(values[n:].copy(), self._comm.size - 1)
-        result = self._apply_inner(values[:n])
-        U = np.linalg.lstsq(self._schur, balance - self._sum_rows(result))[0]
+        result = self._apply_inner_preconditioner(values[:n])
+        U = np.linalg.lstsq(self._schur, balance - self._multiply_balance_rows(result))[0]
         for translation, column in zip(U, self._inner_columns, strict=True):
             result -= translation * column
         y.array[:n] = result
         y.array[n:] = U[: len(values) - n]
 
-    def _apply_inner(self, values: Array) -> Array:
+    def _apply_inner_preconditioner(self, values: Array) -> Array:
         """Return the product (n,) of the inner preconditioner and a vector."""
         self._inner_input.array[:] = values
         self._inner.apply(self._inner_input, self._inner_output)
         return np.array(self._inner_output.array_r)
 
-    def _sum_rows(self, values: Array) -> Array:
+    def _multiply_balance_rows(self, values: Array) -> Array:
         """Return the products (translations,) of the force-balance rows with a vector (n,)."""
         totals = np.array([row @ values for row in self._balance_rows])
         self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
@@ -188,10 +188,10 @@ class AnchorNodes:
     points that can hold the body.
     """
 
-    def __init__(self, space: fem.FunctionSpace, points: ContactPointData) -> None:
+    def __init__(self, space: fem.FunctionSpace, points: ContactPointOperators) -> None:
         nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
-        components = RigidComponents.from_space(space)
+        components = ComponentRigidModes.from_space(space)
         self._component, self._n_components = (
             components.component_of_node[nodes],
             len(components.centre),
@@ -208,20 +208,20 @@ class AnchorNodes:
         first_point = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
         self._is_anchor = chosen[first_point : first_point + len(nodes)]
 
-    def add_anchors(self, projectors: Array) -> Array:
+    def extend_projectors_at_anchors(self, held_projectors: Array) -> Array:
         """Return projectors onto held directions, extended to all directions at anchor nodes.
 
         Anchor nodes are used only in connected components with few sticking nodes.
 
         Args:
-            projectors: projectors (m, dim, dim) onto the directions that the active set holds.
+            held_projectors: projectors (m, dim, dim) onto the directions that the active set holds.
         """
-        dim = projectors.shape[1]
-        sticks = np.einsum("naa->n", projectors) > dim - 0.5
+        dim = held_projectors.shape[1]
+        sticks = np.einsum("naa->n", held_projectors) > dim - 0.5
         count = np.bincount(self._component[sticks], minlength=self._n_components)
         self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-        needs_anchor = self._is_anchor & (count < _MIN_STICKING_NODES)[self._component]
-        return np.where(needs_anchor[:, None, None], np.eye(dim), projectors)
+        needs_anchor = self._is_anchor & (count < _MIN_STICKING_NODES_WITHOUT_ANCHORS)[self._component]
+        return np.where(needs_anchor[:, None, None], np.eye(dim), held_projectors)
 
 
 def _pick_distant_points(x: Array) -> list[int]:

@@ -14,7 +14,7 @@ Accuracy: TypeAlias = Literal["rough", "final", "tightened"]
 
 
 @dataclass(frozen=True)
-class TangentSolution:
+class LocalTangentSolution:
     """Part of this process in the solution of one contact system.
 
     Args:

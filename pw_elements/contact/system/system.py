@@ -18,31 +18,31 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements._compat import single_entry_matrix
+from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.algebra import (
     Reduction,
-    constrained_operator,
+    matrix_free_constrained_operator,
     has_free_constant_pressure,
     reduce_matrix,
 )
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.model import NO_SOLVER_REPORT, FreeMotions
-from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
+from pw_elements.contact.model import EMPTY_SOLVER_REPORT, FreeMotionIndices
+from pw_elements.contact.nodes import LinearisedContactLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
-    ContactRows,
+    ContactLawRows,
     CsrArrays,
     extract_local_rows,
-    extract_point_diagonal,
-    gather_balance_rows,
-    insert_contact_rows,
-    make_border_columns,
-    split_force_operator,
+    extract_entries_at_own_equations,
+    gather_balance_rows_on_last_rank,
+    insert_empty_contact_rows,
+    make_map_from_free_motions_to_points,
+    split_force_operator_at_own_equations,
 )
 from pw_elements.contact.system.krylov import KrylovTangent
-from pw_elements.contact.system.solution import Accuracy, Solution, TangentSolution
-from pw_elements.contact.system.unassembled import ContactPointData, masked_row_mean
+from pw_elements.contact.system.solution import Accuracy, Solution, LocalTangentSolution
+from pw_elements.contact.system.unassembled import ContactPointOperators, masked_row_mean
 from pw_elements.solvers import (
     LinearSolver,
     PreparedSolver,
@@ -53,7 +53,7 @@ from pw_elements.solvers import (
 
 # Number of linear systems solved, and the report of the linear solver
 Cost: TypeAlias = tuple[int, SolverReport]
-NO_COST: Cost = (0, NO_SOLVER_REPORT)
+NO_COST: Cost = (0, EMPTY_SOLVER_REPORT)
 
 
 class ContactTangent(Protocol):
@@ -67,11 +67,11 @@ class ContactTangent(Protocol):
     solves_exactly: bool
     solver: PreparedSolver
 
-    def set_initial_iterate(self, unknowns: Callable[[], Array], free_motions: Array) -> None:
+    def set_initial_iterate(self, get_unknowns: Callable[[], Array], free_motions: Array) -> None:
         """Set the initial iterate of an iterative solver.
 
         Args:
-            unknowns: function that returns the unknowns (n,) of this process.
+            get_unknowns: function that returns the unknowns (n,) of this process.
             free_motions: free motions (free,) of the surfaces.
         """
 
@@ -79,7 +79,7 @@ class ContactTangent(Protocol):
         """Set the stiffness (free,) that support friction adds to each free motion."""
 
     def update_stiffness(
-        self, assemble_rows: Callable[[], tuple[ContactRows, CsrArrays]], pattern_changed: bool
+        self, assemble_rows: Callable[[], tuple[ContactLawRows, CsrArrays]], pattern_changed: bool
     ) -> None:
         """Update the matrix after the stiffness has changed.
 
@@ -90,8 +90,8 @@ class ContactTangent(Protocol):
         """
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedLaw, accuracy: Accuracy
-    ) -> TangentSolution:
+        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+    ) -> LocalTangentSolution:
         """Solve for the law of an active set.
 
         Args:
@@ -139,7 +139,7 @@ class ContactSystem:
     Attributes:
         law_scale: stiffness (m,) that converts lengths into forces in the law. It is the mean
             diagonal stiffness of a point's free components, 1 if there are none.
-        springs: stiffness (free,) of the springs of the free motions, see `solve_with_springs`.
+        springs: stiffness (free,) of the springs of the free motions, see `solve_with_softening_springs`.
         stiffness: reduced stiffness.
         force_operator: matrix (n, m dim) that distributes contact forces to the equations.
         n_solves: number of linear systems solved.
@@ -151,7 +151,7 @@ class ContactSystem:
         K: PETSc.Mat,
         reduction: Reduction,
         interface: Interface,
-        free_motions: FreeMotions,
+        free_motions: FreeMotionIndices,
         solver: LinearSolver,
         torque_map: TorqueMap,
     ) -> None:
@@ -161,7 +161,7 @@ class ContactSystem:
         self.comm: MPI.Comm = interface.comm
         self.n_solves = 0
         self.stiffness = (
-            constrained_operator(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
+            matrix_free_constrained_operator(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
         )
         self._motion_sizes = interface.motion.copy()
         motion_csr = interface.motion.getValuesCSR()
@@ -176,7 +176,7 @@ class ContactSystem:
         reduced_motion = extract_local_rows(
             interface.motion.matMult(reduction.right), len(free_motions)
         )
-        motion_diagonal = extract_point_diagonal(reduced_motion, interface.equation)
+        motion_diagonal = extract_entries_at_own_equations(reduced_motion, interface.equation)
         if is_matrix_free(solver):
             if any(axis == interface.position.shape[1] for _, axis in free_motions):
                 raise ValueError(
@@ -185,7 +185,7 @@ class ContactSystem:
             assert reduction.supports is not None, "checks of arguments reject other reductions"
             stiffness = K.getDiagonal().array_r[self._equations] * self._force_factor
             self.law_scale = masked_row_mean(stiffness / motion_diagonal, has_equation)
-            points = ContactPointData.from_interface(
+            points = ContactPointOperators.from_interface(
                 interface,
                 self._reduced_force,
                 self._opposite_force,
@@ -197,14 +197,14 @@ class ContactSystem:
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._reduced_motion = reduced_motion
-        borders = make_border_columns(free_motions, interface.pair, torque_map.V.shape[2])
+        borders = make_map_from_free_motions_to_points(free_motions, interface.pair, torque_map.V.shape[2])
         empty_columns = sp.csr_matrix(
             (borders.shape[0], reduced_motion.shape[1] - len(free_motions))
         )
         self._borders = sp.hstack([empty_columns, borders], "csr")
-        local_forces, contact_rows, csr = self._assemble_rows()
+        local_forces, contact_rows, csr = self._assemble_force_rows_contact_rows_and_matrix()
         self.law_scale = masked_row_mean(
-            extract_point_diagonal(local_forces, interface.equation) / motion_diagonal, has_equation
+            extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal, has_equation
         )
         sizes = len(csr[0]) - 1, local_forces.shape[1]
         matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
@@ -216,14 +216,14 @@ class ContactSystem:
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
         )
 
-    def _assemble_rows(self) -> tuple[sp.csr_matrix, ContactRows, CsrArrays]:
+    def _assemble_force_rows_contact_rows_and_matrix(self) -> tuple[sp.csr_matrix, ContactLawRows, CsrArrays]:
         """Return the force rows, the rows of the contact points, and arrays of the whole matrix.
 
         The force rows are the matrix (m dim, n) that gives the contact forces for displacements.
         """
         K, equation = self.stiffness, self.interface.equation.ravel()
         sizes = self._reduced_force.getSizes()
-        L = single_entry_matrix(equation, sizes, self.comm, self._force_factor.ravel())
+        L = matrix_with_single_entry_rows(equation, sizes, self.comm, self._force_factor.ravel())
         forces = L.matMult(K)
         if self._opposite_force is not None:
             eliminated = self._opposite_force.transposeMatMult(forces)
@@ -232,28 +232,28 @@ class ContactSystem:
         eliminated, local_forces = (
             extract_local_rows(matrix, len(self.free_motions)) for matrix in (K, forces)
         )
-        rows = ContactRows(local_forces, self._reduced_motion, self._borders, self._equations)
-        border = gather_balance_rows(self._assemble_balances(local_forces), self.springs, self.comm)
-        return local_forces, rows, insert_contact_rows(eliminated, rows, border)
+        rows = ContactLawRows(local_forces, self._reduced_motion, self._borders, self._equations)
+        border = gather_balance_rows_on_last_rank(self._assemble_force_balance_contributions(local_forces), self.springs, self.comm)
+        return local_forces, rows, insert_empty_contact_rows(eliminated, rows, border)
 
-    def _assemble_balances(self, local_forces: sp.csr_matrix) -> sp.coo_matrix:
+    def _assemble_force_balance_contributions(self, force_rows: sp.csr_matrix) -> sp.coo_matrix:
         """Return contributions (free, n) of this process' points to the balances of free motions.
 
         Explicit zeros are kept, because the sparsity pattern must not depend on values.
 
         Args:
-            local_forces: matrix (m dim, n) that gives the contact forces for displacements.
+            force_rows: matrix (m dim, n) that gives the contact forces for displacements.
         """
         (m, dim), torque_map = self._equations.shape, self._torque_map
         row, column, value = ([np.empty(0, dtype)] for dtype in (np.int64, np.int64, float))
         for motion_number, (pair, axis) in enumerate(self.free_motions):
             pair_points = np.flatnonzero(self.interface.pair == pair)
             operators: list[tuple[sp.csr_matrix, int, Array]] = [
-                (local_forces, axis, np.ones((m, 1)))
+                (force_rows, axis, np.ones((m, 1)))
             ]
             if axis == dim:
                 factors = torque_map.V[:, :, axis], -torque_map.w, torque_map.w
-                sources = local_forces, self._reduced_motion, self._borders
+                sources = force_rows, self._reduced_motion, self._borders
                 operators = [
                     (rows, 0, factor) for rows, factor in zip(sources, factors, strict=True)
                 ]
@@ -267,14 +267,14 @@ class ContactSystem:
                 column.append(entries.col)
                 value.append(factor.ravel()[entries.row] * entries.data)
         indices = np.concatenate(row), np.concatenate(column)
-        shape = len(self.free_motions), local_forces.shape[1]
+        shape = len(self.free_motions), force_rows.shape[1]
         return sp.coo_matrix((np.concatenate(value), indices), shape)
 
-    def set_force_operator(self, force: PETSc.Mat) -> None:
+    def set_force_operator(self, force_operator: PETSc.Mat) -> None:
         """Set the force operator (n, m dim), which distributes contact forces to the equations."""
-        self.force_operator = force
-        self._reduced_force = force.transposeMatMult(self.reduction.left)  # (m dim, equations)
-        self._force_factor, self._opposite_force = split_force_operator(
+        self.force_operator = force_operator
+        self._reduced_force = force_operator.transposeMatMult(self.reduction.left)  # (m dim, equations)
+        self._force_factor, self._opposite_force = split_force_operator_at_own_equations(
             self._reduced_force, self.interface.equation
         )
 
@@ -285,48 +285,48 @@ class ContactSystem:
         """
         self._torque_map = torque_map
 
-        def assemble() -> tuple[ContactRows, CsrArrays]:
+        def assemble() -> tuple[ContactLawRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
-            return self._assemble_rows()[1:]
+            return self._assemble_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=False)
 
-    def update_stiffness_and_motion(
-        self, K: PETSc.Mat, torque_map: TorqueMap, motion: PETSc.Mat
+    def update_stiffness_and_motion_operator(
+        self, K: PETSc.Mat, torque_map: TorqueMap, motion_operator: PETSc.Mat
     ) -> None:
         """Update the matrix for a new stiffness (n, n), torque map and motion operator.
 
-        `motion` is the motion operator (m p, n), with p motions per contact point. Its sparsity
+        `motion_operator` is the motion operator (m p, n), with p motions per contact point. Its sparsity
         pattern may change.
         """
         self._torque_map = torque_map
 
-        def assemble() -> tuple[ContactRows, CsrArrays]:
+        def assemble() -> tuple[ContactLawRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
-            self._motion = motion
+            self._motion = motion_operator
             self._reduced_motion = extract_local_rows(
-                motion.matMult(self.reduction.right), len(self.free_motions)
+                motion_operator.matMult(self.reduction.right), len(self.free_motions)
             )
-            return self._assemble_rows()[1:]
+            return self._assemble_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=True)
 
-    def update_stiffness_and_springs(self, K: PETSc.Mat, springs: Array) -> None:
+    def update_stiffness_and_free_motion_springs(self, K: PETSc.Mat, springs: Array) -> None:
         """Update the matrix for a new stiffness (n, n) and new springs (free,) of free motions."""
         self.springs = springs
         self.update_stiffness(K, self._torque_map)
 
-    def set_initial_iterate(self, unknowns: Callable[[], PETSc.Vec], q: Array) -> None:
+    def set_initial_iterate(self, get_unknowns: Callable[[], PETSc.Vec], q: Array) -> None:
         """Set the initial iterate of an iterative solver.
 
         Args:
-            unknowns: function that returns all unknowns (n,).
+            get_unknowns: function that returns all unknowns (n,).
             q: motions (pairs, k) of the surfaces.
         """
 
         def scaled_unknowns() -> Array:
             scale = self.reduction.right.getDiagonal().array_r
-            return np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
+            return np.divide(get_unknowns().array_r, scale, out=0 * scale, where=scale != 0)
 
         self.tangent.set_initial_iterate(scaled_unknowns, self.select_free_motions(q))
 
@@ -337,8 +337,8 @@ class ContactSystem:
     def solve(
         self,
         load: PETSc.Vec,
-        law: LinearisedLaw,
-        totals: Array,
+        law: LinearisedContactLaw,
+        free_motion_loads: Array,
         *,
         torque_map: TorqueMap,
         accuracy: Accuracy = "final",
@@ -350,7 +350,7 @@ class ContactSystem:
             load: load vector (n_r,), reduced by the supports.
             law: linearised law, in which only the free motions of surfaces are unknown. All other
                 motions of surfaces are contained in its right-hand side.
-            totals: prescribed forces and torques (free,) of the free motions.
+            free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
             accuracy: accuracy of the solution, used only by iterative solvers.
             friction_springs: stiffness (free,) that support friction adds to the free motions.
@@ -358,7 +358,7 @@ class ContactSystem:
         self.n_solves += 1
         if self.free_motions:
             self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free_motions)))
-        rhs, balance_rhs = self.assemble_right_hand_sides(load, law, totals, torque_map)
+        rhs, balance_rhs = self.assemble_right_hand_sides(load, law, free_motion_loads, torque_map)
         solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
         reduced_unknowns = load.duplicate()
         reduced_unknowns.setArray(solution.unknowns[: len(rhs)])
@@ -366,27 +366,27 @@ class ContactSystem:
         return Solution(reduced_unknowns, np.array(motions), solution.is_exact, solution.is_final)
 
     def assemble_right_hand_sides(
-        self, load: PETSc.Vec, law: LinearisedLaw, totals: Array, torque_map: TorqueMap
+        self, load: PETSc.Vec, law: LinearisedContactLaw, free_motion_loads: Array, torque_map: TorqueMap
     ) -> tuple[Array, Array]:
         """Return the right-hand sides of this process' equations (n,) and of all free motions.
 
         Args:
             load: load vector (n_r,), reduced by the supports.
             law: linearised law.
-            totals: prescribed forces and torques (free,) of the free motions.
+            free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
         """
-        point_load, rhs = self._extract_forces(load), self._eliminate_forces(load)
+        point_load, rhs = self._extract_nodal_forces(load), self._eliminate_forces_at_opposite_nodes(load)
         has_equation = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
         rhs[self._equations[has_equation]] = law_right[has_equation]
         if not self.free_motions:
-            return rhs, totals
+            return rhs, free_motion_loads
         balance = torque_map.resultants(point_load)
         balance[:, -1] -= np.sum(torque_map.w * torque_map.d0, axis=1)
-        return rhs, totals + self.sum_over_free_motions(balance)
+        return rhs, free_motion_loads + self.sum_forces_by_free_motion(balance)
 
-    def make_equation_weights(self, force_weights: Array) -> PETSc.Vec:
+    def convert_force_weights_to_equation_weights(self, force_weights: Array) -> PETSc.Vec:
         """Return weights of the reduced equations for a weighted sum of nodal contact forces.
 
         The sum of stiffness times displacements with these weights equals the sum of the nodal
@@ -406,7 +406,7 @@ class ContactSystem:
         """
         return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
-    def split_residual(self, residual: PETSc.Vec) -> tuple[Array, Array]:
+    def split_residual_into_contact_and_unbalanced_forces(self, residual: PETSc.Vec) -> tuple[Array, Array]:
         """Split the residual into contact forces and unbalanced forces.
 
         Args:
@@ -416,65 +416,65 @@ class ContactSystem:
             Nodal contact forces (m, dim), and magnitudes (n_r,) of the unbalanced forces in this
             process' equations.
         """
-        unbalanced = np.abs(self._eliminate_forces(residual))
+        unbalanced = np.abs(self._eliminate_forces_at_opposite_nodes(residual))
         unbalanced[self._equations[self._equations >= 0]] = 0.0
-        return self._extract_forces(residual), unbalanced
+        return self._extract_nodal_forces(residual), unbalanced
 
-    def point_displacements(self, displacement: PETSc.Vec) -> Array:
+    def evaluate_relative_point_displacements(self, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) of the contact points relative to the opposite side.
 
         They are evaluated with the motion operator of the undeformed bodies for all unknowns (n,).
         """
         return np.array(
-            (self.interface.motion * displacement).array_r.reshape(self._equations.shape)
+            (self.interface.motion * unknowns).array_r.reshape(self._equations.shape)
         )
 
-    def point_motions(self, displacement: PETSc.Vec) -> Array:
+    def evaluate_point_motions(self, unknowns: PETSc.Vec) -> Array:
         """Return the motions (m, p) of the contact points in the law, for all unknowns (n,)."""
         m, dim = self._equations.shape
         n_motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
-        return np.array((self._motion * displacement).array_r.reshape(m, n_motions))
+        return np.array((self._motion * unknowns).array_r.reshape(m, n_motions))
 
-    def displacement_sizes(self, displacement: PETSc.Vec) -> Array:
+    def compute_round_off_scale_of_motions(self, unknowns: PETSc.Vec) -> Array:
         """Return a size (m, dim) of each point's motion that is a measure of its round-off.
 
         It is the product of the magnitudes of the motion operator and of the displacements (n,).
         """
-        magnitude = displacement.copy()
+        magnitude = unknowns.copy()
         magnitude.abs()
         return np.array((self._motion_sizes * magnitude).array_r.reshape(self._equations.shape))
 
-    def sum_over_free_motions(self, forces: Array) -> Array:
+    def sum_forces_by_free_motion(self, point_forces: Array) -> Array:
         """Return the sum of the contact points' forces for each free motion (free,); collective.
 
-        `forces` (m, k) are the forces of this process' points along the motions of their surfaces.
+        `point_forces` (m, k) are the forces of this process' points along the motions of their surfaces.
         """
         pair = self.interface.pair
-        sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free_motions])
+        sums = np.array([point_forces[pair == k, axis].sum() for k, axis in self.free_motions])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
-    def balance_residuals(
-        self, force: Array, q: Array, totals: Array, torque_map: TorqueMap, size: float
+    def compute_relative_balance_residuals(
+        self, point_forces: Array, q: Array, free_motion_loads: Array, torque_map: TorqueMap, reference_force: float
     ) -> Array:
         """Return the unbalanced forces and torques (free,) of the free motions, divided by a force.
 
         Torques are also divided by the longest lever arm.
 
         Args:
-            force: forces (m, dim) of the surfaces on the contact points.
+            point_forces: forces (m, dim) of the surfaces on the contact points.
             q: motions (pairs, k) of the surfaces.
-            totals: prescribed forces and torques (free,) of the free motions.
+            free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
-            size: reference force.
+            reference_force: reference force.
         """
         if not self.free_motions:
             return np.zeros(0)
-        unbalanced = self.sum_over_free_motions(torque_map.resultants(force)) - totals
+        unbalanced = self.sum_forces_by_free_motion(torque_map.resultants(point_forces)) - free_motion_loads
         unbalanced += self.springs * self.select_free_motions(q)
-        return np.asarray(np.abs(unbalanced) / (size * self._lever_arms(torque_map)))
+        return np.asarray(np.abs(unbalanced) / (reference_force * self._longest_lever_arms(torque_map)))
 
-    def _lever_arms(self, torque_map: TorqueMap) -> Array:
+    def _longest_lever_arms(self, torque_map: TorqueMap) -> Array:
         """Return the longest lever arm of each free motion (free,), 1 for translations."""
         arm = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny
@@ -484,14 +484,14 @@ class ContactSystem:
         self.comm.Allreduce(MPI.IN_PLACE, longest, MPI.MAX)
         return longest
 
-    def _extract_forces(self, equation_values: PETSc.Vec) -> Array:
+    def _extract_nodal_forces(self, equation_values: PETSc.Vec) -> Array:
         """Return the nodal forces (m, dim) that follow from values of the reduced equations.
 
         The result is 0 for components without an equation.
         """
         return self.extract_at_points(equation_values.array_r) * self._force_factor
 
-    def _eliminate_forces(self, equation_values: PETSc.Vec) -> Array:
+    def _eliminate_forces_at_opposite_nodes(self, equation_values: PETSc.Vec) -> Array:
         """Return the values (n,) of this process' equations without contact forces.
 
         Contact forces are not eliminated from the contact points' own equations, because the law
@@ -504,7 +504,7 @@ class ContactSystem:
         if self._opposite_force is None:
             return local
         forces, opposite = self._opposite_force.createVecLeft(), equation_values.duplicate()
-        forces.setArray(self._extract_forces(equation_values))
+        forces.setArray(self._extract_nodal_forces(equation_values))
         self._opposite_force.multTranspose(forces, opposite)
         return local + opposite.array_r
 

@@ -16,14 +16,14 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
-from pw_elements.contact.model import FreeMotions
-from pw_elements.contact.nodes import LinearisedLaw
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, DEFORMABLE, Interface
+from pw_elements.contact.model import FreeMotionIndices
+from pw_elements.contact.nodes import LinearisedContactLaw
 from pw_elements.spaces import SubSpace
 
 
 @dataclass(frozen=True)
-class ContactPointData:
+class ContactPointOperators:
     """Operators and factors of the m contact points of this process.
 
     Each contact point is a node, or its contact force acts on a node.
@@ -53,8 +53,8 @@ class ContactPointData:
         equations: Indices,
         force_factor: Array,
         law_scale: Array,
-        free_motions: FreeMotions,
-    ) -> "ContactPointData":
+        free_motions: FreeMotionIndices,
+    ) -> "ContactPointOperators":
         """Return the data of the contact points of an interface.
 
         `free_motions` contains the number of the pair and of the component of each free motion. The
@@ -64,7 +64,7 @@ class ContactPointData:
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free_motions):
             free_translation[interface.pair == pair, axis] = k
-        local_round_off = COORDINATE_ROUND_OFF * np.linalg.norm(
+        local_round_off = RELATIVE_COORDINATE_ROUND_OFF * np.linalg.norm(
             law_scale[:, None] * interface.position
         )
         round_off = interface.comm.allreduce(float(local_round_off), MPI.SUM)
@@ -87,7 +87,7 @@ class ContactPointData:
             round_off,
         )
 
-    def restrict_to_displacements(self, field: SubSpace) -> "ContactPointData":
+    def restrict_to_displacements(self, field: SubSpace) -> "ContactPointOperators":
         """Return a copy for the displacements of a hybrid space, without pressures.
 
         The copy has no free translations. `field` is the subspace of the displacements.
@@ -100,7 +100,7 @@ class ContactPointData:
             self, motion=motion, force=force, equations=number[self.equations], n_translations=0
         )
 
-    def extract_forces(self, equation_values: Array) -> Array:
+    def extract_nodal_forces(self, equation_values: Array) -> Array:
         """Return the nodal forces (m, dim) of the contact points.
 
         `equation_values` (n,) are the entries of stiffness times displacements in the equations of
@@ -111,7 +111,7 @@ class ContactPointData:
         )
 
 
-class MatrixFreeOperator:
+class MatrixFreeContactOperator:
     """The matrix of the contact system, as a context of `PETSc.Mat.createPython`.
 
     Rows of the contact law replace equations of the contact points, and the force balances of free
@@ -127,7 +127,7 @@ class MatrixFreeOperator:
         springs: stiffness (translations,) of the spring of each free translation.
     """
 
-    def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointData) -> None:
+    def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointOperators) -> None:
         self._K, self._points = K, points
         self._prescribed: Indices = np.flatnonzero(~free)
         self._has_equation = points.equations >= 0
@@ -138,10 +138,10 @@ class MatrixFreeOperator:
         self.force: Array = np.zeros(points.equations.shape)
         self.springs: Array = np.zeros(points.n_translations)
 
-    def set_law(self, law: LinearisedLaw) -> None:
+    def set_law(self, law: LinearisedContactLaw) -> None:
         self._E, self._C, self._D = law.E, law.C, law.D
 
-    def apply_motion_law(self, x: PETSc.Vec) -> Array:
+    def evaluate_motion_terms_of_law(self, x: PETSc.Vec) -> Array:
         """Return the terms (m, dim) of the linearised law that depend on motions, not on forces.
 
         `x` contains the displacements and the free translations.
@@ -160,9 +160,9 @@ class MatrixFreeOperator:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         points, n = self._points, self._K.getLocalSize()[1]
-        values, law_values, product = x.array_r, self.apply_motion_law(x), self._product
+        values, law_values, product = x.array_r, self.evaluate_motion_terms_of_law(x), self._product
         self._K.mult(self._free_displacement, product)
-        self.force = force = points.extract_forces(product.array_r)
+        self.force = force = points.extract_nodal_forces(product.array_r)
         if points.opposite_force is not None:
             self._point_values.array[:] = force.ravel()
             points.opposite_force.multTranspose(self._point_values, self._opposite_product)

@@ -138,11 +138,11 @@ def measure_linear(row: Row) -> dict[str, float]:
     The residual is reduced to `FORCING` of the load, and by `EXACT_DIGITS`.
     """
     from pw_elements import Iterative, assemble_matrix
-    from pw_elements.algebra import full_size_reduction
+    from pw_elements.algebra import full_size_masking_reduction
 
     body, supports = _clamped_block(row)
     K, assembly = time_cpu(lambda: assemble_matrix(body.stiffness(), blocked=True))
-    load = full_size_reduction(supports).load(K, _load_block(body))
+    load = full_size_masking_reduction(supports).load(K, _load_block(body))
 
     def set_up_levels() -> Any:  # noqa: ANN401
         prepared = Iterative().prepare(K, supports=supports.supports)

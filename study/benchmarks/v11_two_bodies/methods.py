@@ -37,7 +37,7 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.interface import Overlap, Trace, gather_trace
+from pw_elements.contact.interface import Overlap, Trace, gather_boundary_facets
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Part
@@ -148,9 +148,9 @@ class TwoBodies:
     def _library_solution(self, states: list[ContactState]) -> "Solution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
-        slave, master = (gather_trace(self.space, face) for face in (self.slave, self.master))
-        overlap = Overlap.from_traces(slave, master, pair.node, revolved=False)
-        covered = overlap.integrate_per_point(np.ones(len(overlap.measure)), len(pair.node))
+        slave, master = (gather_boundary_facets(self.space, face) for face in (self.slave, self.master))
+        overlap = Overlap.from_slave_and_master(slave, master, pair.node, revolved=False)
+        covered = overlap.integrate_with_weight_functions(np.ones(len(overlap.measure)), len(pair.node))
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
         force[pair.opposite_node] = pair.opposite_force
@@ -233,7 +233,7 @@ def _solve_saddle_point(
 ) -> Solution:
     """Solve frictionless contact along the last coordinate, to which the normals are near."""
     x, space = two.x, two.space
-    slave, master = (gather_trace(space, facets) for facets in (two.slave, two.master))
+    slave, master = (gather_boundary_facets(space, facets) for facets in (two.slave, two.master))
     dim = x.shape[1]
     is_node_to_segment = two.method == "node-to-segment"
     # the slave is pushed along its inward normal
@@ -338,7 +338,7 @@ def couple_by_multipliers(
         n_nodes: number of all nodes.
         sign: of the slave's inward normal along the last coordinate.
     """
-    overlap = Overlap.from_traces(slave, master, slave.nodes, revolved=False)
+    overlap = Overlap.from_slave_and_master(slave, master, slave.nodes, revolved=False)
     (slave_node, N_slave), (master_node, N_master), (weight_node, w_master) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
@@ -411,7 +411,7 @@ def dual_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
 def _couple_nodes_to_segments(slave: Trace, master: Trace, n_nodes: int, sign: float) -> Coupling:
     """Return the coupling of the slave's nodes with the master's face below or above them."""
     x = slave.node_positions()
-    _, corners, _ = master.sub_facets
+    _, corners, _ = master.sub_facet_nodes_corners_and_normals
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)
     from_corner = x[:, None, :-1] - corners[None, :, 0, :-1]
     inner = np.einsum("sij,nsj->nsi", np.linalg.inv(edges), from_corner)

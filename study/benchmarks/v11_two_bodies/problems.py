@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
-from pw_elements.contact.interface import Trace, compute_cell_sizes, gather_trace
+from pw_elements.contact.interface import Trace, compute_cell_lengths_or_areas, gather_boundary_facets
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import locate_exterior_facets
@@ -76,7 +76,7 @@ def _solve_blocks(method: str, dim: int, width: float) -> Result:
     traction[up] = -PRESSURE
     load = two.load(traction, lambda x: np.isclose(x[up], 2.0))
     if width < 1:
-        trace = gather_trace(two.space, two.slave)
+        trace = gather_boundary_facets(two.space, two.slave)
         nodes, weights = _integrate_weights_beyond(trace, width, method in NEW)
         values = load.array.reshape(-1, dim)
         np.add.at(values[:, up], nodes, -PRESSURE * weights)
@@ -121,7 +121,7 @@ def _integrate_weights_beyond(
     Returns:
         Nodes and integrals, one row for each piece; nodes occur more than once.
     """
-    sub_facet_nodes, corners, _ = trace.sub_facets
+    sub_facet_nodes, corners, _ = trace.sub_facet_nodes_corners_and_normals
     points, weights = basix.make_quadrature(
         {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.dim], 2
     )
@@ -131,7 +131,7 @@ def _integrate_weights_beyond(
     for sub_facet in range(len(corners)):
         corner: Array = corners[sub_facet]
         for piece in _cut_simplex(corner, end, trace.dim):
-            size = compute_cell_sizes((piece @ corner)[None])[0]
+            size = compute_cell_lengths_or_areas((piece @ corner)[None])[0]
             position = barycentric_points @ piece
             if linear:
                 nodes.append(sub_facet_nodes[sub_facet])
@@ -463,7 +463,7 @@ def calculix(case: str, tracked: str) -> Result:
     residual = (assemble_matrix(body.stiffness()) * u).array_r.reshape(x.shape)
     surface = SurfaceNodes.from_body(two.body, two.slave)
     node, area = surface.node, surface.tributary_area
-    opposite = gather_trace(two.space, two.master).nodes
+    opposite = gather_boundary_facets(two.space, two.master).nodes
     force = np.zeros_like(x)
     for nodes in (node, opposite):
         force[nodes, -1] = residual[nodes, -1]
@@ -557,7 +557,7 @@ def r0094(way: str) -> Result:
 
 def _restrict_slave(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
     """Keep the facets of the slave's face all of whose nodes (n, dim) are near."""
-    trace = gather_trace(two.space, two.slave)
+    trace = gather_boundary_facets(two.space, two.slave)
     is_near = near(trace.facet_x.reshape(-1, trace.dim))
     kept = is_near.reshape(trace.facet_nodes.shape).all(axis=1)
     return TwoBodies(two.method, two.body, two.K, two.slave[kept], two.master)
@@ -682,7 +682,7 @@ def _master_nodes_with_slow_pressure(two: TwoBodies, solution: Solution) -> Mask
     reach: Array = np.zeros(len(two.x))
     edges = []
     for facets in (two.slave, two.master):
-        trace = gather_trace(two.space, facets)
+        trace = gather_boundary_facets(two.space, facets)
         corners = trace.facet_x[:, :dim]
         edges.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
     np.maximum.at(reach, trace.facet_nodes.ravel(), np.repeat(edges[1], trace.facet_nodes.shape[1]))

@@ -20,9 +20,9 @@ from scipy.integrate import quad
 from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.interface import gather_trace
+from pw_elements.contact.interface import gather_boundary_facets
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.nodes import FORCE_TOLERANCE
+from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 from pw_elements.meshes import curved_mesh
 from study.benchmarks.v17_bodies.quadratic_multipliers import DualQuadraticProblem
 from study.judge.checks import check
@@ -191,7 +191,7 @@ def slide_bodies(
     def record_violation(progress: object) -> None:
         if getattr(progress, "state", None) is None:
             violation = getattr(progress, "violation", np.inf)
-            record.violations[-1].append(violation * FORCE_TOLERANCE)
+            record.violations[-1].append(violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE)
 
     slave, master = (side.astype(np.int32) for side in sides)
     slave_dofs = fem.locate_dofs_topological(space, 1, slave)
@@ -201,7 +201,7 @@ def slide_bodies(
     if bodies.element.startswith("pw"):
         problem = ContactProblem.of_residual(*arguments, callback=record_violation)
     else:
-        traces = gather_trace(space, slave), gather_trace(space, master)
+        traces = gather_boundary_facets(space, slave), gather_boundary_facets(space, master)
         problem = DualQuadraticProblem(*arguments, traces, record_violation)
     state, start = problem.undeformed, 0.0
     for end in times:

@@ -108,7 +108,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "NotUnique",
             "NotFound",
             "SurfacePassed",
-            "model.MissingForce",
+            "model.LoadMissingForEquilibrium",
             "model.RigidVelocity",
         ),
     ),

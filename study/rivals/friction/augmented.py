@@ -13,7 +13,7 @@ SWEEP = (0.1, 1.0, 10.0, 100.0)
 def solve(problem: Problem, parameter: float) -> tuple[Form, Form, int]:
     """Multipliers of degree 1 for pressure and shear."""
     elements = [basix.ufl.element("Lagrange", "triangle", d, shape=(2,)) for d in (2, 1)]
-    W = fem.functionspace(problem.mesh, basix.ufl.mixed_element(elements))
+    W = fem.functionspace(problem.mesh, basix.ufl.displacement_pressure_element(elements))
     w, (v, m) = fem.Function(W), ufl.TestFunctions(W)
     u, t = ufl.split(w)
     r = fem.Constant(problem.mesh, parameter * E / problem.size)
