@@ -148,7 +148,7 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
                 stream = io.BytesIO()
                 kind = file.suffix[1:]
                 figure.savefig(stream, format=kind, metadata=METADATA[kind])
-                files.replace_file(file, stream.getvalue(), ours)
+                files.replace_file_atomically(file, stream.getvalue(), ours)
         finally:
             plt.close("all")
     return written

@@ -12,10 +12,15 @@ from dolfinx.mesh import Mesh
 
 from pw_elements.arrays import Array, LocalIndices
 
-__all__ = ["cell_nodes", "interpolation_points", "is_petsc_option_used", "matrix_with_single_entry_rows"]
+__all__ = [
+    "cell_geometry_nodes",
+    "interpolation_points",
+    "is_petsc_option_used",
+    "matrix_with_single_entry_rows",
+]
 
 
-def cell_nodes(mesh: Mesh) -> LocalIndices:
+def cell_geometry_nodes(mesh: Mesh) -> LocalIndices:
     """Return the geometry nodes (cells, nodes per cell) of all local cells, including ghosts."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap

@@ -21,12 +21,12 @@ class AutoDiffArray:
     def __init__(self, value: Array, derivative: Array) -> None:
         self.value, self.derivative = value, derivative
 
-    def __add__(self, other: "Numbers") -> "AutoDiffArray":
+    def __add__(self, other: "AutoDiffOperand") -> "AutoDiffArray":
         if isinstance(other, AutoDiffArray):
             return AutoDiffArray(self.value + other.value, self.derivative + other.derivative)
         return AutoDiffArray(self.value + other, self.derivative)
 
-    def __mul__(self, other: "Numbers") -> "AutoDiffArray":
+    def __mul__(self, other: "AutoDiffOperand") -> "AutoDiffArray":
         if isinstance(other, AutoDiffArray):
             derivative = self.derivative * other.value[:, None]
             derivative = derivative + other.derivative * self.value[:, None]
@@ -43,20 +43,20 @@ class AutoDiffArray:
     def __neg__(self) -> "AutoDiffArray":
         return self * -1.0
 
-    def __sub__(self, other: "Numbers") -> "AutoDiffArray":
+    def __sub__(self, other: "AutoDiffOperand") -> "AutoDiffArray":
         return self + -other
 
-    def __rsub__(self, other: "Numbers") -> "AutoDiffArray":
+    def __rsub__(self, other: "AutoDiffOperand") -> "AutoDiffArray":
         return -self + other
 
-    def __truediv__(self, other: "Numbers") -> "AutoDiffArray":
+    def __truediv__(self, other: "AutoDiffOperand") -> "AutoDiffArray":
         return self * other**-1.0
 
     __radd__, __rmul__ = __add__, __mul__
 
 
 # Operands of arithmetic expressions, with or without derivatives
-Numbers: TypeAlias = AutoDiffArray | Array | float
+AutoDiffOperand: TypeAlias = AutoDiffArray | Array | float
 
 
 def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:

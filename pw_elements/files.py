@@ -48,7 +48,7 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 _EXCHANGE_UNSUPPORTED_ERROR_NUMBERS = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-class ForeignEntry(FileExistsError):
+class ForeignFileOrFolder(FileExistsError):
     """A path holds a file or folder that the library did not write and must not replace."""
 
 
@@ -69,7 +69,7 @@ def open_replacement_file(
     """
     path = path.resolve()
     check_file_replaceable(path, may_replace)
-    remove_unfinished(path.parent)
+    remove_files_of_killed_processes(path.parent)
     with _name_final_path_in_errors(path):
         temporary, descriptor = _create_locked_temporary_file(path.parent)
         try:
@@ -85,13 +85,15 @@ def open_replacement_file(
             raise
 
 
-def replace_file(path: Path, content: bytes, may_replace: Callable[[Path], bool] | None = None) -> None:
+def replace_file_atomically(
+    path: Path, content: bytes, may_replace: Callable[[Path], bool] | None = None
+) -> None:
     """Write a file completely or not at all; the arguments are those of `open_replacement_file`."""
     with open_replacement_file(path, may_replace) as stream:
         stream.write(content)
 
 
-def remove_file(path: Path) -> None:
+def remove_file_if_present(path: Path) -> None:
     """Remove the file at a path, if there is one."""
     with suppress(FileNotFoundError):
         os.unlink(path)
@@ -127,7 +129,7 @@ class FolderReplacement:
             OSError: If the folders cannot be created.
         """
         check_folder_replaceable(self.path, self.kind)
-        remove_unfinished(self.path.parent)
+        remove_files_of_killed_processes(self.path.parent)
         with _name_final_path_in_errors(self.path):
             self._container = _create_locked_temporary_folder(self.path)
             container, _ = self._container
@@ -200,7 +202,7 @@ class FolderReplacement:
 
 
 @contextmanager
-def replacing_folder(path: Path, kind: str) -> Iterator[FolderReplacement]:
+def open_folder_replacement(path: Path, kind: str) -> Iterator[FolderReplacement]:
     """Yield a `FolderReplacement`; when the block ends, its folder replaces the one at the path.
 
     Raises:
@@ -226,9 +228,9 @@ def check_file_replaceable(path: Path, may_replace: Callable[[Path], bool] | Non
     if not os.path.lexists(path):
         return
     if not path.is_file():
-        raise ForeignEntry(f"{path} is no regular file: it is not replaced")
+        raise ForeignFileOrFolder(f"{path} is no regular file: it is not replaced")
     if may_replace is not None and not may_replace(path):
-        raise ForeignEntry(
+        raise ForeignFileOrFolder(
             f"{path} is there, and was not written by pw_elements: it is not replaced. Move it "
             "away, or give another name"
         )
@@ -247,24 +249,24 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
     if not os.path.lexists(path):
         return
     if not path.is_dir():
-        raise ForeignEntry(f"{path} is there and is no folder: it is not replaced")
+        raise ForeignFileOrFolder(f"{path} is there and is no folder: it is not replaced")
     content = _list_relative_paths(path)
     mark = _read_folder_mark(path)
     if not mark and not content:
         return
     if mark.get("kind") != kind or not isinstance(mark.get("entries"), list):
-        raise ForeignEntry(
+        raise ForeignFileOrFolder(
             f"{path} is there, and does not say that it is {kind} of pw_elements: it is not "
             "replaced. Move it away, or give another name"
         )
     if foreign := sorted(content - {*mark["entries"]}):
-        raise ForeignEntry(
+        raise ForeignFileOrFolder(
             f"{path} is not replaced: it holds {_format_first_names(foreign)}, not written with it. Move "
             "that away, or give another name"
         )
 
 
-def claim_folder(
+def create_or_claim_folder(
     path: Path, kind: str, may_mark_existing: Callable[[Path], bool] = lambda _: False
 ) -> None:
     """Create a marked folder for files that are replaced one by one, or accept an existing one.
@@ -284,14 +286,14 @@ def claim_folder(
     if mark.get("kind") == kind:
         return
     if mark or (_list_relative_paths(path) and not may_mark_existing(path)):
-        raise ForeignEntry(
+        raise ForeignFileOrFolder(
             f"{path} is not empty, and does not say that it is {kind} of pw_elements: name a new "
             "folder, or an empty one"
         )
-    replace_file(path / FOLDER_MARK_FILE_NAME, _encode_folder_mark(kind, None))
+    replace_file_atomically(path / FOLDER_MARK_FILE_NAME, _encode_folder_mark(kind, None))
 
 
-def remove_unfinished(folder: Path) -> None:
+def remove_files_of_killed_processes(folder: Path) -> None:
     """Remove unfinished files and folders of killed processes from a folder.
 
     If a process was killed while it replaced a folder, the old folder is restored. Files that
@@ -300,7 +302,9 @@ def remove_unfinished(folder: Path) -> None:
     try:
         with os.scandir(folder) as entries:
             unfinished = [
-                Path(entry.path) for entry in entries if _UNFINISHED_NAME_PATTERN.fullmatch(entry.name)
+                Path(entry.path)
+                for entry in entries
+                if _UNFINISHED_NAME_PATTERN.fullmatch(entry.name)
             ]
     except OSError:  # the caller meets the same error when it writes
         return
@@ -373,7 +377,9 @@ def _create_locked_temporary_folder(final_path: Path) -> tuple[Path, int]:
         if descriptor is None:
             continue
         try:
-            _write_all(descriptor, _encode_folder_mark(_TEMPORARY_FOLDER_KIND, None, final_path.name))
+            _write_all(
+                descriptor, _encode_folder_mark(_TEMPORARY_FOLDER_KIND, None, final_path.name)
+            )
         except BaseException:
             with suppress(OSError):
                 _remove_temporary_folder(container)
@@ -449,7 +455,10 @@ def _exchange_folders(first: Path, second: Path) -> bool:
 
 def _restore_replaced_folder(temporary_folder: Path) -> None:
     """Restore the old folder of an interrupted replacement, if its path is free."""
-    name, replaced = _read_folder_mark(temporary_folder).get("place"), temporary_folder / _REPLACED_FOLDER_NAME
+    name, replaced = (
+        _read_folder_mark(temporary_folder).get("place"),
+        temporary_folder / _REPLACED_FOLDER_NAME,
+    )
     if isinstance(name, str) and name and os.path.lexists(replaced):
         target = temporary_folder.with_name(name)
         if not os.path.lexists(target):
@@ -481,7 +490,7 @@ def _remove_marked_folder(folder: Path, listed_entries: list[str]) -> None:
     ):  # the content of a folder before the folder
         (os.rmdir if entry.endswith("/") else os.unlink)(folder / entry)
     if not _list_relative_paths(folder):
-        remove_file(folder / FOLDER_MARK_FILE_NAME)
+        remove_file_if_present(folder / FOLDER_MARK_FILE_NAME)
     os.rmdir(folder)
 
 
@@ -498,7 +507,9 @@ def _list_relative_paths(folder: Path, prefix: str = "") -> set[str]:
                 relative_paths |= {f"{relative_path}/"} | _list_relative_paths(
                     Path(entry.path), f"{relative_path}/"
                 )
-            elif relative_path != FOLDER_MARK_FILE_NAME and not _UNFINISHED_NAME_PATTERN.fullmatch(relative_path):
+            elif relative_path != FOLDER_MARK_FILE_NAME and not _UNFINISHED_NAME_PATTERN.fullmatch(
+                relative_path
+            ):
                 relative_paths.add(relative_path)
     return relative_paths
 

@@ -24,7 +24,11 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.elasticity import locate_facet_nodes_in_cells
 
 if TYPE_CHECKING:
@@ -129,7 +133,9 @@ def draw(
 
     faces = _collect_faces(mesh, values, displacement, scale)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
-    palette = ListedColormap([_BODY_COLOUR_WITHOUT_VALUES]) if values is None else plt.get_cmap(colours)
+    palette = (
+        ListedColormap([_BODY_COLOUR_WITHOUT_VALUES]) if values is None else plt.get_cmap(colours)
+    )
     # thin lines if there are many cells
     line_width = float(np.clip(25 / np.sqrt(len(faces.x)), 0.1, 0.6)) if edges else 0.0
     colour_range = (
@@ -196,7 +202,9 @@ def _collect_faces(
         if not np.all(np.abs(coordinates) < _MAX_DRAWN_COORDINATE):
             raise ValueError("the displacement times scale is not finite, or off any picture")
     node_values = (
-        np.zeros(coordinates.shape[:2]) if values is None else _evaluate_at_cell_nodes(mesh, values, ())
+        np.zeros(coordinates.shape[:2])
+        if values is None
+        else _evaluate_at_cell_nodes(mesh, values, ())
     )
     is_defined = np.isfinite(node_values)  # the hoop strain u_r / r is 0 / 0 at r = 0
     mean = np.where(is_defined, node_values, 0.0).sum(axis=1) / np.maximum(
@@ -242,7 +250,9 @@ def _draw_plane_faces(
 
     n_nodes = faces.x.shape[1]
     x, first_node = faces.x.reshape(-1, 2), n_nodes * np.arange(len(faces.x))
-    triangles = (np.array(SUB_TRIANGLE_NODES_BY_NODE_COUNT[n_nodes]) + first_node[:, None, None]).reshape(-1, 3)
+    triangles = (
+        np.array(SUB_TRIANGLE_NODES_BY_NODE_COUNT[n_nodes]) + first_node[:, None, None]
+    ).reshape(-1, 3)
     values = faces.values.ravel()
     cells = Triangulation(x[:, 0], x[:, 1], triangles)
     axes.tripcolor(cells, values, shading="gouraud", cmap=colour_map.cmap, norm=colour_map.norm)
@@ -311,7 +321,9 @@ def _triangulate_facet(facet_type: basix.CellType) -> tuple[Indices, Indices, Ar
     points = basix.create_lattice(
         facet_type, _DRAWN_PARTS_PER_FACET_EDGE, basix.LatticeType.equispaced, exterior=True
     )
-    element = basix.create_element(basix.ElementFamily.P, facet_type, 2, basix.LagrangeVariant.gll_warped)
+    element = basix.create_element(
+        basix.ElementFamily.P, facet_type, 2, basix.LagrangeVariant.gll_warped
+    )
     hull_points = Delaunay(points).convex_hull.ravel()
     rim_points = np.unique(hull_points)
     from_centre = points[rim_points] - basix.geometry(facet_type).mean(axis=0)

@@ -26,7 +26,7 @@ logger = logging.getLogger("pw_elements")
 # the last report, or of the import of this module before the first report
 _current_activities: list[str] = []
 _MIN_SECONDS_BETWEEN_REPORTS = 10.0
-_last_report = perf_counter()
+_last_report_time = perf_counter()
 
 
 @contextmanager
@@ -35,12 +35,12 @@ def report_activity(comm: MPI.Comm, activity: str) -> Iterator[None]:
 
     Nothing is printed within ten seconds after the last report.
     """
-    global _last_report
+    global _last_report_time
     logs_info = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
     is_silent = comm.rank > 0 or logs_info or bool(logger.handlers) or logger.level > logging.INFO
     _current_activities.append(activity)
-    if not is_silent and perf_counter() - _last_report >= _MIN_SECONDS_BETWEEN_REPORTS:
-        _last_report = perf_counter()
+    if not is_silent and perf_counter() - _last_report_time >= _MIN_SECONDS_BETWEEN_REPORTS:
+        _last_report_time = perf_counter()
         print(", ".join(_current_activities), file=sys.stderr, flush=True)
     try:
         yield

@@ -18,7 +18,12 @@ from unittest.mock import patch
 import numpy as np
 
 from pw_elements import files
-from pw_elements.files import claim_folder, remove_unfinished, replace_file, replacing_folder
+from pw_elements.files import (
+    create_or_claim_folder,
+    open_folder_replacement,
+    remove_files_of_killed_processes,
+    replace_file_atomically,
+)
 from study.run.store import CorruptResult, MissingResult, Result, Results, save
 
 SYSTEM_CALLS = (
@@ -127,10 +132,10 @@ class FileCase:
     """Replacement of a file."""
 
     def prepare(self, folder):
-        replace_file(folder / "data", OLD_CONTENT)
+        replace_file_atomically(folder / "data", OLD_CONTENT)
 
     def replace(self, folder):
-        replace_file(folder / "data", NEW_CONTENT)
+        replace_file_atomically(folder / "data", NEW_CONTENT)
 
     def inspect_state(self, folder):
         return {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(folder / "data").read_bytes()]
@@ -140,7 +145,7 @@ class FolderCase:
     """Replacement of a folder."""
 
     def fill(self, folder, content):
-        with replacing_folder(folder / "made", FOLDER_KIND) as replacement:
+        with open_folder_replacement(folder / "made", FOLDER_KIND) as replacement:
             (replacement.scratch / "more").write_text("not kept")
             (replacement.folder / "one").write_bytes(content)
             (replacement.folder / content[:3].decode()).mkdir()
@@ -196,7 +201,7 @@ class ClaimCase:
         pass
 
     def replace(self, folder):
-        claim_folder(folder / "made", FOLDER_KIND)
+        create_or_claim_folder(folder / "made", FOLDER_KIND)
 
     def inspect_state(self, folder):
         target = folder / "made"
@@ -217,7 +222,7 @@ class ResultCase:
         self.save_result(folder, 1.0)
 
     def replace(self, folder):
-        remove_unfinished(folder / "made" / "7.1")
+        remove_files_of_killed_processes(folder / "made" / "7.1")
         self.save_result(folder, 2.0)
 
     def inspect_state(self, folder):
@@ -289,7 +294,7 @@ def check_recovery(case, folder, error_raised=None):
     if error_raised is not None and name not in ALLOWED_STATES:
         assert state == "old", state
     if name in RESTORED_CASES and state == "missing":
-        remove_unfinished(folder)
+        remove_files_of_killed_processes(folder)
         assert case.inspect_state(folder) == "old"
     case.replace(folder)
     assert case.inspect_state(folder) == "new"

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pw_elements.abaqus.lines import (
-    Block,
     ErrorWithFileAndLine,
-    is_number,
+    KeywordBlock,
+    is_unsigned_integer,
     normalize_name,
     parse_comma_separated_integers,
     parse_node_row,
@@ -27,8 +27,8 @@ from pw_elements.arrays import Indices
 from pw_elements.checks import arguments
 
 # Keywords that generate or move nodes or elements
-UNSUPPORTED_KEYWORDS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
-UNSUPPORTED_KEYWORDS |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
+REFUSED_MESH_KEYWORDS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "IMPORT"}
+REFUSED_MESH_KEYWORDS |= {"SYMMETRICMODELGENERATION", "MESHREFINEMENT", "SUBSTRUCTUREGENERATE"}
 # Parameters that are read, or that may be ignored because they change neither nodes nor sets
 ACCEPTED_PARAMETERS_BY_KEYWORD = {
     "NODE": {"NSET", "SYSTEM", "INTERNAL"},
@@ -38,7 +38,7 @@ ACCEPTED_PARAMETERS_BY_KEYWORD = {
     "SURFACE": {"NAME", "TYPE", "INTERNAL", "TRIM", "PROPERTY", "NOTHICK", "NOOFFSET"},
 }
 RELEVANT_KEYWORDS = (
-    UNSUPPORTED_KEYWORDS
+    REFUSED_MESH_KEYWORDS
     | ACCEPTED_PARAMETERS_BY_KEYWORD.keys()
     | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
 )
@@ -93,7 +93,7 @@ class SurfaceMembers(NamedTuple):
     members: Indices
 
 
-class Deck:
+class AbaqusDeck:
     """Nodes, elements, sets and surfaces of an input file.
 
     Each node or element has a key, which is unique in the whole file. Its position is the index of
@@ -134,7 +134,10 @@ class Deck:
             "NSET": [],
             "ELSET": [],
         }
-        self._member_chunks: dict[str, dict[PartAndSetName, list[Indices]]] = {"NSET": {}, "ELSET": {}}
+        self._member_chunks: dict[str, dict[PartAndSetName, list[Indices]]] = {
+            "NSET": {},
+            "ELSET": {},
+        }
         self._sets_with_gaps: dict[str, None] = {}
         for block in read_keyword_blocks(path, RELEVANT_KEYWORDS):
             if block.keyword == "STEP":
@@ -162,9 +165,9 @@ class Deck:
 
     # Blocks
 
-    def _parse_block(self, block: Block) -> None:
+    def _parse_block(self, block: KeywordBlock) -> None:
         keyword, parameters = block.keyword, block.parameters
-        if keyword in UNSUPPORTED_KEYWORDS:
+        if keyword in REFUSED_MESH_KEYWORDS:
             raise ValueError("this is not read: write all nodes and elements out, in x, y, z")
         if unknown_parameters := parameters.keys() - ACCEPTED_PARAMETERS_BY_KEYWORD.get(
             keyword, parameters.keys()
@@ -193,7 +196,7 @@ class Deck:
             raise ValueError(f"the part {name} is given twice")
         return self._part_numbers.setdefault(name, len(self._part_numbers))
 
-    def _add_instance(self, block: Block) -> None:
+    def _add_instance(self, block: KeywordBlock) -> None:
         name, part_name = (
             normalize_name(block.parameters[key], block.location) for key in ("NAME", "PART")
         )
@@ -215,7 +218,7 @@ class Deck:
         offset_row = ",".join(["1", *offset_rows[0]]) if offset_rows else "1"
         self._instance_offsets[part_number] = parse_node_row(offset_row)[1]
 
-    def _add_nodes(self, block: Block) -> None:
+    def _add_nodes(self, block: KeywordBlock) -> None:
         if block.parameters.get("SYSTEM", "R").upper() != "R":
             raise ValueError("SYSTEM is not read: write the nodes in x, y, z")
         if any(self._instance_offsets.get(self._current_part, ())):
@@ -233,7 +236,7 @@ class Deck:
                 f"{arguments.MAX_MAGNITUDE:g}"
             )
 
-    def _add_elements(self, block: Block) -> None:
+    def _add_elements(self, block: KeywordBlock) -> None:
         name = normalize_name(block.parameters["TYPE"], block.location)
         element_type = abaqus_element_type(name)
         type_index = self._type_index_by_name.setdefault(name, len(self._type_index_by_name))
@@ -287,22 +290,26 @@ class Deck:
                 )
             yield row[:length]
 
-    def _record_set_named_in_block(self, set_kind: str, block: Block, first_row: int, end_row: int) -> None:
+    def _record_set_named_in_block(
+        self, set_kind: str, block: KeywordBlock, first_row: int, end_row: int
+    ) -> None:
         if set_kind in block.parameters:
             self._rows_of_named_blocks[set_kind].append(
                 (self._read_set_name(block, set_kind), first_row, end_row)
             )
 
-    def _read_set_name(self, block: Block, parameter: str) -> PartAndSetName:
+    def _read_set_name(self, block: KeywordBlock, parameter: str) -> PartAndSetName:
         name = normalize_name(block.parameters[parameter], block.location)
         if not name:
             raise KeyError(parameter)
         return self._current_part, name
 
-    def _add_set(self, block: Block) -> None:
+    def _add_set(self, block: KeywordBlock) -> None:
         keyword, parameters = block.keyword, block.parameters
         part = (
-            self._find_part_number_of_instance(normalize_name(parameters["INSTANCE"], block.location))
+            self._find_part_number_of_instance(
+                normalize_name(parameters["INSTANCE"], block.location)
+            )
             if "INSTANCE" in parameters
             else self._current_part
         )
@@ -314,7 +321,7 @@ class Deck:
         for text in block.rows:
             row_entries = split_at_unquoted_commas(text, block.location)
             if "GENERATE" in parameters:
-                if len(row_entries) not in (2, 3) or not all(map(is_number, row_entries)):
+                if len(row_entries) not in (2, 3) or not all(map(is_unsigned_integer, row_entries)):
                     raise ValueError("GENERATE takes the first number, the last, and the step")
                 range_start, range_end, step = [*parse_comma_separated_integers(text), 1][:3]
                 if range_end < range_start:
@@ -322,25 +329,35 @@ class Deck:
                         f"GENERATE from {range_start} to {range_end}: the last is the smaller"
                     )
                 set_block.ranges.append(
-                    (part * KEY_OFFSET_PER_PART + range_start, part * KEY_OFFSET_PER_PART + range_end, step)
+                    (
+                        part * KEY_OFFSET_PER_PART + range_start,
+                        part * KEY_OFFSET_PER_PART + range_end,
+                        step,
+                    )
                 )
                 continue
             for member in filter(None, row_entries):
                 self._add_set_member(set_block, member, part)
         self._blocks[keyword].append(set_block)
 
-    def _add_set_member(self, definition: SetDefinition, number_or_set: str, part_number: int, face: str = "") -> None:
+    def _add_set_member(
+        self, definition: SetDefinition, number_or_set: str, part_number: int, face: str = ""
+    ) -> None:
         """Add the number of a node or element, or the name of a set, possibly after "INSTANCE."."""
-        if not is_number(number_or_set):
+        if not is_unsigned_integer(number_or_set):
             name = normalize_name(number_or_set, definition.location)
             instance, _, set_name = name.rpartition(".")
             if instance in self._part_of_instance:
                 part_number, name = self._find_part_number_of_instance(instance), set_name
-            if not is_number(name):
-                definition.references.append(SetReference(definition.set_kind, (part_number, name), face))
+            if not is_unsigned_integer(name):
+                definition.references.append(
+                    SetReference(definition.set_kind, (part_number, name), face)
+                )
                 return
             number_or_set = name
-        definition.keys.append(part_number * KEY_OFFSET_PER_PART + parse_comma_separated_integers(number_or_set)[0])
+        definition.keys.append(
+            part_number * KEY_OFFSET_PER_PART + parse_comma_separated_integers(number_or_set)[0]
+        )
         definition.faces.append(face)
 
     def _find_part_number_of_instance(self, instance: str) -> int:
@@ -351,7 +368,7 @@ class Deck:
             raise ValueError(f"there is no instance {instance} before it")
         return self._current_part  # CalculiX has no instances and ignores the parameter
 
-    def _add_surface(self, block: Block) -> None:
+    def _add_surface(self, block: KeywordBlock) -> None:
         parameters = block.parameters
         name = self._read_set_name(block, "NAME")
         surface_type = normalize_name(parameters.get("TYPE", "ELEMENT"), block.location)
@@ -447,7 +464,9 @@ class Deck:
             sets.setdefault(block.name, [])
             chunks = [sort_distinct(members), self._find_members_in_ranges(block)]
             for reference in block.references:
-                chunk = self._collect_set_members(reference.set_kind, reference.name, block.location)
+                chunk = self._collect_set_members(
+                    reference.set_kind, reference.name, block.location
+                )
                 chunks.append(
                     self._nodes_of_elements(chunk) if reference.set_kind != set_kind else chunk
                 )
@@ -455,7 +474,9 @@ class Deck:
                 self._append_set_members(set_kind, block.name, chunk, block.location)
         self.sets[set_kind] = {name: self._collect_set_members(set_kind, name, "") for name in sets}
 
-    def _append_set_members(self, set_kind: str, name: PartAndSetName, members: Indices, location: str) -> None:
+    def _append_set_members(
+        self, set_kind: str, name: PartAndSetName, members: Indices, location: str
+    ) -> None:
         chunks = self._member_chunks[set_kind].setdefault(name, [])
         if len(members) and not (len(chunks) == 1 and members is chunks[0]):
             self._spend_set_member_budget(len(members), location)
@@ -472,7 +493,9 @@ class Deck:
             chunks[:] = [members]
         return chunks[0]
 
-    def _find_indices_of_listed_keys(self, definitions: list[SetDefinition]) -> Iterator[tuple[SetDefinition, Indices]]:
+    def _find_indices_of_listed_keys(
+        self, definitions: list[SetDefinition]
+    ) -> Iterator[tuple[SetDefinition, Indices]]:
         """Yield each block and the positions of its keys; raise ValueError for an unknown key."""
         for set_kind, existing_keys in (("NSET", self.node_keys), ("ELSET", self.element_keys)):
             selected_blocks = [block for block in definitions if block.set_kind == set_kind]
@@ -531,9 +554,9 @@ class Deck:
             keys.append(
                 nodes[self._row_in_table[elements[self.type_index[elements] == type_index]]].ravel()
             )
-        return self.node_positions(np.unique(np.concatenate(keys)))
+        return self.find_node_indices(np.unique(np.concatenate(keys)))
 
-    def node_positions(self, node_keys: Indices) -> Indices:
+    def find_node_indices(self, node_keys: Indices) -> Indices:
         """Return the positions of nodes that elements refer to by their keys.
 
         Raises:
@@ -555,12 +578,14 @@ class Deck:
             for face in dict.fromkeys(block.faces):
                 surface_parts.append(SurfaceMembers(block.set_kind, face, members[faces == face]))
             for reference in block.references:
-                chunk = self._collect_set_members(reference.set_kind, reference.name, block.location)
+                chunk = self._collect_set_members(
+                    reference.set_kind, reference.name, block.location
+                )
                 self._spend_set_member_budget(len(chunk), block.location)
                 surface_parts.append(SurfaceMembers(block.set_kind, reference.face, chunk))
 
     @property
-    def used_parts(self) -> Indices:
+    def used_part_numbers(self) -> Indices:
         """Numbers of the parts that are used; 0 stands for nodes and elements outside of parts."""
         if self.instance_names:
             return np.array([0, *self.instance_names])

@@ -37,7 +37,7 @@ class ErrorWithFileAndLine(ValueError):
     """ValueError with a message that begins with the file and the line."""
 
 
-class Block(NamedTuple):
+class KeywordBlock(NamedTuple):
     """Block of an input file: a keyword, its parameters, and the rows that follow it.
 
     Args:
@@ -55,7 +55,7 @@ class Block(NamedTuple):
     current_location: Callable[[], str]
 
 
-def read_keyword_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
+def read_keyword_blocks(path: Path, keywords: Set[str]) -> Iterator[KeywordBlock]:
     """Yield the blocks of a file, and of the files that it includes, that have given keywords.
 
     Args:
@@ -80,9 +80,9 @@ def read_keyword_blocks(path: Path, keywords: Set[str]) -> Iterator[Block]:
                     pass
                 continue
             if keyword in ("NODE", "ELEMENT") and "INPUT" in parameters:
-                source.include(parameters.pop("INPUT"), location)
+                source.include_file(parameters.pop("INPUT"), location)
             rows = _read_rows_until_keyword(source)
-            yield Block(keyword, parameters, location, rows, lambda: source.location)
+            yield KeywordBlock(keyword, parameters, location, rows, lambda: source.file_and_line)
             for _ in rows:
                 pass
     finally:
@@ -100,19 +100,21 @@ def _read_rows_until_keyword(source: "_LineReaderWithIncludes") -> Iterator[str]
             continue
         keyword, parameters = _parse_keyword_line(text, source)
         if keyword != "INCLUDE":
-            source.next_keyword = keyword, parameters, f"{source.location}, *{keyword}"
+            source.next_keyword = keyword, parameters, f"{source.file_and_line}, *{keyword}"
             return
-        source.include(parameters.get("INPUT", ""), f"{source.location}, *{keyword}")
+        source.include_file(parameters.get("INPUT", ""), f"{source.file_and_line}, *{keyword}")
 
 
-def _parse_keyword_line(first_line: str, source: "_LineReaderWithIncludes") -> tuple[str, dict[str, str]]:
+def _parse_keyword_line(
+    first_line: str, source: "_LineReaderWithIncludes"
+) -> tuple[str, dict[str, str]]:
     """Return the keyword of a line and its parameters.
 
     If the line ends with a comma and the next line has a parameter, the next line is a continuation
     and its parameters are included.
     """
     if "," not in first_line:
-        return normalize_name(first_line[1:], source.location), {}
+        return normalize_name(first_line[1:], source.file_and_line), {}
     keyword_lines = [first_line]
     while keyword_lines[-1].endswith(","):
         next_line = source.next_line()
@@ -125,7 +127,7 @@ def _parse_keyword_line(first_line: str, source: "_LineReaderWithIncludes") -> t
             source.put_back(next_line)
             break
         keyword_lines.append(next_line)
-    location = source.location
+    location = source.file_and_line
     keyword, *pairs = split_at_unquoted_commas("".join(keyword_lines), location)
     parameters: dict[str, str] = {}
     for pair in pairs:
@@ -153,7 +155,7 @@ class _LineReaderWithIncludes:
         self._open_file(path)
 
     @property
-    def location(self) -> str:
+    def file_and_line(self) -> str:
         """File and number of the line that was read last, used in error messages."""
         return f"{self._current_file.name}, line {self._current_file.number}"
 
@@ -175,7 +177,7 @@ class _LineReaderWithIncludes:
     def put_back(self, text: str) -> None:
         self._returned_lines.append(text)
 
-    def include(self, file_name: str, location: str) -> None:
+    def include_file(self, file_name: str, location: str) -> None:
         """Continue with the lines of another file.
 
         Args:
@@ -199,7 +201,9 @@ class _LineReaderWithIncludes:
                 f"{location}: files include each other over more than {MAX_INCLUDE_DEPTH} levels"
             )
         if self._n_includes > MAX_INCLUDED_FILES:
-            raise ErrorWithFileAndLine(f"{location}: more than {MAX_INCLUDED_FILES} files are included")
+            raise ErrorWithFileAndLine(
+                f"{location}: more than {MAX_INCLUDED_FILES} files are included"
+            )
         self._open_file(path)
 
     def _open_file(self, path: Path) -> None:
@@ -214,7 +218,9 @@ class _LineReaderWithIncludes:
             self._n_characters
             > MAX_REPETITION_FACTOR * sum(self._sizes.values()) + MAX_REPEATED_CHARACTERS
         ):
-            raise ErrorWithFileAndLine(f"{path} is included too often: its text would be read without end")
+            raise ErrorWithFileAndLine(
+                f"{path} is included too often: its text would be read without end"
+            )
 
 
 class _TextFileReader:
@@ -242,7 +248,9 @@ class _TextFileReader:
             if not text.isascii() and not self._is_utf16:
                 text = _redecode_as_utf8_if_valid(text)
         except UnicodeError as error:
-            raise ErrorWithFileAndLine(f"{self.path}, line {self.number}: this is no text") from error
+            raise ErrorWithFileAndLine(
+                f"{self.path}, line {self.number}: this is no text"
+            ) from error
         if "\0" in text:
             raise ErrorWithFileAndLine(f"{self.path}, line {self.number}: this is no text")
         if len(text) >= MAX_CHARACTERS_PER_LINE and not text.endswith("\n"):
@@ -270,7 +278,9 @@ def split_at_unquoted_commas(text: str, location: str) -> list[str]:
     if '"' not in text:
         fields = [field.strip(" \t") for field in text.split(",")]
     elif text.count('"') % 2:
-        raise ErrorWithFileAndLine(f"{location}: a quotation mark is missing in {quote_shortened(text)}")
+        raise ErrorWithFileAndLine(
+            f"{location}: a quotation mark is missing in {quote_shortened(text)}"
+        )
     else:
         fields = [field.strip(" \t") for field in _COMMA_SEPARATED_ENTRY_PATTERN.findall(text)]
     while fields and not fields[-1]:
@@ -300,7 +310,7 @@ def to_upper_ascii(text: str) -> str:
     return text.upper() if text.isascii() else text.translate(_ASCII_TO_UPPER_CASE_TABLE)
 
 
-def is_number(text: str) -> bool:
+def is_unsigned_integer(text: str) -> bool:
     """Return whether an entry is the number of a node or an element, not a name."""
     return text.isdigit() and text.isascii()
 
@@ -312,7 +322,9 @@ def parse_comma_separated_integers(text: str, minimum: int = 1) -> list[int]:
         ValueError: for an entry that is not an integer from `minimum` to `MAX_NODE_OR_ELEMENT_NUMBER`.
     """
     if not _INTEGER_ROW_PATTERN.fullmatch(text):
-        wrong_entry = next(field for field in text.split(",") if not _INTEGER_ROW_PATTERN.fullmatch(field))
+        wrong_entry = next(
+            field for field in text.split(",") if not _INTEGER_ROW_PATTERN.fullmatch(field)
+        )
         raise ValueError(
             f"{quote_shortened(wrong_entry.strip())} is no number of a node or an element"
         )
@@ -343,13 +355,15 @@ def parse_node_row(text: str) -> tuple[int, list[float]]:
         ValueError: if a coordinate is not a number, or there are too many entries.
     """
     if not _REAL_ROW_PATTERN.fullmatch(text):
-        wrong_entry = next(field for field in text.split(",") if not _REAL_ROW_PATTERN.fullmatch(field))
+        wrong_entry = next(
+            field for field in text.split(",") if not _REAL_ROW_PATTERN.fullmatch(field)
+        )
         raise ValueError(f"{quote_shortened(wrong_entry.strip())} is no number")
     number, *fields = text.rstrip(", \t").replace("D", "E").replace("d", "e").split(",")
     try:
         x = [float(field) if field.strip(" \t") else 0.0 for field in fields[:3]]
     except ValueError as error:
         raise ValueError(f"{quote_shortened(text)} has a coordinate that is no number") from error
-    if len(fields) > 6 or not is_number(number.strip(" \t")):
+    if len(fields) > 6 or not is_unsigned_integer(number.strip(" \t")):
         raise ValueError(f"{quote_shortened(text)} is no row of a node: number, x, y, z")
     return parse_comma_separated_integers(number)[0], x + [0.0] * (3 - len(x))

@@ -13,7 +13,13 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 
-from pw_elements.abaqus.deck import KEY_OFFSET_PER_PART, Deck, PartAndSetName, SurfaceMembers, sort_distinct
+from pw_elements.abaqus.deck import (
+    KEY_OFFSET_PER_PART,
+    AbaqusDeck,
+    PartAndSetName,
+    SurfaceMembers,
+    sort_distinct,
+)
 from pw_elements.abaqus.lines import to_upper_ascii
 from pw_elements.abaqus.types import ABAQUS_EDGE_CORNERS, ABAQUS_FACE_CORNERS, AbaqusElementType
 from pw_elements.arrays import Array, Indices, Mask
@@ -71,12 +77,14 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
         FileNotFoundError: if the file, or a file that it includes, does not exist.
         ValueError: if the file has no supported mesh; the message names file, line and reason.
     """
-    deck = Deck(path)
+    deck = AbaqusDeck(path)
     set_labels = _make_unique_set_labels(deck)
     is_selected = _select_elements(deck, set_labels, cell_sets)
     cell_table = _AbaqusCellTable(deck, is_selected)
     facets = _FacetTable(cell_table)
-    facets.match_elements_to_facets(np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_parts))
+    facets.match_elements_to_facets(
+        np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_part_numbers)
+    )
     notes = [*deck.notes]
     if cell_sets is None:
         notes += _describe_omitted_elements(
@@ -84,9 +92,15 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
         )
     named_sets = _NamedCellAndFacetSets(deck, set_labels, cell_table, facets)
     coordinates, nodes = cell_table.add_face_and_cell_centre_nodes(facets, notes)
-    cell_tags, cell_set_tags = _assign_tags_to_set_combinations(named_sets.cells, len(cell_table.nodes))
-    facet_tags, facet_set_tags = _assign_tags_to_set_combinations(named_sets.facets, len(facets.corners))
-    node_order, facet_order = _abaqus_nodes_and_facets_in_dolfinx_order(cell_table.cell, cell_table.degree)
+    cell_tags, cell_set_tags = _assign_tags_to_set_combinations(
+        named_sets.cells, len(cell_table.nodes)
+    )
+    facet_tags, facet_set_tags = _assign_tags_to_set_combinations(
+        named_sets.facets, len(facets.corners)
+    )
+    node_order, facet_order = _abaqus_nodes_and_facets_in_dolfinx_order(
+        cell_table.cell, cell_table.degree
+    )
     tags = {
         "cells": cell_tags[:, None],
         "facets": facet_tags[facets.facets_of_cell[:, facet_order]],
@@ -98,9 +112,9 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
     )
 
 
-def _make_unique_set_labels(deck: Deck) -> dict[str, dict[PartAndSetName, str]]:
+def _make_unique_set_labels(deck: AbaqusDeck) -> dict[str, dict[PartAndSetName, str]]:
     """Return the label of each set, by kind: its name, or "INSTANCE.NAME" if it is not unique."""
-    used_parts = set(map(int, deck.used_parts))
+    used_parts = set(map(int, deck.used_part_numbers))
     labels: dict[str, dict[PartAndSetName, str]] = {}
     names_by_kind = {set_kind: dict.fromkeys(names) for set_kind, names in deck.sets.items()}
     for set_kind, names in {**names_by_kind, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
@@ -117,11 +131,13 @@ def _make_unique_set_labels(deck: Deck) -> dict[str, dict[PartAndSetName, str]]:
 
 
 def _select_elements(
-    deck: Deck, set_labels: dict[str, dict[PartAndSetName, str]], cell_sets: Sequence[str] | None
+    deck: AbaqusDeck,
+    set_labels: dict[str, dict[PartAndSetName, str]],
+    cell_sets: Sequence[str] | None,
 ) -> Mask:
     """Return a mask of the elements in the ELSETs `cell_sets`, or by default of all used parts."""
     if cell_sets is None:
-        return np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_parts)
+        return np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_part_numbers)
     is_selected = np.zeros(len(deck.element_keys), dtype=bool)
     by_label = {label: name for name, label in set_labels["ELSET"].items()}
     for cell_set in cell_sets:
@@ -135,7 +151,7 @@ def _select_elements(
     return is_selected
 
 
-def _describe_omitted_elements(deck: Deck, is_omitted: Mask) -> list[str]:
+def _describe_omitted_elements(deck: AbaqusDeck, is_omitted: Mask) -> list[str]:
     counts = np.bincount(deck.type_index[is_omitted], minlength=len(deck.element_types))
     description = ", ".join(
         f"{n} {kind.name}" for kind, n in zip(deck.element_types, counts, strict=True) if n
@@ -160,7 +176,7 @@ class _AbaqusCellTable:
         element_types: element type of each cell.
     """
 
-    def __init__(self, deck: Deck, is_selected: Mask) -> None:
+    def __init__(self, deck: AbaqusDeck, is_selected: Mask) -> None:
         self.deck = deck
         has_elements = (
             np.bincount(deck.type_index[is_selected], minlength=len(deck.element_types)) > 0
@@ -184,7 +200,7 @@ class _AbaqusCellTable:
             if element_type.dim != self.dim or not is_cell.any():
                 continue
             rows = np.full((int(is_cell.sum()), n_nodes), -1, dtype=np.int64)
-            rows[:, : element_type.n_nodes] = deck.node_positions(nodes[is_cell])
+            rows[:, : element_type.n_nodes] = deck.find_node_indices(nodes[is_cell])
             tables.append(rows)
             positions.append(members[is_cell])
             self.element_types += [element_type] * len(rows)
@@ -201,7 +217,9 @@ class _AbaqusCellTable:
             deck.x[used_positions][:, self._choose_coordinate_axes(deck.x[used_positions])]
         )
 
-    def _common_cell_type_degree_and_dim(self, element_types: list[AbaqusElementType]) -> tuple[str, int, int]:
+    def _common_cell_type_degree_and_dim(
+        self, element_types: list[AbaqusElementType]
+    ) -> tuple[str, int, int]:
         """Return the type, degree and dimension of all cells; raise ValueError if cells differ."""
         path = self.deck.path
         unsupported = sorted(
@@ -239,7 +257,9 @@ class _AbaqusCellTable:
         return cell, degree, dim
 
     def _element_label_in_file(self, cell: int) -> str:
-        return self.deck.format_instance_and_number(self.deck.element_keys[self.element_of_cell[cell]])
+        return self.deck.format_instance_and_number(
+            self.deck.element_keys[self.element_of_cell[cell]]
+        )
 
     def _node_label_in_file(self, node: int) -> str:
         return self.deck.format_instance_and_number(self._keys[node])
@@ -280,7 +300,9 @@ class _AbaqusCellTable:
         is_torn = (np.diff(pairs, axis=0) == 0).all(axis=1) & (np.diff(middle_nodes) != 0)
         if is_torn.any():
             k = int(np.flatnonzero(is_torn)[0])
-            a, b, c, d = (self._node_label_in_file(n) for n in (*pairs[k], *middle_nodes[k : k + 2]))
+            a, b, c, d = (
+                self._node_label_in_file(n) for n in (*pairs[k], *middle_nodes[k : k + 2])
+            )
             raise ValueError(
                 f"{path}: the edge between nodes {a} and {b} has the node {c} in one element and "
                 f"{d} in another"
@@ -313,7 +335,9 @@ class _AbaqusCellTable:
             "may lie in a plane x, y or z = constant: turn the nodes into one"
         )
 
-    def add_face_and_cell_centre_nodes(self, facets: "_FacetTable", notes: list[str]) -> tuple[Array, Indices]:
+    def add_face_and_cell_centre_nodes(
+        self, facets: "_FacetTable", notes: list[str]
+    ) -> tuple[Array, Indices]:
         """Add nodes in the middle of faces and cells; return coordinates and nodes of all cells."""
         x, nodes = self.x, self.nodes
         if self.degree == 1 or len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell]) == self.dim + 1:
@@ -403,7 +427,7 @@ class _FacetTable:
             if element_type.dim != cells.dim - 1 or not is_in_used_part[members].any():
                 continue
             elements = members[is_in_used_part[members]]
-            nodes = cells.row_of_node[deck.node_positions(keys[is_in_used_part[members]])]
+            nodes = cells.row_of_node[deck.find_node_indices(keys[is_in_used_part[members]])]
             node_is_corner = is_corner[nodes] & (nodes >= 0)
             has_all_corners = node_is_corner.sum(axis=1) == n_corners
             elements, nodes, node_is_corner = (
@@ -463,7 +487,7 @@ class _NamedCellAndFacetSets:
 
     def __init__(
         self,
-        deck: Deck,
+        deck: AbaqusDeck,
         set_labels: dict[str, dict[PartAndSetName, str]],
         cells: _AbaqusCellTable,
         facets: _FacetTable,
@@ -489,8 +513,12 @@ class _NamedCellAndFacetSets:
         for name, label in visible_sets["NSET"].items():
             self._store_nonempty_set(self.facets, label, facets_of_nodes["NSET", name])
         for name, label in visible_sets["ELSET"].items():
-            self._store_nonempty_set(self.cells, label, cells.cell_of_element[deck.sets["ELSET"][name]])
-            self._store_nonempty_set(self.facets, label, facets.facet_of_element[deck.sets["ELSET"][name]])
+            self._store_nonempty_set(
+                self.cells, label, cells.cell_of_element[deck.sets["ELSET"][name]]
+            )
+            self._store_nonempty_set(
+                self.facets, label, facets.facet_of_element[deck.sets["ELSET"][name]]
+            )
         for name, label in visible_sets["SURFACE"].items():
             parts = [part for part in deck.surfaces[name] if part.set_kind == "ELSET"]
             chunks = [self._find_facets_of_surface_members(part, label) for part in parts]
@@ -510,7 +538,9 @@ class _NamedCellAndFacetSets:
         if len(members):
             sets[label] = members
 
-    def _find_facets_of_surface_members(self, surface_members: SurfaceMembers, label: str) -> Indices:
+    def _find_facets_of_surface_members(
+        self, surface_members: SurfaceMembers, label: str
+    ) -> Indices:
         """Return the facets of a part of a surface.
 
         They are the elements of the part that are facets, and the given face of each cell.
@@ -545,7 +575,9 @@ def _face_number_by_name(cell_type: str, is_shell: bool) -> dict[str, int]:
     return {f"E{k + 1}": k for k in range(count)} | {f"S{k + 3}": k for k in range(count)}
 
 
-def _abaqus_nodes_and_facets_in_dolfinx_order(cell_type: str, degree: int) -> tuple[list[int], list[int]]:
+def _abaqus_nodes_and_facets_in_dolfinx_order(
+    cell_type: str, degree: int
+) -> tuple[list[int], list[int]]:
     """Return Abaqus' numbers of the nodes and of the facets of a cell, both in DOLFINx' order."""
     corners = ABAQUS_CORNERS_IN_DOLFINX_ORDER[cell_type]
     dim = 2 if cell_type in ("triangle", "quadrilateral") else 3

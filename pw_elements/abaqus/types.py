@@ -59,7 +59,10 @@ PLANE_CELLS_BY_NODE_COUNT = {
     "6": (6, 2, "triangle", 2),
     "8": (8, 2, "quadrilateral", 2),
 }
-SHELL_CELLS_BY_NODE_COUNT = PLANE_CELLS_BY_NODE_COUNT | {"65": PLANE_CELLS_BY_NODE_COUNT["6"], "9": (9, 2, "quadrilateral", 2)}
+SHELL_CELLS_BY_NODE_COUNT = PLANE_CELLS_BY_NODE_COUNT | {
+    "65": PLANE_CELLS_BY_NODE_COUNT["6"],
+    "9": (9, 2, "quadrilateral", 2),
+}
 LINE_CELLS_BY_NODE_COUNT = {"2": (2, 1, "interval", 1), "3": (3, 1, "interval", 2)}
 SUPPORTED_ELEMENT_NAME_PATTERNS = (
     (re.compile(r"[AD]?C3D(\d+)[A-Z]*"), SOLID_CELLS_BY_NODE_COUNT),
@@ -89,7 +92,9 @@ def abaqus_element_type(name: str) -> AbaqusElementType:
     for pattern, shapes in SUPPORTED_ELEMENT_NAME_PATTERNS:
         match = pattern.fullmatch(name)
         if match and match[1] in shapes:
-            return AbaqusElementType(name, *shapes[match[1]], is_shell=shapes is SHELL_CELLS_BY_NODE_COUNT)
+            return AbaqusElementType(
+                name, *shapes[match[1]], is_shell=shapes is SHELL_CELLS_BY_NODE_COUNT
+            )
     for pattern, n_nodes in NON_BODY_ELEMENT_NAME_PATTERNS:
         if pattern.fullmatch(name):
             return AbaqusElementType(name, n_nodes, is_optional=True)

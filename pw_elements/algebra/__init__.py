@@ -20,9 +20,9 @@ from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, ResidualSystem
 from pw_elements.algebra.problem_checks import check_load, check_problem, is_finite
 from pw_elements.algebra.reduction import (
     Reduction,
-    matrix_free_constrained_operator,
     free_dofs_and_prescribed_values,
     full_size_masking_reduction,
+    matrix_free_constrained_operator,
     reduce_load_and_update_offset,
     reduce_matrix,
     scale_pressures_to_displacements,

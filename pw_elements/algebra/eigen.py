@@ -19,11 +19,19 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.linear import reraise_singular_system_with_cause, factorise, symmetric_part
+from pw_elements.algebra.linear import factorise, reraise_singular_system_with_cause, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace_of_displacements
-from pw_elements.algebra.reduction import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
+from pw_elements.algebra.reduction import (
+    Reduction,
+    full_size_masking_reduction,
+    scale_pressures_to_displacements,
+)
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     Direct,
@@ -31,7 +39,7 @@ from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
     PreparedSolver,
-    Solver,
+    SolverOrAuto,
     SolverReport,
     choose_solver,
     compute_with_direct_fallback,
@@ -40,10 +48,10 @@ from pw_elements.solvers import (
 )
 from pw_elements.spaces import AssemblyRecord, SubSpace, is_hybrid
 
-T = TypeVar("T")
+ModesType = TypeVar("ModesType")
 
 _EIGENSOLVER_RELATIVE_TOLERANCE = 1e-12
-_MAX_ITERATIONS = 500
+_MAX_EIGENSOLVER_ITERATIONS = 500
 # Number of eigenvalues that have to converge in addition to those requested, except if a single
 # buckling factor is requested. The iteration finds further copies of a multiple eigenvalue late,
 # since they arise from round-off alone. A free body has six rigid modes. The search space has room
@@ -150,7 +158,7 @@ def vibration_modes(
     reduction: Reduction,
     count: int = 1,
     symmetrised: bool = False,
-    solver: Solver = None,
+    solver: SolverOrAuto = None,
 ) -> VibrationModes:
     """Compute the smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
 
@@ -174,10 +182,12 @@ def vibration_modes(
             for symmetrised matrices, if an eigenvalue lies below the shift.
     """
     request = _EigenmodeRequest(reduction, count, symmetrised, solver)
-    request.check(K, "the mass", M)
+    request.check_eigenproblem(K, "the mass", M)
     refuse_negative_trace_of_displacements("the mass", M, reduction.space)
     K, M = to_aij(K), to_aij(M)
-    return request.compute(lambda choice: _compute_vibration_modes(K, M, request, choice))
+    return request.compute_with_chosen_solver(
+        lambda choice: _compute_vibration_modes(K, M, request, choice)
+    )
 
 
 def _compute_vibration_modes(
@@ -210,7 +220,9 @@ def _compute_vibration_modes(
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(shortest_eigenvalue)
     if is_matrix_free(solver):  # the solver scales pressures according to B
-        reduction = scale_pressures_to_displacements(full_size_masking_reduction(request.reduction), B)
+        reduction = scale_pressures_to_displacements(
+            full_size_masking_reduction(request.reduction), B
+        )
     mu, shapes, residuals, report = _compute_modes_of_largest_eigenvalues(
         A, B, reduction, request, solver, is_B_shifted=True
     )
@@ -223,7 +235,10 @@ def _compute_vibration_modes(
     is_rigid = np.abs(values) < _MAX_RIGID_OVER_ELEMENT_EIGENVALUE * shortest_eigenvalue
     elastic = values[~is_rigid]
     slowest = elastic.real.min(initial=np.inf)
-    if known_lowest_eigenvalue is None and 0 < slowest < -_SLENDER_BODY_EIGENVALUE_OVER_SHIFT * shift:
+    if (
+        known_lowest_eigenvalue is None
+        and 0 < slowest < -_SLENDER_BODY_EIGENVALUE_OVER_SHIFT * shift
+    ):
         modes = _compute_vibration_modes(K, M, request, solver, slowest)
         return replace(modes, report=modes.report.plus(report))
     imaginary = float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0))
@@ -238,7 +253,7 @@ def buckling(
     reduction: Reduction,
     count: int = 1,
     symmetrised: bool = False,
-    solver: Solver = None,
+    solver: SolverOrAuto = None,
 ) -> BucklingModes:
     """Compute the smallest positive factors of (K + factor K_sigma) d = 0.
 
@@ -262,9 +277,11 @@ def buckling(
             if some factors did not converge.
     """
     request = _EigenmodeRequest(reduction, count, symmetrised, solver)
-    request.check(K, "the initial stress", K_sigma)
+    request.check_eigenproblem(K, "the initial stress", K_sigma)
     K, K_sigma = to_aij(K), to_aij(K_sigma)
-    return request.compute(lambda choice: _compute_buckling_modes(K, K_sigma, request, choice))
+    return request.compute_with_chosen_solver(
+        lambda choice: _compute_buckling_modes(K, K_sigma, request, choice)
+    )
 
 
 def _compute_buckling_modes(
@@ -289,7 +306,9 @@ def _compute_buckling_modes(
         )
     imaginary = float(np.max(np.abs(mu.imag) / mu.real))
     factors = scale / mu.real
-    prestress = factors * _prestress_over_stiffness_at_unit_factor(K, K_sigma, shapes, request.reduction.space)
+    prestress = factors * _prestress_over_stiffness_at_unit_factor(
+        K, K_sigma, shapes, request.reduction.space
+    )
     _check_prestress_ratios(factors, prestress, K.comm.tompi4py())
     return BucklingModes(factors, prestress, shapes, residuals, imaginary, report)
 
@@ -319,7 +338,9 @@ def _prestress_over_stiffness_at_unit_factor(
     return np.asarray(sums[0] / sums[1], dtype=float)
 
 
-def _check_prestress_ratios(buckling_factors: Array, prestress_ratios: Array, comm: MPI.Comm) -> None:
+def _check_prestress_ratios(
+    buckling_factors: Array, prestress_ratios: Array, comm: MPI.Comm
+) -> None:
     """Raise NoModes if a ratio of prestress to stiffness is too large; warn if one is large."""
     too_large = prestress_ratios > MAX_PRESTRESS_OVER_STIFFNESS
     if too_large.any():
@@ -346,9 +367,9 @@ class _EigenmodeRequest:
     reduction: Reduction
     count: int
     symmetrised: bool
-    solver: Solver
+    solver: SolverOrAuto
 
-    def check(self, K: PETSc.Mat, other_name: str, other_matrix: PETSc.Mat) -> None:
+    def check_eigenproblem(self, K: PETSc.Mat, other_name: str, other_matrix: PETSc.Mat) -> None:
         """Raise an error for arguments that make no eigenvalue problem.
 
         Args:
@@ -362,7 +383,9 @@ class _EigenmodeRequest:
         arguments.check_flag("symmetrised", self.symmetrised)
         refuse_negative_trace_of_displacements("the stiffness", K, self.reduction.space)
 
-    def compute(self, compute_modes: Callable[[LinearSolver], T]) -> T:
+    def compute_with_chosen_solver(
+        self, compute_modes: Callable[[LinearSolver], ModesType]
+    ) -> ModesType:
         """Return `modes(solver)` with the requested solver, or with the one that "auto" chooses."""
         reason = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
         space, supports = self.reduction.space, self.reduction.supports
@@ -442,7 +465,7 @@ def _compute_modes_of_largest_eigenvalues(
     n_converged = with_spares if is_B_shifted or count > 1 else count
     n_vectors = max(2 * with_spares, with_spares + 15)
     eigensolver.setDimensions(nev=min(n_converged, size), ncv=min(n_vectors, size))
-    eigensolver.setTolerances(_EIGENSOLVER_RELATIVE_TOLERANCE, _MAX_ITERATIONS)
+    eigensolver.setTolerances(_EIGENSOLVER_RELATIVE_TOLERANCE, _MAX_EIGENSOLVER_ITERATIONS)
     start, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)
     task = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
@@ -463,8 +486,10 @@ def _compute_modes_of_largest_eigenvalues(
     for i in range(count):
         real, imaginary = B.createVecRight(), B.createVecRight()
         values[i] = eigensolver.getEigenpair(i, real, imaginary)
-        residuals[i] = _residual(A, B, values[i], real, imaginary)
-        modes.append(_expand_and_normalise_mode(reduction, imaginary if values[i].imag < 0 else real))
+        residuals[i] = _relative_mode_residual(A, B, values[i], real, imaginary)
+        modes.append(
+            _expand_and_normalise_mode(reduction, imaginary if values[i].imag < 0 else real)
+        )
     eigensolver.destroy()
     if is_matrix_free(solver) and not residuals.max() <= _MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES:
         raise NotConverged(
@@ -474,7 +499,9 @@ def _compute_modes_of_largest_eigenvalues(
     return values, modes, residuals, inverse.report
 
 
-def _is_nearly_symmetric(matrix: PETSc.Mat, relative_tolerance: float = _MAX_RELATIVE_ASYMMETRY_FOR_LDL) -> bool:
+def _is_nearly_symmetric(
+    matrix: PETSc.Mat, relative_tolerance: float = _MAX_RELATIVE_ASYMMETRY_FOR_LDL
+) -> bool:
     """Return whether x.A y equals y.A x to a relative tolerance for random vectors x and y."""
     x, y, A_x, A_y = (matrix.createVecRight() for _ in range(4))
     begin, end = x.getOwnershipRange()
@@ -498,7 +525,7 @@ def _require_positive_definite(factorisation: PreparedSolver) -> None:
         )
 
 
-def _residual(
+def _relative_mode_residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real_part: PETSc.Vec, imaginary_part: PETSc.Vec
 ) -> float:
     """Return |A d - mu B d| / |mu B d|, the residual of the mode d = real + i imaginary."""

@@ -14,7 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
-from pw_elements.algebra.reduction import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
+from pw_elements.algebra.reduction import (
+    Reduction,
+    full_size_masking_reduction,
+    scale_pressures_to_displacements,
+)
 from pw_elements.checks import check_same_arguments_on_all_processes
 from pw_elements.progress import report_activity
 from pw_elements.solvers import (
@@ -23,17 +27,24 @@ from pw_elements.solvers import (
     LinearSolver,
     PreparedSolver,
     SingularSystem,
-    Solver,
+    SolverOrAuto,
     choose_solver,
     collect_garbage,
     compute_with_direct_fallback,
     is_matrix_free,
 )
-from pw_elements.spaces import MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS, SubSpace, is_hybrid, read_record
+from pw_elements.spaces import (
+    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
+    SubSpace,
+    is_hybrid,
+    read_record,
+)
 
 
 @check_same_arguments_on_all_processes
-def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
+def solve(
+    K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: SolverOrAuto = None
+) -> PETSc.Vec:
     """Solve K a = f under a reduction, and return the displacements a (n,).
 
     `a.getAttr("report")` returns the `SolverReport` of the solution.
@@ -64,7 +75,9 @@ def _solve_reduced_system(
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
     if is_matrix_free(solver):
-        reduction = scale_pressures_to_displacements(full_size_masking_reduction(reduction), K).for_load(K, f)
+        reduction = scale_pressures_to_displacements(
+            full_size_masking_reduction(reduction), K
+        ).for_load(K, f)
         prepared = solver.prepare(K, supports=reduction.supports)
     else:
         reduction = scale_pressures_to_displacements(reduction, K).for_load(K, f)
@@ -72,7 +85,10 @@ def _solve_reduced_system(
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
     try:
-        with reraise_singular_system_with_cause(matrix, reduction), _report_solver_activity(prepared, K):
+        with (
+            reraise_singular_system_with_cause(matrix, reduction),
+            _report_solver_activity(prepared, K),
+        ):
             solution, report = prepared.solve(load), prepared.report
     finally:
         prepared.release()
@@ -101,7 +117,9 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 
 
 def has_free_constant_pressure(
-    reduced_matrix: PETSc.Mat, reduction: Reduction, ignored_rows: npt.NDArray[np.integer] | None = None
+    reduced_matrix: PETSc.Mat,
+    reduction: Reduction,
+    ignored_rows: npt.NDArray[np.integer] | None = None,
 ) -> bool:
     """Return whether a reduced matrix maps a constant pressure to zero.
 
@@ -125,7 +143,9 @@ def has_free_constant_pressure(
         effect.array[ignored_rows] = 0.0
     infinity = PETSc.NormType.INFINITY
     size = reduced_matrix.norm(infinity) * unknown.norm(infinity)
-    return bool(size > 0 and effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * size)
+    return bool(
+        size > 0 and effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * size
+    )
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -155,7 +175,10 @@ def factorise(
     """
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
-        with reraise_singular_system_with_cause(matrix, reduction), _report_solver_activity(prepared, matrix):
+        with (
+            reraise_singular_system_with_cause(matrix, reduction),
+            _report_solver_activity(prepared, matrix),
+        ):
             prepared.set_up()
     except SingularSystem:
         prepared.release()
@@ -190,6 +213,8 @@ def reraise_singular_system_with_cause(
         ) from None
 
 
-def _report_solver_activity(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
+def _report_solver_activity(
+    prepared: PreparedSolver, matrix: PETSc.Mat
+) -> AbstractContextManager[object]:
     task = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     return report_activity(matrix.comm.tompi4py(), task)

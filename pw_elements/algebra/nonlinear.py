@@ -40,9 +40,9 @@ from pw_elements.spaces import (
     add_estimated_quadrature_degrees,
     add_sub_cell_quadrature_rules,
     compile_form,
-    pressure_equilibration_scales,
     has_discontinuous_pressure,
     is_hybrid,
+    pressure_equilibration_scales,
 )
 
 # Correction, relative to the largest value of u, at which Newton's method has converged. Since
@@ -51,8 +51,8 @@ _NEWTON_RELATIVE_CORRECTION_TOLERANCE = 1e-8
 # Largest residual of a solution, relative to the norm of the tangent times that of u; and residual
 # below which a line search counts as successful even if it finds no better point
 _RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U = 1e-10
-_RESIDUAL_ROUND_OFF = 1e-14
-_MAX_ITERATIONS = 25
+_RESIDUAL_ROUND_OFF_OVER_TANGENT_TIMES_U = 1e-14
+_MAX_NEWTON_ITERATIONS = 25
 
 # Values of PETSc's SNESConvergedReason, one of which has different names in different versions
 _SNES_REASON_LINE_SEARCH_FAILED = -6
@@ -61,11 +61,11 @@ _FAILURE_MESSAGE_BY_SNES_REASON = {
     -1: _RESIDUAL_NOT_FINITE_MESSAGE,
     -3: "the linear solver did not converge",
     -4: _RESIDUAL_NOT_FINITE_MESSAGE,
-    -5: f"no convergence in {_MAX_ITERATIONS} iterations",
+    -5: f"no convergence in {_MAX_NEWTON_ITERATIONS} iterations",
     _SNES_REASON_LINE_SEARCH_FAILED: "no step along Newton's direction helps",
 }
 
-Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
+LoadSetterOrConstants: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # Largest number of parts into which an increment is divided
 _MAX_SUBSTEPS_PER_INCREMENT = 16
@@ -172,7 +172,7 @@ class NewtonSolver:
         snes.setJacobian(self._assemble_and_factorise_tangent, self._system.tangent)
         snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
-        snes.setTolerances(max_it=_MAX_ITERATIONS)
+        snes.setTolerances(max_it=_MAX_NEWTON_ITERATIONS)
         snes.setConvergenceTest(self._test_convergence)
         try:
             snes.solve(None, self._x)
@@ -191,14 +191,18 @@ class NewtonSolver:
         values.pointwiseMult(scaled_x, self._scale)
         self._system.set_unknowns(values)
 
-    def _evaluate_scaled_equations(self, _: PETSc.SNES, scaled_x: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _evaluate_scaled_equations(
+        self, _: PETSc.SNES, scaled_x: PETSc.Vec, out: PETSc.Vec
+    ) -> None:
         self._set_unscaled_unknowns(scaled_x)
         forces = self._system.assemble_residual().array_r * self._scale.array_r
         deviation = scaled_x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._mean_stiffness * deviation
         out.setArray(forces)
 
-    def _assemble_and_factorise_tangent(self, _: PETSc.SNES, scaled_x: PETSc.Vec, *__: PETSc.Mat) -> None:
+    def _assemble_and_factorise_tangent(
+        self, _: PETSc.SNES, scaled_x: PETSc.Vec, *__: PETSc.Mat
+    ) -> None:
         self._set_unscaled_unknowns(scaled_x)
         self._system.assemble_tangent()
         self._system.tangent.diagonalScale(self._scale, self._scale)
@@ -222,18 +226,26 @@ class NewtonSolver:
             log_on_root(x.comm, logging.DEBUG, words, ".problems")
         x.copy(self._previous_x)
         is_small = iteration and (
-            self._is_linear or self.relative_corrections[-1] <= _NEWTON_RELATIVE_CORRECTION_TOLERANCE
+            self._is_linear
+            or self.relative_corrections[-1] <= _NEWTON_RELATIVE_CORRECTION_TOLERANCE
         )
-        if residual == 0 or (is_small and self._relative_residual(snes) <= _RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U):
+        if residual == 0 or (
+            is_small and self._relative_residual(snes) <= _RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U
+        ):
             return PETSc.SNES.ConvergedReason.CONVERGED_SNORM_RELATIVE
         return None
 
     def _raise_unless_converged(self, snes: PETSc.SNES) -> None:
         reason = snes.getConvergedReason()
-        if reason == _SNES_REASON_LINE_SEARCH_FAILED and self._relative_residual(snes) <= _RESIDUAL_ROUND_OFF:
+        if (
+            reason == _SNES_REASON_LINE_SEARCH_FAILED
+            and self._relative_residual(snes) <= _RESIDUAL_ROUND_OFF_OVER_TANGENT_TIMES_U
+        ):
             return
         if reason <= 0:
-            message = _FAILURE_MESSAGE_BY_SNES_REASON.get(reason, f"SNES stopped with the reason {reason}")
+            message = _FAILURE_MESSAGE_BY_SNES_REASON.get(
+                reason, f"SNES stopped with the reason {reason}"
+            )
             raise NotConverged(message)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
@@ -335,7 +347,9 @@ class PetrovGalerkinProblem:
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self.form, self._is_linear = form, u not in tangent.coefficients()
-        free_dofs_and_prescribed_values(self._space, conditions)  # raises an error for invalid conditions
+        free_dofs_and_prescribed_values(
+            self._space, conditions
+        )  # raises an error for invalid conditions
         self.system = ResidualSystem(
             u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
         )
@@ -343,7 +357,7 @@ class PetrovGalerkinProblem:
         self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`
 
     @check_same_arguments_on_all_processes
-    def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
+    def solve(self, load: LoadSetterOrConstants | None = None, increments: int = 1) -> fem.Function:
         """Solve for u, starting from the present values of u.
 
         Args:
@@ -366,7 +380,11 @@ class PetrovGalerkinProblem:
         """
         arguments.check_integer("increments", increments, 1)
         set_load = self._make_load_setter(load)
-        n_parts, step, done = increments * _MAX_SUBSTEPS_PER_INCREMENT, _MAX_SUBSTEPS_PER_INCREMENT, 0
+        n_parts, step, done = (
+            increments * _MAX_SUBSTEPS_PER_INCREMENT,
+            _MAX_SUBSTEPS_PER_INCREMENT,
+            0,
+        )
         self.increments = ()
         while done < n_parts:
             step = min(step, n_parts - done)
@@ -386,7 +404,9 @@ class PetrovGalerkinProblem:
                 if load is None or step == 1:
                     self._store_solved_load_values(load)
                     range_failed = done / n_parts, load_factor
-                    message = _increment_failure_message(error, load, range_failed, is_hybrid(self._space))
+                    message = _increment_failure_message(
+                        error, load, range_failed, is_hybrid(self._space)
+                    )
                     raise type(error)(message) from None
                 step //= 2
                 continue
@@ -409,7 +429,7 @@ class PetrovGalerkinProblem:
         """
         return self.system.assemble_residual()
 
-    def _make_load_setter(self, load: Load | None) -> Callable[[float], None]:
+    def _make_load_setter(self, load: LoadSetterOrConstants | None) -> Callable[[float], None]:
         """Return a function that sets the load for a load factor, without communication."""
         if arguments.is_user_function(load):
             return load
@@ -433,7 +453,7 @@ class PetrovGalerkinProblem:
                 self._conditions,
             )
 
-    def _store_solved_load_values(self, load: Load | None) -> None:
+    def _store_solved_load_values(self, load: LoadSetterOrConstants | None) -> None:
         constants = _list_load_constants(load)
         self._solved_loads |= {constant: np.array(constant.value) for constant in constants}
 
@@ -449,7 +469,7 @@ class PetrovGalerkinProblem:
         log_on_root(self._comm, logging.INFO, words, ".problems")
 
 
-def _list_load_constants(load: Load | None) -> Sequence[fem.Constant]:
+def _list_load_constants(load: LoadSetterOrConstants | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
     if load is None or arguments.is_user_function(load):
@@ -463,7 +483,10 @@ def _list_load_constants(load: Load | None) -> Sequence[fem.Constant]:
 
 
 def _increment_failure_message(
-    error: Exception, load: Load | None, load_factor_range: tuple[float, float], has_pressure: bool
+    error: Exception,
+    load: LoadSetterOrConstants | None,
+    load_factor_range: tuple[float, float],
+    has_pressure: bool,
 ) -> str:
     """Return the error message for an increment that fails and cannot be divided further.
 

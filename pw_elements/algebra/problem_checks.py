@@ -79,7 +79,10 @@ def check_problem(
     for name, matrix in matrices.items():
         # a sum of squares is NaN if any process has NaN; a largest value may lose it
         frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
-        if not np.isfinite(frobenius) and not _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW < largest_sum < np.inf:
+        if (
+            not np.isfinite(frobenius)
+            and not _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW < largest_sum < np.inf
+        ):
             raise ValueError(f"{name} has entries that are not finite")
         arguments.check_magnitude(name, largest_sum)
     for name, vector in all_vectors.items():
@@ -116,12 +119,16 @@ def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  #
         )
 
 
-def _check_same_weights_and_stress_state(name: str, record: AssemblyRecord, K_record: AssemblyRecord) -> None:
+def _check_same_weights_and_stress_state(
+    name: str, record: AssemblyRecord, K_record: AssemblyRecord
+) -> None:
     """Raise ValueError, on this process, if weight functions or state of stress differ from K's."""
     states, K_states = record.stress_states, K_record.stress_states
     if states and K_states and states != K_states:
         state_names, K_state_names = (" and ".join(sorted(names)) for names in (states, K_states))
-        raise ValueError(f"{name} is one in {state_names}, {_STIFFNESS_NAME_IN_MESSAGES} in {K_state_names}")
+        raise ValueError(
+            f"{name} is one in {state_names}, {_STIFFNESS_NAME_IN_MESSAGES} in {K_state_names}"
+        )
     if K_record.form is None or K_record.test_space is None or record.test_space is None:
         return
     if (K_record.sibling is None) != (record.sibling is None):
@@ -157,7 +164,11 @@ def check_reduction_type(reduction: object) -> None:
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
         raise TypeError(
             "the reduction is "
-            + ("Dirichlet conditions" if conditions else arguments.describe(reduction))
+            + (
+                "Dirichlet conditions"
+                if conditions
+                else arguments.describe_value_or_type(reduction)
+            )
             + ": make one by Reduction.dirichlet(space, conditions)"
         )
 
@@ -167,7 +178,7 @@ def check_solver_type(solver: object) -> None:
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(
-            f"the solver is {arguments.describe(solver)}: give a LinearSolver such as Direct() or "
+            f"the solver is {arguments.describe_value_or_type(solver)}: give a LinearSolver such as Direct() or "
             'Iterative(), or "auto"'
         )
 

@@ -18,7 +18,12 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes, format_points
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    format_points,
+    raise_errors_on_all_processes,
+)
 from pw_elements.solvers import (
     ITERATIVE_NEEDS_SUPPORTS_MESSAGE,
     ConstrainedOperator,
@@ -28,19 +33,19 @@ from pw_elements.solvers import (
     add_scaled,
     block_diagonal_matrix,
     diagonal_blocks,
+    identity_with_free_columns,
     matrix_from_python_context,
-    selection_matrix,
     to_aij,
 )
 from pw_elements.spaces import (
     Spaces,
-    pressure_equilibration_scales,
     has_discontinuous_pressure,
     is_hybrid,
     list_fields,
-    selected_local_numbers,
-    read_record,
     pressure_continuity_matrix,
+    pressure_equilibration_scales,
+    read_record,
+    selected_local_numbers,
 )
 
 # Difference between values prescribed at one degree of freedom, relative to the largest prescribed
@@ -96,7 +101,9 @@ def free_dofs_and_prescribed_values(
     contradictions = np.zeros((0, space.mesh.geometry.dim))
     for field in list_fields(space):
         largest = comm.allreduce(np.abs(values[field.owned_unknowns]).max(initial=0.0), MPI.MAX)
-        differs = (difference[field.owned_unknowns] > _PRESCRIBED_VALUE_TOLERANCE_OVER_LARGEST * largest).any(axis=1)
+        differs = (
+            difference[field.owned_unknowns] > _PRESCRIBED_VALUE_TOLERANCE_OVER_LARGEST * largest
+        ).any(axis=1)
         if differs.any():
             x = field.space.tabulate_dof_coordinates()[: len(differs)][differs]
             contradictions = np.vstack([contradictions, x[:, : contradictions.shape[1]]])
@@ -142,7 +149,7 @@ def _invert_inner_stiffness(K: PETSc.Mat, is_inner: Mask, dofs_per_node: int) ->
         ValueError: if the stiffness couples inner nodes.
         SingularSystem: if an inner node has no stiffness.
     """
-    select = selection_matrix(is_inner, K.createVecLeft())
+    select = identity_with_free_columns(is_inner, K.createVecLeft())
     K_ii = select.transposeMatMult(K.matMult(select))
     (nodes, nonzero_blocks), (sizes, _) = diagonal_blocks(K_ii, dofs_per_node), K_ii.getSizes()
     blocks = np.zeros((sizes[0] // dofs_per_node, dofs_per_node, dofs_per_node))
@@ -202,7 +209,9 @@ class Reduction:
 
     @check_same_arguments_on_all_processes
     def __post_init__(self) -> None:
-        with raise_errors_on_all_processes(arguments.find_largest_communicator(self.offset, self.space)):
+        with raise_errors_on_all_processes(
+            arguments.find_largest_communicator(self.offset, self.space)
+        ):
             remedy = "`Reduction.dirichlet` and `condensation` make it"
             for name, kind in get_type_hints(type(self)).items():
                 part = getattr(self, name)
@@ -242,7 +251,7 @@ class Reduction:
         if has_discontinuous_pressure(space):
             tied = pressure_continuity_matrix(space, parts, free)
             return cls(tied, tied, offset, space=space)
-        select = selection_matrix(free, offset)
+        select = identity_with_free_columns(free, offset)
         return cls(select, select, offset, space=space, supports=Supports(space, free))
 
     @classmethod
@@ -289,7 +298,7 @@ class Reduction:
                 raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
         require_any_dof(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _invert_inner_stiffness(K, inner, block)
-        select = selection_matrix(free & ~inner, offset)
+        select = identity_with_free_columns(free & ~inner, offset)
         right, left = select.copy(), select.copy()
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
         right.axpy(-1.0, Q.matMult(K.matMult(select)), different)
@@ -372,7 +381,9 @@ def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
     return read_record(K).attach(reduced)
 
 
-def reduce_load_and_update_offset(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:
+def reduce_load_and_update_offset(
+    reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec
+) -> tuple[Reduction, PETSc.Vec]:
     """Return the reduction for a load, and the reduced load (n_r,), without checks.
 
     Args:
@@ -409,7 +420,9 @@ def full_size_masking_reduction(reduction: Reduction) -> Reduction:
     unknowns, free = reduction.right.getSize()
     if free == unknowns:  # nothing is prescribed, and contact alone holds the body
         return reduction
-    mask = selection_matrix(reduction.supports.free, reduction.offset, renumbered=False)
+    mask = identity_with_free_columns(
+        reduction.supports.free, reduction.offset, drop_other_columns=False
+    )
     return replace(reduction, left=mask, right=mask)
 
 
@@ -425,8 +438,12 @@ def matrix_free_constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETS
         raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
     space = reduction.supports.space
     projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
-    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `scale_pressures_to_displacements`
-    return matrix_from_python_context(K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm)
+    scale = (
+        reduction.right.getDiagonal() if is_hybrid(space) else None
+    )  # see `scale_pressures_to_displacements`
+    return matrix_from_python_context(
+        K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm
+    )
 
 
 def scale_pressures_to_displacements(reduction: Reduction, K: PETSc.Mat) -> Reduction:

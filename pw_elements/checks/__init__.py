@@ -10,17 +10,17 @@ from pw_elements.checks.guard import (
     check_same_arguments_on_all_processes,
     check_same_function,
     check_same_values,
-    raise_errors_on_all_processes,
     defer_errors_if_parallel,
     evenly_spaced_rows,
     find_largest_communicator,
-    relative_difference,
+    max_relative_difference,
+    raise_errors_on_all_processes,
 )
 from pw_elements.checks.meshes import (
     MAX_COORDINATE,
     DegenerateMesh,
     check_cell_shapes_and_facets,
     check_mesh,
-    label_connected_components,
     format_points,
+    label_connected_components,
 )

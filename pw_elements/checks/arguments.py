@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 from ufl.form import BaseForm
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks.guard import raise_errors_on_all_processes, find_largest_communicator
+from pw_elements.checks.guard import find_largest_communicator, raise_errors_on_all_processes
 
 LocalAndGlobalSize = tuple[int, int]  # local and global size of a distributed vector
 
@@ -49,7 +49,7 @@ def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
     return isinstance(value, str) and value in names
 
 
-def is_number(value: Any) -> bool:  # noqa: ANN401
+def is_real_number(value: Any) -> bool:  # noqa: ANN401
     """Return whether a value is a real number or a 0-d array with a real number.
 
     Truth values and strings are not numbers.
@@ -80,7 +80,7 @@ def check_magnitude(name: str, magnitude: float, min_nonzero: float = MIN_MAGNIT
 
 def check_finite_number(name: str, value: Any) -> float:  # noqa: ANN401
     """Return a finite real number as a float; raise ValueError for other values."""
-    if not (is_number(value) and np.isfinite(value)):
+    if not (is_real_number(value) and np.isfinite(value)):
         raise ValueError(f"{name} = {value!r}: has to be a finite number")
     check_magnitude(name, abs(float(value)), min_nonzero=0.0)
     return float(value)
@@ -96,7 +96,7 @@ def check_positive(name: str, value: Any) -> float:  # noqa: ANN401
 
 def check_integer(name: str, value: Any, minimum: int) -> int:  # noqa: ANN401
     """Return an integer that is `minimum` or larger; raise ValueError for other values."""
-    if not (is_number(value) and np.asarray(value).dtype.kind in "iu" and value >= minimum):
+    if not (is_real_number(value) and np.asarray(value).dtype.kind in "iu" and value >= minimum):
         raise ValueError(f"{name} = {value!r}: has to be a whole number, {minimum} at least")
     return int(value)
 
@@ -108,7 +108,9 @@ def check_vector(name: str, values: Any, length: int | None = None) -> Array:  #
     """
     is_sequence = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
     components = as_list(values) if is_sequence else []
-    are_finite = all(is_number(component) and np.isfinite(component) for component in components)
+    are_finite = all(
+        is_real_number(component) and np.isfinite(component) for component in components
+    )
     if not (components and are_finite and len(components) == (length or len(components))):
         requirement = f"{length} finite" if length else "finite"
         raise ValueError(f"{name} {values!r}: it needs {requirement} components")
@@ -135,7 +137,11 @@ def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  
 
 
 def check_function_values(
-    name: str, values: object, shape: tuple[int, ...], layout_description: str, value_type: type = float
+    name: str,
+    values: object,
+    shape: tuple[int, ...],
+    layout_description: str,
+    value_type: type = float,
 ) -> npt.NDArray[Any]:
     """Check the values that a user's function returned at points, and return them as an array.
 
@@ -164,7 +170,7 @@ def check_type(
 ) -> None:
     """Raise TypeError unless a value is of the type `kind`; `remedy` tells users what to pass."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} is {describe(value)}: {remedy}")
+        raise TypeError(f"{name} is {describe_value_or_type(value)}: {remedy}")
 
 
 def check_communicator(value: object) -> None:
@@ -320,7 +326,9 @@ def check_vector_or_expression(name: str, value: object, n_components: int) -> E
     if not isinstance(value, Expr):
         return check_vector(name, value, n_components)
     if value.ufl_shape != (n_components,):
-        raise ValueError(f"{name} has the shape {value.ufl_shape}: it needs {n_components} components")
+        raise ValueError(
+            f"{name} has the shape {value.ufl_shape}: it needs {n_components} components"
+        )
     if isinstance(value, fem.Constant):
         check_vector(name, value.value, n_components)
     return value
@@ -333,7 +341,10 @@ def count_local_and_global_dofs(space: fem.FunctionSpace) -> LocalAndGlobalSize:
 
 
 def check_equal_vector_sizes(
-    name: str, sizes: LocalAndGlobalSize, other_name: str, other_sizes: fem.FunctionSpace | LocalAndGlobalSize
+    name: str,
+    sizes: LocalAndGlobalSize,
+    other_name: str,
+    other_sizes: fem.FunctionSpace | LocalAndGlobalSize,
 ) -> None:
     """Raise ValueError on this process unless two objects have equal local and global sizes.
 
@@ -354,7 +365,7 @@ def check_equal_vector_sizes(
         raise ValueError(f"{name} is distributed over the processes otherwise than {other_name}")
 
 
-def describe(value: object) -> str:
+def describe_value_or_type(value: object) -> str:
     """Return a short description of a value for error messages: the value or its type."""
     if value is None or isinstance(value, str | bytes | bool | int | float | complex):
         return repr(value)

@@ -38,13 +38,22 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
 
-Parameters = ParamSpec("Parameters")
-Result = TypeVar("Result")
-Function = TypeVar("Function", bound=Callable[..., Any])
+UserFunctionParameters = ParamSpec("UserFunctionParameters")
+UserFunctionResult = TypeVar("UserFunctionResult")
+DecoratedFunction = TypeVar("DecoratedFunction", bound=Callable[..., Any])
 
 # Names of arguments and attributes that may differ between processes: local numbers or masks of
 # nodes and facets, values at nodes, and arguments that are given on some processes only
-_NAMES_OF_PROCESS_LOCAL_ARGUMENTS = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
+_NAMES_OF_PROCESS_LOCAL_ARGUMENTS = {
+    "where",
+    "nodes",
+    "free",
+    "history",
+    "substates",
+    "callback",
+    "axes",
+    "source",
+}
 # For each open block: errors raised by nested blocks, each with the number of processes on which it
 # was raised
 _nested_errors_by_open_block: list[list[tuple[BaseException, int]]] = []
@@ -130,7 +139,7 @@ def _make_rank_difference_error(name: str, other_rank: int, comm: MPI.Comm) -> B
     return _record_collective_error(error, comm)
 
 
-def relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
+def max_relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
     """Return max |values - reference| divided by the largest finite |reference|.
 
     The result is infinite if the shapes differ, or if the arrays are not infinite or NaN at the
@@ -187,7 +196,9 @@ def evenly_spaced_rows(rows: Array, max_rows: int) -> Array:
     return rows[np.unique(np.linspace(0, max(0, len(rows) - 1), max_rows).astype(int))[: len(rows)]]
 
 
-def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], relative_tolerance: float) -> None:
+def check_same_values(
+    comm: MPI.Comm, arrays: Mapping[str, Array], relative_tolerance: float
+) -> None:
     """Raise ValueError on all processes if arrays differ between them; collective.
 
     Args:
@@ -201,14 +212,14 @@ def check_same_values(comm: MPI.Comm, arrays: Mapping[str, Array], relative_tole
     differing_names = [
         name
         for name, values in arrays.items()
-        if not relative_difference(values, reference[name]) <= relative_tolerance
+        if not max_relative_difference(values, reference[name]) <= relative_tolerance
     ]
     for rank, names in enumerate(comm.allgather(differing_names)):
         if names:
             raise _make_rank_difference_error(names[0], rank, comm)
 
 
-def check_same_arguments_on_all_processes(function: Function) -> Function:
+def check_same_arguments_on_all_processes(function: DecoratedFunction) -> DecoratedFunction:
     """Decorate a collective function to compare its arguments on all processes before each call.
 
     A ValueError names an argument that differs. When the function calls other decorated functions,
@@ -220,19 +231,25 @@ def check_same_arguments_on_all_processes(function: Function) -> Function:
     def call_checked(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
         if MPI.COMM_WORLD.size == 1 or _arguments_compared_by_open_call[-1]:
             return function(*args, **kwargs)
-        with raise_errors_on_all_processes(find_largest_communicator(*args, *kwargs.values())) as shared:
+        with raise_errors_on_all_processes(
+            find_largest_communicator(*args, *kwargs.values())
+        ) as shared:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             shared["the function that is called"] = function.__qualname__
             for name, value in bound.arguments.items():
                 _raise_deferred_error(value)
                 parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
-                shared |= {k: part for k, part in parts.items() if k not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS}
+                shared |= {
+                    k: part
+                    for k, part in parts.items()
+                    if k not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS
+                }
         with _temporarily_set_arguments_compared(is_compared=True):
             return function(*args, **kwargs)
 
     call_checked.compares = True  # type: ignore[attr-defined]
-    return cast(Function, call_checked)
+    return cast(DecoratedFunction, call_checked)
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -322,10 +339,10 @@ def _make_picklable(error: BaseException | None) -> BaseException | None:
 def call_user_function(
     comm: MPI.Comm,
     name: str,
-    function: Callable[Parameters, Result],
-    *args: Parameters.args,
-    **kwargs: Parameters.kwargs,
-) -> Result:
+    function: Callable[UserFunctionParameters, UserFunctionResult],
+    *args: UserFunctionParameters.args,
+    **kwargs: UserFunctionParameters.kwargs,
+) -> UserFunctionResult:
     """Call a user's function and return its result; any error of the function becomes ValueError.
 
     Call it in a block of `raise_errors_on_all_processes`.
@@ -423,5 +440,9 @@ def _split_object_into_digest_parts(value: Any) -> Iterator[object]:  # noqa: AN
         is_library_class = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
         for name, part in getattr(value, "__dict__", {}).items():
             is_compared = is_library_class or isinstance(part, str | int | float | np.generic)
-            if is_compared and name not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS and not name.startswith("_"):
+            if (
+                is_compared
+                and name not in _NAMES_OF_PROCESS_LOCAL_ARGUMENTS
+                and not name.startswith("_")
+            ):
                 yield from (name, part)

@@ -27,7 +27,7 @@ from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.progress import log_on_root
 
@@ -124,7 +124,7 @@ class _CellChecks:
         topology, dim = mesh.topology, mesh.topology.dim
         self.mesh, self.dim = mesh, dim
         self.element = mesh.ufl_domain().ufl_coordinate_element().basix_element
-        nodes = cell_nodes(mesh)[: topology.index_map(dim).size_local]
+        nodes = cell_geometry_nodes(mesh)[: topology.index_map(dim).size_local]
         corner_dofs = [dofs[0] for dofs in self.element.entity_dofs[0]]
         self.vertices = nodes[:, corner_dofs].astype(np.int64)
         self._x = np.ascontiguousarray(mesh.geometry.x[:, :dim].T)[:, nodes.T]
@@ -195,9 +195,10 @@ class _CellChecks:
         n_cells = facet_sums[:, -1]
         self.exterior = (n_cells == 1)[self.facets]
         residual_area = np.sqrt(sum(facet_sums[:, column] ** 2 for column in range(dim)))
-        is_folded = ((n_cells == 2) & (residual_area > _MAX_RELATIVE_SUM_OF_AREA_VECTORS * facet_sums[:, dim]))[
-            self.facets
-        ].any(axis=0)
+        is_folded = (
+            (n_cells == 2)
+            & (residual_area > _MAX_RELATIVE_SUM_OF_AREA_VECTORS * facet_sums[:, dim])
+        )[self.facets].any(axis=0)
         self._raise_if_any_cell(
             (n_cells > 2)[self.facets].any(axis=0), "share a facet with two others"
         )
@@ -246,16 +247,16 @@ class _MeshBoundaryChecks:
             np.flatnonzero((high >= lower).all(axis=1) & (low <= upper).all(axis=1))
             for lower, upper in self._comm.allgather((lower - margin, upper + margin))
         ]
-        self.corner = self._exchange(corners)
-        self.vertex = self._exchange(global_vertices.reshape(vertices.shape))
-        self.area = self._exchange(cells.area[:, side, self._cell].T)
-        self._owner = self._exchange(np.full(len(corners), self._comm.rank))
+        self.corner = self._exchange_facet_values(corners)
+        self.vertex = self._exchange_facet_values(global_vertices.reshape(vertices.shape))
+        self.area = self._exchange_facet_values(cells.area[:, side, self._cell].T)
+        self._owner = self._exchange_facet_values(np.full(len(corners), self._comm.rank))
         self._facet_centres = self.corner.mean(axis=1)
         self._radius = np.linalg.norm(self.corner - self._facet_centres[:, None], axis=2).max(
             axis=1
         )
 
-    def _exchange(self, own_values: npt.NDArray) -> npt.NDArray:
+    def _exchange_facet_values(self, own_values: npt.NDArray) -> npt.NDArray:
         """Send values (own facets, ...) to the processes that need them.
 
         Returns:
@@ -275,7 +276,11 @@ class _MeshBoundaryChecks:
         contact with non-matching meshes share no vertices and are accepted. Curved facets are not
         checked.
         """
-        if len(centres := self._gather_from_all_processes(self._facet_centres[self._find_facets_with_hanging_nodes()])):
+        if len(
+            centres := self._gather_from_all_processes(
+                self._facet_centres[self._find_facets_with_hanging_nodes()]
+            )
+        ):
             raise DegenerateMesh(
                 f"facets around {format_points(centres)} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"
@@ -319,19 +324,24 @@ class _MeshBoundaryChecks:
 
     def _are_points_on_facets(self, facets: Indices, points: Array) -> Mask:
         """Return whether points x (n, dim) lie on facets (n,), including their edges."""
-        centres, double_area = self._facet_centres[facets], np.linalg.norm(self.area[facets], axis=1)
+        centres, double_area = (
+            self._facet_centres[facets],
+            np.linalg.norm(self.area[facets], axis=1),
+        )
         height = np.abs(np.sum((points - centres) * self.area[facets], axis=1))
         to_corners = self.corner[facets] - points[:, None]
         if to_corners.shape[1] == 4:
             to_corners, double_area = to_corners[:, [0, 1, 3, 2]], 2 * double_area
         # for solid bodies: areas of the triangles between the point and each edge
         cross_products = (
-            np.cross(to_corners, np.roll(to_corners, -1, axis=1)) if points.shape[1] == 3 else to_corners
+            np.cross(to_corners, np.roll(to_corners, -1, axis=1))
+            if points.shape[1] == 3
+            else to_corners
         )
         fan_area = np.linalg.norm(cross_products, axis=2).sum(axis=1)
-        return (height < _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * self._radius[facets] * double_area) & (
-            fan_area < (1 + _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE) * double_area
-        )
+        return (
+            height < _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * self._radius[facets] * double_area
+        ) & (fan_area < (1 + _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE) * double_area)
 
     def check_overlapping_cells(self) -> None:
         """Raise DegenerateMesh if the centre of a cell at the boundary also lies in another cell.
@@ -400,7 +410,9 @@ class _MeshBoundaryChecks:
         component_of_node, _ = label_connected_components(
             mesh.comm, mesh.geometry.index_map(), cells.vertices
         )
-        components = self._exchange(component_of_node[cells.vertices[self._cell, 0]])[pairs]
+        components = self._exchange_facet_values(component_of_node[cells.vertices[self._cell, 0]])[
+            pairs
+        ]
         is_crack = self._gather_from_all_processes(components[:, 0] == components[:, 1])
         centres = self._gather_from_all_processes(self._facet_centres[pairs[:, 0]])
         for selection, level, description in (

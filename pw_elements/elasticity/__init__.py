@@ -1,13 +1,13 @@
 """Elastic bodies, forces on their surfaces, and the symmetric standard element with even forces."""
 
-from pw_elements.elasticity.body import Body, StressState, Vector, lumped_mass
+from pw_elements.elasticity.body import Body, StressState, VectorCoefficient, lumped_mass
 from pw_elements.elasticity.boundary import boundary_measure, nodal_load, prescribe
 from pw_elements.elasticity.forces import (
     BoundaryForces,
     NodalFlux,
     SurfaceNodes,
-    facet_nodes,
     exterior_facets_with_all_nodes,
+    facet_nodes,
     force_transfer,
     forces_along,
     locate_facet_nodes_in_cells,

@@ -28,14 +28,19 @@ from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes, format_points
+from pw_elements.checks import (
+    arguments,
+    check_mesh,
+    check_same_arguments_on_all_processes,
+    format_points,
+)
 from pw_elements.elasticity.incompressibility import (
     HYBRID_SPACES_REMEDY,
     bulk_over_shear,
     has_only_parallelepiped_cells,
     max_bulk_over_shear_without_pressure,
 )
-from pw_elements.elasticity.material import Material, Scalar
+from pw_elements.elasticity.material import Material, ScalarCoefficient
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     STRESS_STATE_METADATA_KEY,
@@ -46,7 +51,7 @@ from pw_elements.spaces import (
     read_record,
 )
 
-Vector: TypeAlias = Sequence[float] | Array | Expr
+VectorCoefficient: TypeAlias = Sequence[float] | Array | Expr
 
 # Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
 # modulus). Its effect on natural frequencies is less than 1e-4 of the discretisation error, see
@@ -115,7 +120,7 @@ class Body:
     spaces: Spaces
     material: Material
     state: StressState
-    thickness: Scalar = 1.0
+    thickness: ScalarCoefficient = 1.0
     quadrature_degree: int | None = None
 
     @check_same_arguments_on_all_processes
@@ -125,7 +130,7 @@ class Body:
         )
         arguments.check_type("material", self.material, Material, "Material(E, nu) makes one")
         try:
-            _set(self, "state", StressState(self.state))
+            _set_frozen_attribute(self, "state", StressState(self.state))
         except ValueError:
             names = ", ".join(repr(state.value) for state in StressState)
             raise ValueError(f"state {self.state!r}: the states are {names}") from None
@@ -158,7 +163,7 @@ class Body:
             arguments.check_coefficient(
                 "poissons_ratio", nu, lambda values: values > 0, rule, mesh.comm
             )
-            is_constant = arguments.is_number(nu) and arguments.is_number(
+            is_constant = arguments.is_real_number(nu) and arguments.is_real_number(
                 self.material.youngs_modulus
             )
             if not is_constant and self.spaces.parts is None:
@@ -170,10 +175,12 @@ class Body:
             )
             max_nu = _max_value(nu, mesh.comm)
             if max_nu > _MIN_POISSONS_RATIO_FOR_LOCKING_WARNING:
-                warning = _LOCKING_WARNING_MESSAGE % max_nu + self._singular_stiffness_warning(max_nu)
+                warning = _LOCKING_WARNING_MESSAGE % max_nu + self._singular_stiffness_warning(
+                    max_nu
+                )
                 log_on_root(mesh.comm, logging.WARNING, warning)
         thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
-        _set(self, "thickness", thickness)
+        _set_frozen_attribute(self, "thickness", thickness)
         if self.quadrature_degree is not None:
             arguments.check_integer("quadrature_degree", self.quadrature_degree, 0)
 
@@ -242,7 +249,7 @@ class Body:
         arguments.check_type(
             "displacement", u, Expr, "as_function(U, a) makes a function of a vector"
         )
-        return ufl.sym(self._gradient(u))
+        return ufl.sym(self._displacement_gradient(u))
 
     def stress(self, u: Expr) -> Expr:
         """Return the stress tensor, Eq. (6) and Eq. (22), of the same shape as the strain tensor.
@@ -305,20 +312,25 @@ class Body:
             self._as_constant(self.material.poissons_ratio),
         )
         flexibility = (1 + nu) * (1 - 2 * nu) / (E * nu)
-        (_, p), (_, q) = self._split_displacement_and_pressure(u), self._split_displacement_and_pressure(v)
+        (_, p), (_, q) = (
+            self._split_displacement_and_pressure(u),
+            self._split_displacement_and_pressure(v),
+        )
         volume = ufl.tr(self.strain(u)) + flexibility * p
         return work + self._integrate_over_body(-q * volume, 2)
 
     @check_same_arguments_on_all_processes
     def mass(self) -> ufl.Form:
         """Return the bilinear form of the consistent mass matrix, Eq. (11)."""
-        (u, _), (v, _) = map(self._split_displacement_and_pressure, self._trial_and_test_functions())
+        (u, _), (v, _) = map(
+            self._split_displacement_and_pressure, self._trial_and_test_functions()
+        )
         return self._integrate_trial_times_test(
             self._as_constant(self.material.density) * ufl.inner(u, v), 4
         )
 
     @check_same_arguments_on_all_processes
-    def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
+    def surface_load(self, traction: VectorCoefficient, surface: ufl.Measure) -> ufl.Form:
         """Return the linear form of the load by a traction on a part of the boundary, Eq. (12).
 
         A form may contain one surface measure only. For several loads, assemble a vector of each
@@ -343,11 +355,11 @@ class Body:
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
         v, _ = self._split_displacement_and_pressure(ufl.TestFunction(self.spaces.test))
-        work = ufl.inner(self._as_vector("traction", traction), v) * self._depth()
+        work = ufl.inner(self._as_vector("traction", traction), v) * self._out_of_plane_depth()
         return work * self._add_stress_state_metadata(surface)
 
     @check_same_arguments_on_all_processes
-    def body_load(self, force: Vector) -> ufl.Form:
+    def body_load(self, force: VectorCoefficient) -> ufl.Form:
         """Return the linear form of the load by a body force, Eq. (12).
 
         Args:
@@ -376,7 +388,9 @@ class Body:
             raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
         if not arguments.is_one_of(form, ("G", "J")):
             raise ValueError(f"geometric stiffness {form!r}: the forms are 'G' and 'J'")
-        integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
+        integrand = ufl.inner(
+            ufl.dot(self._displacement_gradient(u), stress), self._displacement_gradient(v)
+        )
         if form == "J":
             integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
         return self._integrate_trial_times_test(integrand, 3, parallelepiped_degree=5)
@@ -391,7 +405,7 @@ class Body:
             return u, None
         return ufl.as_vector([u[k] for k in range(dimension)]), u[dimension]
 
-    def _gradient(self, u: Expr) -> Expr:
+    def _displacement_gradient(self, u: Expr) -> Expr:
         u, _ = self._split_displacement_and_pressure(u)
         dim = self.spaces.mesh.geometry.dim
         if u.ufl_shape != (dim,):
@@ -408,7 +422,7 @@ class Body:
             [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, hoop]]
         )
 
-    def _depth(self) -> Scalar:
+    def _out_of_plane_depth(self) -> ScalarCoefficient:
         """Return the volume per area of a plane mesh (thickness or 2 pi r), or 1 for a solid."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
@@ -430,7 +444,9 @@ class Body:
         """
         if self.spaces.test is self.spaces.trial:
             return self._integrate_over_body(integrand, galerkin_simplex_degree)
-        return self._integrate_over_body(integrand, galerkin_simplex_degree - 1, parallelepiped_degree)
+        return self._integrate_over_body(
+            integrand, galerkin_simplex_degree - 1, parallelepiped_degree
+        )
 
     def _integrate_over_body(
         self, integrand: Expr, simplex_degree: int, parallelepiped_degree: int = 5
@@ -446,7 +462,9 @@ class Body:
         if degree is None:
             degree = self._default_quadrature_degree(simplex_degree, parallelepiped_degree)
         dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
-        return add_sub_cell_quadrature_rules(integrand * self._depth() * self._add_stress_state_metadata(dx))
+        return add_sub_cell_quadrature_rules(
+            integrand * self._out_of_plane_depth() * self._add_stress_state_metadata(dx)
+        )
 
     def _add_stress_state_metadata(self, measure: ufl.Measure) -> ufl.Measure:
         return measure.reconstruct(
@@ -457,19 +475,23 @@ class Body:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         data = (*vars(self.material).values(), self.thickness)
         is_curved = geometry.degree > 1
-        if is_curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_constant_in_each_cell, data)):
+        if (
+            is_curved
+            or self.state is StressState.AXISYMMETRIC
+            or not all(map(_is_constant_in_each_cell, data))
+        ):
             return _NON_POLYNOMIAL_QUADRATURE_DEGREE
         if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
             return simplex_degree
         return parallelepiped_degree if has_only_parallelepiped_cells(self.spaces.mesh) else 5
 
-    def _as_constant(self, value: Scalar) -> Expr:
+    def _as_constant(self, value: ScalarCoefficient) -> Expr:
         """Turn a number into a `fem.Constant`, so that other numbers need no new compiled form."""
-        if not arguments.is_number(value):
+        if not arguments.is_real_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
 
-    def _as_vector(self, name: str, value: Vector) -> Expr:
+    def _as_vector(self, name: str, value: VectorCoefficient) -> Expr:
         mesh = self.spaces.mesh
         vector = arguments.check_vector_or_expression(name, value, mesh.geometry.dim)
         return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
@@ -517,16 +539,16 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(read_record(M), lumped=True).attach(lumped)
 
 
-def _is_constant_in_each_cell(value: Scalar) -> bool:
+def _is_constant_in_each_cell(value: ScalarCoefficient) -> bool:
     if isinstance(value, fem.Function):
         return value.function_space.ufl_element().embedded_superdegree == 0
-    return arguments.is_number(value) or isinstance(value, fem.Constant)
+    return arguments.is_real_number(value) or isinstance(value, fem.Constant)
 
 
-def _max_value(coefficient: Scalar, comm: MPI.Comm) -> float:
+def _max_value(coefficient: ScalarCoefficient, comm: MPI.Comm) -> float:
     values = arguments.coefficient_values_if_available(coefficient)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 
-def _set(instance: object, name: str, value: object) -> None:
+def _set_frozen_attribute(instance: object, name: str, value: object) -> None:
     object.__setattr__(instance, name, value)

@@ -13,8 +13,8 @@ from dolfinx.mesh import Mesh, meshtags
 
 from pw_elements.checks import arguments, check_same_arguments_on_all_processes
 from pw_elements.spaces import (
+    EntitySelection,
     Marker,
-    Part,
     SubSpace,
     is_hybrid,
     locate_exterior_facets,
@@ -23,7 +23,7 @@ from pw_elements.spaces import (
 
 
 @check_same_arguments_on_all_processes
-def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
+def boundary_measure(mesh: Mesh, where: EntitySelection, quadrature_degree: int = 4) -> ufl.Measure:
     """Create a surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
     Args:
@@ -57,7 +57,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
-    where: Part,
+    where: EntitySelection,
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
     """Prescribe one component of the displacement at all nodes of a part of the body.
@@ -84,7 +84,9 @@ def prescribe(
     is_pressure = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if is_pressure else SubSpace.displacements(space)
     components = field.unknowns.shape[1]
-    if not (is_pressure or (arguments.is_number(component) and component in range(components))):
+    if not (
+        is_pressure or (arguments.is_real_number(component) and component in range(components))
+    ):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
     number = value.value if isinstance(value, fem.Constant) else value
     arguments.check_finite_number("the prescribed value", number)

@@ -28,13 +28,17 @@ from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.elasticity.body import Body
 from pw_elements.elasticity.boundary import boundary_measure
-from pw_elements.elasticity.material import Scalar
+from pw_elements.elasticity.material import ScalarCoefficient
 from pw_elements.spaces import (
+    EntitySelection,
     Marker,
-    Part,
     Spaces,
     assemble_vector,
     gather_nodal_values,
@@ -52,7 +56,7 @@ _MIDSIDE_FORCE_FRACTION_TO_VERTEX = 1 / 8
 # Integral of a node's weight function, divided by the tributary area, below which it counts as zero
 _ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA = 1e-9
 
-Area = Literal["geometric", "weight"]
+NodalAreaKind = Literal["geometric", "weight"]
 
 
 @check_same_arguments_on_all_processes
@@ -110,7 +114,9 @@ def transposed_force_transfer(space: fem.FunctionSpace, inverse: bool = False) -
 
 
 def _force_transfer_of_cell(
-    element: basix.finite_element.FiniteElement, midside_fraction_kept: float, midside_fraction_to_vertex: float
+    element: basix.finite_element.FiniteElement,
+    midside_fraction_kept: float,
+    midside_fraction_to_vertex: float,
 ) -> Array:
     """Return the force transfer matrix (nodes, nodes) of one cell.
 
@@ -129,7 +135,9 @@ def _force_transfer_of_cell(
             closure = element.entity_closure_dofs[dimension][entity]
             for dof in dofs:  # nodes in the middle of the entity in all its directions
                 n_kept = dimension_of_node[closure]  # number of directions in which the force stays
-                T[closure, dof] = midside_fraction_kept**n_kept * midside_fraction_to_vertex ** (dimension - n_kept)
+                T[closure, dof] = midside_fraction_kept**n_kept * midside_fraction_to_vertex ** (
+                    dimension - n_kept
+                )
     return T
 
 
@@ -202,7 +210,9 @@ class SurfaceNodes:
 
     @classmethod
     @check_same_arguments_on_all_processes
-    def from_body(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
+    def from_body(
+        cls, body: Body, where: EntitySelection, stretch: Expr | None = None
+    ) -> "SurfaceNodes":
         """Collect the nodes of a part of a body's boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marked part ends at vertices
@@ -222,12 +232,18 @@ class SurfaceNodes:
         """
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
         arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
-        depth = body._depth() if stretch is None else body._depth() * stretch
-        return cls.from_scalar_spaces(_scalar_component_spaces(body.spaces.displacements), where, depth)
+        depth = (
+            body._out_of_plane_depth() if stretch is None else body._out_of_plane_depth() * stretch
+        )
+        return cls.from_scalar_spaces(
+            _scalar_component_spaces(body.spaces.displacements), where, depth
+        )
 
     @classmethod
     @check_same_arguments_on_all_processes
-    def from_scalar_spaces(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
+    def from_scalar_spaces(
+        cls, spaces: Spaces, where: EntitySelection, depth: ScalarCoefficient = 1.0
+    ) -> "SurfaceNodes":
         """Collect the nodes of a part of the boundary of a scalar problem.
 
         Args:
@@ -296,7 +312,9 @@ class SurfaceNodes:
             ValueError: if there is not one force for each node.
         """
         force = self._check_nodal_values(force)
-        has_no_weight = self.weight_area < _ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA * self.tributary_area
+        has_no_weight = (
+            self.weight_area < _ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA * self.tributary_area
+        )
         area = np.where(has_no_weight, np.nan, self.weight_area)
         return (force.T / area).T
 
@@ -353,7 +371,9 @@ class SurfaceNodes:
             return np.nan
         return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
 
-    def _midside_values_and_corner_means(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
+    def _midside_values_and_corner_means(
+        self, values: Array, closed: Mask | None
+    ) -> tuple[Array, Array]:
         """Return values at mid-side nodes, and means of both corners' values, of closed edges.
 
         Edges with a rim node are left out.
@@ -448,7 +468,7 @@ def exterior_facets_with_all_nodes(space: fem.FunctionSpace, global_nodes: Indic
 
 
 def _gather_nodes_and_weight_areas(
-    spaces: Spaces, where: Part, depth: Scalar
+    spaces: Spaces, where: EntitySelection, depth: ScalarCoefficient
 ) -> tuple[Array, Array, Indices]:
     """Gather the nodes of a surface from all processes.
 
@@ -487,7 +507,9 @@ def _gather_nodes_sorted_by_position(
     return position[order], values[order], numbers[order]
 
 
-def _gather_nodes_of_facets(space: fem.FunctionSpace, where: Part, global_nodes: Indices) -> Indices:
+def _gather_nodes_of_facets(
+    space: fem.FunctionSpace, where: EntitySelection, global_nodes: Indices
+) -> Indices:
     """Gather the facets of all processes.
 
     Returns:
@@ -536,7 +558,11 @@ class NodalFlux:
 
 @check_same_arguments_on_all_processes
 def nodal_flux(
-    spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
+    spaces: Spaces,
+    reactions: PETSc.Vec,
+    where: EntitySelection,
+    area: NodalAreaKind = "geometric",
+    depth: ScalarCoefficient = 1.0,
 ) -> NodalFlux:
     """Compute the flux into a body at the nodes of a boundary where its field is prescribed.
 
@@ -572,7 +598,7 @@ def nodal_flux(
     space = spaces.trial
     with raise_errors_on_all_processes(space.mesh.comm):
         arguments.check_petsc_vector("the vector of reactions", reactions, "the space", space)
-    if not arguments.is_one_of(area, get_args(Area)):
+    if not arguments.is_one_of(area, get_args(NodalAreaKind)):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'weight'")
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
@@ -590,4 +616,6 @@ def _scalar_component_spaces(spaces: Spaces) -> Spaces:
     if not spaces.trial.num_sub_spaces:
         return spaces
     trial = scalar_component_space(spaces.trial)
-    return Spaces(trial, trial if spaces.test is spaces.trial else scalar_component_space(spaces.test))
+    return Spaces(
+        trial, trial if spaces.test is spaces.trial else scalar_component_space(spaces.test)
+    )

@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements._compat import cell_nodes, interpolation_points
+from pw_elements._compat import cell_geometry_nodes, interpolation_points
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
 from pw_elements.progress import log_on_root
@@ -78,7 +78,7 @@ def has_only_straight_cells(mesh: Mesh) -> bool:
     linear = basix.create_element(basix.ElementFamily.P, cell, 1)
     points = element.basix_element.points
     weights = linear.tabulate(0, points)[0, :, :, 0]
-    x = mesh.geometry.x[cell_nodes(mesh)]
+    x = mesh.geometry.x[cell_geometry_nodes(mesh)]
     vertices = x[:, : weights.shape[1]]  # vertices are the first nodes of a cell
     off = np.abs(x - np.einsum("nv,cvi->cni", weights, vertices)).max(initial=0.0)
     size = np.ptp(vertices, axis=1).max(initial=0.0)
@@ -91,7 +91,7 @@ def has_only_parallelepiped_cells(mesh: Mesh) -> bool:
 
     Collective.
     """
-    x = mesh.geometry.x[cell_nodes(mesh)][:, : 2**mesh.topology.dim]
+    x = mesh.geometry.x[cell_geometry_nodes(mesh)][:, : 2**mesh.topology.dim]
     corners = x.shape[1]
     bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
     edges = x[:, 1 << np.arange(bits.shape[1])] - x[:, :1]
@@ -144,7 +144,7 @@ class TangentBulkShearRatio:
         self._work = compile_form(ufl.Form(parts), 1, "the work of cells")
         self._numbers = self._work.function_spaces[0].dofmap.map().ravel()[self._cells]
 
-    def compute(self) -> Array:
+    def compute_in_cells(self) -> Array:
         """Return the ratio (cells,) for each owned cell; 0 if its shear stiffness is not positive.
 
         Collective.
@@ -200,13 +200,15 @@ class TangentBulkShearMonitor:
         """
         if self._ratio is None:
             return False
-        comm, ratio = self._mesh.comm, self._ratio.compute()
+        comm, ratio = self._mesh.comm, self._ratio.compute_in_cells()
         largest = comm.allreduce(ratio.max(initial=0.0), MPI.MAX)
         if largest <= self._limit:
             return False
         if not self._has_warned:
             cells = np.flatnonzero(ratio > self._limit)
-            local_midpoints = self._mesh.geometry.x[cell_nodes(self._mesh)[cells]].mean(axis=1)
+            local_midpoints = self._mesh.geometry.x[cell_geometry_nodes(self._mesh)[cells]].mean(
+                axis=1
+            )
             dim = self._mesh.geometry.dim
             midpoints = np.concatenate(comm.allgather(local_midpoints[:, :dim]))
             log_on_root(

@@ -7,10 +7,14 @@ from typing import TypeAlias
 from dolfinx.mesh import Mesh, MeshTags
 from ufl.core.expr import Expr
 
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, defer_errors_if_parallel
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    defer_errors_if_parallel,
+)
 from pw_elements.spaces import piecewise_constants_by_tag
 
-Scalar: TypeAlias = float | Expr
+ScalarCoefficient: TypeAlias = float | Expr
 
 
 @dataclass(frozen=True)
@@ -34,9 +38,9 @@ class Material:
             (-1, 1/2].
     """
 
-    youngs_modulus: Scalar
-    poissons_ratio: Scalar = 0.0
-    density: Scalar = 1.0
+    youngs_modulus: ScalarCoefficient
+    poissons_ratio: ScalarCoefficient = 0.0
+    density: ScalarCoefficient = 1.0
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:

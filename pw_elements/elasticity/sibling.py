@@ -17,16 +17,16 @@ from pw_elements.algebra import Reduction, is_finite
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
-    raise_errors_on_all_processes,
-    format_points,
     count_local_and_global_dofs,
+    format_points,
+    raise_errors_on_all_processes,
 )
 from pw_elements.elasticity.forces import transposed_force_transfer
 from pw_elements.solvers import to_aij
 from pw_elements.spaces import read_record
 
 # Largest round-off in the sum of the weights with which unprescribed nodes enter a coefficient
-_COEFFICIENT_ROUND_OFF = 1e-9
+_FREE_NODE_WEIGHT_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,9 @@ class Sibling:
         Raises:
             ValueError: for any other space, as in `force_transfer`.
         """
-        return cls(space, transposed_force_transfer(space), transposed_force_transfer(space, inverse=True))
+        return cls(
+            space, transposed_force_transfer(space), transposed_force_transfer(space, inverse=True)
+        )
 
     @check_same_arguments_on_all_processes
     def matrix(self, standard_matrix: PETSc.Mat) -> PETSc.Mat:
@@ -90,7 +92,9 @@ class Sibling:
                 test functions than those of the standard element.
         """
         with raise_errors_on_all_processes(self.space.mesh.comm):
-            arguments.check_assembled_square_matrix("the matrix", standard_matrix, "the space", count_local_and_global_dofs(self.space))
+            arguments.check_assembled_square_matrix(
+                "the matrix", standard_matrix, "the space", count_local_and_global_dofs(self.space)
+            )
             self._check_made_by_standard_element("the matrix", standard_matrix)
         record = replace(read_record(standard_matrix), sibling=self)
         return record.attach(to_aij(standard_matrix).ptap(self.basis))
@@ -108,7 +112,7 @@ class Sibling:
             TypeError, ValueError: if f is not a finite vector of the space, or was assembled with
                 other test functions than those of the standard element.
         """
-        self._check_vector("the load", standard_load)
+        self._check_vector_of_space("the load", standard_load)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard_load, load)
         return replace(read_record(standard_load), sibling=self).attach(load)
@@ -125,7 +129,7 @@ class Sibling:
         Raises:
             TypeError, ValueError: if a is not a finite vector of the space.
         """
-        self._check_vector("the coefficients", coefficients)
+        self._check_vector_of_space("the coefficients", coefficients)
         return self.basis * coefficients
 
     @check_same_arguments_on_all_processes
@@ -140,7 +144,7 @@ class Sibling:
         Raises:
             TypeError, ValueError: if u is not a finite vector of the space.
         """
-        self._check_vector("the displacement", displacement)
+        self._check_vector_of_space("the displacement", displacement)
         return self.inverse * displacement
 
     @check_same_arguments_on_all_processes
@@ -159,7 +163,7 @@ class Sibling:
         free = standard.right.getRowSum()
         free_part = (self.basis * free).array_r * (1 - free.array_r)
         dim, block = self.space.mesh.geometry.dim, self.space.dofmap.index_map_bs
-        nodes = np.unique(np.flatnonzero(free_part > _COEFFICIENT_ROUND_OFF) // block)
+        nodes = np.unique(np.flatnonzero(free_part > _FREE_NODE_WEIGHT_ROUND_OFF) // block)
         x = self.space.tabulate_dof_coordinates()[nodes, :dim]
         x = np.concatenate(self.space.mesh.comm.allgather(x))
         if len(x):
@@ -171,7 +175,7 @@ class Sibling:
         offset.setArray(offset.array_r * (1 - free.array_r))
         return replace(standard, offset=offset)
 
-    def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
+    def _check_vector_of_space(self, name: str, vector: PETSc.Vec) -> None:
         with raise_errors_on_all_processes(self.space.mesh.comm):
             arguments.check_petsc_vector(name, vector, "the space", self.space)
             self._check_made_by_standard_element(name, vector)

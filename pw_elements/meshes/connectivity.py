@@ -85,7 +85,9 @@ def check_consistent_nodes_of_cells(
         next_code = int(entity_code.max()) + 1
 
 
-def match_cell_sides_to_facets(cells: Indices, cell_type: str, facet_corners: Indices) -> tuple[Indices, Indices, Indices]:
+def match_cell_sides_to_facets(
+    cells: Indices, cell_type: str, facet_corners: Indices
+) -> tuple[Indices, Indices, Indices]:
     """Find the sides of cells that are in a list of facets.
 
     Args:

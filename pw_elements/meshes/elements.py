@@ -3,8 +3,14 @@
 from typing import NamedTuple
 
 _IRREGULAR_PLURALS_OF_CELL_NAMES = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
-_N_CORNERS = {"point": 1, "line": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4}
-_N_CORNERS |= {"pyramid": 5, "prism": 6, "hexahedron": 8}
+_N_CORNERS_BY_CELL_TYPE = {
+    "point": 1,
+    "line": 2,
+    "triangle": 3,
+    "quadrilateral": 4,
+    "tetrahedron": 4,
+}
+_N_CORNERS_BY_CELL_TYPE |= {"pyramid": 5, "prism": 6, "hexahedron": 8}
 
 
 class GmshElementType(NamedTuple):
@@ -17,7 +23,7 @@ class GmshElementType(NamedTuple):
 
     @property
     def n_corners(self) -> int:
-        return _N_CORNERS[self.cell]
+        return _N_CORNERS_BY_CELL_TYPE[self.cell]
 
     def describe(self) -> str:
         """Return a description of the elements, such as "triangles of degree 2 (6 nodes)"."""
@@ -54,7 +60,8 @@ _ELEMENT_TYPE_BY_GMSH_NUMBER = {
         for t, k in _TETRAHEDRON_DEGREE_BY_GMSH_NUMBER.items()
     },
     **{
-        t: GmshElementType(3, "hexahedron", k, (k + 1) ** 3) for t, k in _HEXAHEDRON_DEGREE_BY_GMSH_NUMBER.items()
+        t: GmshElementType(3, "hexahedron", k, (k + 1) ** 3)
+        for t, k in _HEXAHEDRON_DEGREE_BY_GMSH_NUMBER.items()
     },
     17: GmshElementType(3, "hexahedron", 2, 20),
     6: GmshElementType(3, "prism", 1, 6),

@@ -129,7 +129,7 @@ def _read_gmsh_model_or_file(model: Any, path: Path | None) -> tuple[MeshArrays,
     """
     if path is None and not hasattr(model, "getPhysicalGroups"):
         expected = "it has to be a file's name, or gmsh.model"
-        raise TypeError(f"the source is {arguments.describe(model)}: {expected}")
+        raise TypeError(f"the source is {arguments.describe_value_or_type(model)}: {expected}")
     source = "Gmsh's model" if path is None else str(path)
     try:
         mesh = read_gmsh_model(model) if path is None else read_msh(path)
@@ -155,7 +155,9 @@ def _read_abaqus_file(path: Path, comm: MPI.Comm, cell_sets: Sequence[str] | Non
     return _distribute_and_check_mesh(comm, arrays, str(path))
 
 
-def _distribute_and_check_mesh(comm: MPI.Comm, arrays: MeshArrays | None, source_name: str) -> TaggedMesh:
+def _distribute_and_check_mesh(
+    comm: MPI.Comm, arrays: MeshArrays | None, source_name: str
+) -> TaggedMesh:
     """Distribute the mesh of a file and check its cells.
 
     Raises:

@@ -14,7 +14,11 @@ from dolfinx.mesh import CellType
 
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import MAX_COORDINATE
-from pw_elements.meshes.connectivity import check_consistent_nodes_of_cells, encode_rows_ignoring_order, match_cell_sides_to_facets
+from pw_elements.meshes.connectivity import (
+    check_consistent_nodes_of_cells,
+    encode_rows_ignoring_order,
+    match_cell_sides_to_facets,
+)
 from pw_elements.meshes.elements import GMSH_NUMBERS_OF_SUPPORTED_CELLS, gmsh_element_type
 from pw_elements.meshes.tagged import MeshArrays, check_constant_z
 
@@ -43,7 +47,9 @@ class GmshMesh:
     def __init__(self) -> None:
         self._node_numbers: list[Indices] = []
         self._coordinates: list[Array] = []
-        self._elements: dict[int, list[_ElementsOfOneType]] = {}  # by type; nodes are given by numbers
+        self._elements: dict[
+            int, list[_ElementsOfOneType]
+        ] = {}  # by type; nodes are given by numbers
         self._combinations: list[tuple[int, ...]] = [()]
         self._combination_index: dict[tuple[int, ...], int] = {(): 0}
         self._names: dict[tuple[int, int], str] = {}
@@ -65,7 +71,9 @@ class GmshMesh:
             group_combinations: index (n,) of each element's combination of physical groups, as
                 `find_or_add_group_combination` returned it.
         """
-        self._elements.setdefault(type_number, []).append(_ElementsOfOneType(numbers, nodes, group_combinations))
+        self._elements.setdefault(type_number, []).append(
+            _ElementsOfOneType(numbers, nodes, group_combinations)
+        )
 
     def find_or_add_group_combination(self, groups: Iterable[int]) -> int:
         """Return the index of a combination of physical groups of one dimension.
@@ -74,7 +82,9 @@ class GmshMesh:
         """
         combination = tuple(sorted(groups))
         if len(combination) > _MAX_GROUPS_PER_ELEMENT:
-            raise ValueError(f"an element is in more than {_MAX_GROUPS_PER_ELEMENT} physical groups")
+            raise ValueError(
+                f"an element is in more than {_MAX_GROUPS_PER_ELEMENT} physical groups"
+            )
         if combination and combination[-1] > _MAX_INT32_TAG:
             raise ValueError(f"physical group {combination[-1]}: numbers end at {_MAX_INT32_TAG}")
         if combination not in self._combination_index:
@@ -110,7 +120,9 @@ class GmshMesh:
             elements_of_cells.nodes[:, dolfinx_order], return_inverse=True
         )
         cells = node_index.reshape(elements_of_cells.nodes.shape).astype(np.int64)
-        check_consistent_nodes_of_cells(cells, cell, degree, elements_of_cells.numbers, numbers[used_nodes])
+        check_consistent_nodes_of_cells(
+            cells, cell, degree, elements_of_cells.numbers, numbers[used_nodes]
+        )
         if dim == 2:
             check_constant_z("it", x[used_nodes])
         cell_tags, cell_names = self._assign_tags_to_group_combinations(
@@ -138,7 +150,9 @@ class GmshMesh:
             raise ValueError(f"node {numbers[is_far.argmax()]} lies at ({position})")
         return numbers, x
 
-    def _join_element_blocks_by_type(self, sorted_node_numbers: Indices) -> dict[int, _ElementsOfOneType]:
+    def _join_element_blocks_by_type(
+        self, sorted_node_numbers: Indices
+    ) -> dict[int, _ElementsOfOneType]:
         """Return the elements by type number, with their nodes given by index.
 
         Args:
@@ -224,7 +238,9 @@ class GmshMesh:
             raise ValueError(f"elements {a} and {b} have the same nodes")
         return _ElementsOfOneType(cells.numbers[first_row], cells.nodes[first_row], combinations)
 
-    def _join_groups_of_equal_elements(self, element_codes: Indices, group_combinations: Indices) -> tuple[Indices, Indices]:
+    def _join_groups_of_equal_elements(
+        self, element_codes: Indices, group_combinations: Indices
+    ) -> tuple[Indices, Indices]:
         """Join the group combinations of elements with equal codes.
 
         Args:
@@ -236,7 +252,9 @@ class GmshMesh:
             this code, in ascending order, and index of the combination of all groups of the
             elements with this code.
         """
-        distinct_rows = np.unique(np.stack([element_codes, group_combinations]), axis=1, return_index=True)[1]
+        distinct_rows = np.unique(
+            np.stack([element_codes, group_combinations]), axis=1, return_index=True
+        )[1]
         distinct_rows = distinct_rows[np.lexsort((distinct_rows, element_codes[distinct_rows]))]
         code_start = np.flatnonzero(np.diff(element_codes[distinct_rows], prepend=-1))
         n_combinations = np.diff(code_start, append=len(distinct_rows))
@@ -328,7 +346,9 @@ class GmshMesh:
         facet_corners, combination = np.concatenate(corners), np.concatenate(combinations)
         code = encode_rows_ignoring_order(facet_corners)
         first_row, facet_combinations = self._join_groups_of_equal_elements(code, combination)
-        cell_index, side, facet = match_cell_sides_to_facets(cells, cell_type, facet_corners[first_row])
+        cell_index, side, facet = match_cell_sides_to_facets(
+            cells, cell_type, facet_corners[first_row]
+        )
         found_facets, facet_position = np.unique(facet, return_inverse=True)
         if n_omitted := n_grouped - int(np.isin(code, code[first_row[found_facets]]).sum()):
             notes.append(

@@ -115,7 +115,11 @@ class _MshReader:
         self._sections = _split_sections(data)
         format_line, _, after_format = self._sections["MeshFormat"].partition(b"\n")
         words = format_line.decode("ascii", "replace").split()
-        if len(words) != 3 or words[0] not in _PARSER_VERSION_BY_MSH_FORMAT or words[1] not in ("0", "1"):
+        if (
+            len(words) != 3
+            or words[0] not in _PARSER_VERSION_BY_MSH_FORMAT
+            or words[1] not in ("0", "1")
+        ):
             raise ValueError(
                 f"its format is '{' '.join(words)[:40]}', not 2 to 2.2, 4.0 or 4.1: save it as one "
                 "of these (Gmsh's option Mesh.MshFileVersion)"
@@ -168,7 +172,7 @@ class _MshReader:
             else:
                 rows = TextRowReader(section)
             yield rows
-            rows.check_end()
+            rows.check_all_rows_read()
         except ValueError as error:
             raise ValueError(f"${name}: {error}") from error
 
@@ -184,12 +188,14 @@ class _MshReader:
             self._mesh.add_group_name(int(name_match[1]), int(name_match[2]), name_match[3])
 
     def _read_format_2_elements(self, rows: SectionRowReader) -> None:
-        for type_number, n_tags, integers in rows.read_tagged_elements(rows.read_count()):
+        for type_number, n_tags, integers in rows.read_format_2_elements_by_type(rows.read_count()):
             group_of_element = (
                 np.abs(integers[:, 1]) if n_tags else np.zeros(len(integers), dtype=np.int64)
             )
             groups, group_index = np.unique(group_of_element, return_inverse=True)
-            combinations = [self._mesh.find_or_add_group_combination({int(g)} - {0}) for g in groups]
+            combinations = [
+                self._mesh.find_or_add_group_combination({int(g)} - {0}) for g in groups
+            ]
             self._mesh.add_elements(
                 type_number,
                 integers[:, 0],
@@ -201,12 +207,16 @@ class _MshReader:
         for dim, count in enumerate(rows.read_integers("qqqq")):
             for _ in range(count):
                 is_point = dim == 0 and self._version > 4
-                number, groups = rows.read_entity(3 if is_point else 6, bounded=dim > 0)
+                number, groups = rows.read_entity_number_and_groups(
+                    3 if is_point else 6, has_bounding_entities=dim > 0
+                )
                 if (dim, number) in self._combination_of_entity:
                     raise ValueError(f"entity {number} of dimension {dim} is there twice")
                 # the number of a group is negative if the orientation of the entity is reversed
                 group_numbers = {abs(group) for group in groups} - {0}
-                self._combination_of_entity[dim, number] = self._mesh.find_or_add_group_combination(group_numbers)
+                self._combination_of_entity[dim, number] = self._mesh.find_or_add_group_combination(
+                    group_numbers
+                )
 
     def _read_node_blocks(self, rows: SectionRowReader) -> None:
         for dim, _, is_parametric, count in self._read_block_headers(rows):

@@ -30,7 +30,9 @@ class SectionRowReader(Protocol):
     def read_integers(self, format_letters: str) -> list[int]:
         """Read a row of integers, one for each format letter."""
 
-    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+    def read_entity_number_and_groups(
+        self, n_skipped_coordinates: int, has_bounding_entities: bool
+    ) -> tuple[int, tuple[int, ...]]:
         """Read the number of an entity and its physical groups.
 
         Args:
@@ -53,7 +55,7 @@ class SectionRowReader(Protocol):
             Integers (n_rows, n_integers) and floats (n_rows, n_floats).
         """
 
-    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_format_2_elements_by_type(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
         """Yield the elements of a file of format 2 in groups of the same type.
 
         Yields:
@@ -61,7 +63,7 @@ class SectionRowReader(Protocol):
             number, the tags and the nodes of each element.
         """
 
-    def check_end(self) -> None:
+    def check_all_rows_read(self) -> None:
         """Raise ValueError if the section has rows that were not read."""
 
 
@@ -80,20 +82,26 @@ class TextRowReader:
         return self.read_integers("q")[0]
 
     def read_integers(self, format_letters: str) -> list[int]:
-        (line,) = self._advance(1)
+        (line,) = self._take_next_lines(1)
         words = line.split()
         if len(words) != len(format_letters):
-            raise ValueError(f"row '{_shorten_for_message(line)}' has to have {len(format_letters)} numbers")
+            raise ValueError(
+                f"row '{_shorten_for_message(line)}' has to have {len(format_letters)} numbers"
+            )
         return [_parse_integer(word) for word in words]
 
-    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
-        (line,) = self._advance(1)
+    def read_entity_number_and_groups(
+        self, n_skipped_coordinates: int, has_bounding_entities: bool
+    ) -> tuple[int, tuple[int, ...]]:
+        (line,) = self._take_next_lines(1)
         words = line.split()
         groups, remainder = _parse_counted_integer_list(words[1 + n_skipped_coordinates :])
-        if bounded:
+        if has_bounding_entities:
             _, remainder = _parse_counted_integer_list(remainder)
         if remainder:
-            raise ValueError(f"entity '{_shorten_for_message(line)}' has more numbers than it states")
+            raise ValueError(
+                f"entity '{_shorten_for_message(line)}' has more numbers than it states"
+            )
         return _parse_integer(words[0]), tuple(groups)
 
     def read_table(
@@ -103,11 +111,11 @@ class TextRowReader:
         n_integers: int,
         n_floats: int,
     ) -> tuple[Indices, Array]:
-        return _parse_rows(self._advance(n_rows), n_integers, n_floats)
+        return _parse_rows(self._take_next_lines(n_rows), n_integers, n_floats)
 
-    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_format_2_elements_by_type(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
         lines_of_type: dict[tuple[int, int], list[str]] = {}
-        for line in self._advance(n_elements):
+        for line in self._take_next_lines(n_elements):
             words = line.split(None, 3)
             if len(words) < 4:
                 raise ValueError(f"element '{_shorten_for_message(line)}' has too few numbers")
@@ -120,13 +128,13 @@ class TextRowReader:
             rows, _ = _parse_rows(lines, 3 + n_tags + gmsh_element_type(type_number).n_nodes, 0)
             yield type_number, n_tags, np.delete(rows, [1, 2], axis=1)
 
-    def check_end(self) -> None:
+    def check_all_rows_read(self) -> None:
         if self._position < len(self._lines):
             raise ValueError(
                 f"{len(self._lines) - self._position} more rows are there than it states"
             )
 
-    def _advance(self, n_lines: int) -> list[str]:
+    def _take_next_lines(self, n_lines: int) -> list[str]:
         n_left = len(self._lines) - self._position
         if not 0 <= n_lines <= n_left:
             raise ValueError(f"it states {n_lines} more rows, but has {n_left}")
@@ -155,14 +163,16 @@ class BinaryRowReader:
 
     def read_integers(self, format_letters: str) -> list[int]:
         layout = self._byte_order + format_letters.replace("q", self._count_letter)
-        start = self._advance(1, struct.calcsize(layout))
+        start = self._skip_rows_and_return_start(1, struct.calcsize(layout))
         return [*struct.unpack_from(layout, self._data, start)]
 
-    def read_entity(self, n_skipped_coordinates: int, bounded: bool) -> tuple[int, tuple[int, ...]]:
+    def read_entity_number_and_groups(
+        self, n_skipped_coordinates: int, has_bounding_entities: bool
+    ) -> tuple[int, tuple[int, ...]]:
         (number,) = self.read_integers("i")
-        self._advance(n_skipped_coordinates, 8)
+        self._skip_rows_and_return_start(n_skipped_coordinates, 8)
         groups = self._read_counted_integer_list()
-        if bounded:
+        if has_bounding_entities:
             self._read_counted_integer_list()
         return number, groups
 
@@ -170,7 +180,7 @@ class BinaryRowReader:
         self, n_rows: int, integer_format: str, n_integers: int, n_floats: int
     ) -> tuple[Indices, Array]:
         size = 8 if integer_format.replace("q", self._count_letter) == "q" else 4
-        start = self._advance(n_rows, n_integers * size + n_floats * 8)
+        start = self._skip_rows_and_return_start(n_rows, n_integers * size + n_floats * 8)
         integer_type, float_type = f"{self._byte_order}i{size}", f"{self._byte_order}f8"
         row_type = np.dtype(
             [("integers", integer_type, (n_integers,)), ("floats", float_type, (n_floats,))]
@@ -178,7 +188,7 @@ class BinaryRowReader:
         rows = np.frombuffer(self._data, row_type, n_rows, start)
         return rows["integers"].astype(np.int64), rows["floats"].astype(np.float64)
 
-    def read_tagged_elements(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
+    def read_format_2_elements_by_type(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
         while n_elements > 0:
             type_number, n_in_block, n_tags = self.read_integers("iii")
             if not 0 < n_in_block <= n_elements or n_tags < 0:
@@ -192,16 +202,16 @@ class BinaryRowReader:
             )
             n_elements -= n_in_block
 
-    def check_end(self) -> None:
+    def check_all_rows_read(self) -> None:
         if remainder := self._data[self._position :].strip():
             raise ValueError(f"{len(remainder)} more bytes are there than it states")
 
     def _read_counted_integer_list(self) -> tuple[int, ...]:
         (count,) = self.read_integers("q")
-        start = self._advance(count, 4)
+        start = self._skip_rows_and_return_start(count, 4)
         return struct.unpack_from(f"{self._byte_order}{count}i", self._data, start)
 
-    def _advance(self, n_rows: int, bytes_per_row: int) -> int:
+    def _skip_rows_and_return_start(self, n_rows: int, bytes_per_row: int) -> int:
         n_left = len(self._data) - self._position
         if n_rows < 0 or n_rows * bytes_per_row > n_left:
             raise ValueError(
@@ -262,7 +272,9 @@ def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indic
         is_wrong = np.abs(integers) >= np.iinfo(np.int64).max
     if is_wrong.any():
         line = lines[int(np.flatnonzero(is_wrong.any(axis=1))[0])]
-        raise ValueError(f"row '{_shorten_for_message(line)}' has a number of a node that is no such number")
+        raise ValueError(
+            f"row '{_shorten_for_message(line)}' has a number of a node that is no such number"
+        )
     return integers.astype(np.int64), numbers[:, n_integers:].astype(np.float64)
 
 

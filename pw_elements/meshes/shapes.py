@@ -117,7 +117,9 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
-    x = _evaluate_point_map(mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local])
+    x = _evaluate_point_map(
+        mesh, point_map, nodes.tabulate_dof_coordinates()[: index_map.size_local]
+    )
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
 
 
@@ -127,7 +129,7 @@ def _evaluate_point_map(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
     with raise_errors_on_all_processes(mesh.comm):
         if callable(point_map) and not arguments.is_user_function(point_map):
             raise TypeError(
-                f"the image is {arguments.describe(point_map)}: give a function of points"
+                f"the image is {arguments.describe_value_or_type(point_map)}: give a function of points"
             )
         returned = np.asarray(
             call_user_function(mesh.comm, "the image of the mesh", point_map, x.copy())

@@ -46,7 +46,7 @@ class TaggedMesh(NamedTuple):
         Raises:
             ValueError: if no set has this name.
         """
-        return self._find("cells", self.cell_tags, name)
+        return self._find_entities_of_set("cells", self.cell_tags, name)
 
     def facets(self, name: str) -> LocalIndices:
         """Return the local numbers of the facets in a named set, as `boundary_measure` takes them.
@@ -57,9 +57,11 @@ class TaggedMesh(NamedTuple):
         Raises:
             ValueError: if no set has this name.
         """
-        return self._find("facets", self.facet_tags, name)
+        return self._find_entities_of_set("facets", self.facet_tags, name)
 
-    def _find(self, entity_kind: str, tags: MeshTags, set_name: str) -> LocalIndices:
+    def _find_entities_of_set(
+        self, entity_kind: str, tags: MeshTags, set_name: str
+    ) -> LocalIndices:
         tags_of_name = self.names[entity_kind]
         set_tags = tags_of_name.get(set_name, tags_of_name.get(to_upper_ascii(set_name), ()))
         if not set_tags:

@@ -1,6 +1,6 @@
 """Linear solvers by factorisation and by Krylov methods with multigrid."""
 
-from pw_elements.solvers.automatic import Solver, choose_solver, compute_with_direct_fallback
+from pw_elements.solvers.automatic import SolverOrAuto, choose_solver, compute_with_direct_fallback
 from pw_elements.solvers.direct import (
     Direct,
     FreeConstantPressure,
@@ -29,11 +29,11 @@ from pw_elements.solvers.matrices import (
     diagonal_blocks,
     galerkin_product,
     group_connected_nodes,
+    identity_with_free_columns,
     is_stored_in_blocks,
-    null_space_basis,
     matrix_from_python_context,
+    null_space_basis,
     qr_triangle,
-    selection_matrix,
     to_aij,
 )
 from pw_elements.solvers.multigrid import Multigrid

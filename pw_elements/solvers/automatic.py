@@ -22,7 +22,7 @@ from pw_elements.solvers.matrices import Supports
 from pw_elements.solvers.rigid_components import has_free_rigid_motion
 from pw_elements.spaces import is_hybrid
 
-Solver: TypeAlias = LinearSolver | Literal["auto"] | None
+SolverOrAuto: TypeAlias = LinearSolver | Literal["auto"] | None
 
 T = TypeVar("T")
 
@@ -67,7 +67,7 @@ def _machine_free_memory_in_bytes() -> float:
 
 
 def choose_solver(
-    requested_solver: Solver,
+    requested_solver: SolverOrAuto,
     supports: Supports | None,
     direct_only_reason: str = "",
     for_modes: bool = False,
@@ -115,7 +115,7 @@ def choose_solver(
 
 def compute_with_direct_fallback(
     chosen_solver: LinearSolver,
-    requested_solver: Solver,
+    requested_solver: SolverOrAuto,
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
@@ -137,7 +137,10 @@ def compute_with_direct_fallback(
         if supports is None or requested_solver not in (None, "auto"):
             raise
         comm = supports.space.mesh.comm
-        needed, free = estimate_factor_memory_in_bytes(count_local_and_global_dofs(supports.space)[1]), total_free_memory_in_bytes(comm)
+        needed, free = (
+            estimate_factor_memory_in_bytes(count_local_and_global_dofs(supports.space)[1]),
+            total_free_memory_in_bytes(comm),
+        )
         if not _MIN_FREE_MEMORY_OVER_FACTOR_MEMORY * needed <= free:
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {free / 1e9:.2g} GB left'

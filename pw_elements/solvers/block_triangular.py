@@ -21,7 +21,11 @@ from pw_elements.solvers.matrices import (
     matrix_from_python_context,
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_space_and_interpolation
-from pw_elements.spaces import MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS, SubSpace, pressure_equilibration_scales
+from pw_elements.spaces import (
+    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
+    SubSpace,
+    pressure_equilibration_scales,
+)
 
 # For each cell type: least and largest eigenvalue of the P1 or Q1 mass matrix scaled to a unit
 # diagonal, and degree of the Chebyshev polynomial that approximates the inverse of this matrix
@@ -77,7 +81,9 @@ class BlockTriangularPreconditioner:
             self._B.createVecLeft(),
         )
 
-    def _extract_blocks_and_set_pressure_solver(self, reused_displacement_block: PETSc.Mat | None = None) -> PETSc.Mat:
+    def _extract_blocks_and_set_pressure_solver(
+        self, reused_displacement_block: PETSc.Mat | None = None
+    ) -> PETSc.Mat:
         """Extract the blocks of K, set up the pressure solver and return the displacement block.
 
         Args:
@@ -91,7 +97,9 @@ class BlockTriangularPreconditioner:
         destroy_objects(aij)
         self._B = self._K.createSubMatrix(p, u)
         scale = self._pressure.extract(self._scale)
-        S = _pressure_mass_over_twice_shear_modulus(space, self._pressure.space, reused_displacement_block, self._B)
+        S = _pressure_mass_over_twice_shear_modulus(
+            space, self._pressure.space, reused_displacement_block, self._B
+        )
         compressibility = self._K.createSubMatrix(p, p)
         S.axpy(-1.0, compressibility, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         S.diagonalScale(scale, scale)
@@ -99,15 +107,15 @@ class BlockTriangularPreconditioner:
         self._mass_solver = _create_pressure_mass_solver(S, space.mesh.topology.cell_name())
         return reused_displacement_block
 
-    def refresh(self) -> None:
+    def update_for_changed_matrix(self) -> None:
         """Extract the blocks of K after K has changed, and have the multigrid set up again."""
         self._extract_blocks_and_set_pressure_solver(self.displacement_block[0])
-        self.multigrid.refresh()
+        self.multigrid.update_for_changed_matrix()
 
-    def set_up(self, preconditioner: PETSc.PC) -> None:
+    def configure_petsc_pc(self, preconditioner: PETSc.PC) -> None:
         self.displacement_pc.setOptionsPrefix(preconditioner.getOptionsPrefix())
         self.displacement_pc.setOperators(self.multigrid.operator)
-        self.multigrid.set_up(self.displacement_pc)
+        self.multigrid.configure_petsc_pc(self.displacement_pc)
         self.displacement_pc.setFromOptions()
         preconditioner.setType("python")
         preconditioner.setPythonContext(self)
@@ -157,7 +165,10 @@ class BlockTriangularPreconditioner:
 
 
 def _pressure_mass_over_twice_shear_modulus(
-    displacement_space: fem.FunctionSpace, pressure_space: fem.FunctionSpace, displacement_stiffness: PETSc.Mat, volume_change_matrix: PETSc.Mat
+    displacement_space: fem.FunctionSpace,
+    pressure_space: fem.FunctionSpace,
+    displacement_stiffness: PETSc.Mat,
+    volume_change_matrix: PETSc.Mat,
 ) -> PETSc.Mat:
     """Return the mass matrix of pressures, divided by twice the shear modulus.
 

@@ -22,10 +22,14 @@ import numpy as np
 
 from pw_elements._compat import is_petsc_option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, defer_errors_if_parallel
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    defer_errors_if_parallel,
+)
 from pw_elements.progress import log_on_root
 
-Options: TypeAlias = Mapping[str, str | int | float | bool]
+PetscOptions: TypeAlias = Mapping[str, str | int | float | bool]
 
 # Relative error with which factors reproduce a known solution, about the condition number times
 # round-off. Above this error, fewer than four digits of a solution would be right
@@ -34,7 +38,7 @@ _MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION = 1e-4
 # matrix; residual relative to |A| |x| + |b| that counts as round-off in the solution of A x = b;
 # and largest number of steps of iterative refinement
 _MAX_CONDITION_OF_ROW_CORRECTION = 1e8
-_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
+_RELATIVE_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_ITERATIVE_REFINEMENT_STEPS = 4
 # Options that limit repetitions; PETSc takes -3 as no limit
 _ITERATION_LIMIT_OPTION_PATTERN = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
@@ -214,14 +218,14 @@ class Direct:
         TypeError, ValueError: for invalid options; at the first solution, for unused options.
     """
 
-    options: Options = field(default_factory=dict)
+    options: PetscOptions = field(default_factory=dict)
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         check_petsc_options(self.options)
 
     @check_same_arguments_on_all_processes
-    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "FactorisedSolver":
         """Return a solver for a matrix, which is factorised on first use.
 
         Args:
@@ -234,17 +238,17 @@ class Direct:
         arguments.check_flag("symmetric", symmetric)
         arguments.check_assembled_square_matrix("the matrix", matrix)
         with name_options_in_errors(self.options):
-            return Factors(matrix, symmetric, self.options)
+            return FactorisedSolver(matrix, symmetric, self.options)
 
 
-class Factors:
+class FactorisedSolver:
     """Solver that keeps the factors of a matrix.
 
     After changes of the matrix the factors are computed again, or corrected if only a few rows have
     changed. The guide's page on theory describes the correction ("Large systems").
     """
 
-    def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: Options) -> None:
+    def __init__(self, matrix: PETSc.Mat, symmetric: bool, options: PetscOptions) -> None:
         self._options = options
         self._determinant_signs: list[int] = []
         self._factorisations = self._iterations = 0
@@ -381,7 +385,7 @@ class Factors:
             A.mult(x, residual)
             residual.aypx(-1.0, rhs)
             size = matrix_norm * x.norm(infinity) + rhs_norm
-            if residual.norm(infinity) <= _RESIDUAL_ROUND_OFF * size:
+            if residual.norm(infinity) <= _RELATIVE_RESIDUAL_ROUND_OFF * size:
                 self._solution = x
                 sign = int(np.linalg.slogdet(capacitance)[0])
                 self._determinant_signs.append(sign * self._factors_sign)
@@ -459,7 +463,7 @@ def _refuse_endless_iteration_limit(name: str, value: str | float) -> None:
 
 
 @contextmanager
-def name_options_in_errors(options: Options) -> Iterator[None]:
+def name_options_in_errors(options: PetscOptions) -> Iterator[None]:
     """Turn PETSc's errors within a `with` block into a ValueError that names the options."""
     try:
         yield
@@ -472,14 +476,14 @@ def name_options_in_errors(options: Options) -> Iterator[None]:
         ) from error
 
 
-def refuse_unused_options(ksp: PETSc.KSP, options: Options) -> None:
+def refuse_unused_options(ksp: PETSc.KSP, options: PetscOptions) -> None:
     prefix = ksp.getOptionsPrefix()
     unused = [name for name in options if not is_petsc_option_used(f"{prefix}{name.lstrip('-')}")]
     if unused:
         raise ValueError(f"PETSc has no use for the options {unused} here: look at their names")
 
 
-def set_options(ksp: PETSc.KSP, options: Options) -> None:
+def set_options(ksp: PETSc.KSP, options: PetscOptions) -> None:
     """Set the options of a solver, with a prefix that is the same for equal options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"

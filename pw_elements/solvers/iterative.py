@@ -16,13 +16,13 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
-    raise_errors_on_all_processes,
     defer_errors_if_parallel,
+    raise_errors_on_all_processes,
 )
 from pw_elements.solvers.block_triangular import BlockTriangularPreconditioner
 from pw_elements.solvers.direct import (
     NotConverged,
-    Options,
+    PetscOptions,
     PreparedSolver,
     SingularSystem,
     SolverReport,
@@ -46,12 +46,14 @@ ITERATIVE_NEEDS_SUPPORTS_MESSAGE = (
 )
 
 # Options that would replace the two levels
-_LEVEL_REPLACING_OPTIONS_PATTERN = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))")
-_MAX_ITERATIONS = 1000
+_LEVEL_REPLACING_OPTIONS_PATTERN = re.compile(
+    r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))"
+)
+_MAX_KRYLOV_ITERATIONS = 1000
 # Vectors that GMRES keeps until it restarts
 _GMRES_RESTART = 100
 # Orthogonality of the vectors is refined, since it is lost if stiffnesses differ by more than 1e5
-_GMRES_OPTIONS: Options = {
+_GMRES_OPTIONS: PetscOptions = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
@@ -95,7 +97,7 @@ class Iterative:
 
     matrix_free: ClassVar[bool] = True
     tolerance: float = 1e-11
-    options: Options = field(default_factory=dict)
+    options: PetscOptions = field(default_factory=dict)
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
@@ -172,7 +174,7 @@ class KrylovSolver:
         self.operator = self.preconditioner.operator
         self.ksp = self._create_ksp(self.operator, "gmres")
         # the levels of multigrid take over the prefix
-        self.preconditioner.set_up(self.ksp.getPC())
+        self.preconditioner.configure_petsc_pc(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
         triangle = " in a block triangle" if blocks else ""
         self._method = f"{self.ksp.getType().upper()} with p-multigrid{triangle}"
@@ -211,7 +213,7 @@ class KrylovSolver:
         ksp.setGMRESRestart(_GMRES_RESTART)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=self.tolerance, atol=0.0, max_it=_MAX_ITERATIONS)
+        ksp.setTolerances(rtol=self.tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
         ksp.setComputeEigenvalues(True)
         counted = self._counted  # `self` would make a reference cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
@@ -251,17 +253,25 @@ class KrylovSolver:
             residual_norm = residual.norm()
             if residual_norm <= self.tolerance * load_norm:
                 break
-        round_off = self.round_off(solution.norm())
-        if not residual_norm <= _MAX_TRUE_OVER_UPDATED_RESIDUAL * self.tolerance * load_norm + round_off:
+        round_off = self.residual_round_off(solution.norm())
+        if (
+            not residual_norm
+            <= _MAX_TRUE_OVER_UPDATED_RESIDUAL * self.tolerance * load_norm + round_off
+        ):
             raise self.make_not_converged_error(residual_norm / load_norm)
         return solution
 
-    def round_off(self, solution_norm: float) -> float:
+    def residual_round_off(self, solution_norm: float) -> float:
         """Return the residual that round-off may cause if a solution has the given norm."""
         matrix = self.displacement_block[0]
         if self._stiffness_norm[0] != matrix.stateGet():
             self._stiffness_norm = matrix.stateGet(), matrix.norm(PETSc.NormType.INFINITY)
-        return float(_MAX_TRUE_OVER_UPDATED_RESIDUAL * _MACHINE_EPSILON * self._stiffness_norm[1] * solution_norm)
+        return float(
+            _MAX_TRUE_OVER_UPDATED_RESIDUAL
+            * _MACHINE_EPSILON
+            * self._stiffness_norm[1]
+            * solution_norm
+        )
 
     def make_not_converged_error(self, relative_residual: float) -> NotConverged:
         dofs = self._matrix.getSize()[0]
@@ -313,7 +323,9 @@ class _ExternalKrylovMethod:
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
 
 
-def solve_with_ksp(ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options: Options) -> None:
+def solve_with_ksp(
+    ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options: PetscOptions
+) -> None:
     """Solve with a method of PETSc or of a user, and raise an error of the user's method.
 
     Args:

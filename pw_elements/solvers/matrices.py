@@ -56,7 +56,9 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows_in_K: Indices | None = Non
     comm, P_rows = K.comm, np.arange(*P.getOwnershipRange())
     K_rows = P_rows if rows_in_K is None else rows_in_K
     n_rows = comm.tompi4py().allreduce(len(P_rows), MPI.MAX)
-    step = _MIN_ROWS_PER_CONVERTED_PART * max(1, -(-n_rows // (_MIN_ROWS_PER_CONVERTED_PART * _MAX_CONVERTED_PARTS)))
+    step = _MIN_ROWS_PER_CONVERTED_PART * max(
+        1, -(-n_rows // (_MIN_ROWS_PER_CONVERTED_PART * _MAX_CONVERTED_PARTS))
+    )
     K_columns, total = index_set(K_rows, comm), None
     P_columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
     for begin in range(0, n_rows, step):
@@ -144,7 +146,9 @@ def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Com
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
-def selection_matrix(free: Mask, row_layout: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+def identity_with_free_columns(
+    free: Mask, row_layout: PETSc.Vec, drop_other_columns: bool = True
+) -> PETSc.Mat:
     """Return the identity matrix with the columns of free rows only.
 
     Args:
@@ -153,10 +157,12 @@ def selection_matrix(free: Mask, row_layout: PETSc.Vec, renumbered: bool = True)
         renumbered: whether columns of other rows are left out; otherwise these columns are zero.
     """
     comm = row_layout.comm.tompi4py()
-    count = int(free.sum()) if renumbered else len(free)
-    number = np.cumsum(free) - 1 if renumbered else np.arange(count)
+    count = int(free.sum()) if drop_other_columns else len(free)
+    number = np.cumsum(free) - 1 if drop_other_columns else np.arange(count)
     column = np.where(free, comm.scan(count) - count + number, -1)
-    return matrix_with_single_entry_rows(column, (row_layout.getSizes(), (count, PETSc.DETERMINE)), row_layout.comm)
+    return matrix_with_single_entry_rows(
+        column, (row_layout.getSizes(), (count, PETSc.DETERMINE)), row_layout.comm
+    )
 
 
 def matrix_from_python_context(
@@ -219,7 +225,9 @@ def _to_dense(rows: sp.csr_array | Array) -> Array:
     return rows if isinstance(rows, np.ndarray) else rows.toarray()
 
 
-def null_space_basis(parts: Sequence[sp.csr_array | Array], singular_value_tolerance: float) -> Array:
+def null_space_basis(
+    parts: Sequence[sp.csr_array | Array], singular_value_tolerance: float
+) -> Array:
     """Return an orthonormal basis (k, modes) of the common null space of some matrices.
 
     Args:
@@ -303,9 +311,13 @@ class ConstraintProjection:
         self._free, self._block = free.reshape(-1, block), block
         self._prescribed: Indices = np.flatnonzero(~free)
         empty = np.empty(0)
-        self.constrain(empty.astype(np.int64), empty.reshape(0, block, block), empty)
+        self.set_constrained_directions(
+            empty.astype(np.int64), empty.reshape(0, block, block), empty
+        )
 
-    def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
+    def set_constrained_directions(
+        self, nodes: Indices, projectors: Array, stiffnesses: Array
+    ) -> None:
         """Constrain directions at nodes, in addition to the prescribed unknowns.
 
         Directions of an earlier call are replaced.
@@ -397,7 +409,7 @@ class ConstrainedOperator:
         self._multiply_constrained("multTranspose", x, y)
 
     def _multiply_constrained(self, method_name: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        projected = self._work
+        projected = self._work_vector
         x.copy(projected)
         self.projection.zero_constrained_components(projected.array)
         if self.scales is not None:
@@ -411,5 +423,5 @@ class ConstrainedOperator:
         self.projection.add_constrained_components_times_stiffness(y.array, x.array_r)
 
     @cached_property
-    def _work(self) -> PETSc.Vec:
+    def _work_vector(self) -> PETSc.Vec:
         return self.K.createVecRight()  # created on first use, since contact rarely needs it

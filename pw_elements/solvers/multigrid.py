@@ -40,7 +40,9 @@ _CHANGED_NODE_FRACTION_TO_REAGGREGATE = 0.5
 _MIN_COUNTED_PROJECTOR_CHANGE = 0.3
 
 
-def linear_space_and_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
+def linear_space_and_interpolation(
+    space: fem.FunctionSpace,
+) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
     """Return the space of linear functions on the same mesh, and their interpolation.
 
     Args:
@@ -67,7 +69,11 @@ def linear_space_and_interpolation(space: fem.FunctionSpace) -> tuple[fem.Functi
     rows.eliminate_zeros()  # of vertices whose function is zero at the node
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
-    P = PETSc.Mat().createAIJ((count_local_and_global_dofs(space), count_local_and_global_dofs(linear)), csr=csr, comm=mesh.comm)
+    P = PETSc.Mat().createAIJ(
+        (count_local_and_global_dofs(space), count_local_and_global_dofs(linear)),
+        csr=csr,
+        comm=mesh.comm,
+    )
     destroy_objects(scalar_P)
     return linear, node[: index_map.size_local], P
 
@@ -115,7 +121,9 @@ class LinearCoarseLevel:
         self._P.diagonalScale(at_nodes, at_vertices)
         self._near_null_space = rigid_body_null_space(linear)
         self._projected_P = _ProjectedInterpolation(self._P, fine, self._coarse)
-        self.interpolation = matrix_from_python_context(self._P.getSizes(), self._projected_P, K.comm)
+        self.interpolation = matrix_from_python_context(
+            self._P.getSizes(), self._projected_P, K.comm
+        )
         self.springs: PETSc.Mat | None = None
         self._contact_rows: _InterpolationNearContact | None = None
         self._matrix: PETSc.Mat | None = None
@@ -136,7 +144,9 @@ class LinearCoarseLevel:
     def discard_matrix(self) -> None:
         self._contact_rows = self._matrix = None
 
-    def constrain(self, nodes: Indices, projectors: Array, stiffnesses: Array) -> None:
+    def set_constrained_directions(
+        self, nodes: Indices, projectors: Array, stiffnesses: Array
+    ) -> None:
         """Constrain directions at the vertices among m nodes.
 
         Args:
@@ -147,9 +157,9 @@ class LinearCoarseLevel:
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
         index = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
-        self._coarse.constrain(vertex, projectors[index], stiffnesses[index])
+        self._coarse.set_constrained_directions(vertex, projectors[index], stiffnesses[index])
 
-    def matrix(self) -> PETSc.Mat:
+    def update_matrix(self) -> PETSc.Mat:
         """Return the coarse matrix for the present constraints.
 
         The same object is updated and returned until `discard_matrix` is called.
@@ -291,7 +301,9 @@ class _NodeBlockJacobiSmoother:
         self._nodes: Indices = np.empty(0, dtype=np.int64)
         self._constrained_inverse: Array = np.empty((0, block, block))
 
-    def update(self, projection: ConstraintProjection, springs: PETSc.Mat | None) -> None:
+    def update_constrained_blocks(
+        self, projection: ConstraintProjection, springs: PETSc.Mat | None
+    ) -> None:
         """Recompute the inverse blocks at constrained nodes and at nodes with springs."""
         nodes, stiffness = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
         self._nodes, free, weighted = projection.constrained_nodes_and_projectors(nodes)
@@ -340,7 +352,7 @@ class Multigrid:
         self.operator = matrix_from_python_context(K.getSizes(), self._constrained, K.comm)
         self._smoother = _NodeBlockJacobiSmoother(self.block_matrix, self._block)
         self._linear = LinearCoarseLevel(K, supports, self._projection)
-        self._smoother.update(self._projection, None)
+        self._smoother.update_constrained_blocks(self._projection, None)
         self._coarse_projectors: Array | None = None  # used in the coarse matrix
         self._aggregate_projectors: Array | None = None  # used to choose aggregates
         self._coarse: PETSc.Mat | None = None
@@ -350,7 +362,7 @@ class Multigrid:
     @property
     def coarse_matrix(self) -> PETSc.Mat:
         if self._coarse is None:
-            self._coarse = self._linear.matrix()
+            self._coarse = self._linear.update_matrix()
         return self._coarse
 
     def set_up_levels(self) -> None:
@@ -371,7 +383,7 @@ class Multigrid:
             smoother.setOperators(*operators)
             self._has_eigenvalues = True
 
-    def refresh(self) -> None:
+    def update_for_changed_matrix(self) -> None:
         """Have everything that depends on K computed again, after K has changed."""
         self._linear.discard_matrix()
         self._has_eigenvalues = False
@@ -382,7 +394,7 @@ class Multigrid:
         self._has_eigenvalues = False
         self.set_up_levels()
 
-    def set_up(self, preconditioner: PETSc.PC) -> None:
+    def configure_petsc_pc(self, preconditioner: PETSc.PC) -> None:
         preconditioner.setType("mg")
         preconditioner.setUseAmat(True)
         preconditioner.setMGLevels(2)
@@ -397,7 +409,7 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
-    def constrain(
+    def set_constrained_directions(
         self,
         nodes: Indices,
         projectors: Array,
@@ -419,25 +431,28 @@ class Multigrid:
         """
         self._constrained.springs = springs
         if springs is None:
-            self._projection.constrain(nodes, projectors, stiffnesses)
+            self._projection.set_constrained_directions(nodes, projectors, stiffnesses)
             self._linear.set_contact_nodes(nodes)
         is_first_call = self._coarse_projectors is None
         if self._coarse_projectors is None or self._aggregate_projectors is None:
             self._coarse_projectors = self._aggregate_projectors = np.zeros_like(projectors)
         is_constrained = np.abs(projectors).max(axis=(1, 2), initial=0.0) > 0
         aggregates_differ, coarse_differs = (
-            np.abs(projectors - reference).max(axis=(1, 2), initial=0.0) > _MIN_COUNTED_PROJECTOR_CHANGE
+            np.abs(projectors - reference).max(axis=(1, 2), initial=0.0)
+            > _MIN_COUNTED_PROJECTOR_CHANGE
             for reference in (self._aggregate_projectors, self._coarse_projectors)
         )
         counts = np.array([is_constrained.sum(), coarse_differs.sum(), aggregates_differ.sum()])
         self.block_matrix.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
-        self._smoother.update(self._projection, springs)
+        self._smoother.update_constrained_blocks(self._projection, springs)
         if is_first_call or counts[1] > _CHANGED_NODE_FRACTION_TO_REBUILD_COARSE * counts[0]:
             self._coarse_projectors = projectors
             self._linear.springs = springs
             if springs is None:
-                self._linear.constrain(nodes, projectors, stiffnesses)
-            with_aggregates = is_first_call or counts[2] > _CHANGED_NODE_FRACTION_TO_REAGGREGATE * counts[0]
+                self._linear.set_constrained_directions(nodes, projectors, stiffnesses)
+            with_aggregates = (
+                is_first_call or counts[2] > _CHANGED_NODE_FRACTION_TO_REAGGREGATE * counts[0]
+            )
             if with_aggregates:
                 self._aggregate_projectors = projectors
             self._discard_coarse_matrix(with_aggregates)

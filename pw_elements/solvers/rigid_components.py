@@ -19,7 +19,7 @@ from pw_elements.solvers.matrices import Supports, null_space_basis, qr_triangle
 # round-off
 _MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS = 1e-11
 # Stiffness of a rigid motion, relative to that of an arbitrary motion, below which it is free
-_FREE_STIFFNESS = 1e-8
+_MAX_FREE_OVER_ARBITRARY_MOTION_STIFFNESS = 1e-8
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class ComponentRigidModes:
     @classmethod
     def from_space(cls, space: fem.FunctionSpace) -> "ComponentRigidModes":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        component, count = label_connected_components(comm, space.dofmap.index_map, space.dofmap.list)
+        component, count = label_connected_components(
+            comm, space.dofmap.index_map, space.dofmap.list
+        )
         owned = component[: space.dofmap.index_map.size_local]
 
         def sum_by_component(values: Array) -> Array:
@@ -63,7 +65,9 @@ class ComponentRigidModes:
         order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
         return cls(np.argsort(order)[component], centre[order], length[order], modes, comm)
 
-    def matrix_with_mode_columns(self, values_in_modes: Array, n_empty_columns: int = 0) -> sp.csr_array:
+    def matrix_with_mode_columns(
+        self, values_in_modes: Array, n_empty_columns: int = 0
+    ) -> sp.csr_array:
         """Return a matrix with one column for each mode of each component.
 
         Args:
@@ -82,7 +86,7 @@ class ComponentRigidModes:
         shape = n * block, len(self.centre) * k + n_empty_columns
         return sp.csr_array((values_in_modes[nonzero], mode[nonzero], pointers), shape)
 
-    def resistance(
+    def resistance_to_modes(
         self,
         K: PETSc.Mat,
         free: Mask,
@@ -133,7 +137,9 @@ class ComponentRigidModes:
         ]
         return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows_in_K), n_empty_columns))]))
 
-    def _has_coupled_components(self, compute_forces: Callable[[Array], Array], max_stiffness: float) -> bool:
+    def _has_coupled_components(
+        self, compute_forces: Callable[[Array], Array], max_stiffness: float
+    ) -> bool:
         """Return whether components exert forces on each other, for example through springs.
 
         The forces of such components cannot be computed for all components in one product with the
@@ -148,8 +154,13 @@ class ComponentRigidModes:
         nodes, block, _ = self.modes.shape
         arbitrary = 1.0 + np.cos(np.arange(nodes * block)).reshape(nodes, block)
         weight = 1.0 + np.cos(self.component_of_node[:nodes, None])
-        coupling = np.abs(compute_forces(weight * arbitrary) - weight * compute_forces(arbitrary)).max(initial=0.0)
-        return bool(self.comm.allreduce(coupling, MPI.MAX) > _MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS * max_stiffness)
+        coupling = np.abs(
+            compute_forces(weight * arbitrary) - weight * compute_forces(arbitrary)
+        ).max(initial=0.0)
+        return bool(
+            self.comm.allreduce(coupling, MPI.MAX)
+            > _MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS * max_stiffness
+        )
 
 
 def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
@@ -162,5 +173,5 @@ def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
         supports: free unknowns of the space.
     """
     components = ComponentRigidModes.from_space(supports.space)
-    resistance = qr_triangle(components.resistance(K, supports.free), components.comm)
-    return len(null_space_basis([resistance], _FREE_STIFFNESS)) > 0
+    resistance = qr_triangle(components.resistance_to_modes(K, supports.free), components.comm)
+    return len(null_space_basis([resistance], _MAX_FREE_OVER_ARBITRARY_MOTION_STIFFNESS)) > 0

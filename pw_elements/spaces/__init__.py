@@ -16,21 +16,21 @@ from pw_elements.spaces.elements import piecewise_linear_element, quadratic_elem
 from pw_elements.spaces.hybrid import (
     MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
     SubSpace,
-    pressure_equilibration_scales,
     has_discontinuous_pressure,
     is_hybrid,
     list_fields,
     pressure_continuity_matrix,
+    pressure_equilibration_scales,
 )
 from pw_elements.spaces.parts import (
+    EntitySelection,
     Marker,
-    Part,
     evaluate_marker,
-    selected_local_numbers,
     locate_exterior_facets,
     locate_nodes,
     piecewise_constants_by_tag,
     require_nodes,
+    selected_local_numbers,
 )
 from pw_elements.spaces.spaces import (
     Spaces,

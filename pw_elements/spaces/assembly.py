@@ -36,7 +36,11 @@ from ufl.corealg.traversal import unique_pre_traversal
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_same_arguments_on_all_processes
 from pw_elements.progress import report_activity
-from pw_elements.spaces.elements import TwelveCellTetrahedron, tetrahedron_twelve_cell_quadrature, tetrahedron_vertex_quadrature
+from pw_elements.spaces.elements import (
+    TwelveCellTetrahedron,
+    tetrahedron_twelve_cell_quadrature,
+    tetrahedron_vertex_quadrature,
+)
 
 # Key under which the metadata of a body's integrals store the state of stress
 STRESS_STATE_METADATA_KEY = "stress_state"
@@ -64,7 +68,9 @@ class AssemblyRecord:
 
     @classmethod
     def from_form(cls, compiled_form: fem.Form, form: ufl.Form) -> "AssemblyRecord":
-        stress_states = {part.metadata().get(STRESS_STATE_METADATA_KEY) for part in form.integrals()}
+        stress_states = {
+            part.metadata().get(STRESS_STATE_METADATA_KEY) for part in form.integrals()
+        }
         return cls(compiled_form, stress_states=frozenset(stress_states - {None}))
 
     def attach(self, tensor: T) -> T:
@@ -199,7 +205,8 @@ def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
                 "assemble a form of each and add the results"
             )
     plain = _replace_metadata(
-        form, lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_METADATA_KEY}
+        form,
+        lambda part: {k: v for k, v in part.metadata().items() if k != STRESS_STATE_METADATA_KEY},
     )
     with_rules = add_sub_cell_quadrature_rules(plain)
     try:
@@ -321,7 +328,9 @@ def _custom_quadrature_metadata(points: Array, weights: Array) -> dict[str, Any]
     }
 
 
-def _find_piecewise_linear_tetrahedra(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
+def _find_piecewise_linear_tetrahedra(
+    element: basix.ufl._ElementBase,
+) -> list[basix.ufl._BasixElement]:
     """Return the piecewise-linear tetrahedral elements among an element and its sub-elements."""
     return [
         part

@@ -34,7 +34,7 @@ _TETRAHEDRON = CellType.tetrahedron
 # Distance from a side, in the reference cell, below which a point counts as lying on the side
 _REFERENCE_DISTANCE_ON_SIDE = 1e-10
 
-CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
+SUPPORTED_CELL_NAMES = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 def tetrahedron_twelve_cell_quadrature(degree: int) -> tuple[Array, Array]:
@@ -113,7 +113,9 @@ class TwelveCellTetrahedron(basix.ufl._BasixElement):
         return table
 
 
-def _refuse_unsuitable_quadrature_points(derivative_order: int, points: Array, least_barycentric: Array) -> None:
+def _refuse_unsuitable_quadrature_points(
+    derivative_order: int, points: Array, least_barycentric: Array
+) -> None:
     """Raise ValueError for quadrature points that would integrate the element wrongly.
 
     Args:
@@ -182,7 +184,9 @@ def _twelve_cell_geometry_and_weights() -> tuple[Array, Array, Array]:
 
 
 @functools.cache
-def piecewise_linear_element(cell: str, value_shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+def piecewise_linear_element(
+    cell: str, value_shape: tuple[int, ...] = ()
+) -> basix.ufl._ElementBase:
     """Create the element of piecewise-linear weight functions, Eq. (15) to Eq. (20).
 
     The functions are linear on the sub-cells that result from halving the edges of the cell; on
@@ -241,7 +245,9 @@ class _TensorHatFunctionElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Tabulate shape functions and derivatives (derivatives, n, nodes) at points (n, dim)."""
         dim = points.shape[1]
-        half_index = np.rint(2 * self._quadratic_facet_element.points).astype(int)  # 0, 1, 2: end, middle, end
+        half_index = np.rint(2 * self._quadratic_facet_element.points).astype(
+            int
+        )  # 0, 1, 2: end, middle, end
         is_upper = (points >= 0.5).astype(int)[:, None]
         # along each axis: hat functions of the ends and the middle, and their slopes in each half
         hats = np.maximum(1 - np.abs(2 * points[:, None] - half_index), 0.0)
@@ -256,6 +262,8 @@ class _TensorHatFunctionElement(basix.ufl._BasixElement):
 
 
 def _supported_cell_type(name: str) -> CellType:
-    if name not in CELLS:
-        raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
+    if name not in SUPPORTED_CELL_NAMES:
+        raise ValueError(
+            f"no quadratic element on a {name!r}; the cells are {', '.join(SUPPORTED_CELL_NAMES)}"
+        )
     return CellType[name]

@@ -18,7 +18,7 @@ from dolfinx.mesh import MeshTags
 
 from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.checks import raise_errors_on_all_processes, count_local_and_global_dofs
+from pw_elements.checks import count_local_and_global_dofs, raise_errors_on_all_processes
 
 # Effect of a constant pressure, relative to the largest stiffness, below which it is round-off
 MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS = 1e-10
@@ -95,13 +95,13 @@ class SubSpace:
         return cls(field, unknowns, count_local_and_global_dofs(space))
 
     @property
-    def sizes(self) -> tuple[int, int]:
+    def local_and_global_size(self) -> tuple[int, int]:
         """Local and global size of vectors of the field."""
         return count_local_and_global_dofs(self.space)
 
     @cached_property
     def is_whole_space(self) -> bool:
-        return self.sizes == self.full_sizes
+        return self.local_and_global_size == self.full_sizes
 
     @property
     def owned_unknowns(self) -> LocalIndices:
@@ -116,7 +116,7 @@ class SubSpace:
         """
         part = all_values
         if not self.is_whole_space:
-            part = PETSc.Vec().createMPI(self.sizes, comm=all_values.comm)
+            part = PETSc.Vec().createMPI(self.local_and_global_size, comm=all_values.comm)
             part.setArray(all_values.array_r[self.owned_unknowns.ravel()])
         for vector in (all_values, part):
             vector.setAttr("space", self.space)
@@ -135,13 +135,15 @@ class SubSpace:
         numbers = (self.owned_unknowns.ravel() + offset).astype(PETSc.IntType)
         return PETSc.IS().createGeneral(numbers, comm=comm)
 
-    def selection_matrix(self) -> PETSc.Mat:
+    def extraction_matrix(self) -> PETSc.Mat:
         """Return the matrix (n_field, n) of ones and zeros that extracts the field's unknowns.
 
         Its product with a vector of all unknowns is the vector that `extract` returns.
         """
         columns = self.global_numbers().getIndices()
-        return matrix_with_single_entry_rows(columns, (self.sizes, self.full_sizes), self.space.mesh.comm)
+        return matrix_with_single_entry_rows(
+            columns, (self.local_and_global_size, self.full_sizes), self.space.mesh.comm
+        )
 
 
 def pressure_equilibration_scales(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
@@ -175,7 +177,9 @@ def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
 
-def pressure_continuity_matrix(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
+def pressure_continuity_matrix(
+    space: fem.FunctionSpace, parts: MeshTags | None, free: Mask
+) -> PETSc.Mat:
     """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
 
     The columns belong to the free displacements, and to one pressure for each pair of a vertex and
@@ -227,4 +231,6 @@ def pressure_continuity_matrix(space: fem.FunctionSpace, parts: MeshTags | None,
     column = np.full(len(free), -1, dtype=np.int64)
     column[free_displacements] = offset + np.arange(len(free_displacements))
     column[rows] = by_part[corners, part, 0].astype(np.int64)
-    return matrix_with_single_entry_rows(column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm)
+    return matrix_with_single_entry_rows(
+        column, (field.full_sizes, (n_columns, PETSc.DETERMINE)), comm
+    )

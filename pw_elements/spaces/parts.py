@@ -23,7 +23,7 @@ from pw_elements.spaces.hybrid import SubSpace
 Marker: TypeAlias = Callable[[Array], Mask]
 # Selection of facets or nodes: a marker, local numbers of any integer type, or a mask of all local
 # facets or nodes
-Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
+EntitySelection: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
@@ -55,7 +55,9 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     )
 
 
-def selected_local_numbers(comm: MPI.Comm, entity_name: str, selection: Any, n_entities: int) -> LocalIndices:  # noqa: ANN401
+def selected_local_numbers(
+    comm: MPI.Comm, entity_name: str, selection: Any, n_entities: int
+) -> LocalIndices:  # noqa: ANN401
     """Return the distinct local numbers of the entities in a user's selection.
 
     The function does not communicate; call it in a block of `raise_errors_on_all_processes`.
@@ -76,7 +78,11 @@ def selected_local_numbers(comm: MPI.Comm, entity_name: str, selection: Any, n_e
     numbers = np.asarray(selection)
     if numbers.shape == (0,) and numbers.dtype != bool:  # NumPy turns an empty list into floats
         return np.zeros(0, dtype=np.int32)
-    available = f"of which process {comm.rank} has {n_entities}" if comm.size > 1 else f"{n_entities} in all"
+    available = (
+        f"of which process {comm.rank} has {n_entities}"
+        if comm.size > 1
+        else f"{n_entities} in all"
+    )
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
         raise ValueError(
             f"{entity_name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
@@ -84,7 +90,9 @@ def selected_local_numbers(comm: MPI.Comm, entity_name: str, selection: Any, n_e
         )
     if numbers.dtype == bool:
         if len(numbers) != n_entities:
-            raise ValueError(f"{entity_name} are a mask of {len(numbers)}: it is one of all, {available}")
+            raise ValueError(
+                f"{entity_name} are a mask of {len(numbers)}: it is one of all, {available}"
+            )
         return np.flatnonzero(numbers).astype(np.int32)
     if numbers.min() < 0 or numbers.max() >= n_entities:
         raise ValueError(
@@ -94,7 +102,7 @@ def selected_local_numbers(comm: MPI.Comm, entity_name: str, selection: Any, n_e
     return np.unique(numbers).astype(np.int32)
 
 
-def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
+def locate_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) -> LocalIndices:
     """Return the local numbers of a space's nodes in a part of the body; collective.
 
     Mid-side nodes and ghosts are included.
@@ -113,7 +121,7 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndic
 
 
 def _locate_nodes_without_communication(
-    space: fem.FunctionSpace, name: str, where: Part, recorder: "_MarkerRecorder"
+    space: fem.FunctionSpace, name: str, where: EntitySelection, recorder: "_MarkerRecorder"
 ) -> LocalIndices:
     """Return the local numbers of the nodes in a part without communication.
 
@@ -139,7 +147,7 @@ def _locate_nodes_without_communication(
     return np.flatnonzero(nodes).astype(np.int32)
 
 
-def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndices:
+def require_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) -> LocalIndices:
     """Return the local numbers of a space's nodes in a part that must not be empty; collective.
 
     The arguments are those of `locate_nodes`.
@@ -153,7 +161,9 @@ def require_nodes(space: fem.FunctionSpace, name: str, where: Part) -> LocalIndi
     return nodes
 
 
-def locate_exterior_facets(mesh: Mesh, where: Part, skip_interior: bool = True) -> LocalIndices:
+def locate_exterior_facets(
+    mesh: Mesh, where: EntitySelection, skip_interior: bool = True
+) -> LocalIndices:
     """Return the local numbers of the exterior facets in a part of the boundary; collective.
 
     Args:
@@ -193,7 +203,7 @@ class _MarkerRecorder:
         where: marker, local numbers or mask.
     """
 
-    def __init__(self, comm: MPI.Comm, name: str, where: Part) -> None:
+    def __init__(self, comm: MPI.Comm, name: str, where: EntitySelection) -> None:
         self._comm, self._name, self._where = comm, name, where
         self.is_marker = arguments.is_user_function(where)
         self._points: list[Array] = [np.empty((0, 3))]

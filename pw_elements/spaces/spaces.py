@@ -17,9 +17,18 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.spaces.elements import piecewise_linear_element, quadratic_element
-from pw_elements.spaces.hybrid import SubSpace, has_discontinuous_pressure, is_hybrid, displacement_pressure_element
+from pw_elements.spaces.hybrid import (
+    SubSpace,
+    displacement_pressure_element,
+    has_discontinuous_pressure,
+    is_hybrid,
+)
 
 
 class DifferentNodeNumbering(RuntimeError):
@@ -103,7 +112,9 @@ class Spaces:
                 within each part. Without `parts`, results are wrong by ten per cent and more
                 where different materials meet.
         """
-        element = displacement_pressure_element(_quadratic_trial_element(mesh), discontinuous_pressure=parts is not None)
+        element = displacement_pressure_element(
+            _quadratic_trial_element(mesh), discontinuous_pressure=parts is not None
+        )
         trial = fem.functionspace(mesh, element)
         return cls(trial, test_space(trial), parts)
 
@@ -154,7 +165,9 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     quadratic, weights = quadratic_element(cell, shape), piecewise_linear_element(cell, shape)
     if hybrid:
         split = has_discontinuous_pressure(trial)
-        quadratic, weights = (displacement_pressure_element(vector, split) for vector in (quadratic, weights))
+        quadratic, weights = (
+            displacement_pressure_element(vector, split) for vector in (quadratic, weights)
+        )
     if element != quadratic:
         raise ValueError(
             f"the trial space has the element {element}; piecewise-linear test functions go with "
@@ -227,7 +240,9 @@ def split(
         raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
     vector = getattr(values, "unknowns", values)
-    n_displacements = fields[0].sizes[1]  # global, as local sizes may agree on some processes
+    n_displacements = fields[0].local_and_global_size[
+        1
+    ]  # global, as local sizes may agree on some processes
     if isinstance(vector, PETSc.Vec) and vector.handle and vector.getSize() == n_displacements:
         raise ValueError(
             "the vector has displacements alone: split(U, state) has the pressure, too"

@@ -31,7 +31,7 @@ from pw_elements import (
     reactions,
     solve,
 )
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
@@ -296,7 +296,7 @@ def _make_cube(divisions: tuple[int, int, int], order: int = 0) -> Mesh:
     by_position = np.lexsort(x.T)
     number = np.empty_like(by_position)
     number[by_position] = np.arange(len(x))
-    cells = np.sort(number[cell_nodes(cube)], axis=1)
+    cells = np.sort(number[cell_geometry_nodes(cube)], axis=1)
     cells = cells[np.lexsort(cells.T)]  # versions of DOLFINx number them differently
     if order > 0:
         cells = np.random.default_rng(order).permuted(cells, axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import CellType, Mesh, create_box, create_mesh
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.meshes import move_nodes
 
 Array = npt.NDArray[np.float64]
@@ -66,7 +66,7 @@ def quarter_disc(cell: str, elements: int, radii: Array, z: Array) -> Mesh:
 
 def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
     """Both a body below z = 0 and its mirror image, a distance above it."""
-    x, cells = lower.geometry.x, cell_nodes(lower)
+    x, cells = lower.geometry.x, cell_geometry_nodes(lower)
     image = x * [1.0, 1.0, -1.0] + [0.0, 0.0, distance]
     return create_mesh(
         lower.comm,

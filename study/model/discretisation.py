@@ -20,7 +20,7 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
 )
-from pw_elements.elasticity import StressState, Vector
+from pw_elements.elasticity import StressState, VectorCoefficient
 from pw_elements.spaces import (
     Marker,
     SubSpace,
@@ -88,7 +88,7 @@ class Discretisation:
         """Trial space of the displacements."""
         return self.body.spaces.trial
 
-    def surface_load(self, traction: Vector, where: Marker) -> PETSc.Vec:
+    def surface_load(self, traction: VectorCoefficient, where: Marker) -> PETSc.Vec:
         """Load vector of a traction on the part of the boundary that a marker holds on."""
         surface = boundary_measure(self.body.spaces.mesh, where)
         return assemble_vector(self.body.surface_load(traction, surface))

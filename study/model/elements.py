@@ -54,7 +54,10 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
     """
-    return _blocked(basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._quadratic_facet_element), shape)
+    return _blocked(
+        basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._quadratic_facet_element),
+        shape,
+    )
 
 
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -66,7 +69,10 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
     strains. Projecting on the reference triangle is right for straight sides.
     """
-    return _blocked(_AssumedGradientElement(piecewise_linear_element("triangle")._quadratic_facet_element), shape)
+    return _blocked(
+        _AssumedGradientElement(piecewise_linear_element("triangle")._quadratic_facet_element),
+        shape,
+    )
 
 
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from study.run import runner
 from study.run.cases import SECTIONS, Case, Section, load_section
-from study.run.files import ForeignEntry
+from study.run.files import ForeignFileOrFolder
 from study.run.folder import ensure_writable
 from study.run.pool import ignore_broken_pipes
 from study.run.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
         status = _command(options)
         sys.stdout.flush()
         return status
-    except (StudyError, ForeignEntry) as error:
+    except (StudyError, ForeignFileOrFolder) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # who reads has seen enough, as in "study list | head"

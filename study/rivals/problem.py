@@ -128,7 +128,9 @@ class Problem:
         if not multiplier:
             return fem.functionspace(self.mesh, vector)
         scalar = basix.ufl.element("Lagrange", cell, multiplier)
-        return fem.functionspace(self.mesh, basix.ufl.displacement_pressure_element([vector, scalar]))
+        return fem.functionspace(
+            self.mesh, basix.ufl.displacement_pressure_element([vector, scalar])
+        )
 
     def supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
         """Exact displacements far away, and symmetry; of a space or a part of one."""

@@ -1,7 +1,7 @@
-from pw_elements.files import ForeignEntry as ForeignEntry
+from pw_elements.files import ForeignFileOrFolder as ForeignFileOrFolder
 from pw_elements.files import check_file_replaceable as check_file_replaceable
-from pw_elements.files import claim_folder as claim_folder
-from pw_elements.files import remove_file as remove_file
-from pw_elements.files import remove_unfinished as remove_unfinished
-from pw_elements.files import replace_file as replace_file
-from pw_elements.files import replacing_folder as replacing_folder
+from pw_elements.files import create_or_claim_folder as create_or_claim_folder
+from pw_elements.files import open_folder_replacement as open_folder_replacement
+from pw_elements.files import remove_file_if_present as remove_file_if_present
+from pw_elements.files import remove_files_of_killed_processes as remove_files_of_killed_processes
+from pw_elements.files import replace_file_atomically as replace_file_atomically

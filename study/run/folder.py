@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from study.run.cases import SECTIONS
-from study.run.files import ForeignEntry, claim_folder
+from study.run.files import ForeignFileOrFolder, create_or_claim_folder
 from study.run.store import StudyError, is_result
 
 KIND = "a folder of results"
@@ -35,8 +35,8 @@ def claim_results_folder(out: Path) -> None:
             replaced.
     """
     try:
-        claim_folder(out, KIND, _holds_results)
-    except ForeignEntry as error:
+        create_or_claim_folder(out, KIND, _holds_results)
+    except ForeignFileOrFolder as error:
         raise StudyError(str(error)) from None
     except OSError as error:
         raise _not_writable(out, error) from None

@@ -69,7 +69,7 @@ def _commit() -> tuple[str, bool | None]:
     if commit:
         return commit, {"1": True, "0": False}.get(os.environ.get("PW_ELEMENTS_DIRTY", ""))
     try:
-        return _git("rev-parse", "MSH_2_2_HEADER"), bool(_git("status", "--porcelain"))
+        return _git("rev-parse", "HEAD"), bool(_git("status", "--porcelain"))
     except (OSError, subprocess.CalledProcessError):
         return "unknown", None
 

@@ -108,13 +108,13 @@ class Stored:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file wholly or not at all, making its folder if need be."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    files.replace_file(path, data)
+    files.replace_file_atomically(path, data)
 
 
 def sweep(out: Path) -> None:
     """Remove what killed processes have left unfinished, in the folder and in folders in it."""
     for folder in (Path(out), *Path(out).glob("*/")):
-        files.remove_unfinished(folder)
+        files.remove_files_of_killed_processes(folder)
 
 
 def write_json(path: Path, content: object) -> None:
@@ -163,13 +163,13 @@ def save(
     content["digest"] = _digest(content)
     write_json(folder / f"{case}.json", content)  # last: it declares the result complete
     if digest is None:
-        files.remove_file(curves)
+        files.remove_file_if_present(curves)
 
 
 def discard(out: Path, section: str, case: str) -> None:
     """Remove a stored result, if there is one."""
     for suffix in (".json", ".npz"):
-        files.remove_file(Path(out) / section / f"{case}{suffix}")
+        files.remove_file_if_present(Path(out) / section / f"{case}{suffix}")
 
 
 def is_result(path: Path) -> bool:

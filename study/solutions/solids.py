@@ -29,7 +29,7 @@ from pw_elements import (
     reactions,
 )
 from pw_elements.contact.model import ContactState
-from pw_elements.elasticity import StressState, Vector, order_by_position
+from pw_elements.elasticity import StressState, VectorCoefficient, order_by_position
 from pw_elements.spaces import Marker
 from study.model.discretisation import displacement_space, held_nodes, spaces
 from study.model.reading import compared, transferred
@@ -90,7 +90,7 @@ class Solid:
         """Number of unknowns, prescribed ones too."""
         return int(self.K.getSize()[0])
 
-    def surface_load(self, traction: Vector, where: Marker) -> PETSc.Vec:
+    def surface_load(self, traction: VectorCoefficient, where: Marker) -> PETSc.Vec:
         """Load vector of a traction on the part of the boundary that a marker holds on."""
         surface = boundary_measure(self.body.spaces.mesh, where)
         load = assemble_vector(self.body.surface_load(traction, surface))

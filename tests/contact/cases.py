@@ -58,10 +58,15 @@ def neo_hookean_piola_stress(F, shear_modulus=1.0, lame_lambda=1.5):
     F is the deformation gradient, `shear_modulus` the shear modulus, and `lame_lambda` Lame's constant lambda.
     """
     inverse_transpose = ufl.inv(F).T
-    return shear_modulus * (F - inverse_transpose) + lame_lambda * ufl.ln(ufl.det(F)) * inverse_transpose
+    return (
+        shear_modulus * (F - inverse_transpose)
+        + lame_lambda * ufl.ln(ufl.det(F)) * inverse_transpose
+    )
 
 
-def make_finite_strain_unknown_and_residual(spaces, piola_stress=neo_hookean_piola_stress, quadrature_degree=4, compressibility=0.0):
+def make_finite_strain_unknown_and_residual(
+    spaces, piola_stress=neo_hookean_piola_stress, quadrature_degree=4, compressibility=0.0
+):
     """Return the unknown function and the residual form of a finite-strain body without loads.
 
     The unknowns of a hybrid space are the displacement u and the pressure p. With J the determinant
@@ -71,7 +76,9 @@ def make_finite_strain_unknown_and_residual(spaces, piola_stress=neo_hookean_pio
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, inverse_transpose = ufl.det(F), ufl.inv(F).T
-    density = ufl.inner(F - (1 + p * J) * inverse_transpose if hybrid else piola_stress(F), ufl.grad(v))
+    density = ufl.inner(
+        F - (1 + p * J) * inverse_transpose if hybrid else piola_stress(F), ufl.grad(v)
+    )
     density -= q * (J - 1 + compressibility * p) if hybrid else 0
     return w, density * ufl.dx(metadata={"quadrature_degree": quadrature_degree})
 
@@ -88,13 +95,13 @@ class ElasticBody:
         self.K = assemble_matrix(self.body.stiffness())
 
     @cached_property
-    def displacements(self):
+    def displacement_space(self):
         return SubSpace.displacements(self.space).space
 
     @cached_property
     def x(self):
         """Return the positions (n, dim) of the nodes, including those of ghosts."""
-        return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
+        return self.displacement_space.tabulate_dof_coordinates()[:, : self.dim]
 
     @cached_property
     def M(self):
@@ -120,7 +127,7 @@ class ElasticBody:
         """Return the supports given by conditions (component, marker[, value])."""
         return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
 
-    def clamp(self, where, displacement=0.0):
+    def make_clamping_supports(self, where, displacement=0.0):
         """Return supports that prescribe all displacement components at the marked nodes."""
         return self.make_supports(*((i, where, displacement) for i in range(self.dim)))
 
@@ -167,8 +174,8 @@ class BlockOnFloor(ElasticBody):
             lambda x: np.where((x[0] > end) & (x[0] < 4 - end), mu, 0.0),
         )
 
-    def solve(self, mu, pull_traction, increments=10, **pair_options):
-        loads = self.press_then_pull_loads(pull_traction, increments)
+    def solve(self, mu, pull_traction, n_pull_increments=10, **pair_options):
+        loads = self.press_then_pull_loads(pull_traction, n_pull_increments)
         return self.solve_contact(self.floor_pair(mu, **pair_options), self.no_supports, loads)
 
 
@@ -187,7 +194,7 @@ class PunchedBlock(ElasticBody):
 
         mesh = move_nodes(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), scale_and_grade)
         super().__init__(mesh, method, "plane stress", nu=0.25)
-        self.base_supports = self.clamp(on_plane(1, 0.0))
+        self.base_supports = self.make_clamping_supports(on_plane(1, 0.0))
 
     def punch_pair(self, mu, motions=()):
         return ContactPair(on_plane(1, 4.0), Parabola((0, 4), 8.0), mu, motions)

@@ -21,12 +21,22 @@ import ufl
 from pw_elements import Spaces, assemble_scalar, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import make_finite_strain_unknown_and_residual, neo_hookean_piola_stress, on_plane
+from tests.contact.cases import (
+    make_finite_strain_unknown_and_residual,
+    neo_hookean_piola_stress,
+    on_plane,
+)
 
 LAME_RATIO, FRICTION = 1.5, 0.3  # Lame's lambda / shear modulus; friction coefficient
 # Translations of the cylinder at the ends of the legs, divided by its radius
-CYLINDER_TRANSLATIONS_IN_RADII = ((0.0, 0.0), (0.0, -0.25), (0.25, -0.25), (-0.1, -0.25), (-0.1, 0.05))
-ELEMENTS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
+CYLINDER_TRANSLATIONS_IN_RADII = (
+    (0.0, 0.0),
+    (0.0, -0.25),
+    (0.25, -0.25),
+    (-0.1, -0.25),
+    (-0.1, 0.05),
+)
+SPACES_BY_ELEMENT_NAME = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
 class EnergyBalance(NamedTuple):
@@ -48,8 +58,10 @@ def measure_energy_balance(
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
-    spaces = ELEMENTS[element](mesh)
-    u, residual = make_finite_strain_unknown_and_residual(spaces, lambda F: neo_hookean_piola_stress(F, 1.0, LAME_RATIO))
+    spaces = SPACES_BY_ELEMENT_NAME[element](mesh)
+    u, residual = make_finite_strain_unknown_and_residual(
+        spaces, lambda F: neo_hookean_piola_stress(F, 1.0, LAME_RATIO)
+    )
     F = ufl.Identity(2) + ufl.grad(u)
     log = ufl.ln(ufl.det(F))
     density = (ufl.inner(F, F) - 2) / 2 - log + LAME_RATIO / 2 * log**2
@@ -87,13 +99,13 @@ def measure_energy_balance(
     return EnergyBalance(*remainders, stored / total_work, float(sums[0.5][1]) / total_work)
 
 
-def main() -> None:
+def print_energy_balances() -> None:
     """Print the energy balances of all elements, meshes and numbers of increments."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--increments", type=int, nargs="+", default=[4, 8, 16, 32])
     parser.add_argument("--per-radius", type=int, nargs="+", default=[4])
     options = parser.parse_args()
-    for element in ELEMENTS:
+    for element in SPACES_BY_ELEMENT_NAME:
         for per_radius in options.per_radius:
             for n in options.increments:
                 balance = measure_energy_balance(element, n, per_radius)
@@ -101,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    print_energy_balances()

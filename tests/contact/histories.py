@@ -38,14 +38,20 @@ def make_rubber_problem_and_steps(comm=MPI.COMM_SELF):
     It is pulled back and forth.
     """
     stack = StackedBlocks((4, 3), element="hybrid", nu=0.5, comm=comm)
-    problem = stack.contact_problem(stack.make_pair("upper", 0.3), stack.clamp(on_plane(1, 0.0)))
+    problem = stack.contact_problem(
+        stack.make_pair("upper", 0.3), stack.make_clamping_supports(on_plane(1, 0.0))
+    )
     down, sideways = (stack.traction_load(1e-3 * axis) for axis in np.eye(2)[::-1])
     return problem, [
         (sideways * load_factor - down,) for load_factor in (0, 0.15, 0.25, 0.1, -0.1, -0.25, 0.1)
     ]
 
 
-HISTORIES = {"rubber": make_rubber_problem_and_steps, "block": make_block_problem_and_steps, "punch": make_punch_problem_and_steps}
+HISTORY_MAKERS_BY_NAME = {
+    "rubber": make_rubber_problem_and_steps,
+    "block": make_block_problem_and_steps,
+    "punch": make_punch_problem_and_steps,
+}
 
 
 def solve_history(problem, step_arguments):
@@ -78,7 +84,11 @@ def history_scale_of_field(field_name, states):
     """Return the largest force or length of a history, as a scale of a field's differences."""
     kind = field_name.split()[0]
     if "force" in kind:
-        return max(np.abs(collect_comparable_fields(state)["force_normal 0"]).max() for state in states)
+        return max(
+            np.abs(collect_comparable_fields(state)["force_normal 0"]).max() for state in states
+        )
     if kind in ("displacement", "gap", "slip", "translation"):
-        return max(np.abs(collect_comparable_fields(state)["displacement"]).max() for state in states)
+        return max(
+            np.abs(collect_comparable_fields(state)["displacement"]).max() for state in states
+        )
     return 1.0

@@ -13,7 +13,7 @@ from tests.contact.two_bodies import StackedBlocks
 PRESS_AND_PUSH_TRACTION = (1e-4, 5e-5, -1e-3)
 
 
-FLOOR = Plane((0, 0, 0), (0, 0, 1))
+FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
 
 class SolidBlock(ElasticBody):
@@ -53,12 +53,22 @@ def nearly_sliding_contact_arguments(solid, push_over_pressure=0.588):
         solid.traction_load((1.0, 0, 0), on_plane(0, 0.0)),
     )
     loads = [pressure_load + ratio * side_load for ratio in (0.0, push_over_pressure, 0.3)]
-    return solid.K, loads, solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3), solid.space
+    return (
+        solid.K,
+        loads,
+        solid.no_supports,
+        ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3),
+        solid.space,
+    )
 
 
 def _rough_floor_loads_supports_pairs(solid):
     """Return the arguments of a block that is held by contact with a rough floor alone."""
-    return solid.press_and_push_load(), solid.no_supports, ContactPair(on_plane(2, 0.0), FLOOR, 0.3)
+    return (
+        solid.press_and_push_load(),
+        solid.no_supports,
+        ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3),
+    )
 
 
 def _corner_loads_supports_pairs(solid):
@@ -74,7 +84,7 @@ def _corner_loads_supports_pairs(solid):
         return np.isclose(x[0], 0) & (x[1] > 1e-9)
 
     pairs = [
-        ContactPair(on_floor, FLOOR, 0.2),
+        ContactPair(on_floor, FLOOR_IN_SPACE, 0.2),
         ContactPair(on_left_wall, Plane((0, 0, 0), (1, 0, 0)), 0.2),
         ContactPair(on_plane(1, 0.0), Plane((0, 0, 0), (0, 1, 0)), 0.0),
     ]
@@ -135,7 +145,7 @@ def upper_on_lower_contact_arguments(stack: StackedBlocks, slave_side, replaceme
     return (
         stack.K,
         stack.traction_load(PRESS_AND_PUSH_TRACTION),
-        stack.clamp(on_plane(2, 0.0)),
+        stack.make_clamping_supports(on_plane(2, 0.0)),
         pair,
         stack.space,
     )
@@ -144,7 +154,13 @@ def upper_on_lower_contact_arguments(stack: StackedBlocks, slave_side, replaceme
 def _both_on_floor_contact_arguments(stack, slave_side):
     """Return the arguments of two stacked blocks on a rigid floor without supports."""
     K, load, _, pair, space = upper_on_lower_contact_arguments(stack, slave_side)
-    return K, load, stack.make_supports(), [ContactPair(on_plane(2, 0.0), FLOOR, 0.3), pair], space
+    return (
+        K,
+        load,
+        stack.make_supports(),
+        [ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3), pair],
+        space,
+    )
 
 
 def _frictionless_contact_arguments(stack, slave_side):
@@ -165,7 +181,13 @@ def _force_between_blocks_contact_arguments(stack, slave_side):
     sign = 1 if slave_side == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
     supports = stack.fixed_base_moved_top_supports((0.0, 0.0, 0.0))
-    return stack.K, stack.zero_load, supports, stack.make_pair(slave_side, 0.2, [motion]), stack.space
+    return (
+        stack.K,
+        stack.zero_load,
+        supports,
+        stack.make_pair(slave_side, 0.2, [motion]),
+        stack.space,
+    )
 
 
 STACKED_CASE_MAKERS_BY_NAME = {

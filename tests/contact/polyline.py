@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Points = npt.NDArray[np.float64]
+PointArray = npt.NDArray[np.float64]
 
 
-def unit_left_normals(vectors: Points) -> Points:
+def unit_left_normals(vectors: PointArray) -> PointArray:
     return np.column_stack((-vectors[:, 1], vectors[:, 0])) / np.linalg.norm(
         vectors, axis=1, keepdims=True
     )
@@ -28,13 +28,13 @@ class Polyline:
     points: Sequence[Sequence[float]]
     radius: float = 0.0
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: PointArray) -> npt.NDArray[np.float64]:
         return self._gap_and_normal(x)[0]
 
-    def normal(self, x: Points) -> Points:
+    def normal(self, x: PointArray) -> PointArray:
         return self._gap_and_normal(x)[1]
 
-    def _corners_offset_by_radius(self) -> Points:
+    def _corners_offset_by_radius(self) -> PointArray:
         """Return the corners of the line, moved away from the body by the radius of rounding."""
         points = np.asarray(self.points, dtype=float)
         normals = unit_left_normals(np.diff(points, axis=0))
@@ -45,7 +45,7 @@ class Polyline:
         offset[1:-1] -= 2 * self.radius * normal_sum / np.sum(normal_sum**2, axis=1, keepdims=True)
         return offset
 
-    def _gap_and_normal(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
+    def _gap_and_normal(self, x: PointArray) -> tuple[npt.NDArray[np.float64], PointArray]:
         line = self._corners_offset_by_radius()
         normals = unit_left_normals(span := np.diff(line, axis=0))
         turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0

@@ -39,13 +39,15 @@ from pw_elements.spaces import read_record
 
 Array = npt.NDArray[np.float64]
 
-_EPS = float(np.finfo(float).eps)
+_MACHINE_EPSILON = float(np.finfo(float).eps)
 # Slips below this share of the largest length count as zero: friction then has any direction
 _ZERO_SLIP_OVER_LARGEST_LENGTH = 1e-8
 
 
 # The data of a linear contact problem
-LinearContactProblemData = make_dataclass("LinearContactProblemData", ("K", "space", "loads", "conditions", "pairs"))
+LinearContactProblemData = make_dataclass(
+    "LinearContactProblemData", ("K", "space", "loads", "conditions", "pairs")
+)
 
 
 @dataclass(frozen=True)
@@ -103,12 +105,15 @@ def _interpolate_motion(
     ]
     force = (1 - fraction) * start_force + fraction * end_motion.force_and_torque()[:-1]
     return Motion(
-        translation, np.where(np.isnan(end_motion.translation_and_rotation()[:-1]), force, 0.0).tolist()
+        translation,
+        np.where(np.isnan(end_motion.translation_and_rotation()[:-1]), force, 0.0).tolist(),
     )
 
 
-def measure_residuals(
-    problem, steps: Sequence[DisplacementAndTranslations], load_factors: Sequence[float] | None = None
+def recompute_residuals_per_step(
+    problem,
+    steps: Sequence[DisplacementAndTranslations],
+    load_factors: Sequence[float] | None = None,
 ) -> list[dict[str, float]]:
     """Return the largest violation of each condition for every step of a history from its start.
 
@@ -116,7 +121,7 @@ def measure_residuals(
     """
     space, dim = problem.space, problem.space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
-    prescribed_mask, prescribed = prescribed_displacements(problem.conditions, *x.shape)
+    prescribed_mask, prescribed = prescribed_mask_and_displacements(problem.conditions, *x.shape)
     contacts = [contact_nodes_and_friction(pair, space) for pair in problem.pairs]
     # friction has no radial component on an axis of revolution
     on_axis_component = np.array(
@@ -130,7 +135,7 @@ def measure_residuals(
         r, force_round_off, stiffness = _nodal_forces_and_round_off(problem.K, a, problem.loads[k])
         force = max(force, np.linalg.norm(r, axis=1).max())
         length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
-        length_round_off = 64 * _EPS * (np.abs(x).max() + length)
+        length_round_off = 64 * _MACHINE_EPSILON * (np.abs(x).max() + length)
         zero_force = 10 * stiffness * length_round_off
         scale = _ReferenceForceAndLength(
             force if force > zero_force else np.inf,
@@ -178,11 +183,13 @@ def measure_residuals(
             motion = pair.motions[k] if pair.motions else None
             # other components of the force at supports are reactions
             total = np.where(prescribed_mask[nodes], 0.0, r[nodes]).sum(axis=0) + on_supports
-            values |= _surface_motion_and_balance_residuals(motion, translation, total, slack, scale)
+            values |= _surface_motion_and_balance_residuals(
+                motion, translation, total, slack, scale
+            )
             for name, value in values.items():
                 violations[name] = max(violations.get(name, 0.0), value)
         unbalanced = np.where(~prescribed_mask & balanced[:, None], np.abs(r), 0.0)
-        violations["equilibrium"] = scale.relative_force(unbalanced, np.arange(len(x)))
+        violations["equilibrium"] = scale.largest_relative_force(unbalanced, np.arange(len(x)))
         results.append(violations)
         previous = step
     return results
@@ -203,7 +210,9 @@ class _ReferenceForceAndLength:
     force_round_off: Array  # (nodes,)
     length_round_off: float
 
-    def relative_force(self, forces: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
+    def largest_relative_force(
+        self, forces: Array, nodes: npt.NDArray, mu: Array | float = 0.0
+    ) -> float:
         """Return the largest nodal force relative to the reference force, less its round-off."""
         friction_factor = np.maximum(1.0, mu)
         round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (forces.ndim - 1))
@@ -215,7 +224,17 @@ class _ReferenceForceAndLength:
 
 
 def _contact_law_residuals(
-    surface, scale: _ReferenceForceAndLength, positions_in_surface_frame, a, relative_motion, r, is_free, has_support_friction, mu, nodes, allowed_penetration
+    surface,
+    scale: _ReferenceForceAndLength,
+    positions_in_surface_frame,
+    a,
+    relative_motion,
+    r,
+    is_free,
+    has_support_friction,
+    mu,
+    nodes,
+    allowed_penetration,
 ):
     """Return the mask of nodes that face the surface, violations there, and friction on supports.
 
@@ -224,17 +243,25 @@ def _contact_law_residuals(
     determined at nodes without slip. `allowed_penetration` (n,) is the depth by which nodes may be inside
     the surface while interference is resolved in substeps.
     """
-    gap, normal = surface.gap(positions_in_surface_frame) + allowed_penetration, surface.normal(positions_in_surface_frame)
+    gap, normal = (
+        surface.gap(positions_in_surface_frame) + allowed_penetration,
+        surface.normal(positions_in_surface_frame),
+    )
     faced = np.isfinite(gap)
     gap, normal, a, relative_motion, r, is_free, has_support_friction, mu, nodes = (
-        values[faced] for values in (gap, normal, a, relative_motion, r, is_free, has_support_friction, mu, nodes)
+        values[faced]
+        for values in (gap, normal, a, relative_motion, r, is_free, has_support_friction, mu, nodes)
     )
     gap = gap + np.sum(normal * a, axis=1)
     r_n, r_t = _split_into_normal_and_tangential(np.where(is_free, r, 0.0), normal)
-    _, slip = _split_into_normal_and_tangential(np.where(is_free | has_support_friction, relative_motion, 0.0), normal)
+    _, slip = _split_into_normal_and_tangential(
+        np.where(is_free | has_support_friction, relative_motion, 0.0), normal
+    )
     slip = np.where(is_free | has_support_friction, slip, 0.0)
     slip_length, limit = np.linalg.norm(slip, axis=1), mu * np.maximum(0.0, r_n)
-    has_no_slip = slip_length <= _ZERO_SLIP_OVER_LARGEST_LENGTH * scale.length + scale.length_round_off
+    has_no_slip = (
+        slip_length <= _ZERO_SLIP_OVER_LARGEST_LENGTH * scale.length + scale.length_round_off
+    )
     opposing_friction = -(limit / np.where(has_no_slip, 1.0, slip_length))[:, None] * slip
     on_supports = np.where(has_support_friction & ~has_no_slip[:, None], opposing_friction, 0.0)
     available_friction = np.sqrt(np.maximum(0.0, limit**2 - np.sum(r_t**2, axis=1)))
@@ -255,11 +282,11 @@ def _contact_law_residuals(
     )
     values = {
         "penetration": scale.largest_relative_length(-gap),
-        "tension": scale.relative_force(-r_n, nodes),
+        "tension": scale.largest_relative_force(-r_n, nodes),
         "complementarity": both_nonzero(r_n, gap),
-        "cone": scale.relative_force(friction - mu * r_n, nodes, mu),
+        "cone": scale.largest_relative_force(friction - mu * r_n, nodes, mu),
         "stick": both_nonzero(mu * r_n - friction, slip_length, mu),
-        "direction": scale.relative_force(direction_error / scale.length, nodes, mu),
+        "direction": scale.largest_relative_force(direction_error / scale.length, nodes, mu),
     }
     return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
 
@@ -270,7 +297,11 @@ def _split_into_normal_and_tangential(vectors: Array, normal: Array) -> tuple[Ar
 
 
 def _surface_motion_and_balance_residuals(
-    motion, translation: Array, total_force: Array, undetermined_friction: Array, scale: _ReferenceForceAndLength
+    motion,
+    translation: Array,
+    total_force: Array,
+    undetermined_friction: Array,
+    scale: _ReferenceForceAndLength,
 ) -> dict[str, float]:
     """Return the errors of prescribed translations, and of the forces in free directions."""
     if motion is None:
@@ -281,16 +312,24 @@ def _surface_motion_and_balance_residuals(
         np.zeros(len(translation)) if motion.force is None else np.asarray(motion.force)
     )
     balance = np.where(
-        free, np.abs(total_force - prescribed_force) - undetermined_friction - scale.force_round_off.max(), 0.0
+        free,
+        np.abs(total_force - prescribed_force)
+        - undetermined_friction
+        - scale.force_round_off.max(),
+        0.0,
     )
     return {
-        "motion": scale.largest_relative_length(np.where(free, 0.0, np.abs(translation - prescribed))),
+        "motion": scale.largest_relative_length(
+            np.where(free, 0.0, np.abs(translation - prescribed))
+        ),
         "balance": max(0.0, float(balance.max()))
         / max(scale.force, np.linalg.norm(prescribed_force)),
     }
 
 
-def _nodal_forces_and_round_off(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+def _nodal_forces_and_round_off(
+    K: PETSc.Mat, a: Array, load: PETSc.Vec
+) -> tuple[Array, Array, float]:
     """Return nodal forces K a - load (nodes, dim), their round-off (nodes,), and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
@@ -298,10 +337,14 @@ def _nodal_forces_and_round_off(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tupl
     f = load.array_r.reshape(a.shape)
     indptr, _, data = K.getValuesCSR()
     size = np.add.reduceat(np.abs(data), indptr[:-1]).reshape(a.shape) * np.abs(a).max() + np.abs(f)
-    return image.array_r.reshape(a.shape) - f, 50 * _EPS * size.max(axis=1), np.abs(data).max()
+    return (
+        image.array_r.reshape(a.shape) - f,
+        50 * _MACHINE_EPSILON * size.max(axis=1),
+        np.abs(data).max(),
+    )
 
 
-def prescribed_displacements(
+def prescribed_mask_and_displacements(
     conditions: Sequence[fem.DirichletBC], n_nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
     """Return the mask of prescribed displacements (nodes, dim) and their values (nodes, dim)."""

@@ -9,7 +9,11 @@ from dolfinx.mesh import CellType, create_rectangle
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.interface import measure_gap_and_slip
-from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane, list_states_and_substates
+from tests.contact.cases import (
+    list_states_and_substates,
+    make_finite_strain_unknown_and_residual,
+    on_plane,
+)
 from tests.contact.two_bodies import join_meshes
 
 
@@ -130,7 +134,9 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
     length of the longest facet.
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
-    slip, _ = projected.measure_slip_and_position_derivatives(mortar.make_reference(start_positions), end_positions)
+    slip, _ = projected.measure_slip_and_position_derivatives(
+        mortar.make_reference(start_positions), end_positions
+    )
     facing_parts = [mortar.evaluate_for_verification(x) for x in (start_positions, end_positions)]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start_positions, end_positions)
     assert np.array_equal(facing_parts[0].faces_master, projected_start.faces_master)

@@ -93,7 +93,7 @@ def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle
     motion = Motion((0, None), (0, -10 * unit))
     for surface in (tip, Sphere((2 * unit, 10 * unit), 8 * unit)):
         pair = ContactPair(on_plane(1, 2 * unit), surface, 0.3, motion)
-        states += body.solve_contact(pair, body.clamp(on_plane(1, 0.0)))
+        states += body.solve_contact(pair, body.make_clamping_supports(on_plane(1, 0.0)))
         assert states[-1].iterations < 10
         assert not states[-1].substates
     (tip_pair,), (circle_pair,) = (state.pairs for state in states)

@@ -85,12 +85,14 @@ def flat_pair_with_normal(normal):
     return base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:, 1], normal))
 
 
-N_NODES = len(BLOCK.x)
-PASSING_ARC_PAIR = base_pair_with_surface(SurfaceWithGapFunction(gap_to_circle_or_nan), 0.3, [Motion((0, 0)), Motion((-5, 0))])
+N_BLOCK_NODES = len(BLOCK.x)
+PASSING_ARC_PAIR = base_pair_with_surface(
+    SurfaceWithGapFunction(gap_to_circle_or_nan), 0.3, [Motion((0, 0)), Motion((-5, 0))]
+)
 WALL_PAIR = ContactPair(on_plane(0, 0.0), Plane((0, 0), (1, 0)))
 REVERSED_SURFACE_PAIR = ContactPair(on_plane(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
 # invalid pairs, each with a part of the error message
-PAIRS = [
+INVALID_PAIRS_AND_MESSAGES = [
     *(
         (floor_pair_with_middle_friction(mu), r"nodes at \(2, 0\) have a friction")
         for mu in (-0.1, np.nan, np.inf)
@@ -108,22 +110,34 @@ PAIRS = [
         (flat_pair_with_normal(n), "normal is no unit vector")
         for n in ((0.0, 2.0), (0.0, 0.0), (np.nan, 1.0))
     ),
-    (base_pair_with_surface(Parabola((0.0,), -1.0)), "the apex of its surface has 1 components in 2-D"),
-    (floor_pair_with(nodes=np.array([N_NODES])), rf"nodes of contact pair 0 .* {N_NODES} in all"),
     (
-        floor_pair_with(nodes=np.full(N_NODES - 1, True)),
-        rf"nodes of contact pair 0 .* {N_NODES} in all",
+        base_pair_with_surface(Parabola((0.0,), -1.0)),
+        "the apex of its surface has 1 components in 2-D",
+    ),
+    (
+        floor_pair_with(nodes=np.array([N_BLOCK_NODES])),
+        rf"nodes of contact pair 0 .* {N_BLOCK_NODES} in all",
+    ),
+    (
+        floor_pair_with(nodes=np.full(N_BLOCK_NODES - 1, True)),
+        rf"nodes of contact pair 0 .* {N_BLOCK_NODES} in all",
     ),
     (floor_pair_with(nodes=lambda x: x[1] < 0.6), "lie inside of the body, not on its boundary"),
     (REVERSED_SURFACE_PAIR, "reverse it"),
-    (base_pair_with_surface(SignedDistance(lambda x: x[1])), r"of the shape \(2,\) .* takes points as rows"),
-    (base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:1, 1])), r"the gap of .* pair 0 gave .* shape \(1,\)"),
+    (
+        base_pair_with_surface(SignedDistance(lambda x: x[1])),
+        r"of the shape \(2,\) .* takes points as rows",
+    ),
+    (
+        base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:1, 1])),
+        r"the gap of .* pair 0 gave .* shape \(1,\)",
+    ),
     (
         floor_pair_with(lambda x: np.full(len(x), 0.3)),
         r"the friction of .* pair 0 .* points as columns",
     ),
 ]
-CALLS = [
+INVALID_CALLS_AND_MESSAGES = [
     (
         lambda: solve_block(reduction=left_side_supports(1)),
         r"at \(0, 0\) have a pre.*away from the support",
@@ -132,7 +146,10 @@ CALLS = [
         lambda: solve_block(WALL_PAIR, reduction=left_side_supports(0)),
         "prescribed normal displacement",
     ),
-    (lambda: solve_block(reduction=displacement_doubling_reduction()), "combines the displacements"),
+    (
+        lambda: solve_block(reduction=displacement_doubling_reduction()),
+        "combines the displacements",
+    ),
     (lambda: solve_block(PASSING_ARC_PAIR, [BLOCK.pressure_load] * 2), "gap is not a number"),
     (lambda: solve_block(remedies=("prayer",)), "give some of 'springs', 'cutback'"),
 ]
@@ -141,7 +158,13 @@ CALLS = [
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize(
     ("attempt", "message"),
-    [*((lambda pair=pair: solve_block(pair), message) for pair, message in PAIRS), *CALLS],
+    [
+        *(
+            (lambda pair=pair: solve_block(pair), message)
+            for pair, message in INVALID_PAIRS_AND_MESSAGES
+        ),
+        *INVALID_CALLS_AND_MESSAGES,
+    ],
 )
 def test_invalid_problems_are_refused_with_their_cause(attempt, message):
     with pytest.raises(ValueError, match=message):
@@ -156,7 +179,11 @@ def test_invalid_problems_are_refused_with_their_cause(attempt, message):
             NoEquilibrium,
             r"rotation about \(4, 0\) of the body, by which the body lifts off pair 0",
         ),
-        (lambda: GrecoFrictionBenchmark(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
+        (
+            lambda: GrecoFrictionBenchmark(16).solve(10.0, remedies=()),
+            NotFound,
+            "runs through the same",
+        ),
         (
             lambda: GrecoFrictionBenchmark(16).solve(1, max_iterations=3, remedies=()),
             NotFound,
@@ -191,7 +218,7 @@ def test_the_penetration_that_is_refused_grows_with_the_body():
     This much is needed for round-off and for curved sides that the mesh approximates by facets.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
-    supports = body.clamp(on_plane(1, 800.0))
+    supports = body.make_clamping_supports(on_plane(1, 800.0))
     for depth, is_refused in ((0.9e-3, False), (1.1e-3, True)):
         pair = ContactPair(on_plane(1, 0.0), Plane((0, depth), (0, 1)), 0.2)
         if is_refused:
@@ -218,7 +245,7 @@ def test_large_friction_without_a_unique_solution_is_reported():
         return np.isclose(x[0], 1.0) & np.isclose(x[1], 0.0)
 
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)), E=10.0)
-    supports = body.clamp(lambda x: ~corner(x))
+    supports = body.make_clamping_supports(lambda x: ~corner(x))
     (tt, _), (nt, _) = supports.matrix(body.K)[:, :]
     tangential_sign, critical = np.sign(nt), abs(tt / nt)
 
@@ -279,7 +306,7 @@ def test_nodes_without_a_facet_are_logged_before_anything_is_solved(caplog):
     assert len(caplog.records) == 1
 
 
-class Groove:
+class BlockInGroove:
     """A block with slanted sides in a fitting groove of two planes, held by contact alone."""
 
     def __init__(self, mu=0.1):
@@ -313,7 +340,7 @@ def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(case):
 
     The computed state can be moved to where no gap closes, which gives another state.
     """
-    groove = Groove()
+    groove = BlockInGroove()
     assert groove.pressed.pairs[0].force[1] == pytest.approx(1.0)
     with pytest.raises(NotUnique, match=r"the body is loose.*Nothing stops") as caught:
         groove.problem.step(groove.pressed, 0.0 * groove.top_load, GROOVE_MOTIONS[case])

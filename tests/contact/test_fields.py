@@ -21,7 +21,7 @@ from pw_elements import (
     prescribe,
     reactions,
 )
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.contact import (
     SLIP,
     STICK,
@@ -39,7 +39,14 @@ from pw_elements.meshes import move_nodes, triangles
 from study.model.elements import composite
 from study.solutions.half_space import Elastic as HalfPlane
 from study.solutions.half_space import HertzLine, HertzSphere
-from tests.contact.cases import GALERKIN, PW, BlockOnFloor, ElasticBody, on_plane, make_x_spacing_unequal
+from tests.contact.cases import (
+    GALERKIN,
+    PW,
+    BlockOnFloor,
+    ElasticBody,
+    make_x_spacing_unequal,
+    on_plane,
+)
 from tests.library import vtx
 
 FIELD_NAMES_WITHOUT_PRESSURES = ["displacement", "contact_force", "gap", "slip", "status"]
@@ -56,7 +63,7 @@ def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW
     body = ElasticBody(mesh, method, "solid", nu=nu)
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    return body, body.solve_contact(pair, body.clamp(on_plane(2, 0.0)))
+    return body, body.solve_contact(pair, body.make_clamping_supports(on_plane(2, 0.0)))
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
@@ -98,12 +105,14 @@ def test_fields_and_pictures_in_space_add_up_to_the_contact_force(cell, tmp_path
 
 def test_a_space_alone_gives_all_fields_but_pressures():
     block = BlockOnFloor(4)
-    (state,) = block.solve(0.3, 60.0, increments=0)
+    (state,) = block.solve(0.3, 60.0, n_pull_increments=0)
     fields = ContactFields.from_state(state, block.space)
     assert [f.name for f in fields.functions()] == FIELD_NAMES_WITHOUT_PRESSURES
     assert fields.pressure is None
     fields = ContactFields.from_state(state, block.body)
-    assert [f.name for f in fields.functions()] == FIELD_NAMES_WITHOUT_PRESSURES + PRESSURE_FIELD_NAMES
+    assert [
+        f.name for f in fields.functions()
+    ] == FIELD_NAMES_WITHOUT_PRESSURES + PRESSURE_FIELD_NAMES
 
 
 def test_as_function_overwrites_the_values_of_a_function():
@@ -187,7 +196,9 @@ def test_the_indicator_is_the_error_of_the_stresses():
         norms.append(np.linalg.norm(indicator.x.array))
         assert 0.85 < norms[-1] / error < 1.05
         mesh = indicator.function_space.mesh
-        worst_cell = mesh.geometry.x[cell_nodes(mesh)[indicator.x.array.argmax()]].mean(axis=0)
+        worst_cell = mesh.geometry.x[cell_geometry_nodes(mesh)[indicator.x.array.argmax()]].mean(
+            axis=0
+        )
         assert abs(worst_cell[0] - a) < 2 * h
         assert -h < worst_cell[1] < 0
     assert 1.7 < norms[0] / norms[1] < 2.3
@@ -212,7 +223,7 @@ def test_an_error_indicator_without_a_stress_is_refused():
 
 def test_states_of_another_body_or_of_other_nodes_are_refused():
     block, finer_block = BlockOnFloor(4), BlockOnFloor(6)
-    (state,) = block.solve(0.3, 60.0, increments=0)
+    (state,) = block.solve(0.3, 60.0, n_pull_increments=0)
     skewed_spaces = PW(
         move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), make_x_spacing_unequal)
     )
@@ -238,16 +249,16 @@ def test_states_of_another_body_or_of_other_nodes_are_refused():
             function(half_state, block.body)
 
 
-@pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
+@pytest.mark.skipif(vtx.load_adios2_library() is None, reason="no C library of ADIOS2")
 def test_files_hold_the_states(tmp_path):
     block = BlockOnFloor(12)
-    states = block.solve(0.3, 60.0, increments=2)
+    states = block.solve(0.3, 60.0, n_pull_increments=2)
     write(tmp_path / "block.bp", states[:1], block.body)
     write(tmp_path / "block.bp", states, block.body)  # replaces the first file
     assert [path.name for path in tmp_path.iterdir()] == ["block.bp"]
-    steps = vtx.read(tmp_path / "block.bp")
+    steps = vtx.read_times_and_fields(tmp_path / "block.bp")
     assert [time for time, _ in steps] == [1.0, 2.0, 3.0]
-    xml = vtx.scheme(tmp_path / "block.bp")
+    xml = vtx.read_vtk_schema(tmp_path / "block.bp")
     for name in FIELD_NAMES_WITHOUT_PRESSURES + PRESSURE_FIELD_NAMES:
         assert f'Name="{name}"' in xml
     for (_, values), state in zip(steps, states, strict=True):
@@ -272,7 +283,7 @@ def test_files_hold_the_states(tmp_path):
 
 def test_files_that_cannot_be_written_are_refused(tmp_path):
     block = BlockOnFloor(4)
-    states = block.solve(0.3, 60.0, increments=1)
+    states = block.solve(0.3, 60.0, n_pull_increments=1)
     path = tmp_path / "block.bp"
     for arguments, message in (
         ((tmp_path / "block.vtu", states), "ends in .bp"),
@@ -297,11 +308,11 @@ def test_files_that_cannot_be_written_are_refused(tmp_path):
         write(path, states, block.body)
     assert list(tmp_path.iterdir()) == []
     composite_block = BlockOnFloor(4, composite)
-    (state,) = composite_block.solve(0.3, 60.0, increments=0)
+    (state,) = composite_block.solve(0.3, 60.0, n_pull_increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
         write(path, state, composite_block.body)
     write(path, states[0], block.space)
-    (state,) = BlockOnFloor(6).solve(0.3, 60.0, increments=0)
+    (state,) = BlockOnFloor(6).solve(0.3, 60.0, n_pull_increments=0)
     with pytest.raises(ValueError, match="belongs to another space"):
         write(path, [states[0], state], block.space, [0.0, 1.0])
     assert [file.name for file in tmp_path.iterdir()] == ["block.bp"]
@@ -313,7 +324,7 @@ def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
     A series to which a user has added files is not overwritten either.
     """
     block = BlockOnFloor(4)
-    states = block.solve(0.3, 60.0, increments=1)
+    states = block.solve(0.3, 60.0, n_pull_increments=1)
     copy, path = tmp_path / "copy.bp", tmp_path / "block.bp"
     write(path, states[:1], block.body)
     shutil.copytree(path, copy)
@@ -331,7 +342,7 @@ def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
 
 def test_an_error_while_writing_leaves_the_old_series(tmp_path, monkeypatch):
     block = BlockOnFloor(4)
-    states = block.solve(0.3, 60.0, increments=1)
+    states = block.solve(0.3, 60.0, n_pull_increments=1)
     path = tmp_path / "block.bp"
     write(path, states[:1], block.body)
     old_contents = {file: file.read_bytes() for file in path.iterdir()}
@@ -358,7 +369,7 @@ def test_the_picture_of_a_contact_line_shows_pressure_shear_and_status():
 
     mpl.use("Agg")
     block = BlockOnFloor(12)
-    state = block.solve(0.3, 60.0, increments=2)[-1]
+    state = block.solve(0.3, 60.0, n_pull_increments=2)[-1]
     axes = plot(state, block.body)
     (pair,) = state.pairs
     area = np.full(25, 4 / 24)
@@ -366,7 +377,9 @@ def test_the_picture_of_a_contact_line_shows_pressure_shear_and_status():
     expected = {"pressure": pair.force_normal / area, "shear": pair.force_tangential[:, 0] / area}
     for values in expected.values():
         curve = np.column_stack([pair.position[:, 0], values])
-        assert any(c.shape == curve.shape and np.allclose(c, curve) for c in points_of_plotted_lines(axes))
+        assert any(
+            c.shape == curve.shape and np.allclose(c, curve) for c in points_of_plotted_lines(axes)
+        )
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert len(labels) == len(set(labels)) == 4
     n_points_by_label = {line.get_label(): len(line.get_xdata()) for line in axes.lines}

@@ -9,10 +9,12 @@ from pw_elements import Direct, Iterative
 from pw_elements.contact import SLIP, ContactPair, Coulomb, Motion, NoEquilibrium, Plane
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, on_plane
-from tests.contact.iterative import FLOOR, SolidBlock
+from tests.contact.iterative import FLOOR_IN_SPACE, SolidBlock
 
-BLOCK = BlockOnFloor(8)
-SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
+BLOCK_ON_FLOOR = BlockOnFloor(8)
+FOR_DIRECT_AND_ITERATIVE_SOLVER = pytest.mark.parametrize(
+    "solver", [Direct(), Iterative()], ids=["factors", "krylov"]
+)
 
 
 def floor_pair(law, *pair_options):
@@ -43,7 +45,9 @@ class CappedFriction:
         return self.cap + 0 * x[0]
 
     def limit(self, cap, normal_force):
-        return np.minimum(self.mu * normal_force, cap), np.where(self.mu * normal_force < cap, self.mu, 0.0)
+        return np.minimum(self.mu * normal_force, cap), np.where(
+            self.mu * normal_force < cap, self.mu, 0.0
+        )
 
 
 class AdhesiveFriction(SaturatingFriction):
@@ -62,7 +66,7 @@ class RisingCoefficientFriction(SaturatingFriction):
         return 0.4 * normal_force - limit, 0.4 - slope
 
 
-@SOLVERS
+@FOR_DIRECT_AND_ITERATIVE_SOLVER
 @pytest.mark.parametrize("p", [5.0, 60.0])
 def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
     """Each node of a uniformly stressed block has the friction limit of its pressure.
@@ -114,10 +118,14 @@ FRICTION_LAWS_AND_EXACT_LIMITS = {
 }
 
 
-@SOLVERS
+@FOR_DIRECT_AND_ITERATIVE_SOLVER
 @pytest.mark.parametrize(
     ("name", "block"),
-    [("falling", BLOCK), ("capped", BLOCK), ("falling", BlockOnFloor(8, GALERKIN))],
+    [
+        ("falling", BLOCK_ON_FLOOR),
+        ("capped", BLOCK_ON_FLOOR),
+        ("falling", BlockOnFloor(8, GALERKIN)),
+    ],
 )
 def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver):
     law, half_force, exact_limit = FRICTION_LAWS_AND_EXACT_LIMITS[name]
@@ -135,7 +143,7 @@ def test_a_law_holds_at_each_node_of_a_block_that_is_pulled(name, block, solver)
 
 def test_a_law_holds_in_space_where_slip_changes_direction():
     solid = SolidBlock()
-    floor = ContactPair(on_plane(2, 0.0), FLOOR, SaturatingFriction(0.4, 1.5))
+    floor = ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, SaturatingFriction(0.4, 1.5))
     (state,) = solid.solve_contact(floor, loads=solid.press_and_push_load())
     assert_friction_law(state.pairs[0], lambda r, h: 0.4 * r / (1 + r / h), 1.5)
     assert state.iterations <= 12  # Newton's method converges fast even with this law
@@ -143,7 +151,9 @@ def test_a_law_holds_in_space_where_slip_changes_direction():
 
 def test_a_number_means_coulombs_law():
     reference, *states = (
-        BLOCK.solve_contact(floor_pair(friction), loads=BLOCK.press_then_pull_loads(90.0, 2))[-1]
+        BLOCK_ON_FLOOR.solve_contact(
+            floor_pair(friction), loads=BLOCK_ON_FLOOR.press_then_pull_loads(90.0, 2)
+        )[-1]
         for friction in (
             0.3,
             Coulomb(0.3),
@@ -170,10 +180,10 @@ class CappedCoulomb(Coulomb):
 
 def test_a_subclass_of_coulomb_uses_its_own_limit():
     drag = Motion((0.2, 0.0))
-    load = BLOCK.pressure_load
+    load = BLOCK_ON_FLOOR.pressure_load
     for law, is_capped in ((Coulomb(0.3), False), (CappedCoulomb(0.3), True)):
-        (state,) = BLOCK.solve_contact(
-            floor_pair(law, [drag]), BLOCK.make_supports((0, on_plane(0, 4.0))), [load]
+        (state,) = BLOCK_ON_FLOOR.solve_contact(
+            floor_pair(law, [drag]), BLOCK_ON_FLOOR.make_supports((0, on_plane(0, 4.0))), [load]
         )
         (pair,) = state.pairs
         limit = 0.3 * pair.force_normal
@@ -191,7 +201,7 @@ def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
     No other code multiplies by the friction coefficient.
     """
     supports, floor = (
-        BLOCK.make_supports((0, on_plane(0, 4.0))),
+        BLOCK_ON_FLOOR.make_supports((0, on_plane(0, 4.0))),
         floor_pair(0.3, [Motion((0.2, 0.0))]),
     )
     coefficients = []
@@ -199,7 +209,7 @@ def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
         monkeypatch.setattr(
             Coulomb, "limit", lambda _, mu, force, factor=factor: (factor * mu * force, factor * mu)
         )
-        (state,) = BLOCK.solve_contact(floor, supports, [BLOCK.pressure_load])
+        (state,) = BLOCK_ON_FLOOR.solve_contact(floor, supports, [BLOCK_ON_FLOOR.pressure_load])
         (pair,) = state.pairs
         is_slipping = pair.status == SLIP
         assert is_slipping.sum() > 3
@@ -239,7 +249,7 @@ class CoulombWithCoefficientBump(Coulomb):
 )
 def test_a_law_that_contradicts_itself_is_refused(law, message):
     with pytest.raises(ValueError, match=message):
-        BLOCK.solve_contact(floor_pair(law), loads=BLOCK.pressure_load)
+        BLOCK_ON_FLOOR.solve_contact(floor_pair(law), loads=BLOCK_ON_FLOOR.pressure_load)
 
 
 def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_where_it_is_used():
@@ -263,8 +273,8 @@ def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_whe
 
 
 def test_sensitivity_refuses_other_laws_than_coulombs():
-    problem = BLOCK.contact_problem(floor_pair(CappedCoulomb(0.3)))
-    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK.pressure_load)]
+    problem = BLOCK_ON_FLOOR.contact_problem(floor_pair(CappedCoulomb(0.3)))
+    states = [problem.undeformed, problem.step(problem.undeformed, BLOCK_ON_FLOOR.pressure_load)]
     with pytest.raises(ValueError, match="is not Coulomb's"):
         problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)])
 
@@ -274,9 +284,11 @@ def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
 
     A pull of 0.4 times the pressure exceeds even the largest friction coefficient, 0.3.
     """
-    load = BLOCK.pressure_load + BLOCK.traction_load((0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0))
+    load = BLOCK_ON_FLOOR.pressure_load + BLOCK_ON_FLOOR.traction_load(
+        (0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0)
+    )
     with pytest.raises(NoEquilibrium, match="slides"):
-        BLOCK.solve_contact(floor_pair(SaturatingFriction(0.3, 1e3)), loads=load)
+        BLOCK_ON_FLOOR.solve_contact(floor_pair(SaturatingFriction(0.3, 1e3)), loads=load)
 
 
 @pytest.mark.parametrize(
@@ -294,4 +306,4 @@ def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
 )
 def test_invalid_laws_are_refused(law):
     with pytest.raises(ValueError, match="friction"):
-        BLOCK.solve_contact(floor_pair(law), loads=BLOCK.pressure_load)
+        BLOCK_ON_FLOOR.solve_contact(floor_pair(law), loads=BLOCK_ON_FLOOR.pressure_load)

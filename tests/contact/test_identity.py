@@ -26,7 +26,7 @@ from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.two_bodies import StackedBlocks
 from tests.parallel import run_on
 
-COMM = MPI.COMM_SELF
+SELF_COMM = MPI.COMM_SELF
 PRESSING_MOTION, ON_TOP = Motion((0, -0.05)), on_plane(1, 0.0)
 
 
@@ -48,7 +48,11 @@ def circle_changed_far_from_nodes(slope_beyond_nodes):
     """Return a circle that becomes a different surface far from the contact nodes."""
 
     def distance(x):
-        return np.linalg.norm(x - [0, 1], axis=1) - 1 + slope_beyond_nodes * np.maximum(0.0, x[:, 0] - 2.2)
+        return (
+            np.linalg.norm(x - [0, 1], axis=1)
+            - 1
+            + slope_beyond_nodes * np.maximum(0.0, x[:, 0] - 2.2)
+        )
 
     return SignedDistance(distance)
 
@@ -68,7 +72,7 @@ class VariableRubberProblem:
         load=0.0,
         warm=0.0,
         pivot=None,
-        comm=COMM,
+        comm=SELF_COMM,
         divisions=(12, 4),
     ):
         mesh = triangles(comm, (-2, -1), (2, 0), divisions)
@@ -96,12 +100,12 @@ class VariableRubberProblem:
         measure = ufl.dx(metadata={"quadrature_degree": 4})
         self.problem = ContactProblem.of_residual(residual * measure, self.u, conditions, pair)
 
-    def press(self, load=None, state=None):
-        return self.problem.step(state or self.problem.undeformed, load, PRESSING_MOTION)
+    def press(self, load=None, start_state=None):
+        return self.problem.step(start_state or self.problem.undeformed, load, PRESSING_MOTION)
 
 
 @pytest.fixture(scope="module")
-def saved_state(tmp_path_factory):
+def saved_state_path(tmp_path_factory):
     """Return the path of a file with a state of the default problem."""
     path, case = tmp_path_factory.mktemp("kept") / "state.npz", VariableRubberProblem()
     case.problem.save(case.press(), path)
@@ -136,13 +140,15 @@ def test_a_second_object_of_the_same_problem_loads_the_state(saved_state_path):
     case = VariableRubberProblem()
     state = case.problem.load(saved_state_path)
     assert state.increment == 1
-    assert case.press(state=state).residuals.largest() < 1e-9
+    assert case.press(start_state=state).residuals.largest() < 1e-9
 
 
 @pytest.mark.parametrize("message", PROBLEM_CHANGES_BY_MESSAGE)
 def test_each_changed_part_of_a_problem_is_named(message, saved_state_path):
     assert message in load_error_message(
-        lambda: VariableRubberProblem(**PROBLEM_CHANGES_BY_MESSAGE[message]).problem.load(saved_state_path)
+        lambda: VariableRubberProblem(**PROBLEM_CHANGES_BY_MESSAGE[message]).problem.load(
+            saved_state_path
+        )
     )
 
 
@@ -163,7 +169,9 @@ def test_laws_and_surfaces_differ_even_if_their_values_on_the_undeformed_body_ag
         assert np.array_equal(pair.gap, other_pair.gap)
         assert np.array_equal(pair.friction, other_pair.friction)
         case.problem.save(case.problem.undeformed, path)
-        assert "it differs by" in load_error_message(lambda case=other_case: case.problem.load(path))
+        assert "it differs by" in load_error_message(
+            lambda case=other_case: case.problem.load(path)
+        )
         assert make_case().problem.load(path).increment == 0
 
 
@@ -218,12 +226,12 @@ def test_saving_and_loading_do_not_change_the_problem(tmp_path):
 
 def make_block_of_two_moduli(left_modulus, right_modulus):
     """Return a symmetric block whose halves differ in Young's modulus, and its problem."""
-    mesh = triangles(COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
+    mesh = triangles(SELF_COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     modulus.interpolate(lambda x: np.where(x[0] < 0, left_modulus, right_modulus))
     case = ElasticBody(mesh, material=Material(modulus, 0.3))
     return case, case.contact_problem(
-        ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1))), case.clamp(ON_BASE)
+        ContactPair(on_plane(1, 1.0), Plane((0, 1), (0, -1))), case.make_clamping_supports(ON_BASE)
     )
 
 
@@ -247,13 +255,15 @@ def test_stiffnesses_of_equal_norm_are_told_apart(tmp_path):
 
 def test_other_supports_and_other_facets_are_refused(tmp_path):
     path, stack = tmp_path / "state.npz", StackedBlocks((4, 3))
-    supports = stack.clamp(on_plane(1, 0.0))
+    supports = stack.make_clamping_supports(on_plane(1, 0.0))
     problem = stack.contact_problem(stack.make_pair("upper"), supports)
     problem.save(problem.undeformed, path)
     problem_on_rollers = stack.contact_problem(
         stack.make_pair("upper"), stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
     )
-    assert "with other supports: it differs by" in load_error_message(lambda: problem_on_rollers.load(path))
+    assert "with other supports: it differs by" in load_error_message(
+        lambda: problem_on_rollers.load(path)
+    )
     partial_surface = DeformableSurface(stack.sides["lower"][1:])
     problem_on_part = stack.contact_problem(
         ContactPair(stack.make_pair("upper").nodes, partial_surface), supports
@@ -266,13 +276,13 @@ def evaluate_problem_identity(comm, state_path):
     case = VariableRubberProblem(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
         case.problem.load(state_path)
-    return case.problem._identify().evaluate()
+    return case.problem._make_fingerprint().evaluate_all_values()
 
 
 def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
     case, path = VariableRubberProblem(load=0.1, warm=0.2, stiffer=0.5), tmp_path / "state.npz"
     case.problem.save(case.press(), path)
-    serial = evaluate_problem_identity(COMM, path)
+    serial = evaluate_problem_identity(SELF_COMM, path)
     for parallel in run_on(3, evaluate_problem_identity, path):
         assert parallel.keys() == serial.keys()
         for name, values in serial.items():
@@ -284,7 +294,7 @@ def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
 def test_another_version_is_named_where_a_residual_differs(tmp_path):
     path, case = tmp_path / "state.npz", VariableRubberProblem()
     case.problem.save(case.problem.undeformed, path)
-    forge(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
+    forge_state_file(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
     assert case.problem.load(path).increment == 0
     message = load_error_message(lambda: VariableRubberProblem(quadratic=1e-3).problem.load(path))
     assert "The file was written with DOLFINx 0.8.0" in message
@@ -293,7 +303,7 @@ def test_another_version_is_named_where_a_residual_differs(tmp_path):
 # -- forged files ----------------------------------------------------------------------------------
 
 
-def forge(path, change):
+def forge_state_file(path, change):
     """Change the arrays and plain values of a file, and update its digest."""
     with np.load(path) as archive:
         arrays = dict(archive)
@@ -379,8 +389,10 @@ FORGERIES_BY_MESSAGE = {
 def test_invalid_values_are_refused_in_spite_of_a_valid_digest(message, saved_state_path, tmp_path):
     path = tmp_path / "state.npz"
     path.write_bytes(saved_state_path.read_bytes())
-    forge(path, lambda *_: None)
+    forge_state_file(path, lambda *_: None)
     case = VariableRubberProblem()
     assert case.problem.load(path).increment == 1
-    forge(path, FORGERIES_BY_MESSAGE[message])
-    assert f"holds no contact state: {message}" in load_error_message(lambda: case.problem.load(path))
+    forge_state_file(path, FORGERIES_BY_MESSAGE[message])
+    assert f"holds no contact state: {message}" in load_error_message(
+        lambda: case.problem.load(path)
+    )

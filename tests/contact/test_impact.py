@@ -26,7 +26,7 @@ from study.benchmarks.v12_impact.page import integrate_by_hand, integrate_by_lib
 from study.benchmarks.v12_impact.schemes import Scheme
 from study.meshes.mesh_families import on_strip
 from study.model.matrices import dense
-from tests.contact.cases import GALERKIN, ElasticBody, on_plane, make_x_spacing_unequal
+from tests.contact.cases import GALERKIN, ElasticBody, make_x_spacing_unequal, on_plane
 from tests.contact.test_friction import SaturatingFriction
 
 FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
@@ -37,7 +37,8 @@ class ThrownBlock(ElasticBody):
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(
-            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), lambda x: make_x_spacing_unequal(x, 0.05)
+            triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)),
+            lambda x: make_x_spacing_unequal(x, 0.05),
         )
         super().__init__(mesh, GALERKIN, E=E)
         self.sibling = Sibling.from_space(self.space)
@@ -57,7 +58,7 @@ class ThrownBlock(ElasticBody):
     def body_force_load(self, force_per_volume):
         return self.sibling.load(super().body_force_load(force_per_volume))
 
-    def wall_supports(self, marker):
+    def x_supports(self, marker):
         return self.sibling.dirichlet([prescribe(self.space, 0, marker)])
 
     def solve_impact(self, duration, velocity, mu=0.0, reduction=None, **options):
@@ -68,19 +69,21 @@ class ThrownBlock(ElasticBody):
         return solve_impact(*arguments, duration, velocity, **options)
 
 
-BLOCK = ThrownBlock()
+THROWN_BLOCK = ThrownBlock()
 
 
 def test_momentum_changes_by_impulses_and_energy_by_work():
     gravity = np.array([0.2, -1.0])
-    history = BLOCK.solve_impact(3.0, (1.0, -0.7), 0.4, load=BLOCK.body_force_load(gravity))
+    history = THROWN_BLOCK.solve_impact(
+        3.0, (1.0, -0.7), 0.4, load=THROWN_BLOCK.body_force_load(gravity)
+    )
     dt, steps = history.step, len(history.time) - 1
-    momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
+    momentum = (THROWN_BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
     contact_impulse = history.pairs[0].total.sum(axis=0) * dt
     # velocities belong to the middle of steps, so that half a step of the load is missing
-    load_impulse = BLOCK.total_mass * gravity * dt * (steps - 0.5)
+    load_impulse = THROWN_BLOCK.total_mass * gravity * dt * (steps - 0.5)
     assert momentum == pytest.approx(
-        BLOCK.total_mass * np.array([1.0, -0.7]) + contact_impulse + load_impulse
+        THROWN_BLOCK.total_mass * np.array([1.0, -0.7]) + contact_impulse + load_impulse
     )
     energies = history.energies
     assert energies.imbalance < 1e-12
@@ -96,7 +99,7 @@ def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
     block = ThrownBlock(E=5e4)
     weight = block.body_force_load((0.0, -gravity))
     # the start state is the block at rest under its weight, with rollers at a corner
-    roller = block.wall_supports(lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
+    roller = block.x_supports(lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
     (rest_state,) = block.solve_contact(ContactPair(on_plane(1, 0.0), FLOOR), roller, weight)
     stopping_time = speed / (mu * gravity)
     options = {"load": weight, "displacement": rest_state.displacement, "frames": 1}
@@ -118,8 +121,8 @@ def test_forces_are_the_same_in_a_moving_frame():
     Either a body is thrown at a resting plane, or the plane is moved at the resting body.
     """
     velocity = np.array([0.6, -0.8])
-    thrown = BLOCK.solve_impact(1.5, velocity, 0.3)
-    driven = BLOCK.solve_impact(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
+    thrown = THROWN_BLOCK.solve_impact(1.5, velocity, 0.3)
+    driven = THROWN_BLOCK.solve_impact(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
     largest = np.abs(thrown.pairs[0].force).max()
     assert driven.pairs[0].force == pytest.approx(thrown.pairs[0].force, abs=1e-9 * largest)
     assert driven.energies.imbalance < 1e-12
@@ -145,10 +148,12 @@ def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
 
 
 def test_the_critical_step_is_that_of_the_highest_frequency():
-    supports = BLOCK.wall_supports(on_plane(0, 0.0))
+    supports = THROWN_BLOCK.x_supports(on_plane(0, 0.0))
     R = dense(supports.right)
-    values = scipy.linalg.eigvalsh(R.T @ dense(BLOCK.K) @ R, R.T @ dense(BLOCK.M) @ R)
-    assert critical_step(BLOCK.K, BLOCK.M, supports) == pytest.approx(2 / np.sqrt(values[-1]))
+    values = scipy.linalg.eigvalsh(R.T @ dense(THROWN_BLOCK.K) @ R, R.T @ dense(THROWN_BLOCK.M) @ R)
+    assert critical_step(THROWN_BLOCK.K, THROWN_BLOCK.M, supports) == pytest.approx(
+        2 / np.sqrt(values[-1])
+    )
 
 
 @pytest.mark.parametrize("name", ["Coulomb's", "falling"])
@@ -170,7 +175,9 @@ def test_the_law_holds_at_random_points(name):
         else FrictionCone([SaturatingFriction(0.9, None)], [half_force])
     )
     is_held = np.zeros((n, 3), bool)
-    contact = solve_nodal_contact_of_step(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    contact = solve_nodal_contact_of_step(
+        motion, gap, normal, shift, is_held, is_held, mass, cone, step
+    )
     end_motion = motion + step**2 * contact.force / mass[:, None]
     end_gap = gap + np.sum(normal * end_motion, axis=1)
     slip = end_motion - shift - np.sum(normal * (end_motion - shift), axis=1)[:, None] * normal
@@ -205,7 +212,9 @@ def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
     motion[is_held] = 0.0
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     cone = FrictionCone([Coulomb(0.0)], [mu])
-    contact = solve_nodal_contact_of_step(motion, gap, normal, shift, is_held, is_held, mass, cone, step)
+    contact = solve_nodal_contact_of_step(
+        motion, gap, normal, shift, is_held, is_held, mass, cone, step
+    )
     end_motion = motion + np.where(is_held, 0.0, step**2 * contact.force / mass[:, None])
     slip = (end_motion - shift) * [1.0, 1.0, 0.0]
     assert contact.slip == pytest.approx(slip, abs=1e-12)
@@ -223,45 +232,47 @@ def test_a_block_between_walls_has_the_friction_of_its_floor():
 
     The floor moves away below the block.
     """
-    supports = BLOCK.wall_supports(lambda x: x[0] > -1)
-    history = BLOCK.solve_impact(1.0, (0.0, -1.0), 0.5, supports, paths=[lambda time: (time, 0.0)])
+    supports = THROWN_BLOCK.x_supports(lambda x: x[0] > -1)
+    history = THROWN_BLOCK.solve_impact(
+        1.0, (0.0, -1.0), 0.5, supports, paths=[lambda time: (time, 0.0)]
+    )
     normal_force = history.pairs[0].force[..., 1]
     assert normal_force.max() > 0
     assert history.pairs[0].force[..., 0] == pytest.approx(0.5 * normal_force, rel=1e-12)
 
 
 def test_frames_are_written_and_fields_show_true_displacements(tmp_path):
-    history = BLOCK.solve_impact(1.0, (0.3, -1.0), 0.2, frames=4)
+    history = THROWN_BLOCK.solve_impact(1.0, (0.3, -1.0), 0.2, frames=4)
     assert len(history.frames) == 4
     assert history.frame_times[-1] == pytest.approx(history.time[-1])
-    write(tmp_path / "thrown.bp", history.frames, BLOCK.body, history.frame_times)
+    write(tmp_path / "thrown.bp", history.frames, THROWN_BLOCK.body, history.frame_times)
     assert (tmp_path / "thrown.bp").exists()
-    fields = ContactFields.from_state(history.frames[-1], BLOCK.body)
-    true_displacement = BLOCK.sibling.displacement(history.displacement)
+    fields = ContactFields.from_state(history.frames[-1], THROWN_BLOCK.body)
+    true_displacement = THROWN_BLOCK.sibling.displacement(history.displacement)
     assert fields.displacement.x.array == pytest.approx(true_displacement.array)
     (pair,) = history.frames[-1].pairs
     assert pair.force_vector == pytest.approx(history.pairs[0].force[-1])
     with pytest.raises(ValueError, match="has not converged"):
-        BLOCK.contact_problem(ContactPair(on_plane(1, 0.0), FLOOR), BLOCK.no_supports).step(
-            history.frames[-1], BLOCK.body_force_load((0.0, -1.0))
-        )
+        THROWN_BLOCK.contact_problem(
+            ContactPair(on_plane(1, 0.0), FLOOR), THROWN_BLOCK.no_supports
+        ).step(history.frames[-1], THROWN_BLOCK.body_force_load((0.0, -1.0)))
 
 
 def solve_impact_with_changes(**changes):
     arguments = {
-        "K": BLOCK.K,
-        "M": BLOCK.M,
-        "reduction": BLOCK.no_supports,
+        "K": THROWN_BLOCK.K,
+        "M": THROWN_BLOCK.M,
+        "reduction": THROWN_BLOCK.no_supports,
         "pairs": ContactPair(on_plane(1, 0.0), FLOOR),
-        "space": BLOCK.space,
+        "space": THROWN_BLOCK.space,
         "duration": 1.0,
-        "velocity": BLOCK.uniform_vector((0.0, -1.0)),
+        "velocity": THROWN_BLOCK.uniform_vector((0.0, -1.0)),
     }
     solve_impact(**{**arguments, **changes})
 
 
 def mass_with_unequal_components():
-    M = BLOCK.M.copy()
+    M = THROWN_BLOCK.M.copy()
     diagonal = M.getDiagonal()
     diagonal.array[::2] *= 2
     M.setDiagonal(diagonal)
@@ -269,9 +280,9 @@ def mass_with_unequal_components():
 
 
 INVALID_CHANGES_AND_MESSAGES = {
-    "unsymmetric": (lambda: {"K": ElasticBody(BLOCK.mesh).K}, "complex.*grow.*Sibling"),
-    "full mass": (lambda: {"M": BLOCK.K}, "not diagonal"),
-    "no mass": (lambda: {"M": 0.0 * BLOCK.M}, "not positive"),
+    "unsymmetric": (lambda: {"K": ElasticBody(THROWN_BLOCK.mesh).K}, "complex.*grow.*Sibling"),
+    "full mass": (lambda: {"M": THROWN_BLOCK.K}, "not diagonal"),
+    "no mass": (lambda: {"M": 0.0 * THROWN_BLOCK.M}, "not positive"),
     "uneven mass": (lambda: {"M": mass_with_unequal_components()}, "components differ"),
     "long step": (lambda: {"step": 10.0}, "stable up to"),
     "no step": (lambda: {"step": 0.0}, "has to be positive"),
@@ -284,9 +295,12 @@ INVALID_CHANGES_AND_MESSAGES = {
     "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
-    "infinite load": (lambda: {"load": BLOCK.uniform_vector((np.inf, 0.0))}, "load.*not finite"),
+    "infinite load": (
+        lambda: {"load": THROWN_BLOCK.uniform_vector((np.inf, 0.0))},
+        "load.*not finite",
+    ),
     "condensation": (
-        lambda: {"reduction": replace(BLOCK.no_supports, inner_flexibility=BLOCK.K)},
+        lambda: {"reduction": replace(THROWN_BLOCK.no_supports, inner_flexibility=THROWN_BLOCK.K)},
         "no condensation",
     ),
     "matching": (
@@ -294,12 +308,12 @@ INVALID_CHANGES_AND_MESSAGES = {
         "impact of two bodies is not supported",
     ),
     "inside": (
-        lambda: {"displacement": BLOCK.uniform_vector((0.0, -0.1))},
+        lambda: {"displacement": THROWN_BLOCK.uniform_vector((0.0, -0.1))},
         "let it start 0.1 farther away",
     ),
     "driven in": (lambda: {"paths": lambda _: (0.0, 0.1)}, "would be shot out"),
     "velocity": (
-        lambda: {"velocity": BLOCK.uniform_vector((np.nan, 0.0))},
+        lambda: {"velocity": THROWN_BLOCK.uniform_vector((np.nan, 0.0))},
         "velocity is not finite",
     ),
 }
@@ -315,7 +329,9 @@ def test_invalid_impacts_are_refused(name):
 def test_a_critical_step_needs_a_diagonal_mass():
     with pytest.raises(ValueError, match="not diagonal"):
         critical_step(
-            BLOCK.standard_stiffness, assemble_matrix(BLOCK.body.mass()), BLOCK.make_supports()
+            THROWN_BLOCK.standard_stiffness,
+            assemble_matrix(THROWN_BLOCK.body.mass()),
+            THROWN_BLOCK.make_supports(),
         )
 
 
@@ -324,18 +340,18 @@ def test_a_critical_step_needs_a_diagonal_mass():
 
 def test_large_strains_of_frames_are_reported(caplog):
     with caplog.at_level("WARNING", "pw_elements.contact"):
-        history = BLOCK.solve_impact(0.4, (0.0, -3.0), frames=2)
+        history = THROWN_BLOCK.solve_impact(0.4, (0.0, -3.0), frames=2)
     assert max(state.smallness.strain for state in history.frames) > 0.05
     assert "leaves the range of small displacements: largest strain" in caplog.text
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_stiffness_with_negative_eigenvalues_is_refused(sign):
-    K = BLOCK.K.copy()
+    K = THROWN_BLOCK.K.copy()
     if sign < 0:
         K.scale(-1.0)
     else:  # a spring of negative stiffness between two nodes
         K.setValues([0, 40], [0, 40], 100 * np.array([[0.0, 1.0], [1.0, 0.0]]), addv=True)
         K.assemble()
     with pytest.raises(ValueError, match="not negative"):
-        critical_step(K, BLOCK.M, BLOCK.no_supports)
+        critical_step(K, THROWN_BLOCK.M, THROWN_BLOCK.no_supports)

@@ -132,19 +132,29 @@ def is_separated_by_move(problem, start_and_end_positions, unknowns):
     fractions = np.linspace(0, 1, 129)
     motions = np.array(
         [
-            [[*((1 - fraction) * np.array(start_and_end_positions[0]) + fraction * np.array(start_and_end_positions[1])), 0]]
+            [
+                [
+                    *(
+                        (1 - fraction) * np.array(start_and_end_positions[0])
+                        + fraction * np.array(start_and_end_positions[1])
+                    ),
+                    0,
+                ]
+            ]
             for fraction in fractions
         ]
     )
     displacements = np.zeros((len(fractions), *stepping._supports.node_positions.shape))
-    pieces = PiecesMovingWithSupports.fit(
+    pieces = PiecesMovingWithSupports.fit_rigid_motions_to_supports(
         stepping._supports.node_positions,
         stepping._supports.is_supported,
         stepping._supports.node_component,
         displacements,
         stepping.interface.comm,
     )
-    return does_rigid_motion_end_all_contact(stepping.interface, stepping._surfaces, pieces, motions, unknowns)
+    return does_rigid_motion_end_all_contact(
+        stepping.interface, stepping._surfaces, pieces, motions, unknowns
+    )
 
 
 def test_a_tool_that_passes_through_a_body_does_not_separate():
@@ -159,10 +169,18 @@ def test_a_tool_that_passes_through_a_body_does_not_separate():
     assert is_separated_by_move(problem, [(0.3, 0.0), (-4.0, 0.0)], undeformed)
     assert is_separated_by_move(problem, [(0.3, 0.0), (0.3, 4.0)], undeformed)
     assert not is_separated_by_move(problem, [(0.7, 0.0), (4.0, 0.0)], undeformed)  # into the block
-    assert not is_separated_by_move(problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0)  # out of reach
-    assert not is_separated_by_move(problem, [(0.1, 0.0), (1.5, 2.0)], undeformed)  # deeper at first
-    assert not is_separated_by_move(problem, [(0.3, 0.0), (0.05, 0.0)], undeformed)  # still overlaps
-    assert not is_separated_by_move(problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed)  # no contact yet
+    assert not is_separated_by_move(
+        problem, [(0.1, 0.0), (-4.0, 0.0)], undeformed + 5.0
+    )  # out of reach
+    assert not is_separated_by_move(
+        problem, [(0.1, 0.0), (1.5, 2.0)], undeformed
+    )  # deeper at first
+    assert not is_separated_by_move(
+        problem, [(0.3, 0.0), (0.05, 0.0)], undeformed
+    )  # still overlaps
+    assert not is_separated_by_move(
+        problem, [(-1.0, 0.0), (-4.0, 0.0)], undeformed
+    )  # no contact yet
 
 
 @pytest.mark.parametrize("surface", [PLANE_ABOVE, Sphere((0.0, 0.6), 0.6)], ids=["plane", "circle"])

@@ -91,7 +91,9 @@ def test_either_side_may_be_the_slave(gap):
         level = HEIGHT if slave_is_upper else HEIGHT + gap
         pair = blocks.make_pair(0.2, slave_is_upper, Parabola((LENGTH / 2, level), sign * 10.0))
         loads = [blocks.traction_load((pull, -2.0)) for pull in (0.0, 0.3)]
-        state = blocks.solve_contact(pair, blocks.clamp(on_plane(1, 0.0)), loads)[-1]
+        state = blocks.solve_contact(pair, blocks.make_clamping_supports(on_plane(1, 0.0)), loads)[
+            -1
+        ]
         results.append((state.displacement.array_r, state.pairs[0]))
     (displacement, upper_pair), (other_displacement, lower_pair) = results
     assert {OPEN, SLIP} <= set(upper_pair.status.tolist())
@@ -102,13 +104,22 @@ def test_either_side_may_be_the_slave(gap):
 
 
 SEPARATED_BLOCKS = MatchingBlocks(gap=0.1)
-LOWER_NODES, UPPER_NODES = SEPARATED_BLOCKS.nodes_facing_other_block(False), SEPARATED_BLOCKS.nodes_facing_other_block(True)
+LOWER_NODES, UPPER_NODES = (
+    SEPARATED_BLOCKS.nodes_facing_other_block(False),
+    SEPARATED_BLOCKS.nodes_facing_other_block(True),
+)
 
 
 def make_matching_pair(
-    nodes=UPPER_NODES, opposite_nodes=LOWER_NODES, plane_point=(0, 1), plane_normal=(0, 1), offset=(0.0, -0.1)
+    nodes=UPPER_NODES,
+    opposite_nodes=LOWER_NODES,
+    plane_point=(0, 1),
+    plane_normal=(0, 1),
+    offset=(0.0, -0.1),
 ):
-    return ContactPair(nodes, MatchingNodes(opposite_nodes, Plane(plane_point, plane_normal), offset), 0.3)
+    return ContactPair(
+        nodes, MatchingNodes(opposite_nodes, Plane(plane_point, plane_normal), offset), 0.3
+    )
 
 
 @pytest.mark.parametrize(
@@ -118,12 +129,18 @@ def make_matching_pair(
         (make_matching_pair(offset=(0.0, 0.0, 0.1)), "offset .* is not 2-D"),
         (make_matching_pair(opposite_nodes=LOWER_NODES[:3]), "face no node of the opposite"),
         (make_matching_pair(opposite_nodes=lambda x: x[1] > 9), "no opposite nodes"),
-        (make_matching_pair(plane_point=(0, 1, 0), plane_normal=(0, 1, 0)), "the point of its surface has 3 components"),
+        (
+            make_matching_pair(plane_point=(0, 1, 0), plane_normal=(0, 1, 0)),
+            "the point of its surface has 3 components",
+        ),
         (
             [make_matching_pair(), ContactPair(LOWER_NODES, Plane((0, 0), (0, 1)))],
             "belong to two contact pairs",
         ),
-        (make_matching_pair(on_plane(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)), "inside of the body"),
+        (
+            make_matching_pair(on_plane(1, 1.1 + 1 / 6), offset=(0.0, -0.1 - 1 / 6)),
+            "inside of the body",
+        ),
     ],
 )
 def test_invalid_matching_pairs_are_refused(pair, message):

@@ -32,7 +32,7 @@ from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
 from tests.contact.two_bodies import (
     PLANE_CELLS,
-    PRESSURE,
+    TOP_PRESSURE_OVER_MODULUS,
     StackedBlocks,
     join_meshes,
     split_facets_by_side,
@@ -52,13 +52,16 @@ def contact_and_support_forces(stack, state, load):
     return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
-def imbalance(stack, state, load):
+def relative_imbalance_of_contact(stack, state, load):
     """Return the resultant force and moment of contact on both bodies, relative to the forces.
 
     The reference is the sum of the magnitudes of all nodal forces.
     """
     interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
-    force, x = contact_and_support_forces(stack, state, load)[interface_mask], stack.x[interface_mask]
+    force, x = (
+        contact_and_support_forces(stack, state, load)[interface_mask],
+        stack.x[interface_mask],
+    )
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
     total_magnitude = np.abs(force).sum()
     return max(np.abs(force.sum(axis=0)).max(), np.abs(moment.sum(axis=0)).max()) / total_magnitude
@@ -98,13 +101,15 @@ def test_patch_test_passes(cell, slave, friction, element, nu, state):
     if element == "hybrid":
         stress_ratio = nu if stack.dim == 2 else nu / (1 + nu)
         _, pressure = split(stack.space, solution.unknowns)
-        assert pressure.x.array == pytest.approx(PRESSURE * stress_ratio, rel=1e-9)
+        assert pressure.x.array == pytest.approx(TOP_PRESSURE_OVER_MODULUS * stress_ratio, rel=1e-9)
     fields = ContactFields.from_state(solution, stack.body)
     for side in ("upper", "lower"):
-        nodes = stack.side_nodes(side)
+        nodes = stack.side_node_mask(side)
         for pressure_field in (fields.pressure, fields.tributary_pressure):
-            assert nodal_values(pressure_field, nodes) == pytest.approx(PRESSURE, rel=1e-8)
-        assert np.abs(nodal_values(fields.traction, nodes)).max() < 1e-9 * PRESSURE
+            assert nodal_values(pressure_field, nodes) == pytest.approx(
+                TOP_PRESSURE_OVER_MODULUS, rel=1e-8
+            )
+        assert np.abs(nodal_values(fields.traction, nodes)).max() < 1e-9 * TOP_PRESSURE_OVER_MODULUS
         assert np.abs(nodal_values(fields.gap, nodes)).max() < 1e-12
         assert set(nodal_values(fields.status, nodes)) <= {STICK, HELD} or not friction
 
@@ -124,7 +129,9 @@ def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
         return x + bubble[:, None] * direction
 
     stack = StackedBlocks((2, 3), "hexahedron", map_upper=distort)
-    assert_uniaxial_displacements(stack, stack.solve_uniaxial_compression(slave), relative_tolerance=1e-10)
+    assert_uniaxial_displacements(
+        stack, stack.solve_uniaxial_compression(slave), relative_tolerance=1e-10
+    )
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
@@ -138,25 +145,31 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
     stack = StackedBlocks(
         (5, 4) if cell in PLANE_CELLS else (3, 2), cell, map_upper=lambda x: x * [end, 1.0, 1.0]
     )
-    load = stack.traction_load(-PRESSURE * np.eye(stack.dim)[stack.up])
-    nodes, corners, _ = gather_boundary_facets(stack.space, stack.sides["lower"]).sub_facet_nodes_corners_and_normals
-    forces = -PRESSURE * integrate_hat_functions_beyond(corners, end)
+    load = stack.traction_load(-TOP_PRESSURE_OVER_MODULUS * np.eye(stack.dim)[stack.up])
+    nodes, corners, _ = gather_boundary_facets(
+        stack.space, stack.sides["lower"]
+    ).sub_facet_nodes_corners_and_normals
+    forces = -TOP_PRESSURE_OVER_MODULUS * integrate_hat_functions_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, forces)
     state = stack.solve_uniaxial_compression(slave, 0.3 if cell == "hexahedron" else 0.0, load)
     assert_uniaxial_displacements(stack, state, relative_tolerance=1e-9)
     assert np.isinf(state.pairs[0].gap).any() == (slave == "lower")
     pressure = ContactFields.from_state(state, stack.body).pressure
-    assert nodal_values(pressure, stack.side_nodes("upper")) == pytest.approx(PRESSURE, rel=1e-8)
-    lower_nodes = np.flatnonzero(stack.side_nodes("lower"))
+    assert nodal_values(pressure, stack.side_node_mask("upper")) == pytest.approx(
+        TOP_PRESSURE_OVER_MODULUS, rel=1e-8
+    )
+    lower_nodes = np.flatnonzero(stack.side_node_mask("lower"))
     x, pressures = stack.x[lower_nodes, 0], nodal_values(pressure, lower_nodes)
     is_uncovered = x > end + h - 1e-9
     assert is_uncovered.any()
-    assert np.abs(pressures[is_uncovered]).max() < 1e-12 * PRESSURE
+    assert np.abs(pressures[is_uncovered]).max() < 1e-12 * TOP_PRESSURE_OVER_MODULUS
     # only a 200th of the weights of the last covered nodes faces the master; for solids far more
     is_hardly_covered = ~is_uncovered & (x > end) & (cell == "triangle")
     assert np.isnan(pressures[is_hardly_covered]).all()
     assert is_hardly_covered.any() == (cell == "triangle")
-    assert pressures[~is_uncovered & ~is_hardly_covered] == pytest.approx(PRESSURE, rel=1e-8)
+    assert pressures[~is_uncovered & ~is_hardly_covered] == pytest.approx(
+        TOP_PRESSURE_OVER_MODULUS, rel=1e-8
+    )
 
 
 def integrate_hat_functions_beyond(corners, end_x):
@@ -190,11 +203,11 @@ def test_forces_and_moments_balance_and_fields_contain_them(cell, slave, element
     stack = StackedBlocks(divisions, cell, upper_range=(low, high), element=element, nu=nu)
     state = stack.solve_shifted_top(slave)
     assert state.residuals.largest() < 1e-9
-    assert imbalance(stack, state, stack.zero_load) < 1e-12
+    assert relative_imbalance_of_contact(stack, state, stack.zero_load) < 1e-12
     fields, (pair,) = ContactFields.from_state(state, stack.body), state.pairs
     assert_friction_law(pair, lambda r, _: 0.2 * r, None)
     force = nodal_values(fields.force, slice(None))
-    interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
+    interface_mask = stack.side_node_mask("upper") | stack.side_node_mask("lower")
     unbalanced = contact_and_support_forces(stack, state, stack.zero_load)
     assert force[interface_mask] == pytest.approx(
         unbalanced[interface_mask], abs=1e-10 * np.abs(unbalanced[interface_mask]).max()
@@ -221,7 +234,7 @@ def test_a_motion_moves_the_opposite_body_closer(motion):
 
 
 STACKED_BLOCKS = StackedBlocks((3, 2))
-UPPER_NODES, LOWER_FACETS = STACKED_BLOCKS.side_nodes("upper"), STACKED_BLOCKS.sides["lower"]
+UPPER_NODES, LOWER_FACETS = STACKED_BLOCKS.side_node_mask("upper"), STACKED_BLOCKS.sides["lower"]
 
 
 @pytest.mark.parametrize(
@@ -272,23 +285,30 @@ def test_a_coarse_slave_is_logged_as_a_warning(caplog):
     stack = StackedBlocks((3, 12))
     for slave, is_warned in (("upper", False), ("lower", True)):
         caplog.clear()
-        stack.solve_contact(stack.make_pair(slave), stack.fixed_base_moved_top_supports([0.0, -0.01]))
+        stack.solve_contact(
+            stack.make_pair(slave), stack.fixed_base_moved_top_supports([0.0, -0.01])
+        )
         assert ("facets are 4.0 times as large as those they face" in caplog.text) == is_warned
 
 
 @pytest.mark.parametrize(
     ("traction", "friction", "kind", "message"),
     [
-        ((0.0, -PRESSURE), 0.0, FreeBody, "translation x of the body around"),
-        ((0.4 * PRESSURE, -PRESSURE), 0.3, NoEquilibrium, "slides along"),
-        ((0.0, PRESSURE), 0.3, NoEquilibrium, "lifts off pair 0"),
+        ((0.0, -TOP_PRESSURE_OVER_MODULUS), 0.0, FreeBody, "translation x of the body around"),
+        (
+            (0.4 * TOP_PRESSURE_OVER_MODULUS, -TOP_PRESSURE_OVER_MODULUS),
+            0.3,
+            NoEquilibrium,
+            "slides along",
+        ),
+        ((0.0, TOP_PRESSURE_OVER_MODULUS), 0.3, NoEquilibrium, "lifts off pair 0"),
     ],
 )
 def test_a_loose_body_is_named_in_the_refusal(traction, friction, kind, message):
     with pytest.raises(kind, match=message):
         STACKED_BLOCKS.solve_contact(
             STACKED_BLOCKS.make_pair("upper", friction),
-            STACKED_BLOCKS.clamp(on_plane(1, 0.0)),
+            STACKED_BLOCKS.make_clamping_supports(on_plane(1, 0.0)),
             STACKED_BLOCKS.traction_load(traction),
         )
 
@@ -303,7 +323,7 @@ def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
     stack = StackedBlocks((3, 2), cell)
     up = stack.up
     translation = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
-    slave_nodes = np.flatnonzero(stack.side_nodes("upper"))
+    slave_nodes = np.flatnonzero(stack.side_node_mask("upper"))
     side_conditions = [
         (i, lambda x: np.isin(np.arange(x.shape[1]), slave_nodes), translation[i])
         for i in range(up)
@@ -401,12 +421,14 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
     pairs = [ContactPair(nodes[0], master), floor, ContactPair(nodes[1], master)]
     supports = body.make_supports(*((0, on_plane(0, x)) for x in (0.0, end, 1.0)))
     (state,) = body.solve_contact(
-        pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 2.0))
+        pairs, supports, body.traction_load((0.0, -TOP_PRESSURE_OVER_MODULUS), on_plane(1, 2.0))
     )
     fields = ContactFields.from_state(state, body.body)
     on_master = fem.locate_dofs_topological(body.space, 1, master_facets)
     for face_nodes in (*nodes, on_master, state.pairs[1].node):
-        assert nodal_values(fields.pressure, face_nodes) == pytest.approx(PRESSURE, rel=1e-9)
+        assert nodal_values(fields.pressure, face_nodes) == pytest.approx(
+            TOP_PRESSURE_OVER_MODULUS, rel=1e-9
+        )
     assert fields.opposite[1] is None
     changed_state = replace(
         state, pairs=(*state.pairs[:2], replace(state.pairs[2], opposite_node=nodes[0]))
@@ -417,7 +439,9 @@ def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
 
 
 def test_a_body_between_two_others_has_the_pressure_of_each_pair():
-    levels = [make_rectangle_mesh((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
+    levels = [
+        make_rectangle_mesh((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))
+    ]
     body = ElasticBody(join_meshes(join_meshes(levels[0], levels[1]), levels[2]), E=1.0)
     pairs, faces = [], []
     for height in (1.0, 2.0):
@@ -431,11 +455,13 @@ def test_a_body_between_two_others_has_the_pressure_of_each_pair():
         pairs.append(ContactPair(faces[-1], DeformableSurface(lower_facets), 0.3))
     supports = body.make_supports(*((i, on_plane(i, 0.0)) for i in range(2)))
     (state,) = body.solve_contact(
-        pairs, supports, body.traction_load((0.0, -PRESSURE), on_plane(1, 3.0))
+        pairs, supports, body.traction_load((0.0, -TOP_PRESSURE_OVER_MODULUS), on_plane(1, 3.0))
     )
     fields = ContactFields.from_state(state, body.body)
     for nodes in faces:
-        assert nodal_values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
+        assert nodal_values(fields.pressure, nodes) == pytest.approx(
+            TOP_PRESSURE_OVER_MODULUS, rel=1e-8
+        )
         assert set(nodal_values(fields.status, nodes)) <= {STICK, HELD}
 
 

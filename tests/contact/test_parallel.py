@@ -27,12 +27,12 @@ from tests.contact import test_large as large
 from tests.contact import test_turning as turning
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.histories import (
-    HISTORIES,
+    HISTORY_MAKERS_BY_NAME,
     INCREMENTS_BEFORE_RESUME,
+    collect_comparable_fields,
     history_scale_of_field,
     resume_history,
     solve_history,
-    collect_comparable_fields,
 )
 from tests.contact.sliding import DIE_TOP_TRANSLATIONS, make_die_on_block, slide_along_path
 from tests.contact.test_fields import solve_ball_on_block
@@ -60,7 +60,9 @@ def solve_matching_blocks(comm):
     """Return two blocks with matching nodes and their states; contact alone holds the upper one."""
     blocks = MatchingBlocks(divisions=(12, 6), comm=comm)
     loads = [blocks.traction_load((pull, -3.0)) for pull in (0.0, 0.4)]
-    states = blocks.solve_contact(blocks.make_pair(0.3), blocks.clamp(on_plane(1, 0.0)), loads)
+    states = blocks.solve_contact(
+        blocks.make_pair(0.3), blocks.make_clamping_supports(on_plane(1, 0.0)), loads
+    )
     reaction = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
     force = ContactFields.from_state(states[-1], blocks.space).force.x.array[: len(reaction)]
     difference = np.abs(reaction - force).reshape(-1, 2)[
@@ -70,13 +72,13 @@ def solve_matching_blocks(comm):
     return blocks, states
 
 
-def solve_block(comm):
+def solve_block_on_floor(comm):
     """Return a block on a floor and its states; several processes own contact nodes."""
     body = BlockOnFloor(20, comm=comm)
     owned = body.x[: body.space.dofmap.index_map.size_local, 1]
     has_contact_nodes = comm.allgather(np.isclose(owned, 0.0).any())
     assert comm.size == 1 or sum(has_contact_nodes) > 1, "the partition spares the contact"
-    return body, body.solve(0.3, 60.0, increments=2)
+    return body, body.solve(0.3, 60.0, n_pull_increments=2)
 
 
 def solve_random_contact(comm, seed):
@@ -84,8 +86,8 @@ def solve_random_contact(comm, seed):
     return problem, problem.solve()
 
 
-CASES = {
-    "block": solve_block,
+CASE_SOLVERS_BY_NAME = {
+    "block": solve_block_on_floor,
     "drag": solve_ball_on_block,
     "mortar": partial(solve_stacked_blocks, cell="tetrahedron", divisions=(3, 2)),
     "flat mortar": partial(solve_stacked_blocks, cell="triangle", divisions=(5, 4)),
@@ -110,7 +112,7 @@ def solve_cases_and_collect_numbers(comm, folder):
         "ball passes": numbers_in_surface_passed_error(comm, Sphere((0, 6), 2.0), 5.0),
         "plate passes": numbers_in_surface_passed_error(comm, Plane((0, 4), (0, -1)), 6.0),
     }
-    for name, solve in CASES.items():
+    for name, solve in CASE_SOLVERS_BY_NAME.items():
         body, states = solve(comm)
         if name in CASES_WITH_FILES:
             write(folder / f"{name}.bp", states, body.body)
@@ -130,7 +132,7 @@ def solve_cases_and_collect_numbers(comm, folder):
 
 def collect_errors_of_obstructed_writing(comm, folder):
     """Return the errors of writing while rank 0 alone is obstructed, and the final file names."""
-    body, states = solve_block(comm)
+    body, states = solve_block_on_floor(comm)
     path, messages = folder / "block.bp", []
     if comm.rank == 0:
         path.mkdir()
@@ -158,7 +160,9 @@ def collect_errors_of_obstructed_writing(comm, folder):
 
 
 def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
-    for rank, (messages, file_names) in enumerate(run_on(2, collect_errors_of_obstructed_writing, tmp_path)):
+    for rank, (messages, file_names) in enumerate(
+        run_on(2, collect_errors_of_obstructed_writing, tmp_path)
+    ):
         foreign_folder, *contents, full_disk = messages
         assert "does not say that it is a time series" in foreign_folder
         assert contents == ["mine"] * (rank == 0)
@@ -168,7 +172,7 @@ def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
 
 def write_with_failure_on_rank_1(comm, folder):
     """Make one process fail while it writes a file and the others wait for it."""
-    body, states = solve_block(comm)
+    body, states = solve_block_on_floor(comm)
     fill = ContactFields.fill
 
     def fail_on_rank_1(self, state):
@@ -211,10 +215,15 @@ def solve_and_collect_finite_strain_fields(comm, folder):
     The fields include derivatives with respect to parameters.
     """
     fields = {}
-    for name, solver in large.SOLVERS.items():
-        problems = [large.make_hardening_rubber_and_hardness(comm, solver=solver)[0].problem for _ in range(2)]
+    for name, solver in large.SOLVERS_BY_NAME.items():
+        problems = [
+            large.make_hardening_rubber_and_hardness(comm, solver=solver)[0].problem
+            for _ in range(2)
+        ]
         fields |= solve_whole_and_resumed_histories(name, problems, large.CIRCLE_MOTIONS, folder)
-    roller = turning.make_rubber_under_roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
+    roller = turning.make_rubber_under_roller(
+        mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
+    ).problem
     fields |= solve_whole_and_resumed_histories(
         "turned", [roller] * 2, turning.ROLLER_MOTIONS, folder, turning.POSE_AND_TORQUE_FIELDS
     )
@@ -277,7 +286,7 @@ def compute_results_to_compare(comm, resume_folder, folder):
         "histories": {},
     }
     results["large"] = solve_and_collect_finite_strain_fields(comm, resume_folder or folder)
-    for name, history in HISTORIES.items():
+    for name, history in HISTORY_MAKERS_BY_NAME.items():
         problem, steps = history(comm)
         if resume_folder is None:
             states = solve_history(problem, steps)
@@ -288,7 +297,9 @@ def compute_results_to_compare(comm, resume_folder, folder):
                 *resume_history(problem, steps, loaded_state),
             ]
         problem.save(states[INCREMENTS_BEFORE_RESUME - 1], folder / f"{name}.npz")
-        results["histories"][name] = list(map(comparable_fields_with_displacement_norm, states[INCREMENTS_BEFORE_RESUME:]))
+        results["histories"][name] = list(
+            map(comparable_fields_with_displacement_norm, states[INCREMENTS_BEFORE_RESUME:])
+        )
     if comm.size > 1:
         results["told"] = check_callback_and_collect_log(comm)
     return results
@@ -313,7 +324,8 @@ def merge_coinciding_points(step_fields):
 def assert_same_time_series(case_name, serial_folder, parallel_folder):
     """Compare the time series of a case that were written by one and by several processes."""
     serial_steps, parallel_steps = (
-        vtx.read(path / f"{case_name}.bp") for path in (serial_folder, parallel_folder)
+        vtx.read_times_and_fields(path / f"{case_name}.bp")
+        for path in (serial_folder, parallel_folder)
     )
     for (time, serial), (parallel_time, parallel) in zip(serial_steps, parallel_steps, strict=True):
         assert time == parallel_time
@@ -340,7 +352,7 @@ def assert_same_histories(name, serial_result, parallel_results, folder):
 
     They begin on one process, continue on several, and continue again on one.
     """
-    problem, steps = HISTORIES[name]()
+    problem, steps = HISTORY_MAKERS_BY_NAME[name]()
     resumed_states = resume_history(problem, steps, problem.load(folder / f"{name}.npz"))
     serial_fields = serial_result["histories"][name]
     for states in (
@@ -349,7 +361,11 @@ def assert_same_histories(name, serial_result, parallel_results, folder):
     ):
         for state, expected in zip(states, serial_fields, strict=True):
             for field, values in expected.items():
-                scale = values if field == "displacement" else history_scale_of_field(field, resumed_states)
+                scale = (
+                    values
+                    if field == "displacement"
+                    else history_scale_of_field(field, resumed_states)
+                )
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
 
@@ -388,8 +404,8 @@ def test_one_and_several_processes_agree(tmp_path, request):
         assert parallel["words"] == serial["words"]
         assert_same(serial["numbers"], parallel["numbers"], 1e-10, "of several")
         assert_same(serial["large"], parallel["large"], 1e-9, "of several")
-    for name in CASES_WITH_FILES if vtx.library() else ():
+    for name in CASES_WITH_FILES if vtx.load_adios2_library() else ():
         assert_same_time_series(name, *folders)
-    for name in HISTORIES:
+    for name in HISTORY_MAKERS_BY_NAME:
         assert_same_histories(name, serial, parallel_results, folders[-1])
     assert_rank_0_alone_logs(*(parallel["told"] for parallel in parallel_results))

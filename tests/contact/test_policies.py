@@ -16,7 +16,7 @@ from pw_elements.contact.iteration.updates import (
 from pw_elements.contact.model import FrictionCone
 from pw_elements.contact.nodes import ActiveSet, ContactNodes
 
-SELF = MPI.COMM_SELF
+SELF_COMM = MPI.COMM_SELF
 
 
 def make_active_set(*statuses, slip_direction=0.0):
@@ -56,7 +56,7 @@ def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
 
 
 def test_nodes_that_cycle_change_one_at_a_time():
-    update = ActiveSetUpdate(report_no_free_motions, SimpleNamespace(comm=SELF))
+    update = ActiveSetUpdate(report_no_free_motions, SimpleNamespace(comm=SELF_COMM))
     first_set, second_set = (
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),
@@ -68,7 +68,9 @@ def test_nodes_that_cycle_change_one_at_a_time():
         [[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1]
     )
     assert cycling_nodes.next_active_set(first_set).status.tolist() == second_set.status.tolist()
-    assert update.propose_set_changing_one_cycling_node(first_set, cycling_nodes).status.tolist() == [
+    assert update.propose_set_changing_one_cycling_node(
+        first_set, cycling_nodes
+    ).status.tolist() == [
         STICK,
         OPEN,
         OPEN,
@@ -81,8 +83,11 @@ def test_nodes_that_cycle_change_one_at_a_time():
 
 
 def test_a_recurring_set_is_kept_until_its_equations_are_solved():
-    history = ActiveSetHistory(SELF)
-    slip_set, open_set = make_active_set(SLIP, STICK, slip_direction=1.0), make_active_set(OPEN, STICK)
+    history = ActiveSetHistory(SELF_COMM)
+    slip_set, open_set = (
+        make_active_set(SLIP, STICK, slip_direction=1.0),
+        make_active_set(OPEN, STICK),
+    )
     assert [
         history.record_and_decide_to_keep_set(make_active_set(SLIP, STICK), 1.0) for _ in range(8)
     ] == [False] * 8  # the set does not change
@@ -92,21 +97,21 @@ def test_a_recurring_set_is_kept_until_its_equations_are_solved():
     assert answers == [False] * 5 + [True]
     assert history.record_and_decide_to_keep_set(open_set, 1e-3)
     assert not history.record_and_decide_to_keep_set(open_set, 1e-9)  # solved
-    assert [history.record_and_decide_to_keep_set(slip_set, 1.0) for _ in range(6)] == [True] * 5 + [
-        False
-    ]  # the set is not kept forever
+    assert [history.record_and_decide_to_keep_set(slip_set, 1.0) for _ in range(6)] == [
+        True
+    ] * 5 + [False]  # the set is not kept forever
 
 
 def test_the_error_of_a_cycle_names_the_nodes_that_change():
     history, sets = (
-        ActiveSetHistory(SELF),
+        ActiveSetHistory(SELF_COMM),
         (make_active_set(SLIP, STICK, slip_direction=1.0), make_active_set(OPEN, STICK)),
     )
     nodes = SimpleNamespace(
         pair=np.zeros(2), position=np.array([[3.0, 1.0], [4.0, 1.0]]), gather_values=lambda x: x
     )
-    assert str(history.make_error("no set", nodes)) == "no set"
+    assert str(history.make_error_naming_cycling_nodes("no set", nodes)) == "no set"
     for k in range(8):
         history.record_and_decide_to_keep_set(sets[k % 2], 1.0)
-    message = str(history.make_error("no set", nodes))
+    message = str(history.make_error_naming_cycling_nodes("no set", nodes))
     assert "2 active sets recur, which differ at 1 of the nodes, at (3, 1)" in message

@@ -10,7 +10,7 @@ from pw_elements import assemble_matrix, progress, vibration_modes
 from pw_elements.contact import OPEN, SLIP, STICK
 from tests.contact.cases import BlockOnFloor
 
-BLOCK = BlockOnFloor(8)
+BLOCK_ON_FLOOR = BlockOnFloor(8)
 
 
 @pytest.fixture(autouse=True)
@@ -23,14 +23,18 @@ def _remove_logging_configuration(monkeypatch):
     progress.logger.setLevel(level)
 
 
-def solve_block(callback=None):
-    loads = [0.01 * load for load in BLOCK.press_then_pull_loads(60.0, 2)]  # small displacements
-    return BLOCK.solve_contact(BLOCK.floor_pair(0.3), loads=loads, callback=callback)
+def solve_block_in_three_increments(callback=None):
+    loads = [
+        0.01 * load for load in BLOCK_ON_FLOOR.press_then_pull_loads(60.0, 2)
+    ]  # small displacements
+    return BLOCK_ON_FLOOR.solve_contact(
+        BLOCK_ON_FLOOR.floor_pair(0.3), loads=loads, callback=callback
+    )
 
 
 def test_the_log_has_a_line_for_each_increment_and_iteration(caplog):
     with caplog.at_level(logging.DEBUG, "pw_elements"):
-        states = solve_block()
+        states = solve_block_in_three_increments()
     contact_records = [record for record in caplog.records if record.name == "pw_elements.contact"]
     increments = [
         record.getMessage() for record in contact_records if record.levelno == logging.INFO
@@ -54,18 +58,18 @@ def test_the_log_has_a_line_for_each_increment_and_iteration(caplog):
 
 
 def test_eigenvalue_problems_are_logged(caplog):
-    M = assemble_matrix(BLOCK.body.mass())
+    M = assemble_matrix(BLOCK_ON_FLOOR.body.mass())
     with caplog.at_level(logging.INFO, "pw_elements"):
-        vibration_modes(BLOCK.K, M, BLOCK.no_supports, 4)
+        vibration_modes(BLOCK_ON_FLOOR.K, M, BLOCK_ON_FLOOR.no_supports, 4)
     (line,) = [
         record.getMessage() for record in caplog.records if record.name == "pw_elements.eigen"
     ]
-    assert line.startswith(f"4 eigenvalues of {BLOCK.K.getSize()[0]} unknowns: ")
+    assert line.startswith(f"4 eigenvalues of {BLOCK_ON_FLOOR.K.getSize()[0]} unknowns: ")
 
 
 def test_the_callback_receives_iterations_and_increments():
     events = []
-    states = solve_block(events.append)
+    states = solve_block_in_three_increments(events.append)
     ends = [event for event in events if event.state is not None]
     assert [event.state for event in ends] == states
     assert len(events) == sum(state.iterations + 1 for state in states)
@@ -78,7 +82,7 @@ def test_the_callback_receives_iterations_and_increments():
     first_events = [event for event in events if event.increment == 0]
     assert [event.iteration for event in first_events[:-1]] == list(range(1, len(first_events)))
     assert first_events[0].violation > 1e3
-    for state, repeated_state in zip(states, solve_block(), strict=True):
+    for state, repeated_state in zip(states, solve_block_in_three_increments(), strict=True):
         assert np.array_equal(state.displacement.array_r, repeated_state.displacement.array_r)
 
 
@@ -91,17 +95,21 @@ def test_a_callback_that_raises_ends_the_computation():
             raise Enough(str(event))
 
     with pytest.raises(Enough, match=r"\d+ open, \d+ stick, \d+ slip"):
-        solve_block(raise_at_end)
-    problem = BLOCK.contact_problem(BLOCK.floor_pair(0.3), callback=lambda _: 1 / 0)
+        solve_block_in_three_increments(raise_at_end)
+    problem = BLOCK_ON_FLOOR.contact_problem(
+        BLOCK_ON_FLOOR.floor_pair(0.3), callback=lambda _: 1 / 0
+    )
     with pytest.raises(ZeroDivisionError):
-        problem.step(problem.undeformed, BLOCK.pressure_load)
+        problem.step(problem.undeformed, BLOCK_ON_FLOOR.pressure_load)
     with pytest.raises(TypeError, match="callback is of the type list: it has to be a function"):
-        solve_block([])
+        solve_block_in_three_increments([])
 
 
 def compute_modes_and_contact():
-    vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.no_supports, 4)
-    solve_block(lambda _: None)
+    vibration_modes(
+        BLOCK_ON_FLOOR.K, assemble_matrix(BLOCK_ON_FLOOR.body.mass()), BLOCK_ON_FLOOR.no_supports, 4
+    )
+    solve_block_in_three_increments(lambda _: None)
 
 
 def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
@@ -110,7 +118,7 @@ def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")  # within ten seconds
     monkeypatch.setattr(progress, "_MIN_SECONDS_BETWEEN_REPORTS", -1.0)
     compute_modes_and_contact()
-    lines, n_dofs = capsys.readouterr().err.splitlines(), BLOCK.K.getSize()[0]
+    lines, n_dofs = capsys.readouterr().err.splitlines(), BLOCK_ON_FLOOR.K.getSize()[0]
     template = "{} of 3 increments done, contact increment {}"
     assert {template.format(k, k) for k in range(3)} < {*lines}
     assert f"4 eigenvalues of {n_dofs} unknowns" in lines

@@ -34,9 +34,9 @@ from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue import refusals
 from pw_elements.contact.rescue.refusals import (
     NodeVelocitiesInRigidMotions,
-    find_unresisted_motion_of_most_work,
-    find_proof,
     does_motion_prove_no_equilibrium,
+    find_motion_proving_no_equilibrium,
+    find_unresisted_motion_of_most_work,
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
@@ -47,7 +47,7 @@ from tests.contact.test_matching import nodes_of_block_at_height
 from tests.contact.two_bodies import join_meshes
 from tests.oracle.proofs import is_valid_proof, measure_proof_defects
 
-SELF = MPI.COMM_SELF
+SELF_COMM = MPI.COMM_SELF
 FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
 FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
@@ -75,19 +75,21 @@ class BodyWithSupports(ElasticBody):
         )
 
 
-def make_block(comm=SELF, conditions=(), state="plane strain", left_x=0.0):
-    return BodyWithSupports(triangles(comm, (left_x, 0.0), (left_x + 2.0, 1.0), (4, 2)), state, conditions)
+def make_block(comm=SELF_COMM, conditions=(), state="plane strain", left_x=0.0):
+    return BodyWithSupports(
+        triangles(comm, (left_x, 0.0), (left_x + 2.0, 1.0), (4, 2)), state, conditions
+    )
 
 
-def make_ring(comm=SELF):
+def make_ring(comm=SELF_COMM):
     return make_block(comm, state="axisymmetric", left_x=1.0)
 
 
-def make_clamped_block(comm=SELF):
+def make_clamped_block(comm=SELF_COMM):
     return make_block(comm, [(0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))])
 
 
-def make_solid_block(comm=SELF, conditions=()):
+def make_solid_block(comm=SELF_COMM, conditions=()):
     mesh = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
     return BodyWithSupports(mesh, "solid", conditions)
 
@@ -96,13 +98,13 @@ def floor_pair(mu=0.3, surface=FLOOR):
     return ContactPair(on_plane(1, 0.0), surface, mu)
 
 
-def make_two_blocks(comm=SELF, second_corner_x=5.0, second_corner_y=0.0):
+def make_two_blocks(comm=SELF_COMM, second_corner_x=5.0, second_corner_y=0.0):
     """Return two separate blocks of one mesh without supports.
 
     The lower left corner of the first block is the origin, that of the second one is (x, y).
     """
     first_mesh, second_mesh = (
-        triangles(SELF, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
+        triangles(SELF_COMM, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
         for corner in ((0.0, 0.0), (second_corner_x, second_corner_y))
     )
     return BodyWithSupports(join_meshes(first_mesh, second_mesh, comm))
@@ -119,7 +121,9 @@ def make_stacked_pairs(body, floor_friction, block_friction):
     ]
 
 
-def catch_refusal_and_check_proof(problem, pairs, load, message_pattern=None, error_type=NoEquilibrium):
+def catch_refusal_and_check_proof(
+    problem, pairs, load, message_pattern=None, error_type=NoEquilibrium
+):
     """Return the error of a problem that is refused, after checking the proof in it."""
     with pytest.raises(error_type, match=message_pattern) as caught:
         problem.solve(pairs, load)
@@ -147,7 +151,9 @@ def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
         if not is_refused:
             assert body.solve(floor_pair(mu), load).residuals.largest() < 1e-10
             continue
-        error = catch_refusal_and_check_proof(body, floor_pair(mu), load, "the body slides along x on pair 0")
+        error = catch_refusal_and_check_proof(
+            body, floor_pair(mu), load, "the body slides along x on pair 0"
+        )
         imbalance = s - mu * c
         missing_force = (-imbalance, 0) if mu < 1 else (0, -imbalance / mu)
         assert error.missing.force == pytest.approx(np.array([missing_force]), abs=2e-6 * c)
@@ -167,7 +173,9 @@ def test_a_body_in_space_slides_in_any_direction():
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
         load = body.nodal_force_load_at((1, 1, 0), (*(1.0001 * pull), -1.0))
-        error = catch_refusal_and_check_proof(body, ground_pair, load, "the body slides along .* on pair 0")
+        error = catch_refusal_and_check_proof(
+            body, ground_pair, load, "the body slides along .* on pair 0"
+        )
         velocity = error.velocity.translation[0]
         assert velocity[:2] / np.linalg.norm(velocity[:2]) == pytest.approx(pull / 0.3, abs=0.02)
         body.solve(ground_pair, body.nodal_force_load_at((1, 1, 0), (*(0.98 * pull), -1.0)))
@@ -188,7 +196,9 @@ UPPER_SLIDES_PATTERN = (
 def test_the_upper_or_both_of_two_stacked_blocks_slide(floor_friction, block_friction, message):
     body = make_two_blocks(second_corner_x=0.0, second_corner_y=1.0)
     load = body.traction_load((0.2, -0.5), on_plane(1, 2.0))
-    error = catch_refusal_and_check_proof(body, make_stacked_pairs(body, floor_friction, block_friction), load, message)
+    error = catch_refusal_and_check_proof(
+        body, make_stacked_pairs(body, floor_friction, block_friction), load, message
+    )
     lower_velocity, upper_velocity = error.velocity.translation
     assert lower_velocity == pytest.approx(
         upper_velocity if message == BOTH_SLIDE_PATTERN else 0.0, abs=1e-9
@@ -200,12 +210,16 @@ def test_only_the_loose_one_of_two_blocks_is_named():
     load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.nodal_force_load_at(
         (6, 1), (0, 5.0)
     )
-    error = catch_refusal_and_check_proof(body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At")
+    error = catch_refusal_and_check_proof(
+        body, floor_pair(), load, r"\(6, 0\.5\), by .* lifts off pair 0\. At"
+    )
     assert error.missing.force == pytest.approx(np.array([[0, 0], [0, -3]]), rel=1e-5)
 
 
 def test_an_axisymmetric_body_is_lifted_along_its_axis_only():
-    error = catch_refusal_and_check_proof(make_ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0")
+    error = catch_refusal_and_check_proof(
+        make_ring(), floor_pair(), (1.0, 1.0), "the body lifts off pair 0"
+    )
     volume = np.pi * (3**2 - 1)
     assert error.missing.force == pytest.approx(np.array([[0, -volume]]), rel=1e-6)
     assert error.velocity.translation == pytest.approx(np.array([[0, 1]]))
@@ -225,7 +239,9 @@ def test_a_plate_that_is_pulled_off_or_along_is_refused():
     )
     assert error.missing.surface == pytest.approx(np.array([[0, -1]]), rel=1e-6)
     message = r"slides along -x on pair 0\. At .* \(-0\.1, 0\) of the surface of pair 0"
-    error = catch_refusal_and_check_proof(body, pushed_surface_pair(CEILING, (0.4, -1.0)), body.zero_load, message)
+    error = catch_refusal_and_check_proof(
+        body, pushed_surface_pair(CEILING, (0.4, -1.0)), body.zero_load, message
+    )
     assert error.missing.force == pytest.approx(0.0)
 
 
@@ -252,16 +268,21 @@ FRICTIONLESS_FLOOR, FRICTIONLESS_FLOOR_IN_SPACE = (
 )
 FREE_PLATE_PAIR = ContactPair(on_plane(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
 DISTANT_PUNCH_PAIR = ContactPair(on_plane(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
-EDGE_SUPPORT_CONDITIONS = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
+EDGE_SUPPORT_CONDITIONS = [
+    (axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)
+]
 FIRST_BODY, SECOND_BODY = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
 ROTATION_AXES_AND_POINT_PATTERNS = zip("zyx", (r"0, 0, 0\.5", "0, 1, 0", "1, 0, 0"), strict=True)
 THREE_ROTATIONS_PATTERN = " and ".join(
-    rf"rotation about the axis along {a} through \({point}\) of .*" for a, point in ROTATION_AXES_AND_POINT_PATTERNS
+    rf"rotation about the axis along {a} through \({point}\) of .*"
+    for a, point in ROTATION_AXES_AND_POINT_PATTERNS
 )
 SPIN_AND_TRANSLATION_PATTERN = (
     r"rotation about the axis along z through \(1, 1, 0\.5\) of .* and translation x of .* and"
 )
-HINGE_MOTION_PATTERN = r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
+HINGE_MOTION_PATTERN = (
+    r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
+)
 RING_WALL_PAIR = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
 GRAVITY, GRAVITY_IN_SPACE = (0.0, -1.0), (0.0, 0.0, -1.0)
 FREE_MOTION_CASES = {
@@ -305,7 +326,7 @@ FREE_MOTION_CASES = {
 @pytest.mark.parametrize("name", FREE_MOTION_CASES)
 def test_free_motions_are_named(name):
     make_body, pairs, load, message = FREE_MOTION_CASES[name]
-    catch_refusal_and_check_proof(make_body(SELF), pairs, load, f"{message}.*: held", FreeBody)
+    catch_refusal_and_check_proof(make_body(SELF_COMM), pairs, load, f"{message}.*: held", FreeBody)
 
 
 def collect_refusal_messages(comm):
@@ -364,7 +385,7 @@ def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity
 
     This force is mu times the normal force of the fit. Smaller increments cannot help.
     """
-    ring = BodyWithSupports(triangles(SELF, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
+    ring = BodyWithSupports(triangles(SELF_COMM, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
     problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
     fitted = problem.step(problem.undeformed, ring.traction_load((0, 1e-9), on_plane(1, 1.0)))
@@ -417,7 +438,9 @@ def draw_rigid_contact_points(rng, count, dim):
     tangential = modes - n[:, :, None] * normal[:, None]
     none_marked = np.zeros(count, dtype=bool)
     return (
-        NodeVelocitiesInRigidMotions(np.zeros(count, dtype=int), mu, none_marked, normal, tangential),
+        NodeVelocitiesInRigidMotions(
+            np.zeros(count, dtype=int), mu, none_marked, normal, tangential
+        ),
         n,
         mu,
         modes,
@@ -436,7 +459,9 @@ def can_contact_forces_balance_loads(normals, mu, rigid_modes, load_power, tange
         for d in tangential_directions @ t:
             generators.append(normal + friction * d)
     n_directions = len(tangential_directions)
-    work = np.array([rigid_modes[k // n_directions].T @ force for k, force in enumerate(generators)])
+    work = np.array(
+        [rigid_modes[k // n_directions].T @ force for k, force in enumerate(generators)]
+    )
     solution = linprog(np.zeros(len(work)), A_eq=work.T, b_eq=-load_power, bounds=(0, None))
     assert solution.status in (0, 2)
     return solution.status == 0
@@ -456,10 +481,12 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
     if rng.random() < 0.6:  # loads that are balanced by nearly admissible forces
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-    velocity_and_missing = find_proof(points, power, np.abs(power))
+    velocity_and_missing = find_motion_proving_no_equilibrium(points, power, np.abs(power))
     is_proved = velocity_and_missing is not None
     if dim == 2:
-        assert is_proved is not can_contact_forces_balance_loads(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        assert is_proved is not can_contact_forces_balance_loads(
+            n, mu, modes, power, np.array([[1.0], [-1.0]])
+        )
     else:
         angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
         circle = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -472,7 +499,10 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
         tolerance = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=tolerance)
         completed_power = power + missing
-        assert find_unresisted_motion_of_most_work(points, completed_power)[0] @ completed_power < tolerance
+        assert (
+            find_unresisted_motion_of_most_work(points, completed_power)[0] @ completed_power
+            < tolerance
+        )
 
 
 def test_no_motion_is_a_proof_where_forces_balance_the_loads():
@@ -488,7 +518,9 @@ def test_no_motion_is_a_proof_where_forces_balance_the_loads():
         if rng.random() < 0.6:
             forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
             power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-        is_balanced = can_contact_forces_balance_loads(n, mu, modes, power, np.array([[1.0], [-1.0]]))
+        is_balanced = can_contact_forces_balance_loads(
+            n, mu, modes, power, np.array([[1.0], [-1.0]])
+        )
         velocity, _ = find_unresisted_motion_of_most_work(points, power)
         for motion in (rng.normal(size=len(power)), velocity + rng.normal(size=len(power)), power):
             violates_cone = points.friction_cone_margins(motion).min() < -1e-3
@@ -514,9 +546,16 @@ def test_an_escape_outside_a_cone_is_no_proof(monkeypatch):
     )
     power = np.array([0.3, -1.0])  # the push is smaller than friction under a unit normal force
     motion = np.array([1.0, 0.0])
-    monkeypatch.setattr(refusals, "find_unresisted_motion_of_most_work", lambda *_: (motion, np.zeros(2)))
-    assert find_proof(points, power, np.abs(power)) is None
-    assert find_proof(replace(points, friction_slope=np.zeros(1)), power, np.abs(power)) is not None
+    monkeypatch.setattr(
+        refusals, "find_unresisted_motion_of_most_work", lambda *_: (motion, np.zeros(2))
+    )
+    assert find_motion_proving_no_equilibrium(points, power, np.abs(power)) is None
+    assert (
+        find_motion_proving_no_equilibrium(
+            replace(points, friction_slope=np.zeros(1)), power, np.abs(power)
+        )
+        is not None
+    )
 
 
 @pytest.mark.parametrize("blocked", [False, True])

@@ -19,7 +19,12 @@ from pw_elements import (
 )
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import ElasticBody, make_finite_strain_unknown_and_residual, neo_hookean_piola_stress, on_plane
+from tests.contact.cases import (
+    ElasticBody,
+    make_finite_strain_unknown_and_residual,
+    neo_hookean_piola_stress,
+    on_plane,
+)
 from tests.contact.test_large import RubberUnderCircle, make_hardening_rubber_and_hardness
 
 RELATIVE_PARAMETER_STEP = 1e-5  # change of a parameter, relative to its value
@@ -135,7 +140,7 @@ class RandomRubber:
         forces = [("force", 0, i) for i in (0, axis)]
         return [*forces, ("translation", 0, axis), self.energy, weights]
 
-    def results(self, states):
+    def recompute_outputs(self, states):
         """Return the outputs (states - 1, outputs), computed from the states by other code."""
         rows, weights = [], self.outputs[-1]
         for state, load in zip(states[1:], self.loads, strict=True):
@@ -147,7 +152,7 @@ class RandomRubber:
         return np.array(rows)
 
 
-def statuses(states):
+def list_contact_statuses(states):
     return [pair.status.tolist() for state in states for pair in state.pairs]
 
 
@@ -161,7 +166,7 @@ class LinearBlockUnderCircle:
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (12, 6))
         self.body = ElasticBody(mesh, E=10.0)
         self.K, self.load = self.body.K, self.body.traction_load((0.02, -0.05), on_plane(0, 1.0))
-        self.supports = self.body.clamp(on_plane(1, -1.0))
+        self.supports = self.body.make_clamping_supports(on_plane(1, -1.0))
         self.outputs = [("force", 0, 0), ("force", 0, 1), ("translation", 0, 1), self.load]
 
     def solve(self, friction=0.2, depth=1.0, slide=1.0, push=1.0, load=1.0, solver=None):
@@ -190,7 +195,7 @@ class LinearBlockUnderCircle:
             "load": (self.load, [0.0, 1.0, 1.0, 1.0]),
         } | motion_parameters
 
-    def results(self, states):
+    def recompute_outputs(self, states):
         """Return the values of the outputs, computed from the states by other code."""
         pair_values = [
             [*state.pairs[0].force, state.pairs[0].translation[1]] for state in states[1:]
@@ -214,7 +219,7 @@ def sensitivity_errors_by_group(case, sensitivities, states, n_groups):
             changed = {name: case.values[name] + step * rate for name, rate in rates.items()}
             _, changed_states = case.solve(**changed)
             end_results.append(case.results(changed_states))
-            same_statuses &= statuses(changed_states) == statuses(states)
+            same_statuses &= list_contact_statuses(changed_states) == list_contact_statuses(states)
         if same_statuses:
             differences = (end_results[0] - end_results[1]) / (2 * RELATIVE_PARAMETER_STEP)
             directional = sum(

@@ -20,7 +20,7 @@ from pw_elements.contact import (
     NotFound,
     SurfacePassed,
 )
-from pw_elements.contact.interface import SlidingMortar, Trace
+from pw_elements.contact.interface import BoundaryFacets, SlidingMortar
 from pw_elements.contact.steps import finite
 from pw_elements.contact.steps.smallness import log_slip_differences
 from tests.contact.cases import on_plane, rotation_matrix
@@ -43,7 +43,7 @@ def make_curve_trace(n_facets, curve, first_node, outward_y):
     s = np.linspace(-1, 1, 2 * n_facets + 1)
     x = np.stack([s, curve(s)], axis=1)
     node = 2 * np.arange(n_facets)[:, None] + [0, 2, 1]
-    return Trace(node + first_node, x[node], np.tile([0.0, outward_y], (n_facets, 1)))
+    return BoundaryFacets(node + first_node, x[node], np.tile([0.0, outward_y], (n_facets, 1)))
 
 
 def make_mortar_and_disturbed_positions(revolved):
@@ -64,7 +64,7 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
     assert np.abs(projected.master_fractions.sum(axis=1) - projected.faces_master).max() < 1e-13
     start_x = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
     start_x[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some nodes face nothing at the start
-    reference = mortar.make_reference(start_x)
+    reference = mortar.make_slip_reference(start_x)
     assert (projected.faces_master & ~reference.faced_master).any()
     assert (projected.faces_master & reference.faced_master).any()
 
@@ -127,7 +127,7 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     """
     mortar, x = make_mortar_and_disturbed_positions(False)
     end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
-    start, projected = mortar.make_reference(x), mortar.linearise(end)
+    start, projected = mortar.make_slip_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
     # nor do nodes slip that face nothing at the start, wherever they are
     unfaced_start = replace(
@@ -136,7 +136,9 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
         faced_master=np.zeros_like(start.faced_master),
     )
     for reference in (start, unfaced_start):
-        assert np.abs(projected.measure_slip_and_position_derivatives(reference, end)[0]).max() < 1e-13
+        assert (
+            np.abs(projected.measure_slip_and_position_derivatives(reference, end)[0]).max() < 1e-13
+        )
 
 
 def test_linear_fields_are_transferred_exactly():
@@ -156,7 +158,7 @@ def test_linear_fields_are_transferred_exactly():
 
 
 @pytest.fixture(scope="module")
-def die_history():
+def die_states_and_violations():
     """Return the die, its states along the path, and the violations of the law in all iterations.
 
     The violations are pairs (increment, violation).
@@ -210,7 +212,7 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
         assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-10
 
 
-def cone_violation(state):
+def relative_friction_law_error(state):
     """Return the largest error of the friction law, relative to the largest nodal force.
 
     At slipping nodes it is the difference of the shear force from the friction limit, elsewhere its
@@ -233,7 +235,7 @@ def test_a_die_slides_by_more_than_an_element(die_states_and_violations):
         (pair,) = state.pairs
         total_force = np.abs(pair.force).max()
         assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-12 * total_force
-        assert cone_violation(state) < 1e-8
+        assert relative_friction_law_error(state) < 1e-8
         previous, last_violation = [
             violation for increment, violation in violations if increment == k
         ][-2:]
@@ -342,7 +344,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
     At nodes beyond the master's end, it differs from the mean over the covered part. Without the
     verification, a warning would be logged.
     """
-    make_reference = SlidingMortar.make_reference
+    make_reference = SlidingMortar.make_slip_reference
 
     def make_reference_by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
@@ -406,15 +408,22 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
     depth = mortar.measure_max_penetration_along_path(mortar.x, lowered_x)
     assert depth[1:-1] == pytest.approx(0.5)
-    assert not mortar.measure_max_penetration_along_path(shifted_x, shifted_x - is_slave * [0.0, 0.52]).any()
+    assert not mortar.measure_max_penetration_along_path(
+        shifted_x, shifted_x - is_slave * [0.0, 0.52]
+    ).any()
     assert not mortar.measure_max_penetration_along_path(lowered_x, lowered_x).any()
-    depth_behind = mortar.measure_max_penetration_along_path(mortar.x, mortar.x - is_slave * [0.0, 3.0])
+    depth_behind = mortar.measure_max_penetration_along_path(
+        mortar.x, mortar.x - is_slave * [0.0, 3.0]
+    )
     assert depth_behind[mortar.x[: mortar.n_slave_nodes, 0] == 0.0] == pytest.approx(2.98)
 
 
 def test_resultants_agree_if_slave_and_master_are_exchanged(die_states_and_violations):
     """With exchanged slave and master, resultant forces agree to the accuracy of the mesh."""
-    histories = die_states_and_violations[1], slide_along_path(make_die_on_block(upper_is_slave=False))
+    histories = (
+        die_states_and_violations[1],
+        slide_along_path(make_die_on_block(upper_is_slave=False)),
+    )
     forces = [states[-1].pairs[0].force for states in histories]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
 
@@ -422,7 +431,9 @@ def test_resultants_agree_if_slave_and_master_are_exchanged(die_states_and_viola
 def test_a_rotated_problem_has_rotated_forces(die_states_and_violations):
     (pair,), (rotated_pair,) = (
         die_states_and_violations[1][2].pairs,
-        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_TOP_TRANSLATIONS[:3])[-1].pairs,
+        slide_along_path(make_die_on_block(rotation_degrees=90.0), DIE_TOP_TRANSLATIONS[:3])[
+            -1
+        ].pairs,
     )
     largest = np.abs(pair.force_vector).max()
     assert (
@@ -440,7 +451,9 @@ def test_a_resumed_history_is_the_same_history(die_states_and_violations, tmp_pa
     bodies.problem.save(states[SAVED_INCREMENT_INDEX], tmp_path / "state.npz")
     loaded_state = bodies.problem.load(tmp_path / "state.npz")
     (pair,), (expected,) = (
-        slide_along_path(bodies, DIE_TOP_TRANSLATIONS[SAVED_INCREMENT_INDEX + 1 :], loaded_state)[-1].pairs,
+        slide_along_path(bodies, DIE_TOP_TRANSLATIONS[SAVED_INCREMENT_INDEX + 1 :], loaded_state)[
+            -1
+        ].pairs,
         states[-1].pairs,
     )
     for name in ("force_vector", "opposite_force", "slip"):

@@ -16,24 +16,24 @@ from pw_elements import Direct
 from pw_elements.contact import ContactPair, Motion, Plane
 from tests.contact.cases import GALERKIN, BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.histories import (
-    HISTORIES,
+    HISTORY_MAKERS_BY_NAME,
     INCREMENTS_BEFORE_RESUME,
+    collect_comparable_fields,
     history_scale_of_field,
     resume_history,
     solve_history,
-    collect_comparable_fields,
 )
 from tests.contact.test_matching import MatchingBlocks
 
 # Relative difference of two computations of a state. Their systems are solved to 1e-13 of the load
 # by factors of another matrix, and forces of two bodies are some ten times less accurate
 RELATIVE_RESTART_TOLERANCE = 1e-11
-BLOCK = BlockOnFloor(4)
-PROBLEM = BLOCK.contact_problem(BLOCK.floor_pair(0.3))
+BLOCK_ON_FLOOR = BlockOnFloor(4)
+BLOCK_PROBLEM = BLOCK_ON_FLOOR.contact_problem(BLOCK_ON_FLOOR.floor_pair(0.3))
 LOWER_PLANE = Plane((0, -0.01), (0, 1))
 
 
-def relative_difference(states, reference_states, scale_states=()):
+def largest_relative_field_difference(states, reference_states, scale_states=()):
     """Return the largest difference of any field, relative to its scale in a history."""
     largest = 0.0
     for name in collect_comparable_fields(reference_states[-1]):
@@ -41,18 +41,23 @@ def relative_difference(states, reference_states, scale_states=()):
         for state, reference in zip(states, reference_states, strict=True):
             largest = max(
                 largest,
-                np.abs(collect_comparable_fields(state)[name] - collect_comparable_fields(reference)[name]).max(initial=0.0)
+                np.abs(
+                    collect_comparable_fields(state)[name]
+                    - collect_comparable_fields(reference)[name]
+                ).max(initial=0.0)
                 / scale,
             )
     return largest
 
 
-@pytest.mark.parametrize("name", HISTORIES)
+@pytest.mark.parametrize("name", HISTORY_MAKERS_BY_NAME)
 def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
-    problem, steps = HISTORIES[name]()
+    problem, steps = HISTORY_MAKERS_BY_NAME[name]()
     states = solve_history(problem, steps)
     stored_state = states[INCREMENTS_BEFORE_RESUME - 1]
-    second_problem, _ = HISTORIES[name]()  # another problem, which gets nothing but the state
+    second_problem, _ = HISTORY_MAKERS_BY_NAME[
+        name
+    ]()  # another problem, which gets nothing but the state
     problem.save(stored_state, tmp_path / "state.npz")
     loaded_state = second_problem.load(tmp_path / "state.npz")
     assert (loaded_state.increment, loaded_state.unique, loaded_state.report) == (
@@ -63,7 +68,9 @@ def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
     for start in (stored_state, loaded_state):
         remaining_states = resume_history(second_problem, steps, start)
         assert (
-            relative_difference(remaining_states, states[INCREMENTS_BEFORE_RESUME:], states)
+            largest_relative_field_difference(
+                remaining_states, states[INCREMENTS_BEFORE_RESUME:], states
+            )
             < RELATIVE_RESTART_TOLERANCE
         )
         assert [state.increment for state in remaining_states] == list(
@@ -72,14 +79,16 @@ def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
 
 
 def test_a_step_changes_no_state_and_can_be_repeated():
-    problem, steps = HISTORIES["block"]()
+    problem, steps = HISTORY_MAKERS_BY_NAME["block"]()
     first_state = problem.step(problem.undeformed, *steps[0])
-    copies = {name: values.copy() for name, values in collect_comparable_fields(first_state).items()}
+    copies = {
+        name: values.copy() for name, values in collect_comparable_fields(first_state).items()
+    }
     second_state, other_state, repeated_state = (
         problem.step(first_state, *steps[k]) for k in (1, -2, 1)
     )
-    assert relative_difference([repeated_state], [second_state]) < 1e-12
-    assert relative_difference([other_state], [second_state]) > 1e-3
+    assert largest_relative_field_difference([repeated_state], [second_state]) < 1e-12
+    assert largest_relative_field_difference([other_state], [second_state]) > 1e-3
     for name, values in collect_comparable_fields(first_state).items():
         assert np.array_equal(values, copies[name])
     with pytest.raises(ValueError, match="read-only"):
@@ -99,7 +108,7 @@ def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
 
     def assert_refused(message, kind=ValueError):
         with pytest.raises(kind, match=message):
-            PROBLEM.load(path)
+            BLOCK_PROBLEM.load(path)
 
     assert_refused(r"state\.npz", OSError)
     path.write_text("nothing")
@@ -107,32 +116,36 @@ def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
     for foreign_content in (b"nothing", _serialise_as_npz(nodes=np.zeros(3))):
         path.write_bytes(foreign_content)
         with pytest.raises(FileExistsError, match="was not written by pw_elements"):
-            PROBLEM.save(PROBLEM.undeformed, path)
+            BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
         assert path.read_bytes() == foreign_content
     path.unlink()
-    PROBLEM.save(PROBLEM.undeformed, path)
+    BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])  # an incomplete copy
     assert_refused(r"state\.npz holds no contact state")
-    PROBLEM.save(PROBLEM.undeformed, path)
+    BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
     np.savez(path, state=np.load(io.BytesIO(content))["state"])  # a file without its arrays
     assert_refused(r"state\.npz holds no contact state")
     half_pair = ContactPair(
         lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3
     )
     for case, pair, message in (
-        (BlockOnFloor(6), BLOCK.floor_pair(0.3), "the state of another mesh"),
-        (BLOCK, half_pair, "of a problem with another surface"),
-        (BLOCK, replace(BLOCK.floor_pair(0.3), friction=0.3), "of a problem with another friction"),
-        (BLOCK, BLOCK.floor_pair(0.4), "of a problem with another friction"),
+        (BlockOnFloor(6), BLOCK_ON_FLOOR.floor_pair(0.3), "the state of another mesh"),
+        (BLOCK_ON_FLOOR, half_pair, "of a problem with another surface"),
         (
-            BLOCK,
-            replace(BLOCK.floor_pair(0.3), surface=LOWER_PLANE),
+            BLOCK_ON_FLOOR,
+            replace(BLOCK_ON_FLOOR.floor_pair(0.3), friction=0.3),
+            "of a problem with another friction",
+        ),
+        (BLOCK_ON_FLOOR, BLOCK_ON_FLOOR.floor_pair(0.4), "of a problem with another friction"),
+        (
+            BLOCK_ON_FLOOR,
+            replace(BLOCK_ON_FLOOR.floor_pair(0.3), surface=LOWER_PLANE),
             "of a problem with another surface",
         ),
         (
-            ElasticBody(BLOCK.mesh, GALERKIN, "plane stress"),
-            BLOCK.floor_pair(0.3),
+            ElasticBody(BLOCK_ON_FLOOR.mesh, GALERKIN, "plane stress"),
+            BLOCK_ON_FLOOR.floor_pair(0.3),
             "with another stiffness",
         ),
     ):
@@ -140,14 +153,14 @@ def test_files_without_a_state_of_this_problem_are_refused(tmp_path):
         other_problem.save(other_problem.undeformed, path)
         assert_refused(message)
     with pytest.raises(OSError, match="missing"):
-        PROBLEM.save(PROBLEM.undeformed, tmp_path / "missing" / "state.npz")
+        BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, tmp_path / "missing" / "state.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]  # no temporary files
 
 
 def test_any_change_of_a_file_is_detected(tmp_path):
     path, rng = tmp_path / "state.npz", np.random.default_rng(5)
-    state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure_load)
-    PROBLEM.save(state, path)
+    state = BLOCK_PROBLEM.step(BLOCK_PROBLEM.undeformed, BLOCK_ON_FLOOR.pressure_load)
+    BLOCK_PROBLEM.save(state, path)
     content = path.read_bytes()
     with np.load(path) as archive:
         arrays = dict(archive)
@@ -167,14 +180,14 @@ def test_any_change_of_a_file_is_detected(tmp_path):
                 continue
             np.savez(path, **changed_arrays)
             with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
-                PROBLEM.load(path)
+                BLOCK_PROBLEM.load(path)
     for position in rng.integers(len(content), size=60):
         damaged = bytearray(content)
         damaged[position] ^= 1 << rng.integers(8)
         for data in (bytes(damaged), content[:position]):
             path.write_bytes(data)
             try:
-                loaded_state = PROBLEM.load(path)
+                loaded_state = BLOCK_PROBLEM.load(path)
             except ValueError as error:
                 assert "holds no contact state" in str(error)  # noqa: PT017
             else:
@@ -185,31 +198,31 @@ def test_any_change_of_a_file_is_detected(tmp_path):
 
 
 def test_only_regular_files_are_written_and_read(tmp_path):
-    state = PROBLEM.undeformed
+    state = BLOCK_PROBLEM.undeformed
     fifo, folder, link, real = (tmp_path / name for name in ("fifo", "folder", "link", "real"))
     os.mkfifo(fifo)
     folder.mkdir()
     for path in (fifo, folder, Path("/dev/null")):
         with pytest.raises(FileExistsError, match="no regular file"):
-            PROBLEM.save(state, path)
+            BLOCK_PROBLEM.save(state, path)
         with pytest.raises(FileExistsError, match="no regular file"):
-            PROBLEM.load(path)
+            BLOCK_PROBLEM.load(path)
     link.symlink_to(real)
-    PROBLEM.save(state, link)
+    BLOCK_PROBLEM.save(state, link)
     assert link.is_symlink()
-    assert PROBLEM.load(real).increment == 0
+    assert BLOCK_PROBLEM.load(real).increment == 0
 
 
 def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkeypatch):
     path = tmp_path / "state.npz"
-    PROBLEM.save(PROBLEM.undeformed, path)
+    BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
     old_content = path.read_bytes()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     old_handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
         with pytest.raises(OSError, match="cannot be written to"):
-            PROBLEM.save(PROBLEM.undeformed, path)
+            BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, old_handler)
@@ -218,12 +231,12 @@ def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkey
 
     def write_meanwhile(source, target):
         monkeypatch.setattr("os.replace", replace_file)
-        PROBLEM.save(PROBLEM.undeformed, path)
+        BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
         replace_file(source, target)
 
     monkeypatch.setattr("os.replace", write_meanwhile)
-    PROBLEM.save(PROBLEM.undeformed, path)
-    assert PROBLEM.load(path).increment == 0
+    BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
+    assert BLOCK_PROBLEM.load(path).increment == 0
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -243,7 +256,9 @@ def test_coinciding_nodes_keep_their_displacements_in_files(tmp_path):
 def test_uniqueness_is_not_examined_without_determinants():
     solver = Direct({"pc_factor_mat_solver_type": "superlu_dist"})
     state, by_mumps = (
-        BLOCK.solve_contact(BLOCK.floor_pair(0.3), loads=BLOCK.pressure_load, **options)[0]
+        BLOCK_ON_FLOOR.solve_contact(
+            BLOCK_ON_FLOOR.floor_pair(0.3), loads=BLOCK_ON_FLOOR.pressure_load, **options
+        )[0]
         for options in ({"solver": solver}, {})
     )
     assert (state.unique, state.report.method) == (None, "LU by superlu_dist")
@@ -260,7 +275,7 @@ def test_factors_are_reused_while_few_rows_change():
 
     Most increments of a slow pull need no new factors; the mesh is large enough for this.
     """
-    states = BlockOnFloor(48).solve(0.3, 60.0, increments=10)
+    states = BlockOnFloor(48).solve(0.3, 60.0, n_pull_increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
     assert sum(report.factorisations for report in reports) <= MAX_FACTORISATIONS_OF_51_SYSTEMS

@@ -152,7 +152,7 @@ def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
     Differences of a circle's distance have an error of (step / radius)^2 / 6 at most points.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
-    supports = body.clamp(on_plane(1, 0.0))
+    supports = body.make_clamping_supports(on_plane(1, 0.0))
 
     def distance(x):
         return np.hypot(x[:, 0], x[:, 1] - 4.0) - 3.0

@@ -42,7 +42,7 @@ from tests.oracle.random_contact import make_problem
 def test_a_surface_with_an_edge_is_refused(cell):
     stack = StackedBlocks((3, 2), cell)
     is_lower, is_on_top = stack.x[:, stack.up] < 1 + 1e-9, np.isclose(stack.x[:, stack.up], 1.0)
-    nodes = is_lower & ~stack.side_nodes("upper") & (is_on_top | np.isclose(stack.x[:, 0], 1.0))
+    nodes = is_lower & ~stack.side_node_mask("upper") & (is_on_top | np.isclose(stack.x[:, 0], 1.0))
     pair = ContactPair(nodes, DeformableSurface(stack.sides["upper"]))
     with pytest.raises(ValueError, match=r"has an edge at .*1\)"):
         stack.contact_problem(pair)
@@ -100,13 +100,15 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
     caplog.set_level(logging.INFO)
     stack = StackedBlocks((3, 2))
     pair, load = stack.make_pair(friction=10.0), stack.traction_load((0.0, -0.01))
-    (state,) = stack.solve_contact(pair, stack.clamp(on_plane(1, 0.0)), load, solver=Iterative())
+    (state,) = stack.solve_contact(
+        pair, stack.make_clamping_supports(on_plane(1, 0.0)), load, solver=Iterative()
+    )
     assert set(state.pairs[0].status) == {STICK}
     assert state.residuals.largest() < 1e-8
 
 
 @pytest.fixture(scope="module")
-def converged_increment():
+def increment_solution_and_start():
     """Return a contact increment, its solution and its start state.
 
     The solution has open, sticking and slipping nodes.
@@ -116,16 +118,18 @@ def converged_increment():
     stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
     start = problem.undeformed
     target = TargetLoadsAndMotions.from_load_and_motions(punch.zero_load, [motion], n_motions=2)
-    increment, kinematics = stepping._start_increment(start, target)
-    linearised = stepping._check_and_linearise_initial_kinematics(increment, kinematics, start, target)
-    rigid = stepping._system_for(target.free_motions)[1]
+    increment, kinematics = stepping._make_equations_and_kinematics(start, target)
+    linearised = stepping._check_and_linearise_initial_kinematics(
+        increment, kinematics, start, target
+    )
+    rigid = stepping._cached_system_and_rigid_motions(target.free_motions)[1]
     solution = solve_increment(
         increment,
         choose_first_active_set(
             stepping.interface,
             linearised,
             start,
-            rigid.describe_free_motions,
+            rigid.describe_free_rigid_motions,
             target.unloaded_free_surfaces,
         ),
         linearised,
@@ -138,8 +142,10 @@ def converged_increment():
 
 def law_violation_over_tolerance(increment, newton_state):
     """Return the violation of the contact law in a Newton state, which may have been changed."""
-    largest_force, of_displacements, of_coordinates = increment._max_contact_force_and_round_off_forces(
-        newton_state.force, newton_state.displacement_size, newton_state.kinematics.torque_map
+    largest_force, of_displacements, of_coordinates = (
+        increment._max_contact_force_and_round_off_forces(
+            newton_state.force, newton_state.displacement_size, newton_state.kinematics.torque_map
+        )
     )
     allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force + of_displacements
     return increment.violation(newton_state, allowed, of_coordinates)
@@ -176,7 +182,9 @@ def test_no_state_is_accepted_that_its_residuals_reject(increment_solution_and_s
             disturbed = replace(solution, nodes=replace(contact, force=force, gap=gap, slip=slip))
         _, force_size, length_size = increment.reference_sizes(disturbed, start.scale)
         residuals = increment.largest_residuals(disturbed, force_size, length_size)
-        assert (law_violation_over_tolerance(increment, disturbed) <= 1) == (relative_error == 1e-10)
+        assert (law_violation_over_tolerance(increment, disturbed) <= 1) == (
+            relative_error == 1e-10
+        )
         assert getattr(residuals, name) > relative_error / 100
     assert law_violation_over_tolerance(increment, solution) <= 1
 
@@ -188,7 +196,7 @@ def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_uniqu
     The block may slide by any distance.
     """
     block = BlockOnFloor(8)
-    states = block.solve(0.3, load_ratio * 120.0, increments=1, frictionless_end=0.0)
+    states = block.solve(0.3, load_ratio * 120.0, n_pull_increments=1, frictionless_end=0.0)
     assert states[-1].unique is is_unique
 
 
@@ -202,7 +210,7 @@ def test_a_ball_released_to_zero_force_just_touches(mu):
     body = ElasticBody(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
     motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
     pair = ContactPair(on_plane(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
-    states = body.solve_contact(pair, body.clamp(on_plane(1, 0.0)), remedies=())
+    states = body.solve_contact(pair, body.make_clamping_supports(on_plane(1, 0.0)), remedies=())
     assert states[-1].displacement.norm() < 1e-12 * states[0].displacement.norm()
     assert states[-1].pairs[0].gap.min() == pytest.approx(0.0, abs=1e-12)
     assert states[-1].residuals.largest() < 1e-9

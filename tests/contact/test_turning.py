@@ -21,20 +21,20 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.contact.nodes import (
-    LargeStrainKinematics,
     IncrementStart,
+    LargeStrainKinematics,
     NoDeformablePairs,
     RigidSurfaceMotion,
 )
 from pw_elements.contact.steps import finite
 from tests.contact.cases import BlockOnFloor, make_finite_strain_unknown_and_residual, on_plane
 from tests.contact.test_large import (
-    SOLVERS,
+    ON_TOP,
+    SOLVERS_BY_NAME,
     SURFACES,
     RubberUnderCircle,
     collect_first_pair_fields,
     make_interface_stand_in,
-    on_top,
     step_through,
 )
 from tests.parallel import assert_same
@@ -43,7 +43,11 @@ PIVOT = (0.2, 0.5)
 PRESSING_MOTION = Motion((0.0, -0.15), rotation=0.1)
 # dragged under a force, and rotated by a torque
 MOTION_UNDER_FORCE_AND_TORQUE = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
-ROLLER_MOTIONS = [PRESSING_MOTION, Motion((0.1, -0.2), rotation=-0.1), MOTION_UNDER_FORCE_AND_TORQUE]
+ROLLER_MOTIONS = [
+    PRESSING_MOTION,
+    Motion((0.1, -0.2), rotation=-0.1),
+    MOTION_UNDER_FORCE_AND_TORQUE,
+]
 POSE_AND_TORQUE_FIELDS = ("translation", "rotation", "torque")
 
 
@@ -61,7 +65,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
     axis = (1.0, -2.0, 0.5) if dim == 3 else None
     interface = make_interface_stand_in(surface, x, dim)
-    pair = ContactPair(on_top, surface, pivot=rng.normal(size=dim), axis=axis)
+    pair = ContactPair(ON_TOP, surface, pivot=rng.normal(size=dim), axis=axis)
     surfaces = RigidSurfaceMotion(interface, [pair])
     q = np.append(rng.normal(size=dim) * 0.1, 0.7)[None]
     start_q = np.append(rng.normal(size=dim) * 0.1, 0.5)[None]
@@ -94,7 +98,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
         shear_size = np.linalg.norm(
             np.einsum("nab,nb->na", changed_kinematics.frame, r)[:, 1:], axis=1
         )
-        torque = changed_kinematics.torque_map.resultants(r)[:, -1]
+        torque = changed_kinematics.torque_map.compute_force_and_torque_of_each_point(r)[:, -1]
         return np.column_stack([*(part.reshape(m, -1) for part in quantities), shear_size, torque])
 
     motions = [*np.eye(dim + 1), *np.zeros((dim, dim + 1))]
@@ -132,7 +136,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
         assert np.abs(torque[:, 0] - expected).max() < 1e-7
 
 
-def rotate(vectors, radians):
+def rotate_in_plane(vectors, radians):
     cos, sin = np.cos(radians), np.sin(radians)
     return vectors @ np.array([[cos, sin], [-sin, cos]])
 
@@ -143,9 +147,11 @@ def test_any_pivot_can_describe_the_same_poses():
     A rotation about another pivot needs an additional translation. The torques differ by the cross
     product of the vector between the pivots and the force.
     """
-    (pair,) = step_through(make_rubber_under_roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
+    (pair,) = step_through(
+        make_rubber_under_roller().problem, [Motion((0.05, -0.15), rotation=0.3)]
+    )[-1].pairs
     other_pivot, shift = (-0.4, 0.1), np.array([-0.6, -0.4])
-    translation = rotate(shift, 0.3) - shift + [0.05, -0.15]
+    translation = rotate_in_plane(shift, 0.3) - shift + [0.05, -0.15]
     (other_pair,) = step_through(
         make_rubber_under_roller(pivot=other_pivot).problem, [Motion(translation, rotation=0.3)]
     )[-1].pairs
@@ -166,7 +172,9 @@ def test_a_free_angle_under_a_torque_is_the_prescribed_one():
     Its height under a force agrees as well. Newton's method converges quadratically.
     """
     violations = []
-    rubber = make_rubber_under_roller(callback=lambda progress: violations.append(progress.violation))
+    rubber = make_rubber_under_roller(
+        callback=lambda progress: violations.append(progress.violation)
+    )
     pressed_state, driven_state = step_through(
         rubber.problem, [PRESSING_MOTION, Motion((0.1, -0.2), rotation=-0.1)]
     )
@@ -200,7 +208,7 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
     arm = x - PIVOT - pressed_state.pairs[0].translation
 
     def load(load_factor):
-        base_displacement.x.array[:] = (rotate(arm, load_factor * np.pi / 2) - arm).ravel()
+        base_displacement.x.array[:] = (rotate_in_plane(arm, load_factor * np.pi / 2) - arm).ravel()
 
     rotated_state = problem.step(
         pressed_state, load, Motion((0.05, -0.15), rotation=0.1 + np.pi / 2)
@@ -208,7 +216,7 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
     (start_pair,), (end_pair,) = pressed_state.pairs, rotated_state.pairs
     largest = np.abs(start_pair.force_vector).max()
     assert (
-        np.abs(rotate(start_pair.force_vector, np.pi / 2) - end_pair.force_vector).max()
+        np.abs(rotate_in_plane(start_pair.force_vector, np.pi / 2) - end_pair.force_vector).max()
         < 1e-9 * largest
     )
     assert np.abs(end_pair.slip).max() < 1e-10
@@ -232,7 +240,8 @@ def test_whole_turns_are_counted_as_slip(angle):
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
     n_increments = 4 if abs(angle) < 7 else 8
     single_state, divided_state = (
-        rotate_tool_in_increments(problem, pressed, 0.1, angle, count) for count in (1, n_increments)
+        rotate_tool_in_increments(problem, pressed, 0.1, angle, count)
+        for count in (1, n_increments)
     )
     largest = np.abs(divided_state.pairs[0].force_vector).max()
     difference = single_state.pairs[0].force_vector - divided_state.pairs[0].force_vector
@@ -303,7 +312,7 @@ def problem_and_load_of_rotating_base(pivot, angle):
     arm = x - pivot - [0.0, -0.1]
 
     def load(load_factor):
-        base_displacement.x.array[:] = (rotate(arm, load_factor * angle) - arm).ravel()
+        base_displacement.x.array[:] = (rotate_in_plane(arm, load_factor * angle) - arm).ravel()
 
     return rubber.problem_with(condition, pivot=pivot), load
 
@@ -403,11 +412,15 @@ def make_ball_problem_and_motions(solver):
     return make_ball_problem(0.5, solver=solver), [Motion(down), Motion(down, rotation=0.05)]
 
 
-@pytest.mark.parametrize("make_case", [make_roller_problem_and_motions, make_ball_problem_and_motions])
+@pytest.mark.parametrize(
+    "make_case", [make_roller_problem_and_motions, make_ball_problem_and_motions]
+)
 def test_iterative_and_direct_solvers_rotate_tools_alike(make_case):
     direct, iterative = (
-        collect_first_pair_fields({"end": step_through(*make_case(solver))[-1]}, POSE_AND_TORQUE_FIELDS)
-        for solver in SOLVERS.values()
+        collect_first_pair_fields(
+            {"end": step_through(*make_case(solver))[-1]}, POSE_AND_TORQUE_FIELDS
+        )
+        for solver in SOLVERS_BY_NAME.values()
     )
     assert_same(direct, iterative, 1e-9, make_case.__name__)
     problem, (pressing_motion, *_) = make_case(Iterative())
@@ -453,9 +466,9 @@ def test_invalid_pivots_are_refused():
     rubber, block = RubberUnderCircle(), BlockOnFloor(4)
     surface, step = rubber.pair.surface, rubber.problem.step
     for attempt, message in (
-        (lambda: ContactPair(on_top, DeformableSurface(on_top), pivot=PIVOT), "supports rotate it"),
-        (lambda: ContactPair(on_top, surface, pivot=(0, 0, 1)), "axis"),
-        (lambda: ContactPair(on_top, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
+        (lambda: ContactPair(ON_TOP, DeformableSurface(ON_TOP), pivot=PIVOT), "supports rotate it"),
+        (lambda: ContactPair(ON_TOP, surface, pivot=(0, 0, 1)), "axis"),
+        (lambda: ContactPair(ON_TOP, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
         (lambda: step(rubber.problem.undeformed, motions=PRESSING_MOTION), "give it a pivot"),
         (
             lambda: rubber.problem_with(pivot=(0, 0, 1), axis=(0, 0, 1)),

@@ -22,21 +22,26 @@ from pw_elements.contact import (
     Sphere,
     SurfacePassed,
 )
-from pw_elements.contact.model import Smallness
-from pw_elements.contact.steps.smallness import gradient_at_vertices, measure_max_strain_and_rotation
+from pw_elements.contact.model import SmallDisplacementMeasures
+from pw_elements.contact.steps.smallness import (
+    gradient_at_vertices,
+    measure_max_strain_and_rotation,
+)
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.model.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import MatchingBlocks
 
-BLOCK = BlockOnFloor(16)  # 4 x 2, on a clamped base in these tests
-BASE_SUPPORTS = BLOCK.clamp(on_plane(1, 0.0))
+BLOCK_4_BY_2 = BlockOnFloor(16)  # 4 x 2, on a clamped base in these tests
+BASE_SUPPORTS = BLOCK_4_BY_2.make_clamping_supports(on_plane(1, 0.0))
 BALL_ABOVE = Sphere((2, 3), 1)
 PLATE_ABOVE = Plane((0, 2), (0, -1))
 
 
-def solve_under_moved_surface(surface, *motions, friction=0.0, body=BLOCK, supports=BASE_SUPPORTS, level=2.0):
+def solve_under_moved_surface(
+    surface, *motions, friction=0.0, body=BLOCK_4_BY_2, supports=BASE_SUPPORTS, level=2.0
+):
     """Return the states of the block under a surface that is moved by the given translations."""
     motions = [motion if isinstance(motion, Motion) else Motion(motion) for motion in motions]
     on_surface = on_plane(len(motions[0].translation) - 1, level)
@@ -46,7 +51,7 @@ def solve_under_moved_surface(surface, *motions, friction=0.0, body=BLOCK, suppo
 # -- strain and rotation ---------------------------------------------------------------------
 
 
-def bend(points):
+def bend_points(points):
     """Return points after a smooth map that is invertible on the unit square and cube."""
     return points + 0.08 * np.sin(2 * points[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
 
@@ -59,31 +64,37 @@ def make_unit_cube_mesh(cell_type):
     return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2), cell_type)
 
 
-SPACES = {
-    "triangles": lambda: Spaces.galerkin(move_nodes(make_unit_square_mesh(triangles), bend)),
+SPACE_MAKERS_BY_NAME = {
+    "triangles": lambda: Spaces.galerkin(move_nodes(make_unit_square_mesh(triangles), bend_points)),
     "curved triangles": lambda: Spaces.petrov_galerkin(
-        curved_mesh(make_unit_square_mesh(triangles), bend)
+        curved_mesh(make_unit_square_mesh(triangles), bend_points)
     ),
     "quadrilaterals": lambda: Spaces.petrov_galerkin(
-        move_nodes(make_unit_square_mesh(quadrilaterals), bend)
+        move_nodes(make_unit_square_mesh(quadrilaterals), bend_points)
     ),
     "8 nodes": lambda: serendipity(make_unit_square_mesh(quadrilaterals)),
-    "composite": lambda: composite(move_nodes(make_unit_square_mesh(triangles), bend)),
-    "tetrahedra": lambda: Spaces.petrov_galerkin(move_nodes(make_unit_cube_mesh(CellType.tetrahedron), bend)),
-    "hexahedra": lambda: Spaces.galerkin(move_nodes(make_unit_cube_mesh(CellType.hexahedron), bend)),
+    "composite": lambda: composite(move_nodes(make_unit_square_mesh(triangles), bend_points)),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(
+        move_nodes(make_unit_cube_mesh(CellType.tetrahedron), bend_points)
+    ),
+    "hexahedra": lambda: Spaces.galerkin(
+        move_nodes(make_unit_cube_mesh(CellType.hexahedron), bend_points)
+    ),
 }
 
 
 def make_nodal_vector_of_field(space, field_at_positions):
     """Return the vector of the nodal values (n, dim) that a function of positions (n, 3) gives."""
     owned = space.dofmap.index_map.size_local
-    values = field_at_positions(space.tabulate_dof_coordinates()[:owned])[:, : space.mesh.geometry.dim]
+    values = field_at_positions(space.tabulate_dof_coordinates()[:owned])[
+        :, : space.mesh.geometry.dim
+    ]
     return PETSc.Vec().createWithArray(np.ascontiguousarray(values).ravel(), comm=MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", SPACE_MAKERS_BY_NAME)
 def test_uniform_gradients_are_measured_exactly(name):
-    space = SPACES[name]().trial
+    space = SPACE_MAKERS_BY_NAME[name]().trial
     dim = space.mesh.geometry.dim
     u, rng = fem.Function(space), np.random.default_rng(8)
     gradient_form = gradient_at_vertices(u)
@@ -108,13 +119,13 @@ def test_states_report_strain_rotation_and_slip():
     In uniaxial compression by a depth d of a block of height h, the strain is d/h without rotation.
     The block widens and therefore slips on the plate.
     """
-    supports = BLOCK.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
+    supports = BLOCK_4_BY_2.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     shear_motion = Motion((-0.3, -0.02))
     first_state, resting_state, lifted_state = solve_under_moved_surface(
         PLATE_ABOVE, shear_motion, shear_motion, (3.0, 1.0), supports=supports
     )
     widened, edge = 0.3 * 0.01 * 4, 4 / 16
-    expected = Smallness(0.01, 0.0, (0.3 + widened) / edge)
+    expected = SmallDisplacementMeasures(0.01, 0.0, (0.3 + widened) / edge)
     assert vars(first_state.smallness) == pytest.approx(vars(expected), abs=1e-12)
     assert resting_state.smallness.slip == pytest.approx(0.0, abs=1e-12)  # slip of this increment
     assert lifted_state.smallness.slip == 0.0  # only touching nodes have a slip
@@ -141,7 +152,9 @@ def test_the_slip_of_matching_nodes_is_the_total_one():
 
 def test_leaving_the_range_of_small_displacements_is_logged_once(caplog):
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        solve_under_moved_surface(PLATE_ABOVE, (0, -0.001), (0, -0.2), (0, -0.25), (0, 0.0), friction=0.3)
+        solve_under_moved_surface(
+            PLATE_ABOVE, (0, -0.001), (0, -0.2), (0, -0.25), (0, 0.0), friction=0.3
+        )
     (record,) = caplog.records
     assert record.name == "pw_elements.contact"
     message = record.getMessage()
@@ -159,7 +172,11 @@ REFUSED_SURFACE_PATHS = {
     "ball pulls": (BALL_ABOVE, [(0, -1.1)], "passes through .* nodes at .1.125, 2., .1.25, 2"),
     "ball is below": (BALL_ABOVE, [(0, -2.2)], "passes through"),
     "ball is far below": (BALL_ABOVE, [(0, -1e3)], "passes through"),
-    "ball in steps": (BALL_ABOVE, SMALL_DOWNWARD_TRANSLATIONS, "passes through .* nodes at .2, 2.;"),
+    "ball in steps": (
+        BALL_ABOVE,
+        SMALL_DOWNWARD_TRANSLATIONS,
+        "passes through .* nodes at .2, 2.;",
+    ),
     "ball in fine steps": (
         BALL_ABOVE,
         [(0, -0.93 - 0.02 * k) for k in range(9)],
@@ -209,7 +226,7 @@ def test_surfaces_may_move_freely_outside_the_body(name):
 
 
 def test_a_plate_from_below_may_approach_the_far_side_as_far_as_one_from_above():
-    options = {"supports": BLOCK.clamp(on_plane(1, 2.0)), "level": 0.0}
+    options = {"supports": BLOCK_4_BY_2.make_clamping_supports(on_plane(1, 2.0)), "level": 0.0}
     assert solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
     with pytest.raises(SurfacePassed, match="whole thickness"):
         solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
@@ -219,7 +236,11 @@ def test_a_plate_from_below_may_approach_the_far_side_as_far_as_one_from_above()
 def test_surfaces_that_pass_through_the_thickness_are_refused_in_space(cell):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (2, 2, 1)], (4, 4, 2), cell)
     body = ElasticBody(mesh, state="solid")
-    options = {"body": body, "supports": body.clamp(on_plane(2, 0.0)), "level": 1.0}
+    options = {
+        "body": body,
+        "supports": body.make_clamping_supports(on_plane(2, 0.0)),
+        "level": 1.0,
+    }
     plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
     assert solve_under_moved_surface(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9
     assert solve_under_moved_surface(ball, (0, 0, -0.02), **options)
@@ -238,7 +259,9 @@ def test_random_paths_through_the_body_agree_with_dense_sampling():
     """
     rng = np.random.default_rng(1)
     # leaves out the nodes at the sides of the block
-    x = BLOCK.x[np.isclose(BLOCK.x[:, 1], 2.0) & (np.abs(BLOCK.x[:, 0] - 2) < 1.99)]
+    x = BLOCK_4_BY_2.x[
+        np.isclose(BLOCK_4_BY_2.x[:, 1], 2.0) & (np.abs(BLOCK_4_BY_2.x[:, 0] - 2) < 1.99)
+    ]
     refusals = []
     for _ in range(20):
         translation = rng.uniform((-3, -3), (3, 0.2))

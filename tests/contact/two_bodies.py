@@ -14,14 +14,14 @@ from dolfinx.mesh import (
 )
 
 from pw_elements import Material, Spaces
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import locate_exterior_facets
 from study.model.elements import composite, taylor_hood
 from tests.contact.cases import ElasticBody, on_plane
 
-PRESSURE = 1e-3  # divided by Young's modulus of the lower block
+TOP_PRESSURE_OVER_MODULUS = 1e-3  # divided by Young's modulus of the lower block
 PLANE_CELLS = ("triangle", "quadrilateral")
 COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 
@@ -29,7 +29,9 @@ COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
 def join_meshes(lower, upper, comm=MPI.COMM_SELF):
     """Return one mesh with the cells of two serial meshes, distributed over a communicator."""
     a, b = lower.geometry.x, upper.geometry.x
-    cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(a)]).astype(np.int64)
+    cells = np.concatenate(
+        [cell_geometry_nodes(lower), cell_geometry_nodes(upper) + len(a)]
+    ).astype(np.int64)
     x = np.ascontiguousarray(np.concatenate([a, b])[:, : lower.geometry.dim])
     if comm.rank:
         cells, x = cells[:0], x[:0]
@@ -97,18 +99,21 @@ class StackedBlocks(ElasticBody):
         low, high = split_facets_by_side(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )
-        self.sides = {"upper": self._keep_facets_between_blocks(high), "lower": self._keep_facets_between_blocks(low)}
+        self.sides = {
+            "upper": self._keep_facets_between_blocks(high),
+            "lower": self._keep_facets_between_blocks(low),
+        }
 
     def _keep_facets_between_blocks(self, facets):
         """Return the given facets without those that lie in the sides of the blocks."""
-        extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
+        extent = np.ptp(self.x[facet_nodes(self.displacement_space, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
-    def side_nodes(self, side):
+    def side_node_mask(self, side):
         """Return the mask (n,) of the nodes on the "upper" or "lower" side of the interface."""
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
-        mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
+        mask[fem.locate_dofs_topological(self.displacement_space, self.up, facets)] = True
         return mask
 
     def traction_load(self, traction, where=None):
@@ -119,7 +124,7 @@ class StackedBlocks(ElasticBody):
         """Return the contact pair with the "upper" or "lower" side as the slave."""
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master])
-        return ContactPair(self.side_nodes(slave), surface, friction, motions)
+        return ContactPair(self.side_node_mask(slave), surface, friction, motions)
 
     def fixed_base_moved_top_supports(self, translation, side_conditions=()):
         """Return supports that fix the base and move the top by a translation."""
@@ -132,12 +137,18 @@ class StackedBlocks(ElasticBody):
 
     def solve_shifted_top(self, slave="upper", friction=0.2, **options):
         """Return the state of a non-uniform contact: the top is moved down and sideways."""
-        supports = self.fixed_base_moved_top_supports([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
+        supports = self.fixed_base_moved_top_supports(
+            [0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02]
+        )
         return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
     def solve_uniaxial_compression(self, slave="upper", friction=0.0, load=None):
         """Return the state of uniaxial stress, with symmetry planes and a pressure on the top."""
-        load = self.traction_load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
+        load = (
+            self.traction_load(-TOP_PRESSURE_OVER_MODULUS * np.eye(self.dim)[self.up])
+            if load is None
+            else load
+        )
         supports = self.make_supports(*((i, on_plane(i, 0.0)) for i in range(self.dim)))
         return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
@@ -146,4 +157,4 @@ class StackedBlocks(ElasticBody):
         modulus = 1.0
         if self.body.state.value == "plane strain":
             modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)
-        return PRESSURE / modulus * self.x * ([nu] * self.up + [-1.0])
+        return TOP_PRESSURE_OVER_MODULUS / modulus * self.x * ([nu] * self.up + [-1.0])

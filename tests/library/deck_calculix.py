@@ -21,15 +21,15 @@ PRINTED_ELEMENT_SETS = ("LEFT", "RIGHT", "WITH_BOTH_SOLVERS", "SOME")
 PRINTED_NODE_SETS = ("ALL", "BOTTOM", "EVERYTHING")
 
 
-def executable():
+def find_calculix_executable():
     return shutil.which("ccx")
 
 
-def digest(element_type):
+def compute_deck_sha256(element_type):
     return hashlib.sha256(DECKS_BY_ELEMENT_TYPE[element_type].encode()).hexdigest()
 
 
-def compute(element_type, ccx_path):
+def compute_volumes_and_sets_by_calculix(element_type, ccx_path):
     """Return the volumes of elements by number, and the members of each set, from CalculiX."""
     section = {"S": "SHELL", "M": "MEMBRANE"}.get(element_type[0], "SOLID")
     step = f"""*ELSET,ELSET=SECTION
@@ -48,7 +48,9 @@ ALL,1,2
     step += "".join(f"*NODE PRINT,NSET={name}\nU\n" for name in PRINTED_NODE_SETS)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "deck.inp").write_text(f"{DECKS_BY_ELEMENT_TYPE[element_type]}{step}*END STEP\n", newline="")
+        (folder / "deck.inp").write_text(
+            f"{DECKS_BY_ELEMENT_TYPE[element_type]}{step}*END STEP\n", newline=""
+        )
         run = subprocess.run([ccx_path, "deck"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
             raise RuntimeError(f"{element_type}: CalculiX failed:\n{run.stdout}")
@@ -64,15 +66,18 @@ ALL,1,2
             if name in PRINTED_ELEMENT_SETS:
                 volumes[number] = float(value)
     sets = {name: sorted(set(members)) for name, members in sets.items()}
-    return {"sha256": digest(element_type), "volumes": volumes, "sets": sets}
+    return {"sha256": compute_deck_sha256(element_type), "volumes": volumes, "sets": sets}
 
 
-def main():
-    if executable() is None:
+def write_calculix_results():
+    if find_calculix_executable() is None:
         sys.exit("CalculiX (ccx, Debian's calculix-ccx) is not installed")
-    rows = [f'"{kind}": {json.dumps(compute(kind, executable()))}' for kind in DECKS_BY_ELEMENT_TYPE]
+    rows = [
+        f'"{kind}": {json.dumps(compute_volumes_and_sets_by_calculix(kind, find_calculix_executable()))}'
+        for kind in DECKS_BY_ELEMENT_TYPE
+    ]
     CALCULIX_RESULTS_FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")
 
 
 if __name__ == "__main__":
-    main()
+    write_calculix_results()

@@ -18,17 +18,21 @@ for axes in permutations(range(3)):
     path = [tuple(2 * (axis in axes[:k]) for axis in range(3)) for k in range(4)]
     odd = sum(a > b for a, b in combinations(axes, 2)) % 2
     TETRAHEDRON_CORNERS_PER_CUBE.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
-EDGES = {
+EDGES_BY_CORNER_COUNT = {
     3: [(0, 1), (1, 2), (2, 0)],
     4: [(0, 1), (1, 2), (2, 3), (3, 0)],
     8: [*zip(range(4), (1, 2, 3, 0), strict=True)],
 }
-EDGES[8] += [(a + 4, b + 4) for a, b in EDGES[8]] + [(k, k + 4) for k in range(4)]
+EDGES_BY_CORNER_COUNT[8] += [(a + 4, b + 4) for a, b in EDGES_BY_CORNER_COUNT[8]] + [
+    (k, k + 4) for k in range(4)
+]
 TETRAHEDRON_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
 PLANE_ELEMENT_FAMILIES = ("CPS", "CPE", "CAX", "S", "M3D")
-ELEMENT_TYPES = [f"{family}{nodes}" for family in PLANE_ELEMENT_FAMILIES for nodes in (3, 4, 6, 8)]
-ELEMENT_TYPES += [
+ABAQUS_ELEMENT_TYPES = [
+    f"{family}{nodes}" for family in PLANE_ELEMENT_FAMILIES for nodes in (3, 4, 6, 8)
+]
+ABAQUS_ELEMENT_TYPES += [
     "CPS4R",
     "CPE4R",
     "CAX8R",
@@ -40,7 +44,7 @@ ELEMENT_TYPES += [
     "C3D4",
     "C3D8",
 ]
-ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
+ABAQUS_ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
 
 
 def count_nodes(element_type):
@@ -49,7 +53,7 @@ def count_nodes(element_type):
     return int(digits)
 
 
-def distort(lattice_point, element_type):
+def distort_lattice_point(lattice_point, element_type):
     """Return the image (3,) of a lattice point under a smooth map, rounded to six digits."""
     x = np.array([*lattice_point, 0.0])[:3] / 2
     bend = 0.12 if count_nodes(element_type) not in (3, 4) or element_type == "C3D4" else 0.2
@@ -60,16 +64,16 @@ def distort(lattice_point, element_type):
     return y.round(6)
 
 
-def make_mesh(element_type):
+def make_distorted_lattice_mesh(element_type):
     """Return the points (n, 3), the cells as lists of indices of points, and the lattice points."""
     n_nodes, is_solid = count_nodes(element_type), element_type.startswith("C3D")
     if is_solid:
         pattern = BRICK_CORNERS_PER_CUBE if n_nodes in (8, 20) else TETRAHEDRON_CORNERS_PER_CUBE
-        corner_edges = EDGES[8] if n_nodes in (8, 20) else TETRAHEDRON_EDGES
+        corner_edges = EDGES_BY_CORNER_COUNT[8] if n_nodes in (8, 20) else TETRAHEDRON_EDGES
         blocks = product(range(2), range(2), range(2))
     else:
         pattern = TRIANGLE_CORNERS_PER_SQUARE if n_nodes in (3, 6) else QUAD_CORNERS_PER_SQUARE
-        corner_edges = EDGES[3] if n_nodes in (3, 6) else EDGES[4]
+        corner_edges = EDGES_BY_CORNER_COUNT[3] if n_nodes in (3, 6) else EDGES_BY_CORNER_COUNT[4]
         blocks = product(range(3), range(2))
     lattice: dict[tuple, int] = {}
     cells = []
@@ -84,7 +88,7 @@ def make_mesh(element_type):
                     for a, b in corner_edges
                 ]
             cells.append([lattice.setdefault(point, len(lattice)) for point in points])
-    return [distort(point, element_type) for point in lattice], cells, list(lattice)
+    return [distort_lattice_point(point, element_type) for point in lattice], cells, list(lattice)
 
 
 def format_in_random_fortran_notation(coordinate, rng):
@@ -103,10 +107,10 @@ def format_in_random_fortran_notation(coordinate, rng):
     return str(rng.choice(ways))
 
 
-def write_deck(element_type):
+def make_deck_text(element_type):
     """Return the text of a deck with nodes, elements, sets and surfaces, but without materials."""
     rng = np.random.default_rng(sum(map(ord, element_type)) * 131 + len(element_type))
-    points, cells, lattice = make_mesh(element_type)
+    points, cells, lattice = make_distorted_lattice_mesh(element_type)
     first_number, step = int(rng.integers(1, 90)), int(rng.integers(1, 4))
     node_numbers = rng.permutation(first_number + step * np.arange(len(points)))
     element_numbers = rng.permutation(int(rng.integers(1, 40)) + np.arange(len(cells)))
@@ -158,4 +162,4 @@ def write_deck(element_type):
     return line_end.join(lines) + line_end
 
 
-DECKS_BY_ELEMENT_TYPE = {kind: write_deck(kind) for kind in ELEMENT_TYPES}
+DECKS_BY_ELEMENT_TYPE = {kind: make_deck_text(kind) for kind in ABAQUS_ELEMENT_TYPES}

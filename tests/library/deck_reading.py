@@ -13,7 +13,7 @@ import numpy as np
 QUAD_EDGES = ((1, 2), (2, 3), (3, 4), (4, 1))
 TRIANGLE_EDGES = ((1, 2), (2, 3), (3, 1))
 # Nodes (from 1) of the faces by (kind, number of nodes), corners first: CalculiX' manual, 6.2
-FACES = {
+ABAQUS_FACE_NODES_BY_ELEMENT = {
     ("plane", 3): TRIANGLE_EDGES,
     ("plane", 4): QUAD_EDGES,
     ("plane", 6): ((1, 2, 4), (2, 3, 5), (3, 1, 6)),
@@ -42,8 +42,8 @@ FACES = {
         (4, 8, 5, 1, 20, 16, 17, 12),
     ),
 }
-CORNERS = {("plane", 3): 3, ("plane", 6): 3, ("plane", 4): 4, ("plane", 8): 4}
-CORNERS |= {("solid", 4): 4, ("solid", 10): 4, ("solid", 8): 8, ("solid", 20): 8}
+CORNER_COUNTS_BY_ELEMENT = {("plane", 3): 3, ("plane", 6): 3, ("plane", 4): 4, ("plane", 8): 4}
+CORNER_COUNTS_BY_ELEMENT |= {("solid", 4): 4, ("solid", 10): 4, ("solid", 8): 8, ("solid", 20): 8}
 
 
 def parse_element_type(element_type):
@@ -62,7 +62,7 @@ class IndependentDeckReader:
         self.nodes, self.elements = {}, {}
         self.sets = {"NSET": {}, "ELSET": {}}
         self.surfaces = {}
-        blocks = list(self._blocks(self._read_text(path)))
+        blocks = list(self._split_into_keyword_blocks(self._read_text_with_includes(path)))
         for keyword, options, rows in blocks:
             if keyword == "NODE":
                 self._add_nodes(options, rows)
@@ -76,7 +76,7 @@ class IndependentDeckReader:
             if keyword == "SURFACE":
                 self._add_surface(options, rows)
 
-    def _read_text(self, path):
+    def _read_text_with_includes(self, path):
         data = path.read_bytes()
         try:
             wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -86,10 +86,10 @@ class IndependentDeckReader:
         lines = []
         for line in re.split("\r\n|\n|\r", text):
             match = re.match(r'(?i)\s*\*include\s*,\s*input\s*=\s*"?([^",]+)', line)
-            lines += [self._read_text(path.parent / match[1])] if match else [line]
+            lines += [self._read_text_with_includes(path.parent / match[1])] if match else [line]
         return "\n".join(lines)
 
-    def _blocks(self, text):
+    def _split_into_keyword_blocks(self, text):
         keyword, options, rows = "", {}, []
         for line in text.split("\n"):
             line = line.strip(" \t")
@@ -105,7 +105,10 @@ class IndependentDeckReader:
             if keyword == "STEP":
                 return
             pairs = (field.partition("=") for field in fields[1:])
-            options = {self._unquote_or_uppercase(key): self._unquote_or_uppercase(value) for key, _, value in pairs}
+            options = {
+                self._unquote_or_uppercase(key): self._unquote_or_uppercase(value)
+                for key, _, value in pairs
+            }
         yield keyword, options, rows
 
     @staticmethod
@@ -147,7 +150,9 @@ class IndependentDeckReader:
                 continue
             for entry in filter(None, row):
                 members |= (
-                    {int(entry)} if entry.isdigit() else self.sets[set_keyword][self._unquote_or_uppercase(entry)]
+                    {int(entry)}
+                    if entry.isdigit()
+                    else self.sets[set_keyword][self._unquote_or_uppercase(entry)]
                 )
 
     def _add_surface(self, options, rows):
@@ -165,7 +170,7 @@ class IndependentDeckReader:
     def _get_node_set(self, set_name):
         return self.sets["NSET"][self._unquote_or_uppercase(set_name)]
 
-    def cells(self):
+    def iterate_cells_of_highest_dimension(self):
         """Yield number, kind and nodes of each element of the highest dimension."""
         has_solids = any(kind.startswith("C3D") for kind, _ in self.elements.values())
         for number, (kind, nodes) in self.elements.items():
@@ -173,14 +178,14 @@ class IndependentDeckReader:
             if element_kind and (element_kind[0] == "solid") == has_solids:
                 yield number, element_kind, nodes
 
-    def _coordinates(self, node_numbers):
+    def _get_coordinate_set(self, node_numbers):
         return frozenset(self.nodes[n] for n in node_numbers)
 
-    def cell_sets(self):
+    def get_cell_corners_by_set(self):
         """Return the corners of the cells in each ELSET that contains cells."""
         corners = {
-            n: self._coordinates(nodes[: CORNERS[element_kind[:2]]])
-            for n, element_kind, nodes in self.cells()
+            n: self._get_coordinate_set(nodes[: CORNER_COUNTS_BY_ELEMENT[element_kind[:2]]])
+            for n, element_kind, nodes in self.iterate_cells_of_highest_dimension()
         }
         sets = {
             name: {corners[n] for n in members if n in corners}
@@ -191,8 +196,8 @@ class IndependentDeckReader:
     def get_facet_corners_by_set(self):
         """Return the corners of the facets in each NSET and SURFACE that contains facets."""
         faces, n_cells = {}, Counter()
-        for number, element_kind, nodes in self.cells():
-            for k, face in enumerate(FACES[element_kind[:2]], 1):
+        for number, element_kind, nodes in self.iterate_cells_of_highest_dimension():
+            for k, face in enumerate(ABAQUS_FACE_NODES_BY_ELEMENT[element_kind[:2]], 1):
                 face_nodes = [nodes[i - 1] for i in face]
                 n_corners = (
                     2 if element_kind[0] == "plane" else 3 if element_kind[1] in (4, 10) else 4
@@ -208,7 +213,7 @@ class IndependentDeckReader:
 
         def facets_within(members):
             return {
-                self._coordinates(corners)
+                self._get_coordinate_set(corners)
                 for corners, face_nodes in outer_faces
                 if members >= set(face_nodes)
             }
@@ -221,18 +226,18 @@ class IndependentDeckReader:
                     sets[name] |= facets_within(members)
                 else:
                     named_faces = [faces[n, face][0] for n in members if (n, face) in faces]
-                    sets[name] |= {self._coordinates(corners) for corners in named_faces}
+                    sets[name] |= {self._get_coordinate_set(corners) for corners in named_faces}
         return {name: facets for name, facets in sets.items() if facets}
 
-    def volumes(self):
+    def compute_cell_volumes(self):
         """Return a dictionary with the volume of each cell by its number."""
         return {
-            number: integrate_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
-            for number, element_kind, nodes in self.cells()
+            number: compute_element_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
+            for number, element_kind, nodes in self.iterate_cells_of_highest_dimension()
         }
 
 
-def integrate_volume(node_coordinates, element_kind):
+def compute_element_volume(node_coordinates, element_kind):
     """Return the volume of an element with nodes (n, 3), by Gauss quadrature of its Jacobian."""
     dimension_kind, n_nodes, _ = element_kind
     dim = 2 if dimension_kind == "plane" else 3

@@ -73,9 +73,17 @@ def make_square_grid_deck(cells_per_side):
 def _yield_decks_with_unusual_numbers():
     """Yield decks with invalid numbers, and with numbers in unusual notation."""
     for text in ("nan", "inf", "-Infinity", "1e999", "-1D400", "1e300", "1_0", "0x1p3", "1,5.5.5"):
-        yield f"coordinate {text}", VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."), True
+        yield (
+            f"coordinate {text}",
+            VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."),
+            True,
+        )
     for text in ("1.5+3", "1 2", "١", "--1", "1.0F", "1d", "<h>", "'1'", "1e1e1", "\x0b1", "\xa01"):
-        yield f"coordinate {text!r}", VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."), True
+        yield (
+            f"coordinate {text!r}",
+            VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."),
+            True,
+        )
     for text in (
         "2.D0",
         "+2.",
@@ -87,7 +95,11 @@ def _yield_decks_with_unusual_numbers():
         "\t2.",
         "2.0000000000000001",
     ):
-        yield f"coordinate {text!r}", VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."), False
+        yield (
+            f"coordinate {text!r}",
+            VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"3, {text}, 0."),
+            False,
+        )
     for text in (
         "0",
         "-3",
@@ -100,9 +112,17 @@ def _yield_decks_with_unusual_numbers():
         "",
         "x",
     ):
-        yield f"node {text!r}", VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"{text}, 2., 0."), True
+        yield (
+            f"node {text!r}",
+            VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", f"{text}, 2., 0."),
+            True,
+        )
     for text in ("0", "-1", "1.", "²", "1e0", "99999999999", "7 7", "9" * 5000, "", "0x2"):
-        yield f"node of an element {text!r}", VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3,", f"2, 2, {text},"), True
+        yield (
+            f"node of an element {text!r}",
+            VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3,", f"2, 2, {text},"),
+            True,
+        )
     yield "empty coordinates", VALID_DECK_OF_TWO_QUADS.replace("4, 0., 1.", "4, , 1., ,"), False
     yield "no coordinates", VALID_DECK_OF_TWO_QUADS.replace("1, 0., 0.", "1"), False
     yield (
@@ -110,26 +130,50 @@ def _yield_decks_with_unusual_numbers():
         VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1."),
         False,
     )
-    yield "eight entries", VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."), True
+    yield (
+        "eight entries",
+        VALID_DECK_OF_TWO_QUADS.replace("3, 2., 0.", "3, 2., 0., 0., 0., 0., 1., 4."),
+        True,
+    )
 
 
 def _yield_decks_with_repeated_or_degenerate_cells():
     """Yield decks with repeated, missing or degenerate nodes, elements and cells."""
     yield "an element twice", VALID_DECK_OF_TWO_QUADS + "1, 2, 3, 6, 5\n", True
     yield "an element twice, the same", VALID_DECK_OF_TWO_QUADS + "1, 1, 2, 5, 4\n", True
-    yield "an element twice, a spring", VALID_DECK_OF_TWO_QUADS + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n", True
+    yield (
+        "an element twice, a spring",
+        VALID_DECK_OF_TWO_QUADS + "*ELEMENT, TYPE=SPRINGA\n1, 1, 2\n",
+        True,
+    )
     yield "a cell twice", VALID_DECK_OF_TWO_QUADS + "3, 1, 2, 5, 4\n", True
     yield "a cell twice, turned", VALID_DECK_OF_TWO_QUADS + "3, 5, 4, 1, 2\n", True
-    yield "a cell twice, in other types", VALID_DECK_OF_TWO_QUADS + "*ELEMENT, TYPE=CPE4\n3, 5, 4, 1, 2\n", True
+    yield (
+        "a cell twice, in other types",
+        VALID_DECK_OF_TWO_QUADS + "*ELEMENT, TYPE=CPE4\n3, 5, 4, 1, 2\n",
+        True,
+    )
     yield "a node twice", VALID_DECK_OF_TWO_QUADS + "*NODE\n3, 2., .5\n", True
     yield "a node twice, the same", VALID_DECK_OF_TWO_QUADS + "*NODE\n3, 2., 0.\n", False
     yield "a node missing", VALID_DECK_OF_TWO_QUADS.replace("6, 2., 1.\n", ""), True
     yield "a row too short", VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 3, 6"), True
-    yield "rows of five and three", VALID_DECK_OF_TWO_QUADS.replace("1, 1, 2, 5, 4", "1, 1, 2, 5"), True
-    yield "a row too long", VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 5, 1"), None
+    yield (
+        "rows of five and three",
+        VALID_DECK_OF_TWO_QUADS.replace("1, 1, 2, 5, 4", "1, 1, 2, 5"),
+        True,
+    )
+    yield (
+        "a row too long",
+        VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 5, 1"),
+        None,
+    )
     yield "rows of other cells", VALID_DECK_OF_TWO_QUADS.replace("CPS4", "CPS3"), None
     yield "rows of twice the nodes", VALID_DECK_OF_TWO_QUADS.replace("CPS4", "CPS8"), True
-    yield "a collapsed cell", VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 6"), True
+    yield (
+        "a collapsed cell",
+        VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 3, 6, 6"),
+        True,
+    )
     yield "a crossed cell", VALID_DECK_OF_TWO_QUADS.replace("2, 2, 3, 6, 5", "2, 2, 6, 3, 5"), True
     yield (
         "a flat cell",
@@ -144,7 +188,11 @@ def _yield_decks_with_repeated_or_degenerate_cells():
     yield "no plane", VALID_DECK_OF_TWO_QUADS.replace("6, 2., 1.", "6, 2., 1., .5"), True
     six_nodes = SIX_NODE_TRIANGLE_DECK_TEMPLATE.replace("{middle}", ".5,0.")
     for middle in ("0., 0.", "1., 0.", ".5, .6", "3., 0.", "-1., 0.", ".1, 0."):
-        yield f"a middle at {middle}", SIX_NODE_TRIANGLE_DECK_TEMPLATE.replace("{middle}", middle), True
+        yield (
+            f"a middle at {middle}",
+            SIX_NODE_TRIANGLE_DECK_TEMPLATE.replace("{middle}", middle),
+            True,
+        )
         yield (
             f"a middle at {middle}, solid",
             TEN_NODE_TETRAHEDRON_DECK_TEMPLATE.replace("{middle}", f"{middle}, 0."),
@@ -186,21 +234,47 @@ def _yield_decks_with_unusual_names_or_sets():
         ("1A", "A1"),
         ("A" * 90, "A" * 89),
     ):
-        yield f"names {a[:9]} and {b[:9]}", VALID_DECK_OF_TWO_QUADS + two_sets.format(a=a, b=b), False
+        yield (
+            f"names {a[:9]} and {b[:9]}",
+            VALID_DECK_OF_TWO_QUADS + two_sets.format(a=a, b=b),
+            False,
+        )
         yield (
             f"names {a[:9]} and {b[:9]} in Latin-1",
-            (VALID_DECK_OF_TWO_QUADS + two_sets.format(a=a, b=b)).encode("latin-1", errors="replace"),
+            (VALID_DECK_OF_TWO_QUADS + two_sets.format(a=a, b=b)).encode(
+                "latin-1", errors="replace"
+            ),
             None,
         )
-    yield "spaces in a name", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n", False
+    yield (
+        "spaces in a name",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A B\n1,2\n*NSET,NSET=C\nAB\n",
+        False,
+    )
     yield "no name", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=\n1,2\n", True
     yield "no quotation mark", VALID_DECK_OF_TWO_QUADS + '*NSET,NSET="A\n1,2\n', True
     yield "two names", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,NSET=B\n1,2\n", True
-    yield "a parameter that is not known", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,REMOVE\n1,2\n", True
+    yield (
+        "a parameter that is not known",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,REMOVE\n1,2\n",
+        True,
+    )
     for set_kind, row in (("NSET", "77"), ("ELSET", "77"), ("NSET", "OTHER"), ("ELSET", "OTHER")):
-        yield f"{set_kind} of {row}", f"{VALID_DECK_OF_TWO_QUADS}*{set_kind},{set_kind}=A\n1,{row}\n", True
-        yield f"{set_kind} of negative", f"{VALID_DECK_OF_TWO_QUADS}*{set_kind},{set_kind}=A\n1,-2\n", True
-    yield "members twice", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n", False
+        yield (
+            f"{set_kind} of {row}",
+            f"{VALID_DECK_OF_TWO_QUADS}*{set_kind},{set_kind}=A\n1,{row}\n",
+            True,
+        )
+        yield (
+            f"{set_kind} of negative",
+            f"{VALID_DECK_OF_TWO_QUADS}*{set_kind},{set_kind}=A\n1,-2\n",
+            True,
+        )
+    yield (
+        "members twice",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n1,1\n*ELSET,ELSET=B\n2,2,E\n",
+        False,
+    )
     yield "a set of itself", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\nA,1,2\n", False
     yield "sets of each other", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\nB\n*NSET,NSET=B\nA\n", True
     yield "a surface first", "*SURFACE,NAME=S\nE,S2\n" + VALID_DECK_OF_TWO_QUADS, False
@@ -209,7 +283,11 @@ def _yield_decks_with_unusual_names_or_sets():
     for row in ("9,1", "1", "1,2,0", "1,2,1,1", "1,-2", "a,b", "1.,2.", "7,9", "0,2"):
         yield f"GENERATE {row}", f"{VALID_DECK_OF_TWO_QUADS}*NSET,NSET=A,GENERATE\n{row}\n", True
     yield "GENERATE with gaps", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,GENERATE\n2,300,1\n", False
-    yield "GENERATE over much", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n", False
+    yield (
+        "GENERATE over much",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,GENERATE\n1,2147483647,1\n",
+        False,
+    )
 
 
 def _yield_decks_with_includes_or_encodings():
@@ -228,11 +306,17 @@ def _yield_decks_with_includes_or_encodings():
         **levels, "deck.inp": "*INCLUDE,INPUT=0.inp\n", "9.inp": "** nothing\n"
     }, True  # fmt: skip
     levels = {f"{k}.inp": f"*INCLUDE,INPUT={k + 1}.inp\n" for k in range(20)}
-    yield "many levels", {**levels, "deck.inp": VALID_DECK_OF_TWO_QUADS + levels["0.inp"], "20.inp": "**\n"}, True
+    yield (
+        "many levels",
+        {**levels, "deck.inp": VALID_DECK_OF_TWO_QUADS + levels["0.inp"], "20.inp": "**\n"},
+        True,
+    )
     yield (
         "INCLUDE in a block",
         {
-            "deck.inp": VALID_DECK_OF_TWO_QUADS.replace("4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"),
+            "deck.inp": VALID_DECK_OF_TWO_QUADS.replace(
+                "4, 0., 1.\n", "*INCLUDE, INPUT=four.inp\n"
+            ),
             "four.inp": "4, 0., 1.",
         },
         False,
@@ -259,7 +343,11 @@ def _yield_decks_with_includes_or_encodings():
         yield keyword, f"{VALID_DECK_OF_TWO_QUADS}*{keyword}\n1, 2, 3\n", True
     yield "cylindrical nodes", VALID_DECK_OF_TWO_QUADS.replace("*NODE", "*NODE, SYSTEM=C"), True
     for kind in ("C3D15", "F3D8", "C3D27", "XYZ4"):
-        yield f"elements {kind}", f"{VALID_DECK_OF_TWO_QUADS}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n", True
+        yield (
+            f"elements {kind}",
+            f"{VALID_DECK_OF_TWO_QUADS}*ELEMENT, TYPE={kind}\n9, 1, 2, 3, 4\n",
+            True,
+        )
 
 
 def _yield_long_decks():
@@ -271,16 +359,28 @@ def _yield_long_decks():
     yield "blank lines", VALID_DECK_OF_TWO_QUADS + "\n" * LONG_DECK_CHARACTERS, False
     yield "comments", VALID_DECK_OF_TWO_QUADS + "** \n" * (LONG_DECK_CHARACTERS // 4), False
     yield "keywords", VALID_DECK_OF_TWO_QUADS + "*A\n" * (LONG_DECK_CHARACTERS // 3), False
-    yield "quotation marks", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n" + '"",' * (LONG_DECK_CHARACTERS // 3), None
+    yield (
+        "quotation marks",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n" + '"",' * (LONG_DECK_CHARACTERS // 3),
+        None,
+    )
     yield "commas", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n1" + "," * LONG_DECK_CHARACTERS, False
     yield "ranges", mesh + "*NSET,NSET=A,GENERATE\n" + ranges, None
-    yield "ranges of few numbers", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,GENERATE\n" + ranges, None
+    yield (
+        "ranges of few numbers",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A,GENERATE\n" + ranges,
+        None,
+    )
     yield (
         "sets of ranges",
         mesh + make_lines_until_size(lambda k: f"*NSET,NSET=A{k},GENERATE\n1,5000", 500_000),
         None,
     )
-    yield "sets of all", mesh + make_lines_until_size(lambda k: f"*NSET,NSET=A{k}\nN", 500_000), None
+    yield (
+        "sets of all",
+        mesh + make_lines_until_size(lambda k: f"*NSET,NSET=A{k}\nN", 500_000),
+        None,
+    )
     yield "a set of all, often", mesh + "*NSET,NSET=A\n" + "N\n" * 200_000, None
     yield (
         "sets of sets",
@@ -298,7 +398,11 @@ def _yield_long_decks():
         + make_lines_until_size(lambda k: f"*NSET,NSET=A{k + 1}\nA{k},A{k},A{k},A{k}", 400_000),
         None,
     )
-    yield "sets of elements", mesh + make_lines_until_size(lambda k: f"*ELSET,ELSET=A{k}\nE", 500_000), None
+    yield (
+        "sets of elements",
+        mesh + make_lines_until_size(lambda k: f"*ELSET,ELSET=A{k}\nE", 500_000),
+        None,
+    )
     yield (
         "nodes of elements",
         mesh + make_lines_until_size(lambda k: f"*NSET,NSET=A{k},ELSET=E", 500_000),
@@ -320,12 +424,26 @@ def _yield_long_decks():
         mesh + make_lines_until_size(lambda k: f"*ELSET,ELSET=A{k}\n{1 + k % 4900}", 500_000),
         False,
     )
-    yield "nodes", VALID_DECK_OF_TWO_QUADS + "*NODE\n" + make_lines_until_size(lambda k: f"{k + 10},1,1"), False
-    yield "types", VALID_DECK_OF_TWO_QUADS + make_lines_until_size(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"), None
-    yield "parts", VALID_DECK_OF_TWO_QUADS + make_lines_until_size(lambda k: f"*PART,NAME=P{k}\n*END PART"), None
+    yield (
+        "nodes",
+        VALID_DECK_OF_TWO_QUADS + "*NODE\n" + make_lines_until_size(lambda k: f"{k + 10},1,1"),
+        False,
+    )
+    yield (
+        "types",
+        VALID_DECK_OF_TWO_QUADS + make_lines_until_size(lambda k: f"*ELEMENT,TYPE=U{k}\n{k + 9}"),
+        None,
+    )
+    yield (
+        "parts",
+        VALID_DECK_OF_TWO_QUADS + make_lines_until_size(lambda k: f"*PART,NAME=P{k}\n*END PART"),
+        None,
+    )
     yield (
         "instances",
-        make_lines_until_size(lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"),
+        make_lines_until_size(
+            lambda k: f"*PART,NAME=P{k}\n*END PART\n*INSTANCE,NAME=I{k},PART=P{k}"
+        ),
         None,
     )
     yield "INCLUDEs of a file", {

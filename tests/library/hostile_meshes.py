@@ -10,15 +10,15 @@ from copy import deepcopy
 import basix
 from dolfinx.mesh import entities_to_geometry
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from tests.library.msh_files import (
-    EDGES,
     COMMON_MSH_FORMATS,
+    EDGE_CORNERS_IN_GMSH_ORDER,
     N_CORNERS_BY_GMSH_TYPE,
-    Block,
-    make_grouped_lattice_mesh,
-    read_msh,
+    ElementBlock,
+    decode_msh,
     encode_msh,
+    make_grouped_lattice_mesh,
 )
 
 MSH_2_2_HEADER = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
@@ -26,7 +26,12 @@ MSH_2_2_HEADER = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 
 def make_hostile_files_with_error_patterns():
     """Return, by name, a file and a pattern of its error message, or None if it may be read."""
-    return {**_make_script_and_foreign_files(), **_make_contradictory_files(), **_make_randomly_damaged_files(), **_make_resource_exhausting_files()}
+    return {
+        **_make_script_and_foreign_files(),
+        **_make_contradictory_files(),
+        **_make_randomly_damaged_files(),
+        **_make_resource_exhausting_files(),
+    }
 
 
 def _make_script_and_foreign_files():
@@ -175,7 +180,7 @@ def _make_contradictory_files():
     mixed = deepcopy(make_grouped_lattice_mesh("quadrilateral", 1))
     a, b, c, d = mixed.blocks[0].elements[0][1:]
     mixed.blocks[0].elements[0][0] = 90
-    mixed.blocks.append(Block(2, 1, (3,), [[91, a, b, c], [92, a, c, d]]))
+    mixed.blocks.append(ElementBlock(2, 1, (3,), [[91, a, b, c], [92, a, c, d]]))
     mixed.blocks[0].elements.pop(0)
     cubic = deepcopy(make_grouped_lattice_mesh("triangle", 1))
     cubic.nodes += [[1000 + k, 0.1 * k, 0.3, 0.25] for k in range(7)]
@@ -317,8 +322,14 @@ def _make_resource_exhausting_files():
         "blank lines": (MSH_2_2_HEADER + b"\n" * 900_000 + mesh, None),
         "dollars": (b"$" * 900_000, "between its sections"),
         "spaces": (b" " * 900_000, "no mesh file of Gmsh"),
-        "one line": (MSH_2_2_HEADER + mesh.replace(b"4 0 1 0", b"1" * 900_000), "has to have 4 numbers"),
-        "digits": (MSH_2_2_HEADER + mesh.replace(b"2 1 0 0", b"2 1%s 0 0" % (b"0" * 900_000)), "lies at"),
+        "one line": (
+            MSH_2_2_HEADER + mesh.replace(b"4 0 1 0", b"1" * 900_000),
+            "has to have 4 numbers",
+        ),
+        "digits": (
+            MSH_2_2_HEADER + mesh.replace(b"2 1 0 0", b"2 1%s 0 0" % (b"0" * 900_000)),
+            "lies at",
+        ),
         "far node numbers": (
             MSH_2_2_HEADER
             + nodes.replace(b"\n4 0 1", b"\n2000000000 0 1")
@@ -332,7 +343,9 @@ def _make_resource_exhausting_files():
             None,
         ),
         "name without end": (
-            MSH_2_2_HEADER + b'$PhysicalNames\n1\n2 1 "%s\n$EndPhysicalNames\n' % (b"a" * 900_000) + mesh,
+            MSH_2_2_HEADER
+            + b'$PhysicalNames\n1\n2 1 "%s\n$EndPhysicalNames\n' % (b"a" * 900_000)
+            + mesh,
             "is no dimension, number and name",
         ),
     }
@@ -350,7 +363,9 @@ def collect_groups_by_coordinates(file_content):
     cells, facets = {}, {}
     for block in file_content.blocks:
         for _, *nodes in block.elements if block.dim >= dim - 1 else ():
-            corners = frozenset(x[node] for node in nodes[: N_CORNERS_BY_GMSH_TYPE.get(block.kind, 1)])
+            corners = frozenset(
+                x[node] for node in nodes[: N_CORNERS_BY_GMSH_TYPE.get(block.kind, 1)]
+            )
             if block.dim == dim - 1 and block.groups:
                 facets.setdefault(corners, set()).update(block.groups)
             elif block.dim == dim and (block.groups or not has_groups):
@@ -368,7 +383,11 @@ def collect_groups_by_coordinates(file_content):
 
 def _pair_edge_ends_with_midpoints(gmsh_type, node_positions):
     edge_corners = {6: "triangle", 9: "quadrilateral", 10: "tetrahedron", 27: "hexahedron"}
-    edge_corners = EDGES[edge_corners[len(node_positions)]] if len(node_positions) in edge_corners else []
+    edge_corners = (
+        EDGE_CORNERS_IN_GMSH_ORDER[edge_corners[len(node_positions)]]
+        if len(node_positions) in edge_corners
+        else []
+    )
     n_corners = N_CORNERS_BY_GMSH_TYPE[gmsh_type]
     return frozenset(
         (frozenset((node_positions[a], node_positions[b])), node_positions[n_corners + k])
@@ -388,7 +407,7 @@ def describe_mesh_differences(tagged_mesh, file_content):
     n_corners = len(element.entity_dofs[0])
     edges = basix.topology(element.cell_type)[1] if element.degree == 2 else []
     cells = []
-    for nodes in cell_nodes(mesh):
+    for nodes in cell_geometry_nodes(mesh):
         positions = [tuple(x[node]) for node in nodes]
         middles = [positions[inside[0]] for inside in element.entity_dofs[1] if inside]
         ends = [frozenset(positions[k] for k in edge) for edge in edges]
@@ -436,4 +455,4 @@ def describe_differences_from_file(tagged_mesh, msh_path):
 
     They are described by an empty string if there are none.
     """
-    return describe_mesh_differences(tagged_mesh, read_msh(msh_path.read_bytes()))
+    return describe_mesh_differences(tagged_mesh, decode_msh(msh_path.read_bytes()))

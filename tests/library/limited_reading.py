@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 
 CPU_SECONDS, MAX_MEGABYTES = 2.0, 500
-PROJECT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 # Includes address space that the libraries reserve without using it
 _MAX_ADDRESS_SPACE_BYTES = 8_000_000_000
 
@@ -34,7 +34,7 @@ def read_files_under_cpu_and_memory_limits(paths, comparison_name):
     while remaining:
         command = [sys.executable, "-m", "tests.library.limited_reading", comparison_name]
         run = subprocess.run(
-            [*command, *map(str, remaining)], cwd=PROJECT, capture_output=True, text=True
+            [*command, *map(str, remaining)], cwd=ROOT, capture_output=True, text=True
         )
         lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")]
         results |= dict(zip(remaining, lines, strict=False))
@@ -48,7 +48,7 @@ def read_files_under_cpu_and_memory_limits(paths, comparison_name):
     return results
 
 
-def _read(path, compare):
+def _read_file_and_measure_resources(path, compare):
     from mpi4py import MPI
 
     from pw_elements.meshes import from_file
@@ -83,15 +83,15 @@ def _read_process_memory_in_mb(status_key):
     raise KeyError(status_key)
 
 
-def main(comparison_name, paths):
+def print_reading_results(comparison_name, paths):
     module, _, name = comparison_name.partition(":")
     compare = getattr(import_module(module), name)
     logging.disable()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     for path in paths:
-        print(json.dumps(_read(Path(path), compare)), flush=True)
+        print(json.dumps(_read_file_and_measure_resources(Path(path), compare)), flush=True)
 
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_AS, (_MAX_ADDRESS_SPACE_BYTES, _MAX_ADDRESS_SPACE_BYTES))
-    main(sys.argv[1], sys.argv[2:])
+    print_reading_results(sys.argv[1], sys.argv[2:])

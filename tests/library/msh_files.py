@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 # Corners of each edge and face, in the order of their middle nodes
-EDGES = {
+EDGE_CORNERS_IN_GMSH_ORDER = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
     "tetrahedron": [(0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1)],
@@ -21,7 +21,7 @@ EDGES = {
         *((2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
     ],
 }
-FACES = {
+FACE_CORNERS_IN_GMSH_ORDER = {
     "tetrahedron": [(0, 2, 1), (0, 1, 3), (0, 3, 2), (3, 1, 2)],
     "hexahedron": [
         *((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3)),
@@ -29,11 +29,29 @@ FACES = {
     ],
 }
 # By cell, Gmsh's type numbers for degrees 1 and 2; by type, number of nodes, dimension and corners
-GMSH_TYPES_BY_CELL_AND_DEGREE = {"triangle": (2, 9), "quadrilateral": (3, 10), "tetrahedron": (4, 11)}
+GMSH_TYPES_BY_CELL_AND_DEGREE = {
+    "triangle": (2, 9),
+    "quadrilateral": (3, 10),
+    "tetrahedron": (4, 11),
+}
 GMSH_TYPES_BY_CELL_AND_DEGREE["hexahedron"] = (5, 12)
-N_NODES = {15: 1, 1: 2, 8: 3, 2: 3, 9: 6, 3: 4, 10: 9, 4: 4, 11: 10, 5: 8, 12: 27, 21: 10, 6: 6}
-N_NODES |= {16: 8, 26: 4}
-TYPE_DIMENSION = {
+N_NODES_BY_GMSH_TYPE = {
+    15: 1,
+    1: 2,
+    8: 3,
+    2: 3,
+    9: 6,
+    3: 4,
+    10: 9,
+    4: 4,
+    11: 10,
+    5: 8,
+    12: 27,
+    21: 10,
+    6: 6,
+}
+N_NODES_BY_GMSH_TYPE |= {16: 8, 26: 4}
+DIMENSION_BY_GMSH_TYPE = {
     15: 0,
     1: 1,
     8: 1,
@@ -49,14 +67,14 @@ TYPE_DIMENSION = {
     5: 3,
     12: 3,
 }
-TYPE_DIMENSION |= {6: 3}
+DIMENSION_BY_GMSH_TYPE |= {6: 3}
 N_CORNERS_BY_GMSH_TYPE = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4, 4: 4, 11: 4, 5: 8, 12: 8}
 COMMON_MSH_FORMATS = ("2.2", "2.2 binary", "4.0", "4.0 binary", "4.1", "4.1 binary")
 RARE_MSH_FORMATS = ("2", "2.2 binary >", "4.1 binary >", "4.1 binary 4")
 
 
 @dataclass
-class Block:
+class ElementBlock:
     """Elements [number, node, node, ...] of one type on one entity, and the entity's groups."""
 
     kind: int
@@ -66,7 +84,7 @@ class Block:
     dim: int = -1
 
     def __post_init__(self):
-        self.dim = TYPE_DIMENSION[self.kind]
+        self.dim = DIMENSION_BY_GMSH_TYPE[self.kind]
 
 
 @dataclass
@@ -74,7 +92,7 @@ class MshFileContent:
     """Content of a mesh file: nodes [number, x, y, z], blocks, and names by (dimension, group)."""
 
     nodes: list[list[float]]
-    blocks: list[Block]
+    blocks: list[ElementBlock]
     names: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
@@ -109,8 +127,8 @@ def make_grouped_lattice_mesh(cell, degree, divisions=2, seed=0):
             [0, *(number[p] for p in _add_middle_nodes(cell, degree, row))]
             for row in cells_of_group
         ]
-        blocks.append(Block(type_number, entity, groups, element_rows))
-    sides = {2: EDGES, 3: FACES}[dim][cell]
+        blocks.append(ElementBlock(type_number, entity, groups, element_rows))
+    sides = {2: EDGE_CORNERS_IN_GMSH_ORDER, 3: FACE_CORNERS_IN_GMSH_ORDER}[dim][cell]
     facets = [[row[k] for k in side] for row in cells for side in sides]
     facets = [facet for facet in facets if all(p[0] == 0 for p in facet)]
     face = {2: "line", 3: "triangle" if cell == "tetrahedron" else "quadrilateral"}[dim]
@@ -118,7 +136,7 @@ def make_grouped_lattice_mesh(cell, degree, divisions=2, seed=0):
     element_rows = [
         [0, *(number[p] for p in _add_middle_nodes(face, degree, row))] for row in facets
     ]
-    blocks.append(Block(type_number, 5, (3,), element_rows))
+    blocks.append(ElementBlock(type_number, 5, (3,), element_rows))
     for element_number, row in enumerate((row for block in blocks for row in block.elements), 11):
         row[0] = element_number
     used = {node for block in blocks for row in block.elements for node in row[1:]}
@@ -149,8 +167,8 @@ def _yield_cell_corners_in_lattice_square(cell, lattice_square):
 def _add_middle_nodes(cell, degree, corners):
     if degree == 1:
         return corners
-    edges = ({"line": [(0, 1)]} | EDGES)[cell]
-    entities = [*edges, *(FACES[cell] if cell == "hexahedron" else [])]
+    edges = ({"line": [(0, 1)]} | EDGE_CORNERS_IN_GMSH_ORDER)[cell]
+    entities = [*edges, *(FACE_CORNERS_IN_GMSH_ORDER[cell] if cell == "hexahedron" else [])]
     entities += [tuple(range(len(corners)))] if cell in ("quadrilateral", "hexahedron") else []
     middles = [np.mean([corners[k] for k in entity], axis=0) for entity in entities]
     return [*corners, *(tuple(map(int, middle)) for middle in middles)]
@@ -224,7 +242,9 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
         else:
             text += "".join(row("iddd", *node) for node in node_block)
     text += "\n$EndNodes\n$Elements\n"
-    text += row("qq" + "q" * len(extremes), n_blocks, false_counts.get("elements", len(rows)), *extremes)
+    text += row(
+        "qq" + "q" * len(extremes), n_blocks, false_counts.get("elements", len(rows)), *extremes
+    )
     for block in mesh_data.blocks:
         entity = (block.dim, block.entity)
         count = false_counts.get("element block", len(block.elements))
@@ -237,7 +257,7 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
 def _split_by_group(block):
     if len(block.groups) < 2:
         return [block]
-    return [Block(block.kind, block.entity, (group,), []) for group in block.groups]
+    return [ElementBlock(block.kind, block.entity, (group,), []) for group in block.groups]
 
 
 def _format_number(value):
@@ -253,13 +273,16 @@ class _SectionNumberReader:
 
     def read_numbers(self, struct_letters):
         if not self.binary:
-            return [float(next(self.words)) if c == "d" else int(next(self.words)) for c in struct_letters]
+            return [
+                float(next(self.words)) if c == "d" else int(next(self.words))
+                for c in struct_letters
+            ]
         layout = self.order + struct_letters.replace("q", self.size)
         values = struct.unpack_from(layout, self.data, self.position)
         self.position += struct.calcsize(layout)
         return list(values)
 
-    def read_count(self):
+    def read_count_line(self):
         if not self.binary:
             return int(next(self.words))
         end = self.data.index(b"\n", self.position)
@@ -267,7 +290,7 @@ class _SectionNumberReader:
         return value
 
 
-def read_msh(file_bytes):
+def decode_msh(file_bytes):
     """Return the content of a mesh file, given as bytes."""
     sections = {}
     for match in re.finditer(rb"\$(\w+)[ \t]*\r?\n(.*?)\$End\1", file_bytes, re.DOTALL):
@@ -292,8 +315,8 @@ def read_msh(file_bytes):
     nodes, blocks = [], []
     if version[0] == "2":
         node_source, element_source = source("Nodes"), source("Elements")
-        nodes = [node_source.read_numbers("iddd") for _ in range(node_source.read_count())]
-        n_left = element_source.read_count()
+        nodes = [node_source.read_numbers("iddd") for _ in range(node_source.read_count_line())]
+        n_left = element_source.read_count_line()
         while n_left > 0:
             if binary == "1":
                 type_number, count, n_tags = element_source.read_numbers("iii")
@@ -304,8 +327,11 @@ def read_msh(file_bytes):
                 number = element_source.read_numbers("i")[0] if binary == "1" else number
                 tags = element_source.read_numbers("i" * n_tags)
                 group = abs(tags[0]) if tags else 0
-                row = [number, *element_source.read_numbers("i" * N_NODES[type_number])]
-                blocks.append(Block(type_number, 0, (group,) if group else (), [row]))
+                row = [
+                    number,
+                    *element_source.read_numbers("i" * N_NODES_BY_GMSH_TYPE[type_number]),
+                ]
+                blocks.append(ElementBlock(type_number, 0, (group,) if group else (), [row]))
             n_left -= count
         return MshFileContent(nodes, blocks, names)
     is_4_1, groups_of = version == "4.1", {}
@@ -336,7 +362,7 @@ def read_msh(file_bytes):
     for _ in range(element_source.read_numbers("qqqq" if is_4_1 else "qq")[0]):
         a, b, type_number, count = element_source.read_numbers("iiiq")
         entity = (a, b) if is_4_1 else (b, a)
-        letters = ("q" if is_4_1 else "i") * (1 + N_NODES[type_number])
+        letters = ("q" if is_4_1 else "i") * (1 + N_NODES_BY_GMSH_TYPE[type_number])
         rows = [element_source.read_numbers(letters) for _ in range(count)]
-        blocks.append(Block(type_number, entity[1], groups_of.get(entity, ()), rows))
+        blocks.append(ElementBlock(type_number, entity[1], groups_of.get(entity, ()), rows))
     return MshFileContent(nodes, blocks, names)

@@ -30,13 +30,13 @@ from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, pres
 from pw_elements.meshes import curved_mesh
 from study.model.matrices import dense
 
-RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
-DIVISIONS = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
+DEFAULT_POISSONS_RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
+CELLS_PER_SIDE_BY_CELL = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
 # Random shifts of vertices, or of mid-side nodes on curved meshes, relative to the size of cells
 MAX_SHIFTS_RELATIVE_TO_CELL_SIZE = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
 
 
-class Sample(NamedTuple):
+class SingularityMeasures(NamedTuple):
     """Least singular value and sign of the determinant of K, for a mesh and a Poisson's ratio.
 
     See the module for K and L.
@@ -47,7 +47,9 @@ class Sample(NamedTuple):
     energy: float  # least eigenvalue of the symmetric part of L^-1 K L^-T
 
 
-def make_distorted_mesh(cell: str, cells_per_side: int, relative_shift: float, seed: int, moves_mid_nodes: bool = False) -> Mesh:
+def make_distorted_mesh(
+    cell: str, cells_per_side: int, relative_shift: float, seed: int, moves_mid_nodes: bool = False
+) -> Mesh:
     """Create a unit square or cube of n cells a side, with moved vertices or mid-side nodes."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
@@ -69,7 +71,9 @@ def make_distorted_mesh(cell: str, cells_per_side: int, relative_shift: float, s
     return mesh
 
 
-def stiffnesses(spaces: Spaces, quadrature_degree: int | None) -> list[npt.NDArray[np.float64]]:
+def assemble_lame_stiffness_parts(
+    spaces: Spaces, quadrature_degree: int | None
+) -> list[npt.NDArray[np.float64]]:
     """Assemble the matrices A and B of the stiffness mu A + lambda B, with clamped base.
 
     The factors mu and lambda are Lame's constants.
@@ -87,10 +91,13 @@ def stiffnesses(spaces: Spaces, quadrature_degree: int | None) -> list[npt.NDArr
     return [A, matrices[1] / 0.4 - A]
 
 
-def samples(mesh: Mesh, poissons_ratios: Sequence[float], quadrature_degree: int | None = None) -> list[Sample]:
+def measure_singularity(
+    mesh: Mesh, poissons_ratios: Sequence[float], quadrature_degree: int | None = None
+) -> list[SingularityMeasures]:
     """Return a sample for each Poisson's ratio."""
     pw, standard = (
-        stiffnesses(make(mesh), quadrature_degree) for make in (Spaces.petrov_galerkin, Spaces.galerkin)
+        assemble_lame_stiffness_parts(make(mesh), quadrature_degree)
+        for make in (Spaces.petrov_galerkin, Spaces.galerkin)
     )
     result = []
     for nu in poissons_ratios:
@@ -101,26 +108,33 @@ def samples(mesh: Mesh, poissons_ratios: Sequence[float], quadrature_degree: int
         scaled = scipy.linalg.solve_triangular(L, half.T, lower=True).T
         least = scipy.linalg.svdvals(scaled)[-1]
         energy = scipy.linalg.eigvalsh((scaled + scaled.T) / 2, subset_by_index=[0, 0])[0]
-        result.append(Sample(float(least), int(np.linalg.slogdet(scaled)[0]), float(energy)))
+        result.append(
+            SingularityMeasures(float(least), int(np.linalg.slogdet(scaled)[0]), float(energy))
+        )
     return result
 
 
-def main() -> None:
+def print_singular_value_map() -> None:
     """Print the map as a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=4)
-    parser.add_argument("--cells", nargs="+", default=list(DIVISIONS), choices=list(DIVISIONS))
+    parser.add_argument(
+        "--cells",
+        nargs="+",
+        default=list(CELLS_PER_SIDE_BY_CELL),
+        choices=list(CELLS_PER_SIDE_BY_CELL),
+    )
     parser.add_argument("--degree", type=int, default=None)
-    parser.add_argument("--ratios", type=float, nargs="+", default=RATIOS)
+    parser.add_argument("--ratios", type=float, nargs="+", default=DEFAULT_POISSONS_RATIOS)
     options = parser.parse_args()
     print("least singular value over all meshes (meshes with det K < 0), over nu:")
     print(f"{'':32s}" + "".join(f"{nu:>13g}" for nu in options.ratios))
     for cell in options.cells:
         for mid_nodes in (False, True):
             for distortion in MAX_SHIFTS_RELATIVE_TO_CELL_SIZE[mid_nodes]:
-                n = DIVISIONS[cell]
+                n = CELLS_PER_SIDE_BY_CELL[cell]
                 ratios_of_meshes = [
-                    samples(
+                    measure_singularity(
                         make_distorted_mesh(cell, n, distortion, seed, mid_nodes),
                         options.ratios,
                         options.degree,
@@ -136,4 +150,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    print_singular_value_map()

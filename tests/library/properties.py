@@ -24,16 +24,18 @@ from pw_elements import (
 from pw_elements.meshes import move_nodes
 from study.meshes.distortion import smooth_distortion
 from study.model.matrices import dense
-from tests.library.random_meshes import Grid, Placement
+from tests.library.random_meshes import AffinePlacement, Grid
 
-METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
+SPACE_MAKERS_BY_METHOD = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
-def unit_mesh(cell_type, cells_per_side):
+def make_distorted_unit_mesh(cell_type, cells_per_side):
     """Create a square or cube of n cells a side, with randomly moved inner vertices."""
     dim = 2 if cell_type.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    return move_nodes(build(MPI.COMM_SELF, corners, [cells_per_side] * dim, cell_type), smooth_distortion)
+    return move_nodes(
+        build(MPI.COMM_SELF, corners, [cells_per_side] * dim, cell_type), smooth_distortion
+    )
 
 
 def boundary_dofs(space):
@@ -80,18 +82,18 @@ def rigid_modes(node_positions):
 
 
 @dataclass(frozen=True)
-class Elastic:
+class PlacedElasticBody:
     """Elastic body on a grid in a given placement, with its stiffness, mass and nodes."""
 
     grid: Grid
-    placement: Placement = field(default_factory=Placement)
+    placement: AffinePlacement = field(default_factory=AffinePlacement)
     method: str = "pw"
     state: str = "plane stress"
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
     def transform(self, placement, modulus=1.0, density=1.0, grid=None):
         material = Material(modulus, self.material.poissons_ratio, density)
-        return Elastic(grid or self.grid, placement, self.method, self.state, material)
+        return PlacedElasticBody(grid or self.grid, placement, self.method, self.state, material)
 
     @functools.cached_property
     def placed_grid(self):
@@ -99,7 +101,9 @@ class Elastic:
 
     @functools.cached_property
     def body(self):
-        return Body(METHODS[self.method](self.placed_grid.mesh()), self.material, self.state)
+        return Body(
+            SPACE_MAKERS_BY_METHOD[self.method](self.placed_grid.mesh()), self.material, self.state
+        )
 
     @functools.cached_property
     def space(self):
@@ -118,14 +122,16 @@ class Elastic:
         return self.space.tabulate_dof_coordinates()[:, : self.grid.dim]
 
     @functools.cached_property
-    def round_off(self):
+    def relative_gradient_round_off(self):
         return self.placed_grid.relative_gradient_round_off()
 
-    def side(self, axis, coordinate=0.0):
+    def side_marker(self, axis, coordinate=0.0):
         return self.placement.side_marker(axis, coordinate)
 
     def clamp(self, axis=0):
-        conditions = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
+        conditions = [
+            prescribe(self.space, i, self.side_marker(axis)) for i in range(self.grid.dim)
+        ]
         return Reduction.dirichlet(self.space, conditions)
 
     def solve_statics(self, body_force):
@@ -138,7 +144,7 @@ class Elastic:
     def bound_round_off_of_forces(self, displacements):
         """Return a bound of the round-off of nodal forces K a and of a direct solver's residual."""
         K = np.abs(dense(self.K))
-        return len(K) * self.round_off * (K @ np.abs(displacements.ravel())).max()
+        return len(K) * self.relative_gradient_round_off * (K @ np.abs(displacements.ravel())).max()
 
     def bound_errors_of_displacements_and_forces(self, reduction, a, f, relative_round_off=None):
         """Return bounds of the errors of displacements and forces due to round-off of the data.
@@ -148,7 +154,9 @@ class Elastic:
         is at most |K| times this plus d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
-        d = max_nonzeros_per_row(full) * (self.round_off if relative_round_off is None else relative_round_off)
+        d = max_nonzeros_per_row(full) * (
+            self.relative_gradient_round_off if relative_round_off is None else relative_round_off
+        )
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
         free = dense(reduction.right).T @ wrong
         displacement_bound = np.abs(np.linalg.inv(A)) @ free

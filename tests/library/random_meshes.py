@@ -15,7 +15,7 @@ from dolfinx.mesh import create_mesh
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from tests.oracle.elements import ELEMENTS
+from tests.oracle.elements import REFERENCE_ELEMENTS
 
 CELL_DIMENSION = {
     "interval": 1,
@@ -24,8 +24,8 @@ CELL_DIMENSION = {
     "tetrahedron": 3,
     "hexahedron": 3,
 }
-CELLS = tuple(CELL_DIMENSION)
-BODY_CELL_NAMES = CELLS[1:]  # cells of elastic bodies
+CELL_NAMES = tuple(CELL_DIMENSION)
+BODY_CELL_NAMES = CELL_NAMES[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
 
@@ -57,7 +57,7 @@ class Grid:
     def map_vertices(self, point_map):
         return replace(self, x=point_map(self.x))
 
-    def altitude(self):
+    def min_cell_thickness_bound(self):
         """Return a lower bound of the thickness of all cells, which for simplices is the altitude.
 
         The bound is the inverse of the largest gradient of a linear shape function at the cells'
@@ -71,7 +71,7 @@ class Grid:
 
     def relative_gradient_round_off(self):
         """Return the relative round-off of shape functions' gradients due to rounded vertices."""
-        return MACHINE_EPSILON * np.abs(self.x).max() / self.altitude()
+        return MACHINE_EPSILON * np.abs(self.x).max() / self.min_cell_thickness_bound()
 
     def renumber(self, seed):
         """Return the same grid with vertices, cells and corners of cells in random order.
@@ -96,7 +96,7 @@ def _random_corner_permutation(cell, rng):
 
 
 @dataclass(frozen=True)
-class Placement:
+class AffinePlacement:
     """Affine map from x to unit A (x + offset): change of units, rigid motion or skew.
 
     A is the field `matrix`, the identity by default.
@@ -114,9 +114,9 @@ class Placement:
         v = np.asarray(v, dtype=float)
         return v @ self.matrix.T if np.ndim(self.matrix) else v
 
-    def undo(self, x):
+    def map_points_back(self, x):
         inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
-        return Placement(1.0, inverse).place_vectors(x / self.unit) - self.offset
+        return AffinePlacement(1.0, inverse).place_vectors(x / self.unit) - self.offset
 
     def side_marker(self, axis, coordinate):
         """Return a function that marks the placed image of the plane x[axis] = value."""
@@ -124,7 +124,10 @@ class Placement:
         def is_on_side(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
             # far from the origin coordinates have errors of 1e-10; neighbours are over 1e-3 apart
-            return np.abs(self.undo(x.T[:, : max(dim, axis + 1)])[:, axis] - coordinate) < 1e-6
+            return (
+                np.abs(self.map_points_back(x.T[:, : max(dim, axis + 1)])[:, axis] - coordinate)
+                < 1e-6
+            )
 
         return is_on_side
 
@@ -158,7 +161,10 @@ def random_cell_points(cell, n_points, seed):
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
         return rng.dirichlet(np.ones(len(corners)), n_points) @ corners
-    nodes, sub_cells = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].sub_cells)
+    nodes, sub_cells = (
+        np.array(REFERENCE_ELEMENTS["T10"].nodes) / 2,
+        np.array(REFERENCE_ELEMENTS["T10"].sub_cells),
+    )
     nodes = np.vstack([nodes, nodes[4:].mean(axis=0)])
     weights = rng.dirichlet(np.ones(4), (len(sub_cells), -(-n_points // len(sub_cells))))
     return (weights @ nodes[sub_cells]).reshape(-1, 3)
@@ -214,7 +220,9 @@ def _random_vertex_shifts(coordinate_lines, rng):
         half_gap = np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing)) / 2
         half_gap[[0, -1]] = 0.0
         max_shifts.append(half_gap)
-    max_shifts = np.stack(np.meshgrid(*max_shifts, indexing="ij"), axis=-1).reshape(-1, len(coordinate_lines))
+    max_shifts = np.stack(np.meshgrid(*max_shifts, indexing="ij"), axis=-1).reshape(
+        -1, len(coordinate_lines)
+    )
     return max_shifts * rng.uniform(-1, 1, max_shifts.shape)
 
 
@@ -226,13 +234,17 @@ def random_graded_line(n_cells, length, seed):
 
 # -- strategies ----------------------------------------------------------------------------------
 
-SEEDS = st.integers(0, 2**32 - 1)
+SEED_STRATEGY = st.integers(0, 2**32 - 1)
 
 
 @st.composite
-def grids(draw, cells=CELLS, box_lengths=None, max_divisions=None):
+def grids(draw, cells=CELL_NAMES, box_lengths=None, max_divisions=None):
     """Draw a graded grid of a box, by default of side 1, which may be distorted."""
-    cell, seed, is_distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
+    cell, seed, is_distorted = (
+        draw(st.sampled_from(cells)),
+        draw(SEED_STRATEGY),
+        draw(st.booleans()),
+    )
     dim = CELL_DIMENSION[cell]
     max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
     lines = [
@@ -246,14 +258,18 @@ def random_deformation_gradient(dim, seed):
     """Return a random matrix (dim, dim) with singular values from 1/2 to 2 and det > 0."""
     rng = np.random.default_rng(seed)
     return (
-        random_rotation_matrix(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ random_rotation_matrix(dim, rng)
+        random_rotation_matrix(dim, rng)
+        @ np.diag(rng.uniform(0.5, 2.0, dim))
+        @ random_rotation_matrix(dim, rng)
     )
 
 
 def log_uniform_numbers(min_exponent, max_exponent):
     """Draw numbers from 10**low to 10**high whose exponents are uniformly distributed."""
-    return st.integers(10 * min_exponent, 10 * max_exponent).map(lambda exponent: 10.0 ** (exponent / 10))
+    return st.integers(10 * min_exponent, 10 * max_exponent).map(
+        lambda exponent: 10.0 ** (exponent / 10)
+    )
 
 
 LENGTH_UNIT_STRATEGY = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
-MODULI = log_uniform_numbers(-9, 12)
+YOUNGS_MODULUS_STRATEGY = log_uniform_numbers(-9, 12)

@@ -192,7 +192,7 @@ class FrictionLawWithPrivateData:
         return (mu * reduction * force)[: self._size], (mu * reduction**2)[: self._size]
 
 
-def communicate(values):
+def communicate_and_return(values):
     """Communicate inside a user's function, so that all processes have to call it equally often."""
     COMM.allreduce(1)
     return values
@@ -202,23 +202,23 @@ class CommunicatingPlane(PlaneWithPrivateData):
     """Plane that communicates with other processes in each of its methods."""
 
     def gap(self, x):
-        return communicate(super().gap(x))
+        return communicate_and_return(super().gap(x))
 
     def normal(self, x):
-        return communicate(super().normal(x))
+        return communicate_and_return(super().normal(x))
 
     def closest(self, x):
-        return communicate(super().closest(x))
+        return communicate_and_return(super().closest(x))
 
 
 class CommunicatingLaw(FrictionLawWithPrivateData):
     """Friction law that communicates with other processes in each of its methods."""
 
     def parameter_at(self, x):
-        return communicate(super().parameter_at(x))
+        return communicate_and_return(super().parameter_at(x))
 
     def limit(self, mu, force):
-        return communicate(super().limit(mu, force))
+        return communicate_and_return(super().limit(mu, force))
 
 
 def signed_distance_to_circle(x, radius=50.0):
@@ -345,22 +345,31 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "kind of a surface": lambda w: w.solve_contact(
         floor_pair(surface=w.pick(Parabola((2, 0), -9.0), FLOOR))
     ),
-    "hidden height": lambda w: w.solve_contact(floor_pair(surface=PlaneWithPrivateData(w.pick(-0.1, 0.0)))),
+    "hidden height": lambda w: w.solve_contact(
+        floor_pair(surface=PlaneWithPrivateData(w.pick(-0.1, 0.0)))
+    ),
     "hidden height, hardly": lambda w: w.solve_contact(
         floor_pair(surface=PlaneWithPrivateData(w.pick(-1e-4, 0.0)))
     ),
     "hidden and far away": lambda w: w.solve_contact(
         floor_pair(surface=PlaneWithPrivateData(0.0, w.pick(0.5, 0.0)))
     ),
-    "hidden closest points": lambda w: w.solve_residual_step(PlaneWithWrongClosestPoints(w.pick(0.1, 0.0))),
+    "hidden closest points": lambda w: w.solve_residual_step(
+        PlaneWithWrongClosestPoints(w.pick(0.1, 0.0))
+    ),
     "distance": lambda w: w.solve_contact(
         floor_pair(surface=SignedDistance(w.pick(lambda x: x[:, 1] + 0.1, lambda x: x[:, 1])))
     ),
     "radius in a function": lambda w: w.solve_residual_step(
-        SignedDistance(w.pick(lambda x: signed_distance_to_circle(x, 51.0), signed_distance_to_circle))
+        SignedDistance(
+            w.pick(lambda x: signed_distance_to_circle(x, 51.0), signed_distance_to_circle)
+        )
     ),
     "gradient, of other sign": lambda w: w.solve_residual_step(
-        SignedDistance(signed_distance_to_circle, w.pick(lambda x: -gradient_of_distance_to_circle(x), gradient_of_distance_to_circle))
+        SignedDistance(
+            signed_distance_to_circle,
+            w.pick(lambda x: -gradient_of_distance_to_circle(x), gradient_of_distance_to_circle),
+        )
     ),
     "gradient missing": lambda w: w.solve_residual_step(
         SignedDistance(signed_distance_to_circle, w.pick(None, gradient_of_distance_to_circle))
@@ -377,7 +386,9 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "hidden limit of a law": lambda w: w.solve_contact(
         floor_pair(FrictionLawWithPrivateData(max_force=w.pick(1e2, 1e3)))
     ),
-    "kind of a law": lambda w: w.solve_contact(floor_pair(w.pick(FrictionLawWithPrivateData(), Coulomb(0.3)))),
+    "kind of a law": lambda w: w.solve_contact(
+        floor_pair(w.pick(FrictionLawWithPrivateData(), Coulomb(0.3)))
+    ),
     "size of a law's answer": lambda w: w.solve_contact(
         floor_pair(FrictionLawWithPrivateData(size=w.pick(1, None)))
     ),
@@ -442,7 +453,9 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "times of a file": lambda w: write(
         "/nowhere/a.bp", make_undeformed_states(w), w.block.body, [w.pick(1.0, 2.0)]
     ),
-    "axis of a picture": lambda w: plot(make_undeformed_states(w)[0], w.block.body, along=w.pick(1, 0)),
+    "axis of a picture": lambda w: plot(
+        make_undeformed_states(w)[0], w.block.body, along=w.pick(1, 0)
+    ),
     "pivot": lambda w: w.solve_contact(floor_pair(pivot=w.pick((0, 0), None))),
 }
 
@@ -452,15 +465,24 @@ CALLS_NAN_ON_ONE_RANK = {
     "gap far away": lambda w: w.solve_contact(
         floor_pair(surface=PlaneWithPrivateData(0.0, w.pick(NAN, 0.0)))
     ),
-    "closest points": lambda w: w.solve_residual_step(PlaneWithWrongClosestPoints(w.pick(NAN, 0.0))),
-    "law": lambda w: w.solve_contact(floor_pair(FrictionLawWithPrivateData(max_force=w.pick(NAN, 1e3)))),
-    "law's parameter": lambda w: w.solve_contact(floor_pair(FrictionLawWithPrivateData(w.pick(NAN, 0.3)))),
+    "closest points": lambda w: w.solve_residual_step(
+        PlaneWithWrongClosestPoints(w.pick(NAN, 0.0))
+    ),
+    "law": lambda w: w.solve_contact(
+        floor_pair(FrictionLawWithPrivateData(max_force=w.pick(NAN, 1e3)))
+    ),
+    "law's parameter": lambda w: w.solve_contact(
+        floor_pair(FrictionLawWithPrivateData(w.pick(NAN, 0.3)))
+    ),
     "friction": lambda w: w.solve_contact(floor_pair(lambda x: w.pick(NAN, 0.3) + 0 * x[0])),
     "distance": lambda w: w.solve_contact(
         floor_pair(surface=SignedDistance(lambda x: w.pick(NAN, 1.0) * x[:, 1]))
     ),
     "gradient": lambda w: w.solve_residual_step(
-        SignedDistance(signed_distance_to_circle, lambda x: w.pick(NAN, 1.0) * gradient_of_distance_to_circle(x))
+        SignedDistance(
+            signed_distance_to_circle,
+            lambda x: w.pick(NAN, 1.0) * gradient_of_distance_to_circle(x),
+        )
     ),
     "load": lambda w: solve(w.K, w.load_differing_on_one_rank(NAN), w.clamped),
     "load of contact": lambda w: w.solve_contact(loads=w.load_differing_on_one_rank(NAN)),
@@ -478,8 +500,10 @@ CALLS_NAN_ON_ONE_RANK = {
         ],
     ),
     "guess": lambda w: w.solve_nonlinear(w.pick(NAN, 0.0)),
-    "displacement of a picture": lambda w: ContactFields.from_state(nan_state(w), w.block.body),
-    "state": lambda w: w.solve_step(state=nan_state(w)),
+    "displacement of a picture": lambda w: ContactFields.from_state(
+        state_with_nan_on_differing_rank(w), w.block.body
+    ),
+    "state": lambda w: w.solve_step(state=state_with_nan_on_differing_rank(w)),
     "history that update sets": lambda w: w.solve_residual_step(
         history=[(variable := w.make_function(0.0))],
         update=make_value_setter(variable, w.pick(NAN, 0.0)),
@@ -518,27 +542,32 @@ CALLS_SUCCEEDING_ON_ALL_RANKS = {
     "surface talks": lambda w: w.solve_contact(floor_pair(surface=CommunicatingPlane(0.0))),
     "surface talks at large strains": lambda w: w.solve_residual_step(CommunicatingPlane(0.0)),
     "distance talks": lambda w: w.solve_contact(
-        floor_pair(surface=SignedDistance(lambda x: communicate(x[:, 1])))
+        floor_pair(surface=SignedDistance(lambda x: communicate_and_return(x[:, 1])))
     ),
     "distance talks at large strains": lambda w: w.solve_residual_step(
-        SignedDistance(lambda x: communicate(signed_distance_to_circle(x)))
+        SignedDistance(lambda x: communicate_and_return(signed_distance_to_circle(x)))
     ),
     "gradient talks": lambda w: w.solve_residual_step(
-        SignedDistance(signed_distance_to_circle, lambda x: communicate(gradient_of_distance_to_circle(x)))
+        SignedDistance(
+            signed_distance_to_circle,
+            lambda x: communicate_and_return(gradient_of_distance_to_circle(x)),
+        )
     ),
     "infinite distance talks": lambda w: w.solve_residual_step(
         SignedDistance(
-            lambda x: communicate(
+            lambda x: communicate_and_return(
                 np.where(np.abs(x[:, 0] - 2) < 1.3, signed_distance_to_circle(x), np.inf)
             )
         )
     ),
     "law talks": lambda w: w.solve_contact(floor_pair(CommunicatingLaw())),
-    "friction talks": lambda w: w.solve_contact(floor_pair(lambda x: communicate(0.3 + 0 * x[0]))),
-    "marker talks": lambda w: prescribe(w.U, 0, lambda x: communicate(FOOT(x))),
-    "load talks": lambda w: w.solve_residual_step(load=lambda share: communicate(None)),
-    "update talks": lambda w: w.solve_residual_step(update=lambda: communicate(None)),
-    "path talks": lambda w: w.solve_impact(paths=lambda t: communicate((0, 0))),
+    "friction talks": lambda w: w.solve_contact(
+        floor_pair(lambda x: communicate_and_return(0.3 + 0 * x[0]))
+    ),
+    "marker talks": lambda w: prescribe(w.U, 0, lambda x: communicate_and_return(FOOT(x))),
+    "load talks": lambda w: w.solve_residual_step(load=lambda share: communicate_and_return(None)),
+    "update talks": lambda w: w.solve_residual_step(update=lambda: communicate_and_return(None)),
+    "path talks": lambda w: w.solve_impact(paths=lambda t: communicate_and_return((0, 0))),
     "callback of one process": lambda w: w.solve_contact(
         callback=w.pick(lambda progress: None, None)
     ),
@@ -563,7 +592,7 @@ def make_undeformed_states(block):
     return [ContactProblem(block.K, block.free, floor_pair(), block.U).undeformed]
 
 
-def nan_state(block):
+def state_with_nan_on_differing_rank(block):
     (state,) = make_undeformed_states(block)
     (pair,) = state.pairs
     force = pair.force_normal + block.pick(NAN, 0.0)

@@ -39,20 +39,32 @@ from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import BlockOnFloor, on_plane
 from tests.contact.iterative import SolidBlock
-from tests.library.public_calls import ROOT, altered_values, make_valid_collective_calls, collect_public_callables_by_name
+from tests.library.public_calls import (
+    ROOT,
+    altered_values,
+    collect_public_callables_by_name,
+    make_valid_collective_calls,
+)
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
 
 # Time limit (s) of a list of scenarios; if it is exceeded, a process waits forever
-WAITING = 600
+SCENARIOS_TIMEOUT_SECONDS = 600
 
 COMM = MPI.COMM_WORLD
-BLOCK = BlockOnFloor(8, comm=COMM)
-U, K, MESH, LOAD = BLOCK.space, BLOCK.K, BLOCK.body.spaces.mesh, BLOCK.pressure_load
+BLOCK_ON_FLOOR = BlockOnFloor(8, comm=COMM)
+U, K, MESH, LOAD = (
+    BLOCK_ON_FLOOR.space,
+    BLOCK_ON_FLOOR.K,
+    BLOCK_ON_FLOOR.body.spaces.mesh,
+    BLOCK_ON_FLOOR.pressure_load,
+)
 FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 # The process on which calls fail: the last one that owns nodes on the floor
-OWNED_NODE_POSITIONS = BLOCK.x[: BLOCK.space.dofmap.index_map.size_local]
-FAILING_RANK = max(COMM.allgather(COMM.rank if np.isclose(OWNED_NODE_POSITIONS[:, 1], 0.0).any() else -1))
+OWNED_NODE_POSITIONS = BLOCK_ON_FLOOR.x[: BLOCK_ON_FLOOR.space.dofmap.index_map.size_local]
+FAILING_RANK = max(
+    COMM.allgather(COMM.rank if np.isclose(OWNED_NODE_POSITIONS[:, 1], 0.0).any() else -1)
+)
 IS_FAILING_RANK = COMM.rank == FAILING_RANK
 NODE_NUMBERS_INVALID_ON_FAILING_RANK = np.array([10**6 if IS_FAILING_RANK else 0])
 
@@ -60,16 +72,18 @@ DIFFERENCE_MESSAGE = (
     f"this differs between processes 0 and {FAILING_RANK}, but all of them have to state the same"
 )
 FAILING_RANK_MESSAGE_PART = f"of which process {FAILING_RANK} has "
-INVALID_NUMBER_MESSAGE_PART = f"1000000: local numbers are counted from 0, {FAILING_RANK_MESSAGE_PART}"
+INVALID_NUMBER_MESSAGE_PART = (
+    f"1000000: local numbers are counted from 0, {FAILING_RANK_MESSAGE_PART}"
+)
 
 
-RAISED_ERROR = KeyError("x")
+ERROR_ON_FAILING_RANK = KeyError("x")
 
 
 def return_or_fail_on_one_rank(value):
     """Return a value, or raise `RAISED_ERROR` if this process is the one that fails."""
     if IS_FAILING_RANK:
-        raise RAISED_ERROR
+        raise ERROR_ON_FAILING_RANK
     return value
 
 
@@ -85,8 +99,10 @@ def square_mesh(n_rows):
     return triangles(COMM, (0, 0), (1, 1), (4, n_rows))
 
 
-def solve_block(pair=None, loads=LOAD, reduction=BLOCK.no_supports, K=K, **options):
-    return solve_contact(K, loads, reduction, pair or BLOCK.floor_pair(0.3), U, **options)
+def solve_block_contact(
+    pair=None, loads=LOAD, reduction=BLOCK_ON_FLOOR.no_supports, K=K, **options
+):
+    return solve_contact(K, loads, reduction, pair or BLOCK_ON_FLOOR.floor_pair(0.3), U, **options)
 
 
 class PlaneWithClosestPointsFailingOnOneRank(Plane):
@@ -107,7 +123,9 @@ class FrictionLawFailingOnOneRank:
 
     def limit(self, mu, force):
         self._left -= 1
-        return (return_or_fail_on_one_rank(mu * force) if self._left < 0 else mu * force), mu + 0 * force
+        return (
+            return_or_fail_on_one_rank(mu * force) if self._left < 0 else mu * force
+        ), mu + 0 * force
 
 
 class KrylovSolverFailingOnOneRank:
@@ -139,7 +157,7 @@ def solve_plate_contact(solver):
 
 
 def solve_contact_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
-    u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
+    u, v = fem.Function(U), ufl.TestFunction(BLOCK_ON_FLOOR.body.spaces.test)
     top_conditions = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
     all_conditions = [*top_conditions, *conditions]
@@ -149,14 +167,17 @@ def solve_contact_at_large_strain(surface=FLOOR, load=None, conditions=(), **opt
     return problem.step(problem.undeformed, load, motions=Motion((0, 0.01)))
 
 
-def singular(*_):
+def raise_singular_matrix(*_):
     raise np.linalg.LinAlgError("singular")
 
 
 def solve_infeasible_with_failing_proof():
     """Solve a problem without solution; process 0 alone fails in the proof of this."""
-    with patch("pw_elements.contact.rescue.refusals._prove_no_equilibrium_by_motion_groups", singular):
-        return solve_block(loads=BLOCK.press_then_pull_loads(1e3, 1))
+    with patch(
+        "pw_elements.contact.rescue.refusals._prove_no_equilibrium_by_motion_groups",
+        raise_singular_matrix,
+    ):
+        return solve_block_contact(loads=BLOCK_ON_FLOOR.press_then_pull_loads(1e3, 1))
 
 
 class PlaneFailingOnOneRank:
@@ -207,36 +228,39 @@ def vector_of_ones():
     return vector
 
 
-def make_problem(block=BLOCK):
+def make_contact_problem(block=BLOCK_ON_FLOOR):
     return ContactProblem(block.K, block.no_supports, block.floor_pair(0.3), block.space)
 
 
 def solve_step(motions):
-    return make_problem().step(make_problem().undeformed, LOAD, motions)
+    return make_contact_problem().step(make_contact_problem().undeformed, LOAD, motions)
 
 
 def step_from_other_state_on_one_rank():
-    problem_here, small_problem = make_problem(), make_problem(BlockOnFloor(4, comm=COMM))
+    problem_here, small_problem = (
+        make_contact_problem(),
+        make_contact_problem(BlockOnFloor(4, comm=COMM)),
+    )
     return problem_here.step((small_problem if IS_FAILING_RANK else problem_here).undeformed, LOAD)
 
 
 def step_from_state_changed_on_one_rank(**changes_on_failing_rank):
     """Solve an increment from a state in which values are changed on one process."""
-    start = make_problem().undeformed
+    start = make_contact_problem().undeformed
     (pair,) = start.pairs
     wrong_values = {
         name: getattr(pair, name) + (value if IS_FAILING_RANK else 0.0)
         for name, value in changes_on_failing_rank.items()
     }
-    return make_problem().step(replace(start, pairs=(replace(pair, **wrong_values),)), LOAD)
+    return make_contact_problem().step(replace(start, pairs=(replace(pair, **wrong_values),)), LOAD)
 
 
 def solve_block_impact(duration=1.0, velocity=None, pair=None, **options):
     body = (
         symmetric_part(K),
         diagonal_matrix(K, vector_of_ones()),
-        BLOCK.no_supports,
-        pair or BLOCK.floor_pair(0.3),
+        BLOCK_ON_FLOOR.no_supports,
+        pair or BLOCK_ON_FLOOR.floor_pair(0.3),
         U,
     )
     return solve_impact(*body, duration, velocity or vector_of_ones(), **options)
@@ -275,7 +299,9 @@ FAILING_CALLS_WITH_MESSAGES = [
     ),
     (
         f"facets are a mask of 3: it is one of all, {FAILING_RANK_MESSAGE_PART}",
-        lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if IS_FAILING_RANK else marker_failing_on_one_rank),
+        lambda: boundary_measure(
+            MESH, np.ones(3, dtype=bool) if IS_FAILING_RANK else marker_failing_on_one_rank
+        ),
     ),
     (
         f"force: {DIFFERENCE_MESSAGE}",
@@ -296,41 +322,54 @@ FAILING_CALLS_WITH_MESSAGES = [
     ),
     (
         f"the nodes of contact pair 0 have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
-        lambda: solve_block(ContactPair([10**6] if IS_FAILING_RANK else FOOT, FLOOR)),
+        lambda: solve_block_contact(ContactPair([10**6] if IS_FAILING_RANK else FOOT, FLOOR)),
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block([BLOCK.floor_pair(0.3)] * (1 + IS_FAILING_RANK)),
+        lambda: solve_block_contact([BLOCK_ON_FLOOR.floor_pair(0.3)] * (1 + IS_FAILING_RANK)),
     ),
     (
         "the friction of contact pair 0 gave float64 of the shape",
-        lambda: solve_block(floor_pair(lambda x: x[0] if not IS_FAILING_RANK else x[0, :-1])),
-    ),
-    (f"pairs: {DIFFERENCE_MESSAGE}", lambda: solve_block(floor_pair(0.3 + IS_FAILING_RANK))),
-    (
-        "the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
-        lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(wrong="normal"))),
+        lambda: solve_block_contact(
+            floor_pair(lambda x: x[0] if not IS_FAILING_RANK else x[0, :-1])
+        ),
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block(floor_pair(motions=[STILL] * (1 + IS_FAILING_RANK))),
+        lambda: solve_block_contact(floor_pair(0.3 + IS_FAILING_RANK)),
+    ),
+    (
+        "the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
+        lambda: solve_block_contact(floor_pair(surface=PlaneFailingOnOneRank(wrong="normal"))),
+    ),
+    (
+        f"pairs: {DIFFERENCE_MESSAGE}",
+        lambda: solve_block_contact(floor_pair(motions=[STILL] * (1 + IS_FAILING_RANK))),
     ),
     (
         "the load of increment 0 is not finite",
-        lambda: solve_block(loads=copy_with_nan_on_one_rank(LOAD)),
+        lambda: solve_block_contact(loads=copy_with_nan_on_one_rank(LOAD)),
     ),
-    ("the stiffness has entries that are not", lambda: solve_block(K=stiffness_with_nan_on_one_rank())),
+    (
+        "the stiffness has entries that are not",
+        lambda: solve_block_contact(K=stiffness_with_nan_on_one_rank()),
+    ),
     (
         f"motions: {DIFFERENCE_MESSAGE}",
         lambda: solve_step([Motion((0, 0.1 if IS_FAILING_RANK else 0.2))]),
     ),
     (f"state: {DIFFERENCE_MESSAGE}", step_from_other_state_on_one_rank),
     (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_state_changed_on_one_rank(slip=1e-15)),
-    (f"state: {DIFFERENCE_MESSAGE}", lambda: step_from_state_changed_on_one_rank(displacement=np.nan)),
+    (
+        f"state: {DIFFERENCE_MESSAGE}",
+        lambda: step_from_state_changed_on_one_rank(displacement=np.nan),
+    ),
     ("LinAlgError: singular", solve_infeasible_with_failing_proof),
     (
         "FileNotFoundError: the state cannot be written to /nowhere/",
-        lambda: make_problem().save(make_problem().undeformed, "/nowhere/state.npz"),
+        lambda: make_contact_problem().save(
+            make_contact_problem().undeformed, "/nowhere/state.npz"
+        ),
     ),
     (
         f"the paths: {DIFFERENCE_MESSAGE}",
@@ -349,35 +388,47 @@ CALLS_WITH_FAILING_USER_FUNCTION = {
     "marker of loaded nodes": lambda: nodal_load(U, marker_failing_on_one_rank, (1.0, 0.0)),
     "marker of facets": lambda: boundary_measure(MESH, marker_failing_on_one_rank),
     "marker of a line": lambda: forces_along(U, LOAD, marker_failing_on_one_rank),
-    "marker of a surface": lambda: SurfaceNodes.from_body(BLOCK.body, marker_failing_on_one_rank),
-    "marker of a pair": lambda: solve_block(ContactPair(marker_failing_on_one_rank, FLOOR)),
+    "marker of a surface": lambda: SurfaceNodes.from_body(
+        BLOCK_ON_FLOOR.body, marker_failing_on_one_rank
+    ),
+    "marker of a pair": lambda: solve_block_contact(ContactPair(marker_failing_on_one_rank, FLOOR)),
     "image": lambda: move_nodes(square_mesh(4), return_or_fail_on_one_rank),
     "image of a curved mesh": lambda: curved_mesh(square_mesh(4), return_or_fail_on_one_rank),
-    "friction": lambda: solve_block(floor_pair(lambda x: return_or_fail_on_one_rank(0 * x[0]))),
-    "law, of a node": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank("at"))),
-    "law, at once": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank())),
-    "law, later": lambda: solve_block(floor_pair(FrictionLawFailingOnOneRank(last=30))),
+    "friction": lambda: solve_block_contact(
+        floor_pair(lambda x: return_or_fail_on_one_rank(0 * x[0]))
+    ),
+    "law, of a node": lambda: solve_block_contact(floor_pair(FrictionLawFailingOnOneRank("at"))),
+    "law, at once": lambda: solve_block_contact(floor_pair(FrictionLawFailingOnOneRank())),
+    "law, later": lambda: solve_block_contact(floor_pair(FrictionLawFailingOnOneRank(last=30))),
     "law, in an impact": lambda: solve_block_impact(
         0.1, 0 * vector_of_ones(), floor_pair(FrictionLawFailingOnOneRank(last=28)), load=LOAD
     ),
-    "gap": lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(fails="gap"))),
-    "normal": lambda: solve_block(floor_pair(surface=PlaneFailingOnOneRank(fails="normal"))),
-    "closest points": lambda: solve_contact_at_large_strain(PlaneWithClosestPointsFailingOnOneRank((0, 0), (0, 1))),
+    "gap": lambda: solve_block_contact(floor_pair(surface=PlaneFailingOnOneRank(fails="gap"))),
+    "normal": lambda: solve_block_contact(
+        floor_pair(surface=PlaneFailingOnOneRank(fails="normal"))
+    ),
+    "closest points": lambda: solve_contact_at_large_strain(
+        PlaneWithClosestPointsFailingOnOneRank((0, 0), (0, 1))
+    ),
     "signed distance": lambda: solve_contact_at_large_strain(
         SignedDistance(lambda x: return_or_fail_on_one_rank(x[:, 1]))
     ),
     "its gradient": lambda: solve_contact_at_large_strain(
         SignedDistance(lambda x: x[:, 1], lambda x: return_or_fail_on_one_rank(0 * x + [0, 1]))
     ),
-    "callback": lambda: solve_block(callback=return_or_fail_on_one_rank),
-    "callback of one process": lambda: solve_block(
+    "callback": lambda: solve_block_contact(callback=return_or_fail_on_one_rank),
+    "callback of one process": lambda: solve_block_contact(
         callback=return_or_fail_on_one_rank if IS_FAILING_RANK else None
     ),
     "load of a residual": lambda: solve_nonlinear(return_or_fail_on_one_rank),
     "load of a step": lambda: solve_contact_at_large_strain(load=return_or_fail_on_one_rank),
     "update": lambda: solve_contact_at_large_strain(update=lambda: return_or_fail_on_one_rank(0)),
-    "callback at large strains": lambda: solve_contact_at_large_strain(callback=return_or_fail_on_one_rank),
-    "load of an impact": lambda: solve_block_impact(load=lambda _: return_or_fail_on_one_rank(LOAD)),
+    "callback at large strains": lambda: solve_contact_at_large_strain(
+        callback=return_or_fail_on_one_rank
+    ),
+    "load of an impact": lambda: solve_block_impact(
+        load=lambda _: return_or_fail_on_one_rank(LOAD)
+    ),
     "path": lambda: solve_block_impact(paths=[lambda _: return_or_fail_on_one_rank((0, 0))]),
     "iterate, at once": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(0)),
     "iterate, between products": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(2)),
@@ -394,13 +445,17 @@ def collect_unexpected_outcomes(comm, user_errors):
         if len(set(outcomes := gather_error_messages(comm, scenario))) > 1
         or not outcomes[0].startswith(message)
     ]
-    global RAISED_ERROR
-    for RAISED_ERROR in user_errors:
+    global ERROR_ON_FAILING_RANK
+    for ERROR_ON_FAILING_RANK in user_errors:
         for name, call in CALLS_WITH_FAILING_USER_FUNCTION.items():
             outcomes = gather_error_messages(comm, call)
-            message = "KeyError: 'x'" if isinstance(RAISED_ERROR, Exception) else repr(RAISED_ERROR)
+            message = (
+                "KeyError: 'x'"
+                if isinstance(ERROR_ON_FAILING_RANK, Exception)
+                else repr(ERROR_ON_FAILING_RANK)
+            )
             if len(set(outcomes)) > 1 or message not in outcomes[0]:
-                failures.append((name, repr(RAISED_ERROR), outcomes))
+                failures.append((name, repr(ERROR_ON_FAILING_RANK), outcomes))
     return failures
 
 
@@ -439,7 +494,9 @@ def collect_undetected_argument_changes(comm, max_values_per_argument):
 
 
 def collect_all_failures(comm, user_errors, max_values_per_argument):
-    return collect_unexpected_outcomes(comm, user_errors), *collect_undetected_argument_changes(comm, max_values_per_argument)
+    return collect_unexpected_outcomes(comm, user_errors), *collect_undetected_argument_changes(
+        comm, max_values_per_argument
+    )
 
 
 @pytest.mark.random
@@ -447,7 +504,7 @@ def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_
     processes, errors, max_values = 2, USER_ERRORS[:1], 1
     if request.config.getoption("--nightly"):
         processes, errors, max_values = 3, USER_ERRORS, 10
-    limit = (1 + len(errors)) * WAITING
+    limit = (1 + len(errors)) * SCENARIOS_TIMEOUT_SECONDS
     for failures, argument_failures, count in run_on(
         processes, collect_all_failures, errors, max_values, limit=limit
     ):
@@ -505,7 +562,7 @@ def argument_comparison_time_over_solution_time(comm):
 
     with patch.object(guard, "_compute_digest", timed_digest):
         start = perf_counter()
-        block.solve(0.3, 60.0, increments=2)
+        block.solve(0.3, 60.0, n_pull_increments=2)
         solution_time = perf_counter() - start
     start = perf_counter()
     for _ in range(100):

@@ -18,7 +18,9 @@ from study.model.matrices import dense
 from tests.contact.cases import ElasticBody
 
 E, NU = 2.0, 0.3
-MESH = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), smooth_distortion)
+DISTORTED_MESH = move_nodes(
+    triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), smooth_distortion
+)
 
 
 @pytest.mark.parametrize(
@@ -31,9 +33,9 @@ def test_composite_stiffness_is_that_of_the_assumed_strain_method(state, reduced
     products of the discontinuous linear functions q and the strains eps(u), M is the mass matrix of
     q, and D the elasticity matrix.
     """
-    K = dense(ElasticBody(MESH, composite, state, E).K)
-    W = fem.functionspace(MESH, piecewise_linear_element("triangle", (2,)))
-    Q = fem.functionspace(MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
+    K = dense(ElasticBody(DISTORTED_MESH, composite, state, E).K)
+    W = fem.functionspace(DISTORTED_MESH, piecewise_linear_element("triangle", (2,)))
+    Q = fem.functionspace(DISTORTED_MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)
     stress = E / (1 + NU) * (strain + reduced * ufl.tr(strain) * ufl.Identity(2))
     dx = ufl.dx(metadata={"quadrature_degree": 2})

@@ -15,20 +15,21 @@ from study.model.matrices import dense
 from tests.contact.cases import GALERKIN, Q8, ElasticBody, on_plane
 from tests.library.properties import dense_solution
 
-MATERIAL = Material(7.0, 0.3)
+ELASTIC_MATERIAL = Material(7.0, 0.3)
 
 
-def square(cell, divisions=(3, 2), diagonal_pattern="right"):
+def make_distorted_square(cell, divisions=(3, 2), diagonal_pattern="right"):
     if cell == "quadrilateral":
         return move_nodes(
             quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), smooth_distortion
         )
     return move_nodes(
-        triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, diagonal_pattern), smooth_distortion
+        triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, diagonal_pattern),
+        smooth_distortion,
     )
 
 
-left = on_plane(0, 0.0)
+on_left_side = on_plane(0, 0.0)
 
 
 def sort_rounded_points(points):
@@ -36,12 +37,14 @@ def sort_rounded_points(points):
 
 
 @pytest.fixture(params=["pw-Q8", "pw-Q9"])
-def problem(request):
+def square_load_and_inner_dofs(request):
     """Return the discretisation, load and inner nodes of a distorted square.
 
     The load is a body load on the inner nodes.
     """
-    body = discretise(request.param, square, MATERIAL, StressState.PLANE_STRESS)
+    body = discretise(
+        request.param, make_distorted_square, ELASTIC_MATERIAL, StressState.PLANE_STRESS
+    )
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     inner = (2 * body.inner_nodes()[:, None] + [0, 1]).ravel()
     assert np.abs(f.array[inner]).min() > 1e-3
@@ -66,7 +69,10 @@ def test_condensation_matrices_equal_dense_algebra(square_load_and_inner_dofs):
 
 def test_condensation_changes_no_displacement_or_reaction(square_load_and_inner_dofs):
     body, f, inner = square_load_and_inner_dofs
-    conditions = [prescribe(body.space, 0, left), prescribe(body.space, 1, left, 0.03)]
+    conditions = [
+        prescribe(body.space, 0, on_left_side),
+        prescribe(body.space, 1, on_left_side, 0.03),
+    ]
     a = solve(body.K, f, body.supports(conditions))
     exact = dense_solution(body.K, f, conditions)
     assert np.abs(a.array - exact).max() < 1e-13
@@ -78,7 +84,7 @@ def test_condensation_changes_no_displacement_or_reaction(square_load_and_inner_
 
 def test_reduced_load_does_not_depend_on_the_inner_offset(square_load_and_inner_dofs):
     body, f, _ = square_load_and_inner_dofs
-    reduction = body.supports([prescribe(body.space, 1, left, 0.03)])
+    reduction = body.supports([prescribe(body.space, 1, on_left_side, 0.03)])
     loaded = reduction.for_load(body.K, f)
     assert (loaded.offset - reduction.offset).norm() > 1e-3
     difference = loaded.load(body.K, f) - reduction.load(body.K, f)
@@ -103,20 +109,20 @@ def test_condensation_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
     h = np.sqrt(0.75)  # four equal-sided triangles in a row, where no side is the longest one
     corners = np.array([[0, 0], [1, 0], [2, 0], [0.5, h], [1.5, h], [2.5, h]])
-    strip = _mesh(corners, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])
-    odd = _mesh(corners, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])
+    strip = _triangle_mesh(corners, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])
+    odd = _triangle_mesh(corners, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])
     for mesh in (crossed, strip, odd):
         with pytest.raises(ValueError, match="no partner"):
             mid_diagonal_nodes(Spaces.galerkin(mesh).trial)
-    quadrilateral = Spaces.galerkin(square("quadrilateral")).trial
+    quadrilateral = Spaces.galerkin(make_distorted_square("quadrilateral")).trial
     with pytest.raises(ValueError, match="6-node triangles"):
         mid_diagonal_nodes(quadrilateral)
-    for spaces in (Spaces.galerkin(square("triangle")), Q8(quadrilateral.mesh)):
+    for spaces in (Spaces.galerkin(make_distorted_square("triangle")), Q8(quadrilateral.mesh)):
         with pytest.raises(ValueError, match="9-node quadrilaterals"):
             centre_nodes(spaces.trial)
 
 
-def _mesh(corner_coordinates, cells):
+def _triangle_mesh(corner_coordinates, cells):
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=corner_coordinates, e=element)
 
@@ -138,6 +144,6 @@ def test_nodes_that_cannot_be_condensed_are_refused(square_load_and_inner_dofs):
 
 
 def test_two_galerkin_triangles_condense_symmetrically():
-    body = ElasticBody(square("triangle"), GALERKIN)
+    body = ElasticBody(make_distorted_square("triangle"), GALERKIN)
     reduction = Reduction.condensation(body.K, body.space, mid_diagonal_nodes(body.space))
     assert np.abs(dense(reduction.left) - dense(reduction.right)).max() < 1e-13

@@ -36,10 +36,10 @@ from study.paper.s7_6_exact import Strip
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 
 COMM, LENGTH, E = MPI.COMM_SELF, 4.0, 3.0
-METHODS = [GALERKIN, PW]
+STANDARD_AND_NEW_SPACES = [GALERKIN, PW]
 
 
-def strip(method, stress=-1.0, divisions=(16, 4)):
+def assemble_strip_under_axial_stress(method, stress=-1.0, divisions=(16, 4)):
     """Return stiffness, initial stress matrix and supports of a strip under uniform axial stress.
 
     The strip is simply supported.
@@ -52,9 +52,9 @@ def strip(method, stress=-1.0, divisions=(16, 4)):
     return body.K, assemble_matrix(body.body.initial_stress(S)), supports
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", STANDARD_AND_NEW_SPACES)
 def test_first_three_buckling_factors_of_a_strip_are_exact(method):
-    modes = buckling(*strip(method), count=3)
+    modes = buckling(*assemble_strip_under_axial_stress(method), count=3)
     exact = [Strip(E, 0.2, LENGTH).elasticity(n, "G") for n in (1, 2, 3)]
     assert modes.factors == pytest.approx(exact, rel=2e-3)
     assert np.all(modes.factors > exact[0] * (1 - 1e-9))
@@ -65,7 +65,7 @@ def test_first_three_buckling_factors_of_a_strip_are_exact(method):
 
 
 def test_buckling_factors_equal_dense_eigenvalues():
-    K, K_sigma, supports = strip(PW, divisions=(6, 2))
+    K, K_sigma, supports = assemble_strip_under_axial_stress(PW, divisions=(6, 2))
     A, B = (dense(supports.matrix(matrix)) for matrix in (K_sigma, K))
     for symmetrised in (False, True):
         if symmetrised:
@@ -78,7 +78,7 @@ def test_buckling_factors_equal_dense_eigenvalues():
 
 def test_buckling_under_tension_is_refused():
     with pytest.raises(NoModes, match="pulls"):
-        buckling(*strip(GALERKIN, stress=1.0))
+        buckling(*assemble_strip_under_axial_stress(GALERKIN, stress=1.0))
 
 
 def assemble_clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
@@ -129,33 +129,39 @@ def test_prestress_ratio_is_that_of_the_part_that_buckles():
         buckling(K, K_sigma, doubled)
 
 
-def square(cells_per_side=6):
-    return move_nodes(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side)), smooth_distortion)
+def make_distorted_square(cells_per_side=6):
+    return move_nodes(
+        triangles(COMM, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side)), smooth_distortion
+    )
 
 
-def box():
+def make_tetrahedral_box():
     return create_box(COMM, [(0, 0, 0), (1, 2, 1)], [2, 3, 2], CellType.tetrahedron)
 
 
-BODIES = {
-    "2-D": (square, "plane stress", 3),
-    "2-D curved": (lambda: curved_mesh(square(4), smooth_distortion), "plane strain", 3),
+FREE_BODY_SETTINGS = {
+    "2-D": (make_distorted_square, "plane stress", 3),
+    "2-D curved": (
+        lambda: curved_mesh(make_distorted_square(4), smooth_distortion),
+        "plane strain",
+        3,
+    ),
     "slender": (lambda: triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1)), "plane stress", 3),
-    "axisymmetric": (square, "axisymmetric", 1),
-    "3-D": (box, "solid", 6),
+    "axisymmetric": (make_distorted_square, "axisymmetric", 1),
+    "3-D": (make_tetrahedral_box, "solid", 6),
 }
 
 
 def make_free_steel_body(setting, method=PW):
     """Return a free steel body and the number of its rigid modes."""
-    make_mesh, state, rigid = BODIES[setting]
+    make_mesh, state, rigid = FREE_BODY_SETTINGS[setting]
     material = Material(2.1e11, 0.3, density=7856.0)
     return ElasticBody(make_mesh(), method, state, material=material), rigid
 
 
 @pytest.mark.parametrize("symmetrised", [False, True])
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("setting", BODIES)
+@pytest.mark.parametrize("method", STANDARD_AND_NEW_SPACES)
+@pytest.mark.parametrize("setting", FREE_BODY_SETTINGS)
 def test_free_bodies_have_the_exact_number_of_rigid_modes(setting, method, symmetrised):
     body, rigid = make_free_steel_body(setting, method)
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
@@ -206,7 +212,7 @@ def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(elemen
     assert np.abs(eigenvalues["same"] / eigenvalues["transposed"] - 1).max() > 1e-6
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", STANDARD_AND_NEW_SPACES)
 def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
     body, rigid = make_free_steel_body("slender", method)
     n_rigid = [
@@ -218,7 +224,7 @@ def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
 def test_slender_cantilever_is_not_taken_for_free():
     n = 500
     bar = ElasticBody(triangles(COMM, (0.0, 0.0), (n, 1.0), (n, 1)), PW, "plane stress", 1.0, 0.0)
-    modes = vibration_modes(bar.K, bar.M, bar.clamp(on_plane(0, 0.0)), 2)
+    modes = vibration_modes(bar.K, bar.M, bar.make_clamping_supports(on_plane(0, 0.0)), 2)
     assert modes.n_rigid == 0
     assert modes.report.factorisations == 2  # the second one is for the second shift
     assert modes.eigenvalues[0] == pytest.approx(1.8751040687**4 / 12 / n**4, rel=2e-3)
@@ -230,13 +236,15 @@ def test_square_column_has_eulers_double_buckling_factor():
     column = ElasticBody(mesh, PW, "solid", 1.0, 0.0)
     S = ufl.as_matrix(((0, 0, 0), (0, 0, 0), (0, 0, -1.0)))
     K_sigma = assemble_matrix(column.body.initial_stress(S))
-    lowest, second, third = buckling(column.K, K_sigma, column.clamp(on_plane(2, 0.0)), 3).factors
+    lowest, second, third = buckling(
+        column.K, K_sigma, column.make_clamping_supports(on_plane(2, 0.0)), 3
+    ).factors
     assert second == pytest.approx(lowest, rel=1e-9)
     assert lowest == pytest.approx(np.pi**2 / (4 * 8**2) / 12, rel=0.02)  # Euler; shear lowers it
     assert third > 8 * lowest
 
 
-@pytest.mark.parametrize("setting", BODIES)
+@pytest.mark.parametrize("setting", FREE_BODY_SETTINGS)
 def test_lumped_mass_of_the_new_element_is_positive_and_keeps_the_total(setting):
     body, rigid = make_free_steel_body(setting)
     lumped = lumped_mass(body.M, body.space)
@@ -261,7 +269,7 @@ def test_lumped_mass_of_standard_elements_is_refused():
     for count, mesh, method, state in (
         (4, T6, GALERKIN, "plane stress"),
         (6, Q8, serendipity, "plane stress"),
-        (36, box(), GALERKIN, "solid"),
+        (36, make_tetrahedral_box(), GALERKIN, "solid"),
     ):
         body, three = ElasticBody(mesh, method, state), r"(.*\(.*, .*, .*\)){3}"
         with pytest.raises(ValueError, match=f"^{count} nodes have no positive lumped mass{three}"):

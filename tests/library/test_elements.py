@@ -31,16 +31,24 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved_mesh
-from pw_elements.spaces import add_sub_cell_quadrature_rules, piecewise_linear_element, quadratic_element
-from pw_elements.spaces.elements import CELLS, tetrahedron_twelve_cell_quadrature
+from pw_elements.spaces import (
+    add_sub_cell_quadrature_rules,
+    piecewise_linear_element,
+    quadratic_element,
+)
+from pw_elements.spaces.elements import SUPPORTED_CELL_NAMES, tetrahedron_twelve_cell_quadrature
 from study.model.elements import one_cut, one_cut_element, serendipity_element
 from study.model.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
-from tests.oracle.elements import ELEMENTS, gauss_points_and_weights, shape_functions_and_gradients
+from tests.oracle.elements import (
+    REFERENCE_ELEMENTS,
+    gauss_points_and_weights,
+    shape_functions_and_gradients,
+)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SUPPORTED_CELL_NAMES)
 def test_weight_functions_equal_basixs_macro_element(cell):
     points = random_cell_points(cell, 200, 1)
     builtin = basix.ufl.element("iso", cell, 1)
@@ -49,7 +57,7 @@ def test_weight_functions_equal_basixs_macro_element(cell):
     assert np.abs(ours - builtin.tabulate(0, points)).max() < 1e-14
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SUPPORTED_CELL_NAMES)
 def test_weight_gradients_equal_differences_of_the_values(cell):
     # Basix 0.9's own slopes are wrong on intervals, quadrilaterals and hexahedra
     element, step = piecewise_linear_element(cell), 1e-3
@@ -84,7 +92,7 @@ UNIT_SQUARE = [(0.0, 0.0), (1.0, 1.0)]
 UNIT_CUBE = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]
 
 
-def meshes():
+def create_meshes_of_all_cell_types():
     comm = MPI.COMM_WORLD
     yield create_interval(comm, 5, [0.0, 1.0])
     yield create_rectangle(comm, UNIT_SQUARE, [4, 3], CellType.triangle)
@@ -93,7 +101,9 @@ def meshes():
     yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.hexahedron)
 
 
-@pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
+@pytest.mark.parametrize(
+    "mesh", list(create_meshes_of_all_cell_types()), ids=lambda mesh: mesh.topology.cell_name()
+)
 def test_poisson_reproduces_a_quadratic_solution(mesh):
     # a quadratic solution is in the trial space, so that any consistent test space returns it
     V = fem.functionspace(mesh, ("Lagrange", 2))
@@ -111,11 +121,11 @@ def test_poisson_reproduces_a_quadratic_solution(mesh):
 
 
 STANDARD, MACRO = basix.PolysetType.standard, basix.PolysetType.macroedge
-DEGREES = (0, 1, 2, 4, 5, 7, 20)
-NODES = np.array(ELEMENTS["T10"].nodes) / 2
+QUADRATURE_DEGREES = (0, 1, 2, 4, 5, 7, 20)
+TETRAHEDRON_NODES = np.array(REFERENCE_ELEMENTS["T10"].nodes) / 2
 
 
-def cuts():
+def yield_octahedron_cuts():
     """Yield the eight sub-cells (8, 4) of a tetrahedron for each of the three cuts.
 
     The diagonals 4-9, 5-8 and 6-7 of the octahedron join the middles of opposite edges.
@@ -135,22 +145,22 @@ def integrate_mean_over_cuts(integrand):
     points, measure = gauss_points_and_weights(True, 3, 4)
     hats = np.column_stack([1 - points.sum(axis=1), points])
     total = 0.0
-    for cells in cuts():
+    for cells in yield_octahedron_cuts():
         for cell in map(list, cells):
-            corners = np.column_stack([np.ones(4), NODES[cell]])
+            corners = np.column_stack([np.ones(4), TETRAHEDRON_NODES[cell]])
             weights, slopes = np.zeros((len(points), 10)), np.zeros((3, 10))
             weights[:, cell], slopes[:, cell] = hats, np.linalg.inv(corners)[1:]
-            parts = integrand(weights, slopes, hats @ NODES[cell])
+            parts = integrand(weights, slopes, hats @ TETRAHEDRON_NODES[cell])
             total = total + abs(np.linalg.det(corners)) * np.tensordot(measure, parts, 1) / 3
     return total
 
 
-def tetrahedra(seed):
+def make_random_tetrahedron_grid(seed):
     return structured_grid("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
 
 
 def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
-    spaces = PW(Grid("tetrahedron", NODES[:4], np.array([[0, 1, 2, 3]])).mesh(), 0)
+    spaces = PW(Grid("tetrahedron", TETRAHEDRON_NODES[:4], np.array([[0, 1, 2, 3]])).mesh(), 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     cell = spaces.trial.dofmap.list[0]
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
@@ -176,12 +186,12 @@ def test_twelve_cell_rule_is_exact_on_each_cell_of_every_cut(degree):
     gauss_points, gauss_weights = gauss_points_and_weights(True, 3, (degree + 4) // 2)
     hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
     direction = np.array([0.3, -0.7, 0.5])
-    for cells in cuts():
+    for cells in yield_octahedron_cuts():
         for cell in map(list, cells):
-            corners = np.column_stack([np.ones(4), NODES[cell]])
+            corners = np.column_stack([np.ones(4), TETRAHEDRON_NODES[cell]])
             hat = np.column_stack([np.ones(len(points)), points]) @ np.linalg.inv(corners)
             inside = hat.min(axis=1) > 0
-            exact = gauss_weights @ (1 + hats @ NODES[cell] @ direction) ** degree
+            exact = gauss_weights @ (1 + hats @ TETRAHEDRON_NODES[cell] @ direction) ** degree
             exact *= abs(np.linalg.det(corners))
             ours = weights[inside] @ (1 + points[inside] @ direction) ** degree
             assert ours == pytest.approx(exact, rel=1e-12)
@@ -194,7 +204,7 @@ def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
     Basix's rules of degree 4, 5 and 7 have points on these sides, where slopes jump. Therefore the
     matrix that DOLFINx assembles by these rules is wrong.
     """
-    spaces = one_cut(tetrahedra(5).mesh(), ())
+    spaces = one_cut(make_random_tetrahedron_grid(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
     exact = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))
@@ -206,7 +216,7 @@ def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
 
 
 def test_user_forms_are_integrated_on_the_twelve_cells():
-    spaces = PW(tetrahedra(7).mesh(), 0)
+    spaces = PW(make_random_tetrahedron_grid(7).mesh(), 0)
     mesh, W = spaces.mesh, spaces.test
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(W)
     x, fine = ufl.SpatialCoordinate(mesh), cell_measure(W, 12)
@@ -255,7 +265,10 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
         box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         mesh = box if degree == 1 else curved_mesh(box, lambda x: x + 0.1 * x**2)
         V = fem.functionspace(
-            mesh, basix.ufl.displacement_pressure_element([quadratic_element("tetrahedron", (3,)), scalar])
+            mesh,
+            basix.ufl.displacement_pressure_element(
+                [quadratic_element("tetrahedron", (3,)), scalar]
+            ),
         )
         W = fem.functionspace(mesh, basix.ufl.displacement_pressure_element([weights, scalar]))
         (u, p), (w, q) = ufl.TrialFunctions(V), ufl.TestFunctions(W)
@@ -276,7 +289,7 @@ def test_subdomain_tags_are_kept_in_assembled_loads():
     assert load.sum() == pytest.approx((5 + 3 * 15) / 48, rel=1e-13)
 
 
-@pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.parametrize("degree", QUADRATURE_DEGREES)
 @pytest.mark.parametrize("polyset", [STANDARD, MACRO])
 def test_tabulation_at_basixs_quadrature_points_is_refused(degree, polyset):
     points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree, polyset_type=polyset)
@@ -310,7 +323,7 @@ def test_dolfinx_own_integrals_of_weight_functions_are_refused():
 
 
 def test_weights_can_be_tabulated_and_interpolated_at_nodes():
-    element, nodes = piecewise_linear_element("tetrahedron"), NODES
+    element, nodes = piecewise_linear_element("tetrahedron"), TETRAHEDRON_NODES
     assert np.abs(element.tabulate(1, nodes)[0] - np.eye(10)).max() < 1e-15
     somewhere = np.array([[0.2, 0.3, 0.1]])
     assert np.abs(element.tabulate(0, somewhere)[0].sum() - 1) < 1e-15
@@ -322,12 +335,14 @@ def test_weights_can_be_tabulated_and_interpolated_at_nodes():
     w, f = fem.Function(W), fem.Function(V)
     w.interpolate(lambda x: x[0] + x[1] * x[2])
     f.interpolate(w)
-    f.interpolate(fem.Expression(w, _points(V)))
+    f.interpolate(fem.Expression(w, _get_interpolation_points(V)))
     assert np.abs(f.x.array - w.x.array).max() < 1e-14
     gradient = fem.Function(fem.functionspace(mesh, ("DG", 1, (3,))))
-    gradient.interpolate(fem.Expression(ufl.grad(w), _points(gradient.function_space)))
+    gradient.interpolate(
+        fem.Expression(ufl.grad(w), _get_interpolation_points(gradient.function_space))
+    )
 
 
-def _points(space):
+def _get_interpolation_points(space):
     points = space.element.interpolation_points
     return points() if callable(points) else points  # in DOLFINx up to 0.9 this is a method

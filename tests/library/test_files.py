@@ -17,12 +17,12 @@ from pw_elements import files
 from pw_elements.files import (
     FOLDER_MARK_FILE_NAME,
     FolderReplacement,
-    ForeignEntry,
+    ForeignFileOrFolder,
     check_folder_replaceable,
-    claim_folder,
-    remove_unfinished,
-    replace_file,
-    replacing_folder,
+    create_or_claim_folder,
+    open_folder_replacement,
+    remove_files_of_killed_processes,
+    replace_file_atomically,
 )
 from tests.faults import (
     CASES,
@@ -65,7 +65,7 @@ def test_a_kill_leaves_old_or_new_content_and_the_next_replacement_cleans_up(nam
 
 
 def replace_folder_with_files(path, **text_by_file_name):
-    with replacing_folder(path, FOLDER_KIND) as replacement:
+    with open_folder_replacement(path, FOLDER_KIND) as replacement:
         for name, text in text_by_file_name.items():
             (replacement.folder / name).write_text(text)
 
@@ -77,7 +77,7 @@ def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
     assert sorted(os.listdir(path)) == [FOLDER_MARK_FILE_NAME, "one"]
     (path / "two").write_text("mine")
     (path / "deep").mkdir()
-    with pytest.raises(ForeignEntry, match="it holds deep/, two, not written with it"):
+    with pytest.raises(ForeignFileOrFolder, match="it holds deep/, two, not written with it"):
         replace_folder_with_files(path, one="111")
     assert (path / "two").read_text() == "mine"
     assert (path / "one").read_text() == "11"
@@ -85,7 +85,7 @@ def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
     (path / "deep").rmdir()
     (path / "one").unlink()
     (path / "one").mkdir()
-    with pytest.raises(ForeignEntry, match="it holds one/"):
+    with pytest.raises(ForeignFileOrFolder, match="it holds one/"):
         replace_folder_with_files(path)
     assert os.listdir(tmp_path) == ["made"]
 
@@ -94,32 +94,32 @@ def test_a_folder_is_replaced_if_all_in_it_was_written_with_it(tmp_path):
 def test_a_folder_without_the_right_mark_is_not_replaced(tmp_path, mark):
     path = tmp_path / "made"
     if mark == "other kind":
-        with replacing_folder(path, "something else") as replacement:
+        with open_folder_replacement(path, "something else") as replacement:
             (replacement.folder / "one").write_text("mine")
     else:
         path.mkdir()
         (path / "one").write_text("mine")
         if mark is not None:
             (path / FOLDER_MARK_FILE_NAME).write_text(mark.replace("K", FOLDER_KIND))
-    with pytest.raises(ForeignEntry, match="does not say that it is a folder of this test"):
+    with pytest.raises(ForeignFileOrFolder, match="does not say that it is a folder of this test"):
         replace_folder_with_files(path, one="2")
-    with pytest.raises(ForeignEntry, match="is not empty, and does not say"):
-        claim_folder(path, FOLDER_KIND)
+    with pytest.raises(ForeignFileOrFolder, match="is not empty, and does not say"):
+        create_or_claim_folder(path, FOLDER_KIND)
     assert (path / "one").read_text() == "mine"
     assert os.listdir(tmp_path) == ["made"]
     if mark is not None:  # the mark may be the only thing that the user has in the folder
         (path / "one").unlink()
         content = (path / FOLDER_MARK_FILE_NAME).read_text()
-        with pytest.raises(ForeignEntry):
-            claim_folder(path, FOLDER_KIND)
-        with pytest.raises(ForeignEntry):
+        with pytest.raises(ForeignFileOrFolder):
+            create_or_claim_folder(path, FOLDER_KIND)
+        with pytest.raises(ForeignFileOrFolder):
             replace_folder_with_files(path, one="2")
         assert (path / FOLDER_MARK_FILE_NAME).read_text() == content
 
 
 def test_a_file_is_not_replaced_by_a_folder_and_links_are_followed(tmp_path):
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ForeignEntry, match="is no folder"):
+    with pytest.raises(ForeignFileOrFolder, match="is no folder"):
         replace_folder_with_files(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
     elsewhere = tmp_path / "elsewhere"
@@ -131,7 +131,7 @@ def test_a_file_is_not_replaced_by_a_folder_and_links_are_followed(tmp_path):
         assert link.is_symlink()
         assert (elsewhere / "made" / "one").read_text() == text
     (elsewhere / "made" / "two").symlink_to(tmp_path / "file")
-    with pytest.raises(ForeignEntry, match="it holds two"):
+    with pytest.raises(ForeignFileOrFolder, match="it holds two"):
         replace_folder_with_files(link, one="3")
 
 
@@ -143,7 +143,7 @@ def test_files_added_while_a_folder_is_replaced_are_kept(tmp_path):
         (replacement.folder / "one").write_text("new")
         path.mkdir(exist_ok=True)
         (path / "late").write_text("mine")
-        with pytest.raises(ForeignEntry, match="not replaced"):
+        with pytest.raises(ForeignFileOrFolder, match="not replaced"):
             replacement.commit()
         replacement.abandon()
         assert (path / "late").read_text() == "mine"
@@ -164,7 +164,7 @@ def test_a_file_added_just_before_the_exchange_is_kept(tmp_path, monkeypatch, ca
         return exchange_folders(first, second) if can_exchange else False
 
     monkeypatch.setattr(files, "_exchange_folders", add_file_and_exchange)
-    with pytest.raises(ForeignEntry, match="it holds late"):
+    with pytest.raises(ForeignFileOrFolder, match="it holds late"):
         replace_folder_with_files(path, one="new")
     assert ((path / "one").read_text(), (path / "late").read_text()) == ("old", "mine")
     assert os.listdir(tmp_path) == ["made"]
@@ -176,23 +176,23 @@ def test_only_own_and_regular_files_are_replaced(tmp_path):
     def is_ours(existing):
         return existing.read_bytes().startswith(b"ours")
 
-    replace_file(path, b"ours", is_ours)
-    replace_file(path, b"mine", is_ours)
-    with pytest.raises(ForeignEntry, match="was not written by pw_elements"):
-        replace_file(path, NEW_CONTENT, is_ours)
+    replace_file_atomically(path, b"ours", is_ours)
+    replace_file_atomically(path, b"mine", is_ours)
+    with pytest.raises(ForeignFileOrFolder, match="was not written by pw_elements"):
+        replace_file_atomically(path, NEW_CONTENT, is_ours)
     assert path.read_bytes() == b"mine"
     os.mkfifo(tmp_path / "fifo")
     for irregular in (tmp_path / "fifo", tmp_path, Path("/dev/null")):
-        with pytest.raises(ForeignEntry, match="no regular file"):
-            replace_file(irregular, NEW_CONTENT)
+        with pytest.raises(ForeignFileOrFolder, match="no regular file"):
+            replace_file_atomically(irregular, NEW_CONTENT)
     (tmp_path / "link").symlink_to(path)
-    replace_file(tmp_path / "link", NEW_CONTENT)
+    replace_file_atomically(tmp_path / "link", NEW_CONTENT)
     assert (tmp_path / "link").is_symlink()
     assert path.read_bytes() == NEW_CONTENT
 
 
 def test_errors_name_the_target_path(tmp_path):
-    for call in (lambda at: replace_file(at, NEW_CONTENT), replace_folder_with_files):
+    for call in (lambda at: replace_file_atomically(at, NEW_CONTENT), replace_folder_with_files):
         with pytest.raises(FileNotFoundError) as raised:
             call(tmp_path / "nowhere" / "made")
         assert raised.value.filename == str(tmp_path / "nowhere" / "made")
@@ -201,17 +201,17 @@ def test_errors_name_the_target_path(tmp_path):
 def test_claimed_folders_keep_their_mark_and_kind(tmp_path):
     out = tmp_path / "deep" / "out"
     for _ in range(2):
-        claim_folder(out, FOLDER_KIND)
+        create_or_claim_folder(out, FOLDER_KIND)
     (out / "mine").write_text("more")
-    claim_folder(out, FOLDER_KIND)
-    with pytest.raises(ForeignEntry):
-        claim_folder(out, "another kind")
-    with pytest.raises(ForeignEntry):  # the folder has no list of its content
+    create_or_claim_folder(out, FOLDER_KIND)
+    with pytest.raises(ForeignFileOrFolder):
+        create_or_claim_folder(out, "another kind")
+    with pytest.raises(ForeignFileOrFolder):  # the folder has no list of its content
         check_folder_replaceable(out, FOLDER_KIND)
     unmarked = tmp_path / "other"
     unmarked.mkdir()
     (unmarked / "mine").write_text("more")
-    claim_folder(unmarked, FOLDER_KIND, lambda folder: (folder / "mine").exists())
+    create_or_claim_folder(unmarked, FOLDER_KIND, lambda folder: (folder / "mine").exists())
     assert sorted(os.listdir(unmarked)) == [FOLDER_MARK_FILE_NAME, "mine"]
 
 
@@ -242,11 +242,11 @@ def test_unfinished_files_of_killed_but_not_of_live_processes_are_removed(tmp_pa
         assert process.stdout.readline() == b"begun\n"
         unfinished = {*os.listdir(tmp_path)} - {*foreign_names}
         assert len(unfinished) == 2
-        remove_unfinished(tmp_path)
+        remove_files_of_killed_processes(tmp_path)
         assert {*os.listdir(tmp_path)} == unfinished | {*foreign_names}
         process.kill()
         process.wait()
-        remove_unfinished(tmp_path)
+        remove_files_of_killed_processes(tmp_path)
         assert {*os.listdir(tmp_path)} == {*foreign_names}
 
 
@@ -256,17 +256,15 @@ def test_without_file_locks_files_are_written_and_none_removed(tmp_path, monkeyp
 
     (tmp_path / ".0123456789abcdef.pw-elements-unfinished").write_text("perhaps another's")
     monkeypatch.setattr(fcntl, "flock", no_locks)
-    replace_file(tmp_path / "file", NEW_CONTENT)
+    replace_file_atomically(tmp_path / "file", NEW_CONTENT)
     replace_folder_with_files(tmp_path / "made", one="1")
     assert len(os.listdir(tmp_path)) == 3
     monkeypatch.undo()
-    remove_unfinished(tmp_path)
+    remove_files_of_killed_processes(tmp_path)
     assert sorted(os.listdir(tmp_path)) == ["file", "made"]
 
 
-def test_temporary_names_are_unpredictable_and_long_names_work(
-    tmp_path, monkeypatch
-):
+def test_temporary_names_are_unpredictable_and_long_names_work(tmp_path, monkeypatch):
     temporary_names, replace = [], os.replace
 
     def record_name(source, target):
@@ -275,10 +273,10 @@ def test_temporary_names_are_unpredictable_and_long_names_work(
 
     monkeypatch.setattr(os, "replace", record_name)
     for _ in range(2):
-        replace_file(tmp_path / ("n" * 255), NEW_CONTENT)
+        replace_file_atomically(tmp_path / ("n" * 255), NEW_CONTENT)
     assert len({*temporary_names}) == 2
     monkeypatch.setattr("secrets.token_hex", lambda _: "0" * 16)
     (tmp_path / f".{'0' * 16}.pw-elements-unfinished").symlink_to(tmp_path / "foreign")
     with pytest.raises(FileExistsError):
-        replace_file(tmp_path / "file", NEW_CONTENT)
+        replace_file_atomically(tmp_path / "file", NEW_CONTENT)
     assert not (tmp_path / "foreign").exists()

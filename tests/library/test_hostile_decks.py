@@ -20,7 +20,7 @@ def check_small_deck_by_independent_reading(tagged_mesh, deck_path):
     return ""
 
 
-def write_deck(folder, files):
+def write_deck_files(folder, files):
     """Write the files of a deck, with text in UTF-8, and return the path of the main file."""
     for name, content in files.items():
         path = folder / name
@@ -34,9 +34,12 @@ def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, index):
     names = [*HOSTILE_DECKS][index::N_TEST_BATCHES]
     assert len(names) > 37
     paths = {
-        write_deck(tmp_path / str(k), HOSTILE_DECKS[name][0]): name for k, name in enumerate(names)
+        write_deck_files(tmp_path / str(k), HOSTILE_DECKS[name][0]): name
+        for k, name in enumerate(names)
     }
-    results = read_files_under_cpu_and_memory_limits(paths, "tests.library.test_hostile_decks:check_small_deck_by_independent_reading")
+    results = read_files_under_cpu_and_memory_limits(
+        paths, "tests.library.test_hostile_decks:check_small_deck_by_independent_reading"
+    )
     for path, name in paths.items():
         result, is_refused = results[path], HOSTILE_DECKS[name][1]
         allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[is_refused]

@@ -45,15 +45,17 @@ from tests.contact.cases import PW, ElasticBody, on_plane
 from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
-CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+CELL_NAMES = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 SPACE_MAKERS_BY_METHOD = {"new": Spaces.hybrid, "standard": taylor_hood}
-WITH_BOTH_SOLVERS = pytest.mark.parametrize("solver", [Direct(), Iterative()], ids=["factors", "krylov"])
-DX = ufl.dx(metadata={"quadrature_degree": 6})
+WITH_BOTH_SOLVERS = pytest.mark.parametrize(
+    "solver", [Direct(), Iterative()], ids=["factors", "krylov"]
+)
+DX_OF_DEGREE_6 = ufl.dx(metadata={"quadrature_degree": 6})
 
 
-def block(cell, cells_per_side=3):
+def make_distorted_unit_mesh(cell, cells_per_side=3):
     """Create a unit square or cube whose inner vertices are moved."""
-    flat = cell in CELLS[:2]
+    flat = cell in CELL_NAMES[:2]
     build = create_unit_square if flat else create_unit_cube
     mesh = build(COMM, *[cells_per_side] * (2 if flat else 3), CellType[cell])
     x = mesh.geometry.x[:, : mesh.geometry.dim]
@@ -74,10 +76,16 @@ def default_stress_state(mesh):
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     E, t = 2e11, 1e6
-    body = ElasticBody(mesh := block(cell), SPACE_MAKERS_BY_METHOD[method], default_stress_state(mesh), E, nu)
+    body = ElasticBody(
+        mesh := make_distorted_unit_mesh(cell),
+        SPACE_MAKERS_BY_METHOD[method],
+        default_stress_state(mesh),
+        E,
+        nu,
+    )
     W, dim = body.space, body.dim
     supports = body.make_supports(*((k, on_plane(k, 0.0)) for k in range(dim)))
     pull = np.eye(dim)[-1] * t
@@ -97,7 +105,7 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
     assert below.sum(axis=0) == pytest.approx(-pull, abs=1e-9 * t)
 
 
-def ring(method, cells_per_side):
+def compute_ring_errors(method, cells_per_side):
     """Return relative errors of displacement and pressure of an incompressible ring.
 
     The ring is axisymmetric, and an inner pressure acts on it.
@@ -116,14 +124,14 @@ def ring(method, cells_per_side):
     exact = ufl.as_vector([C / x[0], 0])
 
     def norm(value):
-        return np.sqrt(assemble_scalar(ufl.inner(value, value) * x[0] * DX))
+        return np.sqrt(assemble_scalar(ufl.inner(value, value) * x[0] * DX_OF_DEGREE_6))
 
     return norm(u - exact) / norm(exact), norm(p - exact_p) / abs(exact_p)
 
 
 @pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
 def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
-    coarse, fine = ring(method, 4), ring(method, 8)
+    coarse, fine = compute_ring_errors(method, 4), compute_ring_errors(method, 8)
     assert fine[0] < 1e-4
     assert coarse[0] / fine[0] > 2**2.8
     assert fine[1] < 2e-2
@@ -133,7 +141,13 @@ def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
 @WITH_BOTH_SOLVERS
 @pytest.mark.parametrize(("cell", "n"), [("triangle", 4), ("tetrahedron", 3)])
 def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solver):
-    body = ElasticBody(mesh := block(cell, n), Spaces.hybrid, default_stress_state(mesh), 1.0, 0.5)
+    body = ElasticBody(
+        mesh := make_distorted_unit_mesh(cell, n),
+        Spaces.hybrid,
+        default_stress_state(mesh),
+        1.0,
+        0.5,
+    )
     W, dim, force = body.space, body.dim, np.array([2.0, 1.0, -4.0])
     rim = [fem.dirichletbc(fem.Function(W), boundary_dofs(W.sub(0)))]
     f, enclosed = body.body_force_load(force[:dim]), Reduction.dirichlet(W, rim)
@@ -190,7 +204,7 @@ def test_a_split_pressure_has_to_be_tied_and_needs_factors():
     K = assemble_matrix(Body(spaces, Material(1.0, 0.4), "plane strain").stiffness())
     with pytest.raises(ValueError, match="a pressure that is split, need Direct"):
         solve(K, K.createVecLeft(), conditions, Iterative())
-    w, residual = incompressible(spaces)
+    w, residual = make_incompressible_residual(spaces)
     with pytest.raises(ValueError, match="no residual ties it"):
         PetrovGalerkinProblem(residual, w)
 
@@ -204,7 +218,9 @@ def test_shear_vibrations_of_an_incompressible_block_are_exact():
     mu, rho = 7e9 / 3, 2e3
     for method, near in (("standard", 1e-4), ("new", 1e-2)):
         material = Material(3 * mu, 0.5, rho)
-        body = ElasticBody(create_unit_square(COMM, 6, 6), SPACE_MAKERS_BY_METHOD[method], material=material)
+        body = ElasticBody(
+            create_unit_square(COMM, 6, 6), SPACE_MAKERS_BY_METHOD[method], material=material
+        )
         ends = [(1, on_plane(0, 0.0)), (1, on_plane(0, 1.0)), (1, on_plane(1, 1.0))]
         supports = body.make_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0)), *ends)
         values = vibration_modes(body.K, body.M, supports, 6).eigenvalues
@@ -216,7 +232,7 @@ def test_an_incompressible_column_buckles_as_euler_says():
     mesh = triangles(COMM, (0.0, 0.0), (length, height), (40, 4))
     column = ElasticBody(mesh, Spaces.hybrid, E=E, nu=0.5)
     foot, load = (
-        column.clamp(on_plane(0, 0.0)),
+        column.make_clamping_supports(on_plane(0, 0.0)),
         column.traction_load((-1.0, 0.0), on_plane(0, length)),
     )
     euler = np.pi**2 / 4 * E / (1 - 0.5**2) * height**3 / 12 / length**2
@@ -224,9 +240,9 @@ def test_an_incompressible_column_buckles_as_euler_says():
     assert factors[0] == pytest.approx(euler, rel=0.01)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_weights_of_a_users_mixed_space_equal_those_of_hybrid_spaces(cell):
-    mesh = block(cell, 2)
+    mesh = make_distorted_unit_mesh(cell, 2)
     mixed_space, pair = taylor_hood(mesh).trial, Spaces.hybrid(mesh)
     dx = ufl.dx(metadata={"quadrature_degree": 4})
     mine, theirs = (
@@ -241,7 +257,7 @@ def test_weights_of_a_users_mixed_space_equal_those_of_hybrid_spaces(cell):
 
 
 def test_contradictions_of_conditions_are_judged_for_each_field():
-    W = Spaces.hybrid(block("triangle", 2)).trial
+    W = Spaces.hybrid(make_distorted_unit_mesh("triangle", 2)).trial
     corner = lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)  # noqa: E731
     conditions = [prescribe(W, "pressure", corner, 1e12), prescribe(W, 0, on_plane(0, 0.0), 1e-3)]
     Reduction.dirichlet(W, conditions)
@@ -250,7 +266,7 @@ def test_contradictions_of_conditions_are_judged_for_each_field():
 
 
 def test_von_mises_stress_of_hybrid_bodies_does_not_depend_on_pressure():
-    mesh = block("triangle", 2)
+    mesh = make_distorted_unit_mesh("triangle", 2)
     tags = tag_cells(mesh, np.arange(8) % 2)
     material = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
     body = Body.on(mesh, material, "plane strain", parts=tags)
@@ -276,14 +292,14 @@ def test_von_mises_stress_of_hybrid_bodies_does_not_depend_on_pressure():
 )
 def test_nearly_incompressible_materials_select_the_hybrid_element(caplog, nu, state, hybrid):
     caplog.set_level("INFO", logger="pw_elements")
-    mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
+    mesh = make_distorted_unit_mesh("tetrahedron" if state == "solid" else "triangle", 2)
     body = Body.on(mesh, Material(1.0, nu), state)
     assert body.spaces.is_hybrid is hybrid
     assert (f"hybrid: nu = {nu:g}" in caplog.text) is hybrid
 
 
 def test_the_largest_poissons_ratio_of_a_body_selects_its_element(caplog):
-    mesh = block("triangle", 2)
+    mesh = make_distorted_unit_mesh("triangle", 2)
     nu = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     nu.x.array[:] = 0.3
     assert not Body.on(mesh, Material(1.0, nu), "plane strain").spaces.is_hybrid
@@ -297,7 +313,7 @@ def test_the_largest_poissons_ratio_of_a_body_selects_its_element(caplog):
 # -- Krylov's method gives the numbers of factors --------------------------------------------------
 
 
-class Clamped(ElasticBody):
+class ClampedBlock(ElasticBody):
     """Block that is clamped at its base and pushed sideways and down."""
 
     def __init__(self, mesh, nu=0.5, E=2e11, method=Spaces.hybrid, state=None, length=1.0):
@@ -308,7 +324,7 @@ class Clamped(ElasticBody):
         self.foot = [(k, on_plane(vertical, 0.0), 0.01 * k * length) for k in range(self.dim)]
         self.supports = self.make_supports(*self.foot)
 
-    def differences(self):
+    def compare_solvers(self):
         """Return the largest relative difference between both solvers, and Krylov iterations.
 
         Displacement and pressure are compared.
@@ -326,41 +342,46 @@ class Clamped(ElasticBody):
 
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD.values())
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_displacement_and_pressure_equal_those_of_the_direct_solver(cell, method, nu):
-    case = Clamped(block(cell, 12 if cell in CELLS[:2] else 3), nu, method=method)
-    off, iterations = case.differences()
+    case = ClampedBlock(
+        make_distorted_unit_mesh(cell, 12 if cell in CELL_NAMES[:2] else 3), nu, method=method
+    )
+    off, iterations = case.compare_solvers()
     assert off < 1e-9
     assert iterations < 55
 
 
 def test_krylov_iterations_depend_neither_on_the_mesh_nor_on_units():
-    counts = [Clamped(block("tetrahedron", n)).differences()[1] for n in (2, 3, 5)]
+    counts = [
+        ClampedBlock(make_distorted_unit_mesh("tetrahedron", n)).compare_solvers()[1]
+        for n in (2, 3, 5)
+    ]
     assert max(counts) < 60
     assert counts[2] <= counts[1] + 3
     counts = []
     for length, modulus in ((1.0, 2e11), (1e-3, 2e-6), (1e3, 2e5)):
-        mesh = block("tetrahedron", 3)
-        case = Clamped(mesh, E=modulus, length=length)
+        mesh = make_distorted_unit_mesh("tetrahedron", 3)
+        case = ClampedBlock(mesh, E=modulus, length=length)
         mesh.geometry.x[:] *= length
         case.K = assemble_matrix(case.body.stiffness())
         case.f.scale(modulus / 2e11 * length**2)
-        off, iterations = case.differences()
+        off, iterations = case.compare_solvers()
         assert off < 1e-9
         counts.append(iterations)
     assert max(counts) - min(counts) <= 2
 
 
 def test_krylov_solver_handles_a_varying_modulus_and_axisymmetry():
-    mesh = block("tetrahedron", 3)
+    mesh = make_distorted_unit_mesh("tetrahedron", 3)
     E = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
     E.interpolate(lambda x: 10.0 ** (4 * x[0]))
-    off, iterations = Clamped(mesh, 0.4999, E).differences()
+    off, iterations = ClampedBlock(mesh, 0.4999, E).compare_solvers()
     assert off < 1e-7
     assert iterations < 90
-    mesh = block("triangle", 12)
+    mesh = make_distorted_unit_mesh("triangle", 12)
     mesh.geometry.x[:, 0] += 0.01
-    assert Clamped(mesh, state="axisymmetric").differences()[1] < 60
+    assert ClampedBlock(mesh, state="axisymmetric").compare_solvers()[1] < 60
 
 
 @pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
@@ -369,8 +390,8 @@ def test_vibration_modes_equal_those_of_the_direct_solver(held, nu):
 
     Frequencies, displacements and pressures of the modes are compared.
     """
-    mesh = block("tetrahedron", 2)
-    case = Clamped(mesh, nu)
+    mesh = make_distorted_unit_mesh("tetrahedron", 2)
+    case = ClampedBlock(mesh, nu)
     mesh.geometry.x[:] *= 1.0, 0.7, 2.0  # modes of cubes are double and triple
     case.K = assemble_matrix(case.body.stiffness())
     rigid, supports = (0, case.supports) if held == "clamped" else (6, case.make_supports())
@@ -389,7 +410,7 @@ def test_vibration_modes_equal_those_of_the_direct_solver(held, nu):
 
 
 def test_buckling_factors_equal_those_of_the_direct_solver_and_free_bodies_are_refused():
-    case = Clamped(block("tetrahedron", 2), E=2e9)
+    case = ClampedBlock(make_distorted_unit_mesh("tetrahedron", 2), E=2e9)
     K_sigma = case.initial_stress_matrix(case.f, case.supports)
     mine, exact = (
         buckling(case.K, K_sigma, case.supports, solver=solver_type())
@@ -406,7 +427,7 @@ def test_buckling_factors_equal_those_of_the_direct_solver_and_free_bodies_are_r
 # -- large strains, by the residual ----------------------------------------------------------------
 
 
-def incompressible(spaces, shear_modulus=1.0):
+def make_incompressible_residual(spaces, shear_modulus=1.0):
     """Return the unknowns and the residual of an incompressible neo-Hookean body.
 
     The pressure is zero in the undeformed body.
@@ -416,7 +437,7 @@ def incompressible(spaces, shear_modulus=1.0):
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, inverse = ufl.det(F), ufl.inv(F).T
     stress = shear_modulus * (F - inverse) - p * J * inverse
-    return w, ufl.inner(stress, ufl.grad(v)) * DX - q * (J - 1) * DX
+    return w, ufl.inner(stress, ufl.grad(v)) * DX_OF_DEGREE_6 - q * (J - 1) * DX_OF_DEGREE_6
 
 
 @pytest.mark.parametrize(("cell", "mu"), [("triangle", 7e10), ("tetrahedron", 1.0)])
@@ -428,10 +449,13 @@ def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method,
     modulus.
     """
     size, stretch = 1e-3, 1.4
-    mesh = block(cell, 2)
+    mesh = make_distorted_unit_mesh(cell, 2)
     mesh.geometry.x[:] *= size
     spaces, dim = SPACE_MAKERS_BY_METHOD[method](mesh), mesh.geometry.dim
-    (w, residual), end = incompressible(spaces, mu), fem.Constant(mesh, (stretch - 1) * size)
+    (w, residual), end = (
+        make_incompressible_residual(spaces, mu),
+        fem.Constant(mesh, (stretch - 1) * size),
+    )
 
     def side(axis, coordinate):
         return lambda x: np.isclose(x[axis], coordinate * size)

@@ -19,11 +19,13 @@ COMM, N = MPI.COMM_SELF, 200
 
 
 def make_unit_square_body(method=PW, cells_per_side=3):
-    return ElasticBody(create_unit_square(COMM, cells_per_side, cells_per_side), method, "plane stress", 7.0)
+    return ElasticBody(
+        create_unit_square(COMM, cells_per_side, cells_per_side), method, "plane stress", 7.0
+    )
 
 
 @pytest.fixture(params=[GALERKIN, PW])
-def square(request):
+def unit_square_body(request):
     return make_unit_square_body(request.param)
 
 
@@ -55,7 +57,9 @@ def test_bad_conditioning_alone_is_no_singularity():
         create_rectangle(COMM, [(0, 0), (100, 1)], [200, 1]), PW, "plane stress", 2e11, 0
     )
     a = solve(
-        beam.K, beam.traction_load((0.0, -1.0), on_plane(0, 100.0)), beam.clamp(on_plane(0, 0.0))
+        beam.K,
+        beam.traction_load((0.0, -1.0), on_plane(0, 100.0)),
+        beam.make_clamping_supports(on_plane(0, 0.0)),
     )
     assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
 
@@ -72,7 +76,11 @@ def test_symmetric_part_and_its_negative_pivots_are_exact(unit_square_body):
 def test_matrices_and_vectors_outlive_their_mesh():
     def system():
         square = make_unit_square_body(cells_per_side=8)
-        return square.K, square.body_force_load((0.0, -1.0)), square.clamp(on_plane(0, 0.0))
+        return (
+            square.K,
+            square.body_force_load((0.0, -1.0)),
+            square.make_clamping_supports(on_plane(0, 0.0)),
+        )
 
     systems = [system() for _ in range(5)]
     gc.collect()
@@ -151,10 +159,10 @@ def test_factors_recover_from_a_matrix_with_nan():
 
 
 @pytest.fixture(scope="module")
-def beam():
+def clamped_beam():
     mesh = triangles(COMM, (0.0, -0.5), (8.0, 0.5), (16, 4))
     beam = ElasticBody(mesh, PW, "plane stress", 2.0)
-    beam.foot = beam.clamp(on_plane(0, 0.0))
+    beam.foot = beam.make_clamping_supports(on_plane(0, 0.0))
     return beam
 
 
@@ -169,12 +177,16 @@ def beam():
 )
 def test_statics_and_vibration_use_and_report_the_given_solver(clamped_beam, solver, package):
     f = clamped_beam.traction_load((-1.0, 0.0), on_plane(0, 8.0))
-    a, reference = solve(clamped_beam.K, f, clamped_beam.foot, solver=solver), solve(clamped_beam.K, f, clamped_beam.foot)
+    a, reference = (
+        solve(clamped_beam.K, f, clamped_beam.foot, solver=solver),
+        solve(clamped_beam.K, f, clamped_beam.foot),
+    )
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")
     assert (report.method, report.factorisations) == (f"LU by {package}", 1)
     modes, expected_modes = (
-        vibration_modes(clamped_beam.K, clamped_beam.M, clamped_beam.foot, 3, solver=s) for s in (solver, None)
+        vibration_modes(clamped_beam.K, clamped_beam.M, clamped_beam.foot, 3, solver=s)
+        for s in (solver, None)
     )
     assert modes.eigenvalues == pytest.approx(expected_modes.eigenvalues, rel=1e-9)
     assert modes.report.method == f"LU by {package}"
@@ -184,7 +196,9 @@ def test_statics_and_vibration_use_and_report_the_given_solver(clamped_beam, sol
 def test_symmetrised_modes_refuse_packages_without_pivot_counts(clamped_beam):
     solver = Direct({"pc_factor_mat_solver_type": "petsc"})
     with pytest.raises(ValueError, match="does not count negative pivots"):
-        vibration_modes(clamped_beam.K, clamped_beam.M, clamped_beam.foot, 1, symmetrised=True, solver=solver)
+        vibration_modes(
+            clamped_beam.K, clamped_beam.M, clamped_beam.foot, 1, symmetrised=True, solver=solver
+        )
 
 
 def test_options_reach_mumps(clamped_beam):

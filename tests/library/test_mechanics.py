@@ -19,18 +19,18 @@ from pw_elements.meshes import move_nodes, triangles
 from study.meshes.distortion import smooth_distortion
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 
-MATERIAL = Material(10.0, 0.3, density=2.0)
+ELASTIC_MATERIAL = Material(10.0, 0.3, density=2.0)
 
 
-def square(cells_per_side=3):
+def make_triangle_square(cells_per_side=3):
     return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side))
 
 
-def quadrilaterals():
+def make_quadrilateral_square():
     return create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], [3, 3], CellType.quadrilateral)
 
 
-def cube(cell_type):
+def make_cube(cell_type):
     return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell_type)
 
 
@@ -42,7 +42,7 @@ def cube(cell_type):
     ],
 )
 def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(field, energies):
-    body = ElasticBody(square(), GALERKIN, "plane stress", 10.0)
+    body = ElasticBody(make_triangle_square(), GALERKIN, "plane stress", 10.0)
     displacement = fem.Function(body.space)
     displacement.interpolate(lambda x: np.array(field(x)))
     u, stress = displacement.x.petsc_vec, ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
@@ -57,10 +57,10 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(fiel
 @pytest.mark.parametrize(
     ("make_mesh", "state"),
     [
-        (square, "plane strain"),
-        (quadrilaterals, "plane strain"),
-        (lambda: cube(CellType.tetrahedron), "solid"),
-        (lambda: cube(CellType.hexahedron), "solid"),
+        (make_triangle_square, "plane strain"),
+        (make_quadrilateral_square, "plane strain"),
+        (lambda: make_cube(CellType.tetrahedron), "solid"),
+        (lambda: make_cube(CellType.hexahedron), "solid"),
     ],
     ids=["triangles", "parallelograms", "tetrahedra", "parallelepipeds"],
 )
@@ -71,7 +71,7 @@ def test_quadrature_is_exact_with_no_more_points_than_needed(make_mesh, state, m
     """
     mesh = make_mesh()
     mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 1] + 0.2 * mesh.geometry.x[:, 2]
-    body = Body(method(mesh), MATERIAL, state)
+    body = Body(method(mesh), ELASTIC_MATERIAL, state)
     boxes = mesh.topology.cell_name() in ("quadrilateral", "hexahedron")
     for form in (Body.stiffness, Body.mass):
         (integral,) = form(body).integrals()
@@ -87,13 +87,13 @@ def test_quadrature_is_exact_with_no_more_points_than_needed(make_mesh, state, m
 
 
 def test_quadrature_degree_is_higher_on_cells_that_are_no_parallelograms():
-    meshes = quadrilaterals(), move_nodes(quadrilaterals(), smooth_distortion)
-    bodies = [Body(PW(mesh), MATERIAL, "plane strain") for mesh in meshes]
+    meshes = make_quadrilateral_square(), move_nodes(make_quadrilateral_square(), smooth_distortion)
+    bodies = [Body(PW(mesh), ELASTIC_MATERIAL, "plane strain") for mesh in meshes]
     degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in bodies]
     assert degrees == [3, 5]
 
 
-def halves(mesh, left_tag=3, right_tag=7):
+def tag_halves(mesh, left_tag=3, right_tag=7):
     dim = mesh.topology.dim
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     right = compute_midpoints(mesh, dim, cells)[:, 0] > 0.5
@@ -101,9 +101,9 @@ def halves(mesh, left_tag=3, right_tag=7):
 
 
 def test_each_cell_tag_has_its_own_material():
-    mesh = square(4)
+    mesh = make_triangle_square(4)
     parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
-    material = Material.by_tag(mesh, halves(mesh), parts)
+    material = Material.by_tag(mesh, tag_halves(mesh), parts)
     bar = ElasticBody(mesh, GALERKIN, "plane stress", material=material)
     supports = bar.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
     displacements = solve(bar.K, bar.traction_load((1.0, 0.0), on_plane(0, 1.0)), supports)
@@ -113,14 +113,14 @@ def test_each_cell_tag_has_its_own_material():
     ones = bar.M.createVecRight()
     ones.set(1.0)
     assert ones.dot(bar.M * ones) == pytest.approx(2 * (0.5 * 1.0 + 0.5 * 4.0), rel=1e-13)
-    plain = Body(bar.body.spaces, MATERIAL, "plane stress")
+    plain = Body(bar.body.spaces, ELASTIC_MATERIAL, "plane stress")
     rules = [[part.metadata() for part in b.stiffness().integrals()] for b in (bar.body, plain)]
     assert rules[0] == rules[1]
 
 
 def test_materials_without_matching_tags_are_refused():
-    mesh = square(4)
-    tags, soft, stiff = halves(mesh), Material(1.0), Material(9.0)
+    mesh = make_triangle_square(4)
+    tags, soft, stiff = tag_halves(mesh), Material(1.0), Material(9.0)
 
     def assert_refused(materials, match, tags=tags, error=ValueError, mesh=mesh):
         with pytest.raises(error, match=match):
@@ -135,7 +135,9 @@ def test_materials_without_matching_tags_are_refused():
     varying = Material(fem.Function(fem.functionspace(mesh, ("DG", 0)), name="E") + 1.0)
     assert_refused({3: soft, 7: varying}, "youngs_modulus of the material of tag 7")
     assert_refused({3: soft}, "the cells. tags is of the type ndarray", np.ones(32), TypeError)
-    assert_refused({3: soft, 7: stiff}, "tags are those of another mesh", halves(square(4)))
+    assert_refused(
+        {3: soft, 7: stiff}, "tags are those of another mesh", tag_halves(make_triangle_square(4))
+    )
     facets = meshtags(mesh, 1, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
     assert_refused({3: soft}, "tags are those of 1-D entities: cells are 2-D", facets)
     few = meshtags(mesh, 2, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
@@ -143,7 +145,7 @@ def test_materials_without_matching_tags_are_refused():
 
 
 def test_plane_stress_allows_incompressible_materials():
-    spaces = PW(square())
+    spaces = PW(make_triangle_square())
     K = assemble_matrix(Body(spaces, Material(2.0, 0.5), "plane stress").stiffness())
     near = Body(spaces, Material(2.0, 0.5 - 1e-9), "plane stress")
     assert (K - assemble_matrix(near.stiffness())).norm() < 1e-8 * K.norm()
@@ -159,8 +161,8 @@ def test_plane_stress_allows_incompressible_materials():
     ],
 )
 def test_von_mises_stress_of_known_strains_is_exact(state, strain, expected):
-    mesh = cube(CellType.tetrahedron) if state == "solid" else square()
-    body = Body(GALERKIN(mesh), MATERIAL, state)
+    mesh = make_cube(CellType.tetrahedron) if state == "solid" else make_triangle_square()
+    body = Body(GALERKIN(mesh), ELASTIC_MATERIAL, state)
     u = fem.Function(body.spaces.trial)
     u.interpolate(lambda x: np.array([strain[0] * x[0], strain[1] * x[1], 0 * x[2]])[: len(u)])
     assert assemble_scalar(body.von_mises(u) * ufl.dx) == pytest.approx(expected)

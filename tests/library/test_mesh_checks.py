@@ -20,16 +20,16 @@ from hypothesis import strategies as st
 from pw_elements import Body, Material, Spaces
 from pw_elements.checks import DegenerateMesh, check_mesh, meshes
 from pw_elements.meshes import curved_mesh
-from tests.library.random_meshes import SEEDS, Grid, grids, structured_grid
+from tests.library.random_meshes import SEED_STRATEGY, Grid, grids, structured_grid
 from tests.parallel import PROJECT, run_on
 
 UNIT_LINE_OF_THREE_CELLS = np.linspace(0.0, 1.0, 4)
 
 
-SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+SQUARE_CORNERS = [[0, 0], [1, 0], [1, 1], [0, 1]]
 # cells beside the edge from (1, 0) to (1, 1), which is divided into two halves
 TRIANGLES_BESIDE_DIVIDED_EDGE = [[1, 4, 6], [6, 4, 5], [6, 5, 2]]
-NODES_WITH_HANGING_NODE = [*SQUARE, [2, 0], [2, 1], [1, 0.5]]
+NODES_WITH_HANGING_NODE = [*SQUARE_CORNERS, [2, 0], [2, 1], [1, 0.5]]
 CRACKED_MESH_NODES = [
     [0, 0],
     [1, 0],
@@ -76,7 +76,8 @@ def make_two_unit_boxes(cell, divisions, other_divisions, other_lower_corner):
     dim = len(other_lower_corner)
     high = [a + 1.0 for a in other_lower_corner]
     grid = join_grids(
-        make_box_grid(cell, divisions, [0.0] * dim, [1.0] * dim), make_box_grid(cell, other_divisions, other_lower_corner, high)
+        make_box_grid(cell, divisions, [0.0] * dim, [1.0] * dim),
+        make_box_grid(cell, other_divisions, other_lower_corner, high),
     )
     return grid.cell, grid.x, grid.cells
 
@@ -108,7 +109,11 @@ VALID_MESHES = {
 }
 DEGENERATE_MESHES_WITH_MESSAGES = {
     "folded": (
-        lambda: ("triangle", [*SQUARE, [1.2, 0.9]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]),
+        lambda: (
+            "triangle",
+            [*SQUARE_CORNERS, [1.2, 0.9]],
+            [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+        ),
         "cells around (0.7333, 0.3), (0.7333, 0.9667), (1.067, 0.6333) " + FOLDED_CELLS_MESSAGE,
     ),
     "flat": (
@@ -120,7 +125,11 @@ DEGENERATE_MESHES_WITH_MESSAGES = {
         "cells around (0.325, 0.325) are turned inside out in a part of them",
     ),
     "hanging nodes": (
-        lambda: ("triangle", NODES_WITH_HANGING_NODE, [[0, 1, 2], [0, 2, 3], *TRIANGLES_BESIDE_DIVIDED_EDGE]),
+        lambda: (
+            "triangle",
+            NODES_WITH_HANGING_NODE,
+            [[0, 1, 2], [0, 2, 3], *TRIANGLES_BESIDE_DIVIDED_EDGE],
+        ),
         f"facets around (1, 0.5) {HANGING_NODES_MESSAGE}",
     ),
     "hanging nodes in 3-D": (
@@ -157,14 +166,17 @@ def make_three_triangles_at_edge():
 
 def build_mesh(comm, cell_name, node_coordinates, cells):
     """Create a mesh from nodes and cells, of which only those of process 0 are used."""
-    node_coordinates, cells = np.array(node_coordinates, dtype=float), np.array(cells, dtype=np.int64)
+    node_coordinates, cells = (
+        np.array(node_coordinates, dtype=float),
+        np.array(cells, dtype=np.int64),
+    )
     if comm.rank > 0:
         node_coordinates, cells = node_coordinates[:0], cells[:0]
     element = basix.ufl.element("Lagrange", cell_name, 1, shape=(node_coordinates.shape[1],))
     return create_mesh(comm, cells=cells, x=node_coordinates, e=element)
 
 
-def is_refused(mesh):
+def is_refused_as_degenerate(mesh):
     try:
         check_mesh(mesh)
     except DegenerateMesh:
@@ -172,7 +184,7 @@ def is_refused(mesh):
     return False
 
 
-@given(SEEDS, st.floats(0.0, 0.6), st.sampled_from(["triangle", "tetrahedron"]))
+@given(SEED_STRATEGY, st.floats(0.0, 0.6), st.sampled_from(["triangle", "tetrahedron"]))
 def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed, distortion, cell):
     dim = 2 if cell == "triangle" else 3
     grid = structured_grid(cell, [UNIT_LINE_OF_THREE_CELLS] * dim, seed)
@@ -183,10 +195,10 @@ def test_simplices_that_fill_a_box_more_than_once_are_refused_and_no_others(seed
     volume = np.abs(np.linalg.det(edges)).sum() / (2 if dim == 2 else 6)
     if 1e-9 < volume - 1 < 1e-6:
         return  # the excess may count as round-off
-    assert is_refused(Grid(cell, x, grid.cells).mesh()) == (volume > 1 + 1e-9)
+    assert is_refused_as_degenerate(Grid(cell, x, grid.cells).mesh()) == (volume > 1 + 1e-9)
 
 
-@given(SEEDS, st.floats(0.0, 0.5))
+@given(SEED_STRATEGY, st.floats(0.0, 0.5))
 def test_quadrilaterals_are_refused_unless_convex_and_beside_each_other(seed, distortion):
     grid = structured_grid("quadrilateral", [UNIT_LINE_OF_THREE_CELLS] * 2, seed)
     rng = np.random.default_rng(seed)
@@ -202,10 +214,10 @@ def test_quadrilaterals_are_refused_unless_convex_and_beside_each_other(seed, di
     is_valid = np.min(corner_determinants) > 0
     if is_valid and distortion > 0.16:
         return
-    assert is_refused(Grid("quadrilateral", x, grid.cells).mesh()) == (not is_valid)
+    assert is_refused_as_degenerate(Grid("quadrilateral", x, grid.cells).mesh()) == (not is_valid)
 
 
-@given(SEEDS, st.floats(0.05, 1.4), st.floats(0.0, 2 * np.pi))
+@given(SEED_STRATEGY, st.floats(0.05, 1.4), st.floats(0.0, 2 * np.pi))
 def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
     seed, distance, angle
 ):
@@ -238,7 +250,7 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
         return
     cells = np.vstack([body.cells, other_body.cells + len(body.x)])
     mesh_of_both = Grid("triangle", np.vstack([body.x, other_x]), cells)
-    assert is_refused(mesh_of_both.mesh()) == (depths.max() > 0)
+    assert is_refused_as_degenerate(mesh_of_both.mesh()) == (depths.max() > 0)
 
 
 @given(grids(("triangle", "quadrilateral", "tetrahedron", "hexahedron")))
@@ -285,7 +297,9 @@ def collect_mesh_check_outcomes(comm, mesh_makers):
 
 def collect_outcomes_of_all_meshes(comm):
     return collect_mesh_check_outcomes(
-        comm, VALID_MESHES | {name: make_mesh for name, (make_mesh, _) in DEGENERATE_MESHES_WITH_MESSAGES.items()}
+        comm,
+        VALID_MESHES
+        | {name: make_mesh for name, (make_mesh, _) in DEGENERATE_MESHES_WITH_MESSAGES.items()},
     )
 
 
@@ -313,9 +327,9 @@ def test_more_than_two_cells_at_a_facet_are_refused():
 
 
 def test_all_processes_give_the_same_mesh_check_outcome():
-    expected = {name: words for name, (_, words) in DEGENERATE_MESHES_WITH_MESSAGES.items()} | dict.fromkeys(
-        VALID_MESHES, "passes"
-    )
+    expected = {
+        name: words for name, (_, words) in DEGENERATE_MESHES_WITH_MESSAGES.items()
+    } | dict.fromkeys(VALID_MESHES, "passes")
     assert run_on(2, collect_outcomes_of_all_meshes) == [expected] * 2
 
 

@@ -11,7 +11,7 @@ import ufl
 from dolfinx.mesh import compute_midpoints
 
 from pw_elements import assemble_scalar, boundary_measure
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.meshes import from_file, from_gmsh
 from tests.parallel import assert_same_on_processes
 
@@ -19,7 +19,7 @@ COMM = MPI.COMM_SELF
 
 
 @pytest.fixture
-def model():
+def gmsh_model():
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     yield gmsh.model
@@ -27,7 +27,7 @@ def model():
 
 
 @pytest.fixture
-def square(gmsh_model):
+def gmsh_square(gmsh_model):
     """Return Gmsh's model of a unit square that consists of two halves."""
     left, right = (gmsh_model.occ.addRectangle(x, 0, 0, 0.5, 1) for x in (0, 0.5))
     gmsh_model.occ.fragment([(2, left)], [(2, right)])
@@ -36,7 +36,7 @@ def square(gmsh_model):
 
 
 @pytest.fixture
-def ball(gmsh_model, tmp_path):
+def ball_deck(gmsh_model, tmp_path):
     """Return the path of a deck, written by Gmsh, of an eighth of a ball of radius 1."""
     body = gmsh_model.occ.addSphere(0, 0, 0, 1, -1, 0, np.pi / 2, np.pi / 2)
     gmsh_model.occ.synchronize()
@@ -164,10 +164,17 @@ left
 nothing of this is read
 """
 # sqrt(1 + s^2) / 2 + arsinh(s) / (2 s) is the length of the bulge of slope s = 0.4
-FACET_SET_LENGTHS = {"TOP": 1.02606, "LEFT": 1.0, "NODES": 1.0, "RIGHT": 1.0, "RIM": 4.02606, "ALL": 4.02606}
+FACET_SET_LENGTHS = {
+    "TOP": 1.02606,
+    "LEFT": 1.0,
+    "NODES": 1.0,
+    "RIGHT": 1.0,
+    "RIM": 4.02606,
+    "ALL": 4.02606,
+}
 
 
-def read_text(folder, deck_text, comm=COMM):
+def read_deck_text(folder, deck_text, comm=COMM):
     (folder / "deck.inp").write_text(deck_text)
     return from_file(folder / "deck.inp", comm)
 
@@ -177,7 +184,7 @@ def volume(tagged_mesh):
 
 
 def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
-    part = read_text(tmp_path, CURVED_SQUARE_DECK)
+    part = read_deck_text(tmp_path, CURVED_SQUARE_DECK)
     assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)  # a segment of a parabola is added
     assert {*part.names["facets"]} == {*FACET_SET_LENGTHS}
     for name, length in FACET_SET_LENGTHS.items():
@@ -203,7 +210,9 @@ def rounded_facet_midpoints(mesh):
 
 @pytest.mark.parametrize("shift", [0, 1])
 def test_parts_instances_and_included_files_are_the_same_mesh(tmp_path, shift):
-    nodes, elements_and_sets = CURVED_SQUARE_DECK[CURVED_SQUARE_DECK.index("*Node") :].split("*Element", 1)
+    nodes, elements_and_sets = CURVED_SQUARE_DECK[CURVED_SQUARE_DECK.index("*Node") :].split(
+        "*Element", 1
+    )
     cells = elements_and_sets.partition("*Nset")[0]
     (tmp_path / "nodes.inp").write_text(nodes.replace("*Node, nset=all\n", ""))
     text = f"""*Part, name=Plate
@@ -220,7 +229,7 @@ Plate-1.upper, S2
 1, 2, 5
 *End Assembly
 """
-    part = read_text(tmp_path, text)
+    part = read_deck_text(tmp_path, text)
     assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)
     assert rounded_facet_midpoints(part.mesh)[part.facets("TOP")].tolist() == [[0.5 + shift, 1]]
     assert rounded_facet_midpoints(part.mesh)[part.facets("BASE")].tolist() == [[0.5 + shift, 0]]
@@ -245,16 +254,16 @@ def test_mid_side_nodes_of_abaqus_tetrahedra_keep_their_edges(tmp_path, kind):
     middles = x[pairs].mean(axis=1) + 0.05 * rng.standard_normal((6, 3))
     rows = "\n".join(f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate([*x, *middles], 1))
     deck = f"*NODE\n{rows}\n*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(1, 11)))}\n"
-    mesh = read_text(tmp_path, deck).mesh
-    nodes = mesh.geometry.x[cell_nodes(mesh)[0]]
+    mesh = read_deck_text(tmp_path, deck).mesh
+    nodes = mesh.geometry.x[cell_geometry_nodes(mesh)[0]]
     for (a, b), position in zip(pairs, middles, strict=True):
         reference_point = np.zeros(3)
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
         ends = [int(np.linalg.norm(nodes[:4] - x[k], axis=1).argmin()) for k in (a, b)]
         reference_point = corners[ends].mean(axis=0)[None]
-        assert get_coordinate_element(mesh).push_forward(reference_point, nodes)[0] == pytest.approx(
-            position
-        )
+        assert get_coordinate_element(mesh).push_forward(reference_point, nodes)[
+            0
+        ] == pytest.approx(position)
 
 
 def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball(ball_deck):
@@ -313,16 +322,18 @@ REFUSED_DECKS_WITH_MESSAGES = [
 
 
 @pytest.mark.parametrize(
-    ("words", "text"), REFUSED_DECKS_WITH_MESSAGES, ids=[words for words, _ in REFUSED_DECKS_WITH_MESSAGES]
+    ("words", "text"),
+    REFUSED_DECKS_WITH_MESSAGES,
+    ids=[words for words, _ in REFUSED_DECKS_WITH_MESSAGES],
 )
 def test_unsupported_deck_content_is_named_in_the_error(tmp_path, words, text):
     with pytest.raises((ValueError, FileNotFoundError), match=words):
-        read_text(tmp_path, text)
+        read_deck_text(tmp_path, text)
 
 
 def test_linear_cells_are_read_and_point_masses_left_out(tmp_path):
     text = "*Node\n1, 0, 0\n2, 2, 0\n3, 2, 1\n4, 0, 1\n*Element, type=CPE4R\n1, 1, 2, 3, 4\n"
-    part = read_text(
+    part = read_deck_text(
         tmp_path,
         text + "*Element, type=MASS, elset=m\n7, 2\n*Elset, elset=n\nm\n*Surface, name=up\n1, S3\n",
     )

@@ -10,23 +10,26 @@ import numpy as np
 import pytest
 
 from pw_elements.meshes import from_file, from_gmsh
-from tests.library.hostile_meshes import describe_mesh_differences, make_hostile_files_with_error_patterns
+from tests.library.hostile_meshes import (
+    describe_mesh_differences,
+    make_hostile_files_with_error_patterns,
+)
 from tests.library.limited_reading import MAX_MEGABYTES, read_files_under_cpu_and_memory_limits
 from tests.library.msh_files import (
-    GMSH_TYPES_BY_CELL_AND_DEGREE,
     COMMON_MSH_FORMATS,
+    GMSH_TYPES_BY_CELL_AND_DEGREE,
     RARE_MSH_FORMATS,
-    Block,
-    make_grouped_lattice_mesh,
-    read_msh,
+    ElementBlock,
+    decode_msh,
     encode_msh,
+    make_grouped_lattice_mesh,
 )
 from tests.parallel import run_on
 
 COMM = MPI.COMM_SELF
 
 
-def read_bytes(folder, file_bytes, comm=COMM):
+def read_msh_bytes(folder, file_bytes, comm=COMM):
     path = folder / "a.msh"
     path.write_bytes(file_bytes)
     return from_file(path, comm)
@@ -40,7 +43,9 @@ def test_hostile_files_run_nothing_and_are_refused_or_read_as_they_are(tmp_path)
     paths = {name: tmp_path / f"{name}.msh" for name in files}
     for name, (data, _) in files.items():
         paths[name].write_bytes(data.replace(b"{ran}", str(marker_file).encode()))
-    results = read_files_under_cpu_and_memory_limits(paths.values(), "tests.library.hostile_meshes:describe_differences_from_file")
+    results = read_files_under_cpu_and_memory_limits(
+        paths.values(), "tests.library.hostile_meshes:describe_differences_from_file"
+    )
     assert not marker_file.exists()
     unexpected, n_read = {}, 0
     for name, (_, pattern) in files.items():
@@ -60,8 +65,8 @@ def test_hostile_files_run_nothing_and_are_refused_or_read_as_they_are(tmp_path)
 def test_a_file_of_each_format_is_read_as_it_is(tmp_path, cell, degree, file_format):
     mesh_data = make_grouped_lattice_mesh(cell, degree, seed=degree)
     data = encode_msh(mesh_data, file_format)
-    part = read_bytes(tmp_path, data)
-    assert describe_mesh_differences(part, read_msh(data)) == ""
+    part = read_msh_bytes(tmp_path, data)
+    assert describe_mesh_differences(part, decode_msh(data)) == ""
     assert describe_mesh_differences(part, mesh_data) == ""
     assert part.mesh.topology.cell_name() == cell
     assert part.names == {"cells": {"Körper": (3,)}, "facets": {"left side": (3,)}}
@@ -70,7 +75,7 @@ def test_a_file_of_each_format_is_read_as_it_is(tmp_path, cell, degree, file_for
 
 def test_describe_mesh_differences_detects_changed_cells_tags_and_facets(tmp_path):
     mesh_data = make_grouped_lattice_mesh("triangle", 2)
-    part = read_bytes(tmp_path, encode_msh(mesh_data, "4.1"))
+    part = read_msh_bytes(tmp_path, encode_msh(mesh_data, "4.1"))
     row = mesh_data.blocks[0].elements[0]
     row[4], row[5] = row[5], row[4]
     assert "cells" in describe_mesh_differences(part, mesh_data)
@@ -110,7 +115,7 @@ def test_gmshs_own_files_are_read_as_they_are(tmp_path, version, options):
             from_file(tmp_path / "a.msh", COMM)
         return
     part = from_file(tmp_path / "a.msh", COMM)
-    mesh_data = read_msh((tmp_path / "a.msh").read_bytes())
+    mesh_data = decode_msh((tmp_path / "a.msh").read_bytes())
     assert describe_mesh_differences(part, mesh_data) == ""
     if options == "Binary":  # text files have fewer digits
         assert describe_mesh_differences(model, mesh_data) == ""
@@ -125,7 +130,10 @@ def test_scripts_are_refused_and_the_users_gmsh_options_are_not_read(tmp_path, m
     for name in (".gmshrc", ".gmsh-options", "a.msh.opt", "a.geo", "a.pos", "a.opt"):
         (tmp_path / name).write_text(call)
     mesh_data = make_grouped_lattice_mesh("triangle", 1)
-    assert describe_mesh_differences(read_bytes(tmp_path, encode_msh(mesh_data, "4.1")), mesh_data) == ""
+    assert (
+        describe_mesh_differences(read_msh_bytes(tmp_path, encode_msh(mesh_data, "4.1")), mesh_data)
+        == ""
+    )
     for name in ("a.geo", "a.pos", "a.opt"):
         with pytest.raises(ValueError, match=r"Scripts .* are not run"):
             from_gmsh(COMM, name)
@@ -142,14 +150,14 @@ def test_without_groups_all_cells_are_taken_and_with_some_the_others_are_counted
     mesh_data.names = {}
     for block in mesh_data.blocks[:2]:
         block.groups = ()
-    part = read_bytes(tmp_path, encode_msh(mesh_data, file_format))
+    part = read_msh_bytes(tmp_path, encode_msh(mesh_data, file_format))
     assert describe_mesh_differences(part, mesh_data) == ""
     assert part.mesh.topology.index_map(2).size_global == 8
     assert len(part.cell_tags.values) == 0
     assert caplog.text == ""
     mesh_data.blocks[1].groups = (2,)
     with caplog.at_level(logging.WARNING, "pw_elements"):
-        part = read_bytes(tmp_path, encode_msh(mesh_data, file_format))
+        part = read_msh_bytes(tmp_path, encode_msh(mesh_data, file_format))
     assert describe_mesh_differences(part, mesh_data) == ""
     assert "a.msh: 4 of 8 cells are in no physical group, and left out" in caplog.text
     assert "2 of 2 elements of dimension 1 in physical groups are no facets" in caplog.text
@@ -161,7 +169,7 @@ def test_groups_that_overlap_are_found_by_their_names(tmp_path, caplog, file_for
     mesh_data.blocks[0].groups, mesh_data.blocks[1].groups = (3, 5), (5,)
     mesh_data.names = {(2, 3): "half", (2, 5): "all", (1, 3): "side"}
     with caplog.at_level(logging.WARNING, "pw_elements"):
-        part = read_bytes(tmp_path, encode_msh(mesh_data, file_format))
+        part = read_msh_bytes(tmp_path, encode_msh(mesh_data, file_format))
     assert "2 cells are in several physical groups at once" in caplog.text
     tags = {name: {*tags} for name, tags in part.names["cells"].items()}
     assert tags == {"half": {6}, "all": {5, 6}}
@@ -169,15 +177,15 @@ def test_groups_that_overlap_are_found_by_their_names(tmp_path, caplog, file_for
     assert len(part.cells("all")) == 4
     mesh_data.names.pop((2, 5))
     with pytest.raises(ValueError, match="cells are in the physical groups 3, 5 at once: give all"):
-        read_bytes(tmp_path, encode_msh(mesh_data, file_format))
+        read_msh_bytes(tmp_path, encode_msh(mesh_data, file_format))
 
 
 def test_cells_of_one_type_in_groups_are_read_beside_others(tmp_path):
     mesh_data = make_grouped_lattice_mesh("quadrilateral", 1)
     quad = mesh_data.blocks[0].elements.pop(0)
     a, b, c, d = quad[1:]
-    mesh_data.blocks.append(Block(2, 9, (), [[91, a, b, c], [92, a, c, d]]))
-    part = read_bytes(tmp_path, encode_msh(mesh_data, "4.1"))
+    mesh_data.blocks.append(ElementBlock(2, 9, (), [[91, a, b, c], [92, a, c, d]]))
+    part = read_msh_bytes(tmp_path, encode_msh(mesh_data, "4.1"))
     assert part.mesh.topology.cell_name() == "quadrilateral"
     assert part.mesh.topology.index_map(2).size_global == 3
 
@@ -237,4 +245,4 @@ def test_a_file_with_a_flat_cell_is_named_in_the_error(tmp_path):
     a, b, c = (x[number] for number in mesh_data.blocks[0].elements[0][1:])
     c[1:3] = [(p + q) / 2 for p, q in zip(a[1:3], b[1:3], strict=True)]
     with pytest.raises(ValueError, match=r"a\.msh: cells around .* have no volume"):
-        read_bytes(tmp_path, encode_msh(mesh_data, "4.1"))
+        read_msh_bytes(tmp_path, encode_msh(mesh_data, "4.1"))

@@ -38,22 +38,34 @@ from pw_elements.solvers import automatic
 from study.benchmarks.v15_incompressible.fields import layer_error, make_layered_mesh
 from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import discretise, mass_left
-from tests.contact.cases import GALERKIN, PW, ElasticBody, make_finite_strain_unknown_and_residual, on_plane
-from tests.contact.iterative import STACKED_CASE_MAKERS_BY_NAME, SolidBlock, nearly_sliding_contact_arguments
+from tests.contact.cases import (
+    GALERKIN,
+    PW,
+    ElasticBody,
+    make_finite_strain_unknown_and_residual,
+    on_plane,
+)
+from tests.contact.iterative import (
+    STACKED_CASE_MAKERS_BY_NAME,
+    SolidBlock,
+    nearly_sliding_contact_arguments,
+)
 from tests.contact.two_bodies import StackedBlocks
 from tests.parallel import assert_same_on_processes
 
 
-def box(comm, size=(1, 1, 2), divisions=(3, 3, 5), cell_name="tetrahedron"):
+def make_box_mesh(comm, size=(1, 1, 2), divisions=(3, 3, 5), cell_name="tetrahedron"):
     return create_box(comm, [(0, 0, 0), size], divisions, CellType[cell_name])
 
 
 def make_lower_end_supports(body, axis, displacements=(0.0, 0.0, 0.0)):
     """Create supports that fix the lower end of a body along an axis."""
-    return body.make_supports(*((i, on_plane(axis, 0.0), displacements[i]) for i in range(body.dim)))
+    return body.make_supports(
+        *((i, on_plane(axis, 0.0), displacements[i]) for i in range(body.dim))
+    )
 
 
-def sizes(hybrid_space, solution):
+def displacement_and_pressure_norms(hybrid_space, solution):
     """Return the norms of displacement and pressure of a hybrid body."""
     fields = zip(("displacement", "pressure"), split(hybrid_space, solution), strict=True)
     return {field: function.x.petsc_vec.norm() for field, function in fields}
@@ -62,7 +74,7 @@ def sizes(hybrid_space, solution):
 # -- linear problems -------------------------------------------------------------------------------
 
 
-def beam(comm, method):
+def compute_beam_numbers(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
     body = ElasticBody(mesh, method, "plane stress", 2.0)
     U, K, M, supports = body.space, body.K, body.M, make_lower_end_supports(body, 0, (0.0, 0.01))
@@ -93,7 +105,7 @@ def beam(comm, method):
     }
 
 
-def identity(comm):
+def assert_parallel_identities(comm):
     """Return no numbers, but assert two identities that hold on any number of processes.
 
     The stiffness of the new element is the force transfer matrix T times the standard stiffness
@@ -110,7 +122,7 @@ def identity(comm):
     return {}
 
 
-def element(comm, element_name):
+def compute_condensed_element_numbers(comm, element_name):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), smooth_distortion)
@@ -140,10 +152,13 @@ def element(comm, element_name):
     }
 
 
-def rubber(comm):
-    mesh = box(comm, (1, 1, 1), (3, 3, 3))
+def compute_rubber_numbers(comm):
+    mesh = make_box_mesh(comm, (1, 1, 1), (3, 3, 3))
     spaces = Spaces.petrov_galerkin(mesh)
-    U, (u, residual) = spaces.trial, make_finite_strain_unknown_and_residual(spaces, quadrature_degree=3)
+    U, (u, residual) = (
+        spaces.trial,
+        make_finite_strain_unknown_and_residual(spaces, quadrature_degree=3),
+    )
     depth = fem.Constant(mesh, -0.3)
     conditions = [prescribe(U, i, on_plane(2, 0.0)) for i in range(3)]
     conditions.append(prescribe(U, 2, on_plane(2, 1.0), depth))
@@ -157,18 +172,20 @@ def rubber(comm):
     }
 
 
-def hybrid(comm, state):
+def compute_hybrid_body_numbers(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
-    mesh = box(comm) if state == "solid" else move_nodes(square, smooth_distortion)
+    mesh = make_box_mesh(comm) if state == "solid" else move_nodes(square, smooth_distortion)
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))
     a = solve(body.K, f, make_lower_end_supports(body, 0, (0.0, 0.01, 0.02)))
-    return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
+    return displacement_and_pressure_norms(body.space, a) | {
+        "reactions": reactions(body.K, a, f).norm()
+    }
 
 
-def impact(comm):
-    body = ElasticBody(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
+def compute_impact_numbers(comm):
+    body = ElasticBody(make_box_mesh(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
     U = body.space
     sibling = Sibling.from_space(U)
     K, M = sibling.matrix(body.K), lumped_mass(sibling.matrix(body.M), U)
@@ -212,8 +229,11 @@ def impact(comm):
 
 
 def compute_iterative_clamped_body_numbers(comm, cell):
-    body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
-    f, supports = body.body_force_load((0.0, 0.3, -1.0)), make_lower_end_supports(body, 0, (0.0, 0.1, 0.2))
+    body = ElasticBody(make_box_mesh(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
+    f, supports = (
+        body.body_force_load((0.0, 0.3, -1.0)),
+        make_lower_end_supports(body, 0, (0.0, 0.1, 0.2)),
+    )
     with pytest.raises(SingularSystem):
         solve(
             body.K, f, body.make_supports((0, on_plane(0, 0.0)), (1, on_plane(0, 0.0))), Iterative()
@@ -223,10 +243,15 @@ def compute_iterative_clamped_body_numbers(comm, cell):
     return {"displacement norm": displacement.norm(), "frequencies": modes.eigenvalues}
 
 
-def incompressible(comm, cell):
-    body = ElasticBody(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
-    f, supports = body.body_force_load((0.0, 3e8, -1e9)), make_lower_end_supports(body, 0, (0.0, 0.1, 0.2))
-    return sizes(body.space, solve(body.K, f, supports, Iterative()))
+def compute_iterative_incompressible_numbers(comm, cell):
+    body = ElasticBody(
+        make_box_mesh(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5
+    )
+    f, supports = (
+        body.body_force_load((0.0, 3e8, -1e9)),
+        make_lower_end_supports(body, 0, (0.0, 0.1, 0.2)),
+    )
+    return displacement_and_pressure_norms(body.space, solve(body.K, f, supports, Iterative()))
 
 
 def sum_contact_states(states):
@@ -279,16 +304,23 @@ def compute_auto_fallback_numbers(comm):
 
 
 def prefix_numbers_with_case_names(numbers_by_case):
-    return {f"{case} {key}": n for case, numbers in numbers_by_case.items() for key, n in numbers.items()}
+    return {
+        f"{case} {key}": n
+        for case, numbers in numbers_by_case.items()
+        for key, n in numbers.items()
+    }
 
 
 def compute_all_direct_numbers(comm):
     return prefix_numbers_with_case_names(
-        {"galerkin": beam(comm, GALERKIN), "pw": beam(comm, PW)}
-        | {"identity": identity(comm)}
-        | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9")}
-        | {"rubber": rubber(comm), "impact": impact(comm)}
-        | {f"hybrid {state}": hybrid(comm, state) for state in ("axisymmetric", "solid")}
+        {"galerkin": compute_beam_numbers(comm, GALERKIN), "pw": compute_beam_numbers(comm, PW)}
+        | {"identity": assert_parallel_identities(comm)}
+        | {name: compute_condensed_element_numbers(comm, name) for name in ("pw-Q8", "pw-Q9")}
+        | {"rubber": compute_rubber_numbers(comm), "impact": compute_impact_numbers(comm)}
+        | {
+            f"hybrid {state}": compute_hybrid_body_numbers(comm, state)
+            for state in ("axisymmetric", "solid")
+        }
     )
 
 
@@ -306,9 +338,18 @@ def compute_all_iterative_numbers(comm):
 
     rubber = SolidBlock(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
     return prefix_numbers_with_case_names(
-        {cell: compute_iterative_clamped_body_numbers(comm, cell) for cell in ("tetrahedron", "hexahedron")}
-        | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
-        | {case: contact(SolidBlock(n=2, comm=comm).solve_contact_arguments(case)) for case in SINGLE_BODY_CASES}
+        {
+            cell: compute_iterative_clamped_body_numbers(comm, cell)
+            for cell in ("tetrahedron", "hexahedron")
+        }
+        | {
+            f"hybrid {cell}": compute_iterative_incompressible_numbers(comm, cell)
+            for cell in ("tetrahedron", "hexahedron")
+        }
+        | {
+            case: contact(SolidBlock(n=2, comm=comm).solve_contact_arguments(case))
+            for case in SINGLE_BODY_CASES
+        }
         | {"hybrid sphere": contact(rubber.solve_contact_arguments("sphere"))}
         | {
             case: stack_numbers(case, modulus_ratio=0.5)
@@ -316,11 +357,16 @@ def compute_all_iterative_numbers(comm):
         }
         | {"hybrid stacked": stack_numbers("held by contact", element="hybrid", nu=0.5)}
         | {"sliding": contact(nearly_sliding_contact_arguments(SolidBlock(n=2, comm=comm)))}
-        | {"blocked": compute_block_matrix_numbers(comm), "auto": compute_auto_fallback_numbers(comm)}
+        | {
+            "blocked": compute_block_matrix_numbers(comm),
+            "auto": compute_auto_fallback_numbers(comm),
+        }
     )
 
 
-@pytest.mark.parametrize(("numbers", "rel"), [(compute_all_direct_numbers, 1e-10), (compute_all_iterative_numbers, 1e-8)])
+@pytest.mark.parametrize(
+    ("numbers", "rel"), [(compute_all_direct_numbers, 1e-10), (compute_all_iterative_numbers, 1e-8)]
+)
 def test_same_numbers_on_several_processes(numbers, rel, request):
     processes = 3 if request.config.getoption("--nightly") else 2
     assert_same_on_processes(numbers, processes=[processes], rel=rel)

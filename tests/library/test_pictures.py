@@ -15,7 +15,7 @@ from pw_elements.meshes import curved_mesh, triangles
 COMM = MPI.COMM_SELF
 
 
-def area(polygon):
+def polygon_area(polygon):
     x, y = np.asarray(polygon).T[:2]
     return 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
 
@@ -29,7 +29,7 @@ def coloured_polygons(axes):
 
 
 @pytest.fixture
-def axes():
+def figure_axes():
     return Figure().subplots()
 
 
@@ -60,7 +60,7 @@ def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(figure_axes, cell, vie
     up, turned = np.radians(view)
     eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
     shadow = np.abs(eye) @ (np.prod(size) / size)
-    assert sum(area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(shadow)
+    assert sum(polygon_area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(shadow)
     assert len(coloured_polygons(figure_axes)) == faces * 128  # each face is drawn in 128 parts
 
 
@@ -81,7 +81,9 @@ def test_a_ball_is_seen_as_a_disc(figure_axes):
         return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
 
     draw(curved_mesh(box, ball), axes=figure_axes, view=(17, 33))
-    assert sum(area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(np.pi, rel=0.02)
+    assert sum(polygon_area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(
+        np.pi, rel=0.02
+    )
 
 
 def test_stress_on_the_axis_of_rotation_is_drawn(figure_axes):

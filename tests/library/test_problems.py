@@ -25,10 +25,10 @@ from pw_elements import (
     test_space,
 )
 from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane
-from tests.library.properties import boundary_dofs, unit_mesh
+from tests.library.properties import boundary_dofs, make_distorted_unit_mesh
 
-DX = ufl.dx(metadata={"quadrature_degree": 6})
-A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
+DX_OF_DEGREE_6 = ufl.dx(metadata={"quadrature_degree": 6})
+DEFORMATION_GRADIENT = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 
 def make_scalar_functions_and_rim(mesh):
@@ -42,15 +42,17 @@ def interpolate(V, field):
     return g
 
 
-def rubber(mesh, method=Spaces.petrov_galerkin):
+def make_rubber_residual(mesh, method=Spaces.petrov_galerkin):
     spaces = method(mesh)
     return spaces.trial, *make_finite_strain_unknown_and_residual(spaces, quadrature_degree=6)
 
 
 def make_pressed_square_problem(depth, cells_per_side=4):
     """Create a square whose left half is pressed from above and cannot slide."""
-    mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [cells_per_side, cells_per_side])
-    (V, u, F), move = rubber(mesh), fem.Constant(mesh, depth)
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [cells_per_side, cells_per_side]
+    )
+    (V, u, F), move = make_rubber_residual(mesh), fem.Constant(mesh, depth)
 
     def above(x):
         return np.isclose(x[1], 1.0) & (x[0] < 0.5 + 1e-9)
@@ -71,26 +73,31 @@ def make_pressed_square_problem(depth, cells_per_side=4):
 def test_nonlinear_poisson_converges_with_orders_three_and_two(cell, sizes):
     errors = []
     for n in sizes:
-        V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(cell, n))
+        V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(cell, n))
         x = ufl.SpatialCoordinate(V.mesh)
         exact = ufl.sin(2 * x[0]) * ufl.exp(x[1])
         f = -ufl.div((1 + exact**2) * ufl.grad(exact))
-        F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - f * v * DX
+        F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - f * v * DX_OF_DEGREE_6
         nodal_exact = interpolate(V, lambda x: np.sin(2 * x[0]) * np.exp(x[1]))
         PetrovGalerkinProblem(F, u, fem.dirichletbc(nodal_exact, rim)).solve()
         e = u - exact
         errors.append(
-            [np.sqrt(assemble_scalar(w * DX)) for w in (e**2, ufl.inner(ufl.grad(e), ufl.grad(e)))]
+            [
+                np.sqrt(assemble_scalar(w * DX_OF_DEGREE_6))
+                for w in (e**2, ufl.inner(ufl.grad(e), ufl.grad(e)))
+            ]
         )
     orders = np.log2(np.array(errors[0]) / errors[1])
     assert orders == pytest.approx([3.0, 2.0], abs=0.25)
 
 
 def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
-    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.tetrahedron, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.tetrahedron, 2))
     x, w = ufl.SpatialCoordinate(V.mesh), ufl.TrialFunction(V)
-    a = (1 + x[0]) * ufl.inner(ufl.grad(w), ufl.grad(v)) * DX + 3.0 * w * v * DX
-    L = ufl.exp(x[1]) * v * DX
+    a = (1 + x[0]) * ufl.inner(
+        ufl.grad(w), ufl.grad(v)
+    ) * DX_OF_DEGREE_6 + 3.0 * w * v * DX_OF_DEGREE_6
+    L = ufl.exp(x[1]) * v * DX_OF_DEGREE_6
     condition = fem.dirichletbc(interpolate(V, lambda x: x[0] * x[2]), rim)
     problem = PetrovGalerkinProblem(ufl.action(a, u) - L, u, condition, Direct())
     assert problem.solve() is u
@@ -105,10 +112,10 @@ def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
 
 @pytest.mark.parametrize("cell", [CellType.triangle, CellType.tetrahedron, CellType.hexahedron])
 def test_homogeneous_deformation_is_exact(cell):
-    mesh = unit_mesh(cell, 2)
-    V, u, F = rubber(mesh)
+    mesh = make_distorted_unit_mesh(cell, 2)
+    V, u, F = make_rubber_residual(mesh)
     dim = mesh.geometry.dim
-    strain = A[:dim, :dim] - np.eye(dim)
+    strain = DEFORMATION_GRADIENT[:dim, :dim] - np.eye(dim)
     g = fem.Function(V)
 
     def load(share):
@@ -119,7 +126,7 @@ def test_homogeneous_deformation_is_exact(cell):
     exact = V.tabulate_dof_coordinates()[:, :dim] @ strain.T
     assert np.abs(u.x.array.reshape(-1, dim) - exact).max() < 1e-13
     # reactions are the stress times the weights' integrals: forces on one side are the traction
-    F_exact = A[:dim, :dim]
+    F_exact = DEFORMATION_GRADIENT[:dim, :dim]
     inverse = np.linalg.inv(F_exact).T
     stress = F_exact - inverse + 1.5 * np.log(np.linalg.det(F_exact)) * inverse
     v = ufl.TestFunction(test_space(V))
@@ -175,9 +182,9 @@ def test_a_second_load_starts_from_the_first_solution():
 
 
 def test_a_body_without_supports_is_refused_as_singular():
-    _, u, F = rubber(unit_mesh(CellType.triangle, 2))
+    _, u, F = make_rubber_residual(make_distorted_unit_mesh(CellType.triangle, 2))
     v = F.arguments()[0]
-    problem = PetrovGalerkinProblem(F - v[0] * DX, u)
+    problem = PetrovGalerkinProblem(F - v[0] * DX_OF_DEGREE_6, u)
     with pytest.raises(SingularSystem, match="conditions leave a motion free"):
         problem.solve()
 
@@ -187,7 +194,7 @@ def laplace_residual(u, v):
 
 
 def test_invalid_problems_are_refused():
-    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.triangle, 2))
     linear_space = fem.functionspace(V.mesh, ("Lagrange", 1))
     problem_type, test, trial = (
         PetrovGalerkinProblem,
@@ -230,18 +237,22 @@ def test_invalid_problems_are_refused():
 
 
 def test_a_residual_that_is_not_finite_is_no_solution():
-    V, u, v, rim = make_scalar_functions_and_rim(unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.triangle, 2))
     condition = fem.dirichletbc(0.0, rim, V)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(laplace_residual(u, v) - ufl.ln(u) * v * DX, u, condition).solve()
+        PetrovGalerkinProblem(
+            laplace_residual(u, v) - ufl.ln(u) * v * DX_OF_DEGREE_6, u, condition
+        ).solve()
     source = fem.Constant(V.mesh, np.nan)
     with pytest.raises(NotConverged, match="the residual is not finite"):
-        PetrovGalerkinProblem(laplace_residual(u, v) - source * v * DX, u, condition).solve()
+        PetrovGalerkinProblem(
+            laplace_residual(u, v) - source * v * DX_OF_DEGREE_6, u, condition
+        ).solve()
     assert not u.x.array.any()
 
 
 def test_functionals_of_weight_functions_on_tetrahedra_are_exact():
-    mesh = unit_mesh(CellType.tetrahedron, 2)
+    mesh = make_distorted_unit_mesh(CellType.tetrahedron, 2)
     W = Spaces.petrov_galerkin(mesh, 0).test
     w, v = fem.Function(W), ufl.TestFunction(W)
     w.x.array[:] = np.cos(np.arange(len(w.x.array)))

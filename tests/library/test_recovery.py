@@ -20,10 +20,10 @@ from pw_elements import (
 from pw_elements.elasticity import order_by_position
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
-from tests.library.properties import boundary_dofs, unit_mesh
+from tests.library.properties import boundary_dofs, make_distorted_unit_mesh
 
-CELLS = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
-PLANE = [
+CELL_TYPES = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
+PLANE_BODY_SETTINGS = [
     (triangles, GALERKIN, "plane stress"),
     (triangles, PW, "plane strain"),
     (triangles, GALERKIN, "axisymmetric"),
@@ -33,7 +33,7 @@ PLANE = [
 ]
 
 
-def uneven_block(make_mesh=triangles, method=PW, state="plane stress", thickness=1.0):
+def make_block_of_uneven_cells(make_mesh=triangles, method=PW, state="plane stress", thickness=1.0):
     """Create a block 2 x 1 with cells of different widths."""
     mesh = make_mesh(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
@@ -55,7 +55,7 @@ def test_forces_along_a_side_are_ordered_by_position(side, axis):
 
     On a side at constant x, round-off of x must not decide the order.
     """
-    body = uneven_block()
+    body = make_block_of_uneven_cells()
     body.mesh.geometry.x[::2] *= 1 + 1e-15
     end = body.mesh.geometry.x[:, side].max()
     f = body.traction_load((2.0, 5.0), on_plane(side, end))
@@ -64,10 +64,10 @@ def test_forces_along_a_side_are_ordered_by_position(side, axis):
     assert np.allclose(line.force.sum(axis=0), f.array_r.reshape(-1, 2).sum(axis=0))
 
 
-@pytest.mark.parametrize(("build", "method", "state"), PLANE)
+@pytest.mark.parametrize(("build", "method", "state"), PLANE_BODY_SETTINGS)
 def test_nodal_pressures_reproduce_a_uniform_pressure(build, method, state):
     thickness = 1.0 if state == "axisymmetric" else 0.4
-    body = uneven_block(build, method, state, thickness)
+    body = make_block_of_uneven_cells(build, method, state, thickness)
     surface = SurfaceNodes.from_body(body.body, on_plane(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
     total = np.pi * end**2 if state == "axisymmetric" else thickness * end
@@ -99,13 +99,13 @@ def test_sawtooth_of_uniform_pressure_is_two_for_standard_and_one_for_new_elemen
 
 
 def test_sawtooth_and_unevenness_leave_out_open_and_rim_nodes():
-    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(make_block_of_uneven_cells().body, on_plane(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
 
 
-@pytest.mark.parametrize("cell", CELLS[:2])
+@pytest.mark.parametrize("cell", CELL_TYPES[:2])
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_surface_nodes_and_pressures_on_faces_of_solids(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
@@ -129,9 +129,9 @@ def test_surface_nodes_and_pressures_on_faces_of_solids(cell, method):
         assert surface.tributary_pressure(force)[corner] == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_TYPES)
 def test_transferred_loads_are_those_of_the_weight_functions(cell):
-    dim = 3 if cell in CELLS[:2] else 2
+    dim = 3 if cell in CELL_TYPES[:2] else 2
     if dim == 3:
         mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
     else:
@@ -151,29 +151,29 @@ def test_transferred_loads_are_those_of_the_weight_functions(cell):
 
 
 def test_edges_rim_and_tributary_areas_of_a_line_are_exact():
-    surface = SurfaceNodes.from_body(uneven_block().body, on_plane(1, 0.0))
+    surface = SurfaceNodes.from_body(make_block_of_uneven_cells().body, on_plane(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
     assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
 
 
-SLOPE = np.array([1.3, -0.7, 0.4])
+EXACT_GRADIENT = np.array([1.3, -0.7, 0.4])
 
 
-def side(x):
+def on_left_side(x):
     return np.isclose(x[0], 0.0)
 
 
 def solve_poisson_for_reactions(cell, method, components=0, field=None, source=0.0):
     """Return the reactions of div grad u = -source with u prescribed on the whole boundary."""
-    spaces = method(mesh := unit_mesh(cell, 3), components)
+    spaces = method(mesh := make_distorted_unit_mesh(cell, 3), components)
     U = spaces.trial
     u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
     g = fem.Function(U)
 
     def linear(x):
-        value = SLOPE[: mesh.geometry.dim] @ x[: mesh.geometry.dim]
+        value = EXACT_GRADIENT[: mesh.geometry.dim] @ x[: mesh.geometry.dim]
         return np.array([(k + 1) * value for k in range(components)]) if components else value
 
     g.interpolate(field or linear)
@@ -184,10 +184,12 @@ def solve_poisson_for_reactions(cell, method, components=0, field=None, source=0
     return spaces, reactions(K, a, f), f
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_TYPES)
 @pytest.mark.parametrize("components", [0, 2])
 def test_a_uniform_flux_is_exact_at_every_node(cell, components):
-    expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
+    expected = (
+        -EXACT_GRADIENT[0] * np.arange(1, components + 1) if components else -EXACT_GRADIENT[0]
+    )
     new, r_new, _ = solve_poisson_for_reactions(cell, PW, components)
     standard, r, _ = solve_poisson_for_reactions(cell, GALERKIN, components)
     ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
@@ -195,7 +197,7 @@ def test_a_uniform_flux_is_exact_at_every_node(cell, components):
     if cell != CellType.tetrahedron:
         ways.append((standard, r, "weight"))
     for spaces, forces, area in ways:
-        heat = nodal_flux(spaces, forces, side, area)
+        heat = nodal_flux(spaces, forces, on_left_side, area)
         inside = ~heat.surface.rim
         assert inside.any()
         assert np.abs(heat.flux[inside] - expected).max() < 1e-12, area
@@ -206,7 +208,9 @@ def test_the_total_flux_balances_the_source(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
 
-    spaces, r, f = solve_poisson_for_reactions(CellType.tetrahedron, method, field=field, source=-2.0)
+    spaces, r, f = solve_poisson_for_reactions(
+        CellType.tetrahedron, method, field=field, source=-2.0
+    )
     heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
     assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
     assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # of moved vertices
@@ -215,5 +219,5 @@ def test_the_total_flux_balances_the_source(method):
 
 def test_fluxes_are_divided_by_the_depth():
     spaces, r, _ = solve_poisson_for_reactions(CellType.triangle, PW)
-    thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
+    thin, thick = (nodal_flux(spaces, r, on_left_side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

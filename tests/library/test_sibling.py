@@ -15,7 +15,7 @@ from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
 
-class Block(ElasticBody):
+class BlockWithSibling(ElasticBody):
     """Block of cells of different shapes, with its symmetric sibling element."""
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
@@ -44,7 +44,7 @@ class Block(ElasticBody):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
-    block = Block(cell, 1)
+    block = BlockWithSibling(cell, 1)
     T = dense(force_transfer(block.space))
     assert dense(block.sibling.basis) == pytest.approx(T.T, abs=1e-15)
     assert dense(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
@@ -52,7 +52,7 @@ def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_sibling_displacements_and_spectrum_are_galerkins(cell):
-    block = Block(cell, 1)
+    block = BlockWithSibling(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
     f = block.traction_load(np.arange(1.0, block.dim + 1), on_plane(0, 0.0))
     prescribed = [(i, on_plane(1, 1.0), 0.1 * i) for i in range(block.dim)]
@@ -80,7 +80,7 @@ def test_lumped_mass_equals_the_load_of_a_unit_body_force(cell):
 
     Both are integrals of the basis functions, which are the row sums of the mass matrix.
     """
-    block = Block(cell, 1)
+    block = BlockWithSibling(cell, 1)
     mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
     load = block.sibling.load(block.body_force_load(np.ones(block.dim)))
     assert load.array == pytest.approx(mass.array, rel=1e-12)
@@ -93,7 +93,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     For this, the sibling uses the gaps T^-T g, with T the force transfer matrix and g the nodal
     gaps. The nodal gaps themselves would leave mid-side nodes off the surface.
     """
-    block = Block(cell, 3)
+    block = BlockWithSibling(cell, 3)
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
@@ -114,7 +114,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
 
 
 def test_mismatched_matrices_of_the_sibling_are_refused():
-    block, new = Block("triangle", 1), Block("triangle", 1, PW)
+    block, new = BlockWithSibling("triangle", 1), BlockWithSibling("triangle", 1, PW)
     sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
     supports, sibling_K = (
         block.make_sibling_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))),
@@ -132,7 +132,7 @@ def test_mismatched_matrices_of_the_sibling_are_refused():
         (lambda: sibling.matrix(sibling_K), "belongs to the sibling already"),
         (lambda: new.sibling.matrix(new.K), "other weight functions"),
         (
-            lambda: Sibling.from_space(Q8(Block("quadrilateral").mesh).trial),
+            lambda: Sibling.from_space(Q8(BlockWithSibling("quadrilateral").mesh).trial),
             "quadratic Lagrange spaces",
         ),
         (

@@ -17,7 +17,7 @@ from pw_elements import Spaces, force_transfer
 from pw_elements.meshes import triangles
 
 X, Y, Z = sp.symbols("x y z")
-SIDES = {
+SIDE_ENDS_BY_DIMENSION = {
     1: ((0, 1),),
     2: ((1, 2), (0, 2), (0, 1)),
     3: ((2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)),
@@ -25,20 +25,23 @@ SIDES = {
 ZERO = sp.Integer(0)
 
 
-def points(dim):
+def reference_nodes(dim):
     vertices = [sp.zeros(dim, 1), *(sp.eye(dim)[:, k] for k in range(dim))]
-    return [*vertices, *((vertices[a] + vertices[b]) / 2 for a, b in SIDES[dim])]
+    return [*vertices, *((vertices[a] + vertices[b]) / 2 for a, b in SIDE_ENDS_BY_DIMENSION[dim])]
 
 
-def shapes(*coordinates):
+def quadratic_shape_functions(*coordinates):
     L = [1 - sum(coordinates), *coordinates]
-    return [*(k * (2 * k - 1) for k in L), *(4 * L[a] * L[b] for a, b in SIDES[len(coordinates)])]
+    return [
+        *(k * (2 * k - 1) for k in L),
+        *(4 * L[a] * L[b] for a, b in SIDE_ENDS_BY_DIMENSION[len(coordinates)]),
+    ]
 
 
-def transfer(dim):
+def force_transfer_matrix(dim):
     """Return T: a mid-side node keeps 3/4 of its equation, each end of the side gets an eighth."""
-    T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDES[dim]))
-    for middle, ends in enumerate(SIDES[dim], start=dim + 1):
+    T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDE_ENDS_BY_DIMENSION[dim]))
+    for middle, ends in enumerate(SIDE_ENDS_BY_DIMENSION[dim], start=dim + 1):
         for end in ends:
             T[end, middle] = sp.Rational(1, 8)
     return T
@@ -53,7 +56,7 @@ def triangle_weight_functions():
         (4, 5, 6): (ZERO, ZERO, ZERO, 1 - 2 * Y, 2 * X + 2 * Y - 1, 1 - 2 * X),
     }
     paper_numbers = (1, 2, 3, 5, 6, 4)  # the paper's numbers of Basix's nodes
-    position_of = dict(zip(paper_numbers, points(2), strict=True))
+    position_of = dict(zip(paper_numbers, reference_nodes(2), strict=True))
     return [
         ([position_of[n] for n in sub], [w[n - 1] for n in paper_numbers])
         for sub, w in printed.items()
@@ -65,13 +68,13 @@ def tetrahedron_weight_functions(diagonal):
 
     Four sub-tetrahedra are at the vertices. The octahedron is cut into the others along a diagonal.
     """
-    middles = {4 + k: set(ends) for k, ends in enumerate(SIDES[3])}
+    middles = {4 + k: set(ends) for k, ends in enumerate(SIDE_ENDS_BY_DIMENSION[3])}
     subs = [(v, *(m for m, ends in middles.items() if v in ends)) for v in range(4)]
     ring = [m for m in middles if m not in diagonal]
     subs += [(*diagonal, a, b) for a, b in combinations(ring, 2) if middles[a] & middles[b]]
     pieces = []
     for sub in subs:
-        corners = [points(3)[n] for n in sub]
+        corners = [reference_nodes(3)[n] for n in sub]
         basis = sp.Matrix([[1, X, Y, Z]]) * sp.Matrix([[1, *c] for c in corners]).inv()
         pieces.append((corners, [basis[sub.index(n)] if n in sub else ZERO for n in range(10)]))
     return pieces
@@ -80,7 +83,7 @@ def tetrahedron_weight_functions(diagonal):
 OCTAHEDRON_DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of two sides without a common end
 
 
-def integral(polynomial, corners, variables):
+def integrate_over_simplex(polynomial, corners, variables):
     """Return the integral of a polynomial over a simplex."""
     local = sp.symbols(f"s1:{len(corners)}")
     edges = sp.Matrix.hstack(*(corner - corners[0] for corner in corners[1:]))
@@ -95,29 +98,33 @@ def integral(polynomial, corners, variables):
     return total * sp.sqrt((edges.T * edges).det())
 
 
-def defect(weights, variables, form):
+def transfer_defect(weights, variables, form):
     """Return integrals of form(weight function), less T times those of form(shape function)."""
-    N = shapes(*variables)
+    N = quadratic_shape_functions(*variables)
     new = sp.Matrix(
-        [sum(integral(form(w[i]), c, variables) for c, w in weights) for i in range(len(N))]
+        [
+            sum(integrate_over_simplex(form(w[i]), c, variables) for c, w in weights)
+            for i in range(len(N))
+        ]
     )
-    corners = points(len(variables))[: len(variables) + 1]
-    standard = sp.Matrix([integral(form(n), corners, variables) for n in N])
-    return new - transfer(len(variables)) * standard
+    corners = reference_nodes(len(variables))[: len(variables) + 1]
+    standard = sp.Matrix([integrate_over_simplex(form(n), corners, variables) for n in N])
+    return new - force_transfer_matrix(len(variables)) * standard
 
 
-def vanishes(weights, variables, *forms):
-    return all(not any(defect(weights, variables, form)) for form in forms)
+def is_transfer_exact(weights, variables, *forms):
+    return all(not any(transfer_defect(weights, variables, form)) for form in forms)
 
 
-def derivatives(variables, weight_derivative, shape_derivative, factor=1):
+def stiffness_forms(variables, weight_derivative, shape_derivative, factor=1):
     """Return the forms of a stiffness matrix, one for each of its columns.
 
     They are products of the first derivative of a weight and the second derivative of a shape
     function.
     """
     return [
-        lambda w, n=n: factor * sp.diff(w, weight_derivative) * sp.diff(n, shape_derivative) for n in shapes(*variables)
+        lambda w, n=n: factor * sp.diff(w, weight_derivative) * sp.diff(n, shape_derivative)
+        for n in quadratic_shape_functions(*variables)
     ]
 
 
@@ -129,17 +136,29 @@ def test_weights_and_transferred_shape_functions_have_equal_moments():
 
     Its mean over the triangle vanishes. Along each side its mean and its first moment vanish.
     """
-    assert vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: w)
-    for a, b in SIDES[2]:
-        ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
+    assert is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: w)
+    for a, b in SIDE_ENDS_BY_DIMENSION[2]:
+        ends, middle = (
+            (reference_nodes(2)[a], reference_nodes(2)[b]),
+            (reference_nodes(2)[a] + reference_nodes(2)[b]) / 2,
+        )
         for moment in (1, X + 2 * Y):  # X + 2 Y is not constant on any side
             side_moments = {}
             for half in ((ends[0], middle), (middle, ends[1])):
-                (functions,) = [w for corners, w in TRIANGLE_WEIGHT_FUNCTIONS if all(h in corners for h in half)]
+                (functions,) = [
+                    w for corners, w in TRIANGLE_WEIGHT_FUNCTIONS if all(h in corners for h in half)
+                ]
                 for i, w in enumerate(functions):
-                    side_moments[i] = side_moments.get(i, 0) + integral(moment * w, half, (X, Y))
-            whole = sp.Matrix([integral(moment * n, ends, (X, Y)) for n in shapes(X, Y)])
-            assert sp.Matrix(list(side_moments.values())) == transfer(2) * whole
+                    side_moments[i] = side_moments.get(i, 0) + integrate_over_simplex(
+                        moment * w, half, (X, Y)
+                    )
+            whole = sp.Matrix(
+                [
+                    integrate_over_simplex(moment * n, ends, (X, Y))
+                    for n in quadratic_shape_functions(X, Y)
+                ]
+            )
+            assert sp.Matrix(list(side_moments.values())) == force_transfer_matrix(2) * whole
             assert any(whole)
 
 
@@ -164,24 +183,27 @@ def test_new_stiffness_is_transferred_for_any_triangle_and_constant_elasticity()
             for a, b in combinations(corners, 2):
                 left, right = (
                     sp.Matrix.hstack(*(B(f, (a + b) / 2) for f in values_set))
-                    for values_set in (functions, shapes(X, Y))
+                    for values_set in (functions, quadratic_shape_functions(X, Y))
                 )
-                K += integral(1, corners, (X, Y)) / 3 * left.T * D * right
+                K += integrate_over_simplex(1, corners, (X, Y)) / 3 * left.T * D * right
         return K.applyfunc(sp.expand)
 
-    new, standard = stiffness_of(TRIANGLE_WEIGHT_FUNCTIONS), stiffness_of([(points(2)[:3], shapes(X, Y))])
-    T = sp.kronecker_product(transfer(2), sp.eye(2))
+    new, standard = (
+        stiffness_of(TRIANGLE_WEIGHT_FUNCTIONS),
+        stiffness_of([(reference_nodes(2)[:3], quadratic_shape_functions(X, Y))]),
+    )
+    T = sp.kronecker_product(force_transfer_matrix(2), sp.eye(2))
     assert (new - T * standard).applyfunc(sp.expand) == sp.zeros(12, 12)
     assert new != standard
 
 
 def test_new_stiffness_of_an_interval_is_transferred():
-    start, end, middle = points(1)
+    start, end, middle = reference_nodes(1)
     weights = [
         ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
         ([middle, end], [ZERO, 2 * X - 1, 2 - 2 * X]),
     ]
-    assert vanishes(weights, (X,), *derivatives((X,), X, X))
+    assert is_transfer_exact(weights, (X,), *stiffness_forms((X,), X, X))
 
 
 def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
@@ -190,28 +212,30 @@ def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
     Tractions are covered by `test_weights_and_transferred_shape_functions_have_equal_moments`. The relation does not hold for linear body loads and
     for forces at mid-side nodes.
     """
-    assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
-    assert not vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: X * w)  # a linear body load
-    assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force at a mid-side node
+    assert force_transfer_matrix(2)[:, :3] == sp.eye(6)[:, :3]
+    assert not is_transfer_exact(
+        TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: X * w
+    )  # a linear body load
+    assert force_transfer_matrix(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force at a mid-side node
 
 
 @pytest.mark.parametrize(
     "forms",
     [
         # a linear modulus or prestress
-        derivatives((X, Y), X, Y, factor=1 + X),
+        stiffness_forms((X, Y), X, Y, factor=1 + X),
         # the mass matrix
-        [lambda w, n=n: w * n for n in shapes(X, Y)],
+        [lambda w, n=n: w * n for n in quadratic_shape_functions(X, Y)],
         # axisymmetry: in axial rows, the terms with the shear modulus have the radius as a factor
-        derivatives((X, Y), X, X, factor=1 + X),
+        stiffness_forms((X, Y), X, X, factor=1 + X),
         # one mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y; the
         # stiffness' derivative by c at c = 0, of the part with both derivatives by x
-        derivatives((X, Y), X, X, factor=-4 * Y),
+        stiffness_forms((X, Y), X, X, factor=-4 * Y),
     ],
 )
 def test_transfer_fails_without_constant_data_or_straight_sides(forms):
-    assert vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *derivatives((X, Y), X, Y))
-    assert not vanishes(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *forms)
+    assert is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *stiffness_forms((X, Y), X, Y))
+    assert not is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *forms)
 
 
 @pytest.mark.parametrize("cuts", [OCTAHEDRON_DIAGONALS[:1], OCTAHEDRON_DIAGONALS], ids=str)
@@ -227,12 +251,24 @@ def test_tetrahedra_have_no_force_transfer_matrix(cuts):
     def rows(variables, pieces):
         forms = [lambda f, v=v, p=p: p * sp.diff(f, v) for v in (X, Y) for p in (1, *variables)]
         return [
-            sp.Matrix([[sum(integral(g(w[i]), c, variables) for c, w in pieces) for g in forms]])
+            sp.Matrix(
+                [
+                    [
+                        sum(integrate_over_simplex(g(w[i]), c, variables) for c, w in pieces)
+                        for g in forms
+                    ]
+                ]
+            )
             for i in range(len(variables) + 1, len(pieces[0][1]))
         ]
 
     def parallel(variables, pieces):
-        standard = [(points(len(variables))[: len(variables) + 1], shapes(*variables))]
+        standard = [
+            (
+                reference_nodes(len(variables))[: len(variables) + 1],
+                quadratic_shape_functions(*variables),
+            )
+        ]
         pairs_of_rows = zip(rows(variables, pieces), rows(variables, standard), strict=True)
         return [new.col_join(old).rank() == 1 for new, old in pairs_of_rows]
 
@@ -262,4 +298,4 @@ def test_the_librarys_force_transfer_equals_that_of_the_proof():
     T = force_transfer(U)
     for cell in U.dofmap.list:
         cell_T = T.getValues(2 * cell, 2 * cell)
-        assert cell_T == pytest.approx(np.array(transfer(2), dtype=float), abs=0)
+        assert cell_T == pytest.approx(np.array(force_transfer_matrix(2), dtype=float), abs=0)

@@ -7,14 +7,20 @@ import numpy as np
 
 # enumerators of adios2_c_types.h
 READ_STEP, READ, SYNC, END = 2, 2, 5, 2
-NAMES = (
+VTX_FIELD_NAMES = (
     "geometry connectivity displacement contact_force gap slip status pressure tributary_pressure "
     "traction true_pressure"
 )
-CALLS = ("init_serial", "declare_io", "open", "inquire_variable", "inquire_attribute")
+POINTER_RETURNING_CALLS = (
+    "init_serial",
+    "declare_io",
+    "open",
+    "inquire_variable",
+    "inquire_attribute",
+)
 
 
-def library():
+def load_adios2_library():
     """Return ADIOS2's C library, next to the one that DOLFINx has loaded; None if it is missing."""
     import dolfinx  # noqa: F401
 
@@ -23,7 +29,7 @@ def library():
     for folder in {Path(name).parent for name in loaded}:
         for path in sorted(folder.glob("libadios2*_c.so*")):
             shared_library = ctypes.CDLL(str(path))
-            for name in CALLS:
+            for name in POINTER_RETURNING_CALLS:
                 getattr(shared_library, f"adios2_{name}").restype = ctypes.c_void_p
             shared_library.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
             return shared_library
@@ -32,7 +38,7 @@ def library():
 
 def iterate_adios2_steps(path):
     """Yield the library, the open file and its variables at each step."""
-    adios = library()
+    adios = load_adios2_library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
     io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
     engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
@@ -49,24 +55,24 @@ def iterate_adios2_steps(path):
     adios.adios2_finalize(handle)
 
 
-def read(path):
+def read_times_and_fields(path):
     """Return time and fields (points, components) of each step, with the blocks of all writers."""
     steps = []
     for adios, io, engine in iterate_adios2_steps(path):
         values = {}
-        for name in NAMES.split():
+        for name in VTX_FIELD_NAMES.split():
             variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, name.encode()))
             if variable:
                 kind = np.int64 if name == "connectivity" else np.float64
-                values[name] = blocks(adios, engine, variable, len(steps), kind)
+                values[name] = read_blocks_of_all_writers(adios, engine, variable, len(steps), kind)
         time = np.empty(1)
         variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, b"step"))
-        assert adios.adios2_get(engine, variable, pointer(time), SYNC) == 0
+        assert adios.adios2_get(engine, variable, as_c_pointer(time), SYNC) == 0
         steps.append((time[0], values))
     return steps
 
 
-def scheme(path):
+def read_vtk_schema(path):
     """Return the XML schema that ParaView reads."""
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
     for adios, io, _ in iterate_adios2_steps(path):
@@ -75,7 +81,7 @@ def scheme(path):
     return text.value.decode()
 
 
-def blocks(adios, engine, variable, step, dtype):
+def read_blocks_of_all_writers(adios, engine, variable, step, dtype):
     # {int Dims; size_t *Shape; int IsValue, IsReverseDims; size_t nblocks; ...}
     count = adios.adios2_inquire_blockinfo(engine, variable, ctypes.c_size_t(step))[3]
     arrays = []
@@ -84,10 +90,10 @@ def blocks(adios, engine, variable, step, dtype):
         shape = (ctypes.c_size_t * 2)()
         assert adios.adios2_variable_count(shape, variable) == 0
         values = np.empty(tuple(shape), dtype=dtype)
-        assert adios.adios2_get(engine, variable, pointer(values), SYNC) == 0
+        assert adios.adios2_get(engine, variable, as_c_pointer(values), SYNC) == 0
         arrays.append(values)
     return np.concatenate(arrays) if arrays else None
 
 
-def pointer(array):
+def as_c_pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)

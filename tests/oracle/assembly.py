@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from tests.oracle.elements import ELEMENTS, tabulate_at_gauss_points
+from tests.oracle.elements import REFERENCE_ELEMENTS, tabulate_at_gauss_points
 
 NodeMarker = Callable[[np.ndarray], np.ndarray]
 
@@ -33,7 +33,7 @@ class GaussPointData(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Body:
+class LinearElasticBody:
     """An elastic body: mesh, element, weights, material, and plane or axisymmetric state."""
 
     nodes: np.ndarray
@@ -95,13 +95,17 @@ class Body:
 
     def body_load(self, force_per_volume: tuple[float, ...]) -> np.ndarray:
         """Assemble the load vector of a constant force per volume."""
-        per_node = sum(np.outer(point.volume, point.weights) for point in self._iterate_gauss_points())
+        per_node = sum(
+            np.outer(point.volume, point.weights) for point in self._iterate_gauss_points()
+        )
         return self._assemble_vector(per_node, force_per_volume)
 
     def traction_load(self, where: NodeMarker, traction: tuple[float, ...]) -> np.ndarray:
         """Assemble the load vector of a traction on the facets whose nodes all satisfy `where`."""
         boundary = self._boundary_facets_as_body(where)
-        per_node = sum(np.outer(point.volume, point.weights) for point in boundary._iterate_gauss_points())
+        per_node = sum(
+            np.outer(point.volume, point.weights) for point in boundary._iterate_gauss_points()
+        )
         return boundary._assemble_vector(per_node, traction)
 
     def component_mask(self, where: NodeMarker, components: tuple[int, ...]) -> np.ndarray:
@@ -110,9 +114,9 @@ class Body:
         mask[:, components] = where(self.nodes)[:, None]
         return mask
 
-    def _boundary_facets_as_body(self, where: NodeMarker) -> "Body":
+    def _boundary_facets_as_body(self, where: NodeMarker) -> "LinearElasticBody":
         """Return a body that consists of the facets whose nodes all satisfy `where`."""
-        element = ELEMENTS[self.element]
+        element = REFERENCE_ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]
         return replace(self, cells=facets, element=element.facet, n_gauss=4)
@@ -164,7 +168,9 @@ class Body:
         positions = (rows.ravel(), columns.ravel())
         return sparse.coo_matrix((cell_matrices.ravel(), positions), shape).tocsc()
 
-    def _assemble_vector(self, scalar_cell_vectors: np.ndarray, constant_vector: tuple[float, ...]) -> np.ndarray:
+    def _assemble_vector(
+        self, scalar_cell_vectors: np.ndarray, constant_vector: tuple[float, ...]
+    ) -> np.ndarray:
         """Assemble the global vector from cell vectors (c, n) times a constant vector (dim,)."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.cells, scalar_cell_vectors)

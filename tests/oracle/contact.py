@@ -30,14 +30,16 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 MAX_SWEEPS, SWEEPS_PER_NEWTON = 5_000, 10
-LAW_TOLERANCE_OVER_LARGEST_FORCE = 1e-11  # tolerance of the law's conditions, used by `violation_over_tolerance`
+LAW_TOLERANCE_OVER_LARGEST_FORCE = (
+    1e-11  # tolerance of the law's conditions, used by `violation_over_tolerance`
+)
 SINGULAR_CONDITION_NUMBER = 1e13  # tangents with a larger condition number count as singular
 MACHINE_EPSILON = float(np.finfo(float).eps)
 PointFunction = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Pair:
+class NodesAndSurface:
     """Contact nodes that face one rigid surface or the nodes of another body."""
 
     nodes: np.ndarray
@@ -49,7 +51,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class State:
+class IncrementSolution:
     """Displacements (n, dim), forces and gaps by pair, translations, and violation of the law."""
 
     displacement: np.ndarray
@@ -67,10 +69,10 @@ def solve_increments(
     K: sparse.spmatrix,
     loads: Sequence[np.ndarray],
     prescribed_mask: np.ndarray,
-    pairs: Sequence[Pair],
+    pairs: Sequence[NodesAndSurface],
     node_positions: np.ndarray,
     spring_over_mean_stiffness: float = 1.0,
-) -> list[State]:
+) -> list[IncrementSolution]:
     """Return the states at the ends of all increments, by the method of this module.
 
     The springs of the method have `spring_over_mean_stiffness` times a mean stiffness of the contact nodes.
@@ -84,11 +86,16 @@ def solve_increments(
     for k, load in enumerate(loads):
         prescribed, forces = (
             np.array(part)
-            for part in zip(*(_prescribed_translation_and_force(p, k, node_positions) for p in pairs), strict=True)
+            for part in zip(
+                *(_prescribed_translation_and_force(p, k, node_positions) for p in pairs),
+                strict=True,
+            )
         )
         free = np.isnan(prescribed)
         if system is None or not np.array_equal(free, system.free):
-            system = _ContactCompliance(K, prescribed_mask, pairs, node_positions, free, spring_over_mean_stiffness)
+            system = _ContactCompliance(
+                K, prescribed_mask, pairs, node_positions, free, spring_over_mean_stiffness
+            )
         translations = np.where(free, translations, prescribed)
         state, previous_motion, spring_force_sum = system.solve_increment(
             load, translations, forces, previous_motion, spring_force_sum
@@ -98,13 +105,17 @@ def solve_increments(
     return states
 
 
-def relative_law_violation(forces: np.ndarray, scaled_gaps_and_slips: np.ndarray, mu: np.ndarray) -> float:
+def relative_law_violation(
+    forces: np.ndarray, scaled_gaps_and_slips: np.ndarray, mu: np.ndarray
+) -> float:
     """Return the largest violation of the law's conditions, divided by the largest force.
 
     The forces `forces` and the gaps and slips `scaled_gaps_and_slips`, times a stiffness, have the normal component first.
     """
     largest = np.abs(forces).max() or 1.0
-    (r_n, r_t), (g, v) = ((x[:, 0] / largest, x[:, 1:] / largest) for x in (forces, scaled_gaps_and_slips))
+    (r_n, r_t), (g, v) = (
+        (x[:, 0] / largest, x[:, 1:] / largest) for x in (forces, scaled_gaps_and_slips)
+    )
     friction, slip = np.linalg.norm(r_t, axis=1), np.linalg.norm(v, axis=1)
     friction_error = (slip[:, None] * r_t + (mu * r_n)[:, None] * v) / np.maximum(1.0, slip)[
         :, None
@@ -113,7 +124,9 @@ def relative_law_violation(forces: np.ndarray, scaled_gaps_and_slips: np.ndarray
     return float(max(violation.max() for violation in violations))
 
 
-def _prescribed_translation_and_force(pair: Pair, increment: int, node_positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _prescribed_translation_and_force(
+    pair: NodesAndSurface, increment: int, node_positions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the prescribed translation in increment k, NaN where it is free, and the force."""
     zero = np.zeros(node_positions.shape[1])
     translation, force = pair.motions[increment] if pair.motions else (zero, zero)
@@ -163,7 +176,9 @@ class _ContactCompliance:
         self.factors = splu(self.A)
         self.C = self.B @ self.factors.solve(self.B.T.toarray())
 
-    def solve_increment(self, load, translations, surface_forces, previous_relative_motion, augmented_forces):
+    def solve_increment(
+        self, load, translations, surface_forces, previous_relative_motion, augmented_forces
+    ):
         """Return the state, relative motion w (m, dim) and augmented force s (m, dim) at the end.
 
         Free translations change the gaps, and they do so linearly only for planes. Therefore gaps
@@ -187,7 +202,7 @@ class _ContactCompliance:
         u[self.free_dofs] = z[: len(self.free_dofs)]
         r, gap = augmented_forces - self.spring_stiffness * w, gap + np.sum(frame[:, 0] * w, axis=1)
         pair_masks = [self.pair == k for k in range(len(self.pairs))]
-        state = State(
+        state = IncrementSolution(
             u.reshape(self.nodes.shape),
             [r[of_pair] for of_pair in pair_masks],
             translations,
@@ -209,7 +224,9 @@ class _ContactCompliance:
         frame = np.eye(self.dim) - 2 * np.einsum("ma,mb->mab", h, h) / size[:, None, None]
         return frame, np.concatenate(gap) + np.sum(normal * shift, axis=1)
 
-    def _solve_with_fixed_frames_and_gaps(self, load, prescribed_translation, frame, gap, previous_relative_motion, s):
+    def _solve_with_fixed_frames_and_gaps(
+        self, load, prescribed_translation, frame, gap, previous_relative_motion, s
+    ):
         """Return z, w and s (m, dim) that obey the law in a fixed geometry, and its violation.
 
         See the module for z, w, s, C and alpha. Long slips, times alpha, lose digits of C s.
@@ -281,7 +298,9 @@ class _ContactLawSolver:
         total_ds = np.zeros((m, dim))
         for sweep in range(1, MAX_SWEEPS + 1):
             for i in range(m)[:: 1 if sweep % 2 else -1]:
-                projected = _shrink_to_friction_cone(forces[i] - self.node_stiffness[i] * gaps_and_slips[i], self.mu[i])
+                projected = _shrink_to_friction_cone(
+                    forces[i] - self.node_stiffness[i] * gaps_and_slips[i], self.mu[i]
+                )
                 ds = self.ds_of_dr[i] @ (projected - forces[i])
                 dy = (self.C[:, i * dim : (i + 1) * dim] @ ds).reshape(m, dim)
                 gaps_and_slips, forces = gaps_and_slips + dy, forces - self.alpha * dy
@@ -295,7 +314,11 @@ class _ContactLawSolver:
                 if violation < 0.1 * self.violation_over_tolerance(
                     gaps_and_slips, forces
                 ):  # only a large decrease is accepted, which excludes cycles
-                    gaps_and_slips, forces, total_ds = gaps_and_slips + dy, forces + dr, total_ds + ds
+                    gaps_and_slips, forces, total_ds = (
+                        gaps_and_slips + dy,
+                        forces + dr,
+                        total_ds + ds,
+                    )
                 if violation <= 1:
                     return total_ds
         raise NotConverged(f"{MAX_SWEEPS} sweeps")
@@ -305,7 +328,9 @@ class _ContactLawSolver:
         m, dim = forces.shape
         trial = [
             _shrink_to_friction_cone(*node_data)
-            for node_data in zip(forces - self.node_stiffness[:, None] * gaps_and_slips, self.mu, strict=True)
+            for node_data in zip(
+                forces - self.node_stiffness[:, None] * gaps_and_slips, self.mu, strict=True
+            )
         ]
         dr_ds, total_ds = np.eye(m * dim) - self.alpha * self.C, np.zeros((m, dim))
         for _ in range(8 if dim == 3 else 2):

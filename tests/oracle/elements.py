@@ -15,7 +15,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Element:
+class ReferenceElement:
     """A reference element: nodes in doubled coordinates, monomials, sub-cells and facets."""
 
     simplex: bool
@@ -28,16 +28,16 @@ class Element:
 
 
 _TRIANGLE_NODES_TIMES_2 = ((0, 0), (2, 0), (0, 2), (1, 1), (0, 1), (1, 0))
-_SQUARE = ((0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1))
-_TETRAHEDRON = (
+_SQUARE_NODES_TIMES_2 = ((0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1))
+_TETRAHEDRON_NODES_TIMES_2 = (
     *((0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2)),
     *((0, 1, 1), (1, 0, 1), (1, 1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)),
 )
 _NODE_NUMBERS_OF_SQUARE_SIDES = ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7))
 
-ELEMENTS = {
-    "L3": Element(True, ((0,), (2,), (1,)), ((0,), (1,), (2,)), ((0, 2), (2, 1))),
-    "T6": Element(
+REFERENCE_ELEMENTS = {
+    "L3": ReferenceElement(True, ((0,), (2,), (1,)), ((0,), (1,), (2,)), ((0, 2), (2, 1))),
+    "T6": ReferenceElement(
         True,
         _TRIANGLE_NODES_TIMES_2,
         _TRIANGLE_NODES_TIMES_2,  # the nodes equal the exponents of the monomials up to degree 2
@@ -45,26 +45,26 @@ ELEMENTS = {
         ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
         "L3",
     ),
-    "Q8": Element(
+    "Q8": ReferenceElement(
         False,
-        _SQUARE[:8],
+        _SQUARE_NODES_TIMES_2[:8],
         tuple(p for p in product(range(3), repeat=2) if p != (2, 2)),
         (),
         _NODE_NUMBERS_OF_SQUARE_SIDES,
         "L3",
     ),
-    "Q9": Element(
+    "Q9": ReferenceElement(
         False,
-        _SQUARE,
+        _SQUARE_NODES_TIMES_2,
         tuple(product(range(3), repeat=2)),
         ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
         _NODE_NUMBERS_OF_SQUARE_SIDES,
         "L3",
     ),
-    "T10": Element(
+    "T10": ReferenceElement(
         True,
-        _TETRAHEDRON,
-        _TETRAHEDRON,
+        _TETRAHEDRON_NODES_TIMES_2,
+        _TETRAHEDRON_NODES_TIMES_2,
         (
             *((0, 9, 8, 7), (9, 1, 6, 5), (8, 6, 2, 4), (7, 5, 4, 3)),
             *((10, 9, 8, 7), (10, 9, 6, 5), (10, 8, 6, 4), (10, 7, 5, 4)),  # next to the corners
@@ -92,15 +92,19 @@ class FunctionTable(NamedTuple):
 
 
 @cache
-def tabulate_at_gauss_points(element_name: str, linear_weights: bool, points_per_direction: int) -> FunctionTable:
+def tabulate_at_gauss_points(
+    element_name: str, linear_weights: bool, points_per_direction: int
+) -> FunctionTable:
     """Tabulate an element's functions at Gauss points, `points_per_direction` in each direction.
 
     The rule covers the whole element if weights are quadratic, and each sub-cell if they are
     piecewise linear.
     """
-    element = ELEMENTS[element_name]
+    element = REFERENCE_ELEMENTS[element_name]
     return tabulate_at_points(
-        element_name, linear_weights, *gauss_points_and_weights(element.simplex, len(element.nodes[0]), points_per_direction)
+        element_name,
+        linear_weights,
+        *gauss_points_and_weights(element.simplex, len(element.nodes[0]), points_per_direction),
     )
 
 
@@ -108,7 +112,7 @@ def tabulate_at_points(
     element_name: str, linear_weights: bool, points: np.ndarray, quadrature_weights: np.ndarray
 ) -> FunctionTable:
     """Tabulate an element's functions at points (q, d) of a rule for a cell or each sub-cell."""
-    element = ELEMENTS[element_name]
+    element = REFERENCE_ELEMENTS[element_name]
     if not linear_weights:
         values, slopes = shape_functions_and_gradients(element_name, points)
         return FunctionTable(values, slopes, values, slopes, quadrature_weights)
@@ -124,15 +128,21 @@ def tabulate_at_points(
         weight_slopes = np.einsum(
             "qka,kn->qna", vertex_slopes @ np.linalg.inv(jacobian), nodal[sub_cell]
         )
-        values_and_slopes = shape_functions_and_gradients(element_name, vertex_values @ nodes[sub_cell])
+        values_and_slopes = shape_functions_and_gradients(
+            element_name, vertex_values @ nodes[sub_cell]
+        )
         determinant = np.abs(np.linalg.det(jacobian))
-        tables.append((*values_and_slopes, weights, weight_slopes, quadrature_weights * determinant))
+        tables.append(
+            (*values_and_slopes, weights, weight_slopes, quadrature_weights * determinant)
+        )
     return FunctionTable(*(np.concatenate(arrays) for arrays in zip(*tables, strict=True)))
 
 
-def shape_functions_and_gradients(element_name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions_and_gradients(
+    element_name: str, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return quadratic shape functions (q, n) at points (q, d), and their gradients (q, n, d)."""
-    element = ELEMENTS[element_name]
+    element = REFERENCE_ELEMENTS[element_name]
     powers = np.array(element.exponents)
     at_nodes, _ = _monomials_and_gradients(np.array(element.nodes) / 2, powers)
     values, slopes = _monomials_and_gradients(points, powers)
@@ -140,7 +150,9 @@ def shape_functions_and_gradients(element_name: str, points: np.ndarray) -> tupl
     return values @ inverse, np.einsum("qmd,mn->qnd", slopes, inverse)
 
 
-def gauss_points_and_weights(is_simplex: bool, dimension: int, points_per_direction: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_points_and_weights(
+    is_simplex: bool, dimension: int, points_per_direction: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (q, d) and weights (q,) of a Gauss rule.
 
     On simplices it is a collapsed rule. The rule is exact for polynomials of degree 2 n_points - 1
@@ -159,7 +171,9 @@ def gauss_points_and_weights(is_simplex: bool, dimension: int, points_per_direct
     return points, weights
 
 
-def _monomials_and_gradients(points: np.ndarray, exponents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _monomials_and_gradients(
+    points: np.ndarray, exponents: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return values (q, m) and gradients (q, m, d) of m monomials at points (q, d)."""
     factors = points[:, None, :] ** exponents
     slopes = np.empty_like(factors)
@@ -172,14 +186,18 @@ def _monomials_and_gradients(points: np.ndarray, exponents: np.ndarray) -> tuple
     return factors.prod(axis=2), slopes
 
 
-def _vertex_functions_and_gradients(is_simplex: bool, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _vertex_functions_and_gradients(
+    is_simplex: bool, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the k vertex functions (q, k) and their gradients (q, k, d) at points (q, d).
 
     They are linear on simplices and bilinear on squares.
     """
     if is_simplex:
         slopes = np.vstack([-np.ones(points.shape[1]), np.eye(points.shape[1])])
-        return np.column_stack([1 - points.sum(axis=1), points]), np.tile(slopes, (len(points), 1, 1))
+        return np.column_stack([1 - points.sum(axis=1), points]), np.tile(
+            slopes, (len(points), 1, 1)
+        )
     (s, t), ones = points.T, np.ones(len(points))
     values = np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
     s_slopes = np.column_stack([t - 1, 1 - t, -t, t])

@@ -92,7 +92,7 @@ class CircleContact:
     contact_nodes: np.ndarray
     prescribed_mask: np.ndarray
 
-    def violations(self, history) -> dict[str, float]:
+    def largest_violations_in_last_increment(self, history) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
         A history is a list of displacements (n, 2) and translations (2,) that begins with the

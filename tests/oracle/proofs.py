@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.contact import ContactPair, NoEquilibrium
 from pw_elements.contact.model import MatchingNodes
-from tests.contact.residuals import contact_nodes_and_friction, prescribed_displacements
+from tests.contact.residuals import contact_nodes_and_friction, prescribed_mask_and_displacements
 from tests.oracle.search import LinearIncrement
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
     dim = space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
     v = node_velocities(space, error)
-    prescribed_mask, _ = prescribed_displacements(problem.conditions, len(x), dim)
+    prescribed_mask, _ = prescribed_mask_and_displacements(problem.conditions, len(x), dim)
     speed = np.linalg.norm(v, axis=1).max()
     surfaces = error.velocity.surface
     speed = max(speed, np.abs(surfaces).max())
@@ -64,7 +64,9 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
         defects["supports"] = max(defects["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
         defects["cones"] = max(
             defects["cones"],
-            _largest_velocity_cone_violation(pair, space, translation, free, v, surfaces[k], prescribed_mask)
+            _largest_velocity_cone_violation(
+                pair, space, translation, free, v, surfaces[k], prescribed_mask
+            )
             / speed,
         )
         if free.any() and _largest_relative_velocity(pair, space, v, surfaces[k]) > 1e-9 * speed:
@@ -122,7 +124,8 @@ def _relative_velocities(
         x = space.tabulate_dof_coordinates()[:, : velocities.shape[1]]
         offset = 0.0 if pair.surface.offset is None else np.asarray(pair.surface.offset)
         relative = (
-            relative - velocities[opposite_nodes[cKDTree(x[opposite_nodes]).query(x[nodes] + offset)[1]]]
+            relative
+            - velocities[opposite_nodes[cKDTree(x[opposite_nodes]).query(x[nodes] + offset)[1]]]
         )
     return relative
 
@@ -153,7 +156,9 @@ def _largest_velocity_cone_violation(
     normal = _rigid_surface_of_pair(pair).normal(x)[faced]
     nodes, mu = nodes[faced], mu[faced]
     relative = np.where(
-        prescribed_mask[nodes], 0.0, _relative_velocities(pair, space, nodes, velocities, surface_velocity)
+        prescribed_mask[nodes],
+        0.0,
+        _relative_velocities(pair, space, nodes, velocities, surface_velocity),
     )
     normal_velocity = np.sum(relative * normal, axis=1)
     tangential_velocity = np.where(
@@ -163,10 +168,14 @@ def _largest_velocity_cone_violation(
     return float((violation / np.sqrt(1 + mu**2)).max(initial=0.0))
 
 
-def _largest_relative_velocity(pair: ContactPair, space, velocities: Array, surface_velocity: Array) -> float:
+def _largest_relative_velocity(
+    pair: ContactPair, space, velocities: Array, surface_velocity: Array
+) -> float:
     """Return the largest component of the velocities of a pair's nodes relative to its surface."""
     nodes, _ = contact_nodes_and_friction(pair, space)
-    return float(np.abs(_relative_velocities(pair, space, nodes, velocities, surface_velocity)).max())
+    return float(
+        np.abs(_relative_velocities(pair, space, nodes, velocities, surface_velocity)).max()
+    )
 
 
 def _largest_normal_change(
@@ -194,7 +203,7 @@ def linearise_next_increment(problem, states) -> LinearIncrement:
     x = space.tabulate_dof_coordinates()[:, :dim]
     K = problem.K[:, :]
     f = problem.loads[i_increment].array_r
-    prescribed_mask, values = prescribed_displacements(problem.conditions, len(x), dim)
+    prescribed_mask, values = prescribed_mask_and_displacements(problem.conditions, len(x), dim)
     contact_points = [
         (k, int(n), mu)
         for k, pair in enumerate(problem.pairs)

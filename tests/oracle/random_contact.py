@@ -44,7 +44,7 @@ from study.model.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
 Array = npt.NDArray[np.float64]
-Side = tuple[int, int]  # axis and end (0 or 1) of the box
+BoxSide = tuple[int, int]  # axis and end (0 or 1) of the box
 
 CELL_PROBABILITIES = {
     "triangle": 0.38,
@@ -72,7 +72,7 @@ class PairSketch:
     The tangential force is `drag` times the friction coefficient times the normal force.
     """
 
-    side: Side
+    side: BoxSide
     kind: str
     shape: dict[str, float]
     mu: float
@@ -103,9 +103,9 @@ class ProblemSketch:
     nu: float
     thickness: float
     support: str
-    prescribed: tuple[tuple[Side, int, float], ...]
+    prescribed: tuple[tuple[BoxSide, int, float], ...]
     pairs: tuple[PairSketch, ...]
-    loads: tuple[tuple[Side, str, tuple[float, ...], tuple[float, ...]], ...]
+    loads: tuple[tuple[BoxSide, str, tuple[float, ...], tuple[float, ...]], ...]
     path: str
     steps: tuple[tuple[float, float], ...]
     strain: float
@@ -176,7 +176,10 @@ def draw_sketch(seed: int) -> ProblemSketch:
     if _draw_bool(rng, 0.25):
         up = dim - 1
         sides = [end for end in (0, 1) if any(pair.side == (up, end) for pair in pairs)]
-        crown = {end: rng.uniform(0.0, 0.2) * _draw_slope_and_curvature_factor(rng, strain) for end in sides}
+        crown = {
+            end: rng.uniform(0.0, 0.2) * _draw_slope_and_curvature_factor(rng, strain)
+            for end in sides
+        }
     waves = rng.uniform([0.0, 2.0, 0.0] * dim, [0.05, 8.0, 6.0] * dim)
     nu = rng.uniform(0.0, 0.45)
     if _draw_bool(rng, 0.1):
@@ -219,7 +222,7 @@ def _draw_supports(rng, dim, state, is_hollow):
     """Draw the kind of the supports and the prescribed (side, axis, displacement)."""
     up = dim - 1
     base, left = (up, 0), (0, 0)
-    symmetry_conditions: list[tuple[Side, int, float]] = [
+    symmetry_conditions: list[tuple[BoxSide, int, float]] = [
         ((axis, 0), axis, 0.0) for axis in range(up)
     ]
     if state == "axisymmetric":
@@ -248,7 +251,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
     pairs: list[PairSketch] = []
     loads: list = []
 
-    def draw_pair(side: Side, drive: str, floor: bool = False, **numbers) -> PairSketch:
+    def draw_pair(side: BoxSide, drive: str, floor: bool = False, **numbers) -> PairSketch:
         mu = _draw_friction_coefficient(rng)
         is_loose = support == "contact alone" and state != "axisymmetric"
         if floor and is_loose and mu < 0.1 and _draw_bool(rng, 0.95):
@@ -256,7 +259,9 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
         max_slope = 0.6 * mu if floor and not is_held_normally else 1.0
         centred = (round_axis or support == "symmetry") and side[0] == up and _draw_bool(rng, 0.7)
         must_be_flat = floor and support == "contact alone" and not _draw_bool(rng, 0.1)
-        kind, shape = _draw_surface_kind_and_numbers(rng, side, dim, max_slope, centred, must_be_flat, strain)
+        kind, shape = _draw_surface_kind_and_numbers(
+            rng, side, dim, max_slope, centred, must_be_flat, strain
+        )
         tangential_motion, drag = "held", (0.0,) * up
         if (
             drive != "rest"
@@ -282,7 +287,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
             **numbers,
         )
 
-    def draw_side_pairs(side: Side, drives: Sequence[str], **numbers) -> list[PairSketch]:
+    def draw_side_pairs(side: BoxSide, drives: Sequence[str], **numbers) -> list[PairSketch]:
         if len(drives) == 1:
             ends = [0.0, 1.0] if _draw_bool(rng, 0.85) else np.sort(rng.uniform(0, 1, 2)).tolist()
             if ends[1] - ends[0] < 0.4:
@@ -294,7 +299,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
             draw_pair(side, drives[1], side_range=(middle + 0.05, 1.0), **numbers),
         ]
 
-    def draw_load(side: Side, pressing: float, dragging: Array) -> None:
+    def draw_load(side: BoxSide, pressing: float, dragging: Array) -> None:
         kind = _draw_name(rng, {"traction": 0.8}, default="nodal")
         vector = np.zeros(dim)
         vector[side[0]] = pressing * (1 - 2 * side[1])
@@ -429,7 +434,8 @@ def _draw_load_path(rng, support, pairs):
     is_held = support != "contact alone" and all(pair.normal_drive != "pushed" for pair in pairs)
     if name == "total unloading" and not is_held and not _draw_bool(rng, 0.1):
         return name, tuple(
-            (max(p, 0.01), min(q, 0.01 if p <= 0 else q)) for p, q in PRESS_AND_DRAG_FACTORS_BY_PATH[name]
+            (max(p, 0.01), min(q, 0.01 if p <= 0 else q))
+            for p, q in PRESS_AND_DRAG_FACTORS_BY_PATH[name]
         )
     return name, tuple(PRESS_AND_DRAG_FACTORS_BY_PATH[name])
 
@@ -448,7 +454,7 @@ class _ProblemBuilder:
     def __init__(self, sketch: ProblemSketch, comm: MPI.Comm) -> None:
         self.sketch, self.comm = sketch, comm
         self.size, self.lower = np.array(sketch.size), np.array(sketch.lower)
-        mesh, self.facets = self._make_mesh()
+        mesh, self.facets = self._make_mesh_and_side_facets()
         study_elements = {"composite": composite, "serendipity": serendipity}
         spaces = (study_elements.get(sketch.element) or getattr(Spaces, sketch.element))(mesh)
         thickness = sketch.thickness if sketch.state.startswith("plane") else 1.0
@@ -477,7 +483,7 @@ class _ProblemBuilder:
 
     # -- the body ----------------------------------------------------------------------------
 
-    def _make_mesh(self) -> tuple[Mesh, dict[Side, npt.NDArray[np.int32]]]:
+    def _make_mesh_and_side_facets(self) -> tuple[Mesh, dict[BoxSide, npt.NDArray[np.int32]]]:
         """Return the mesh, and the facets on each side."""
         sketch, dim = self.sketch, self.sketch.dim
         if dim == 3:
@@ -514,13 +520,15 @@ class _ProblemBuilder:
         image[:, :dim] = self.lower + s * self.size
         return image
 
-    def _side_nodes(self, side: Side) -> npt.NDArray[np.int32]:
+    def _side_nodes(self, side: BoxSide) -> npt.NDArray[np.int32]:
         facet = self.sketch.dim - 1
         mesh = self.body.spaces.mesh
         mesh.topology.create_connectivity(facet, mesh.topology.dim)
         return fem.locate_dofs_topological(self.space, facet, self.facets[side])
 
-    def _make_conditions_and_prescribed_mask(self) -> tuple[list[fem.DirichletBC], npt.NDArray[np.bool_]]:
+    def _make_conditions_and_prescribed_mask(
+        self,
+    ) -> tuple[list[fem.DirichletBC], npt.NDArray[np.bool_]]:
         """Return the conditions, and the mask (nodes, dim) of prescribed displacements."""
         sketch, dim = self.sketch, self.sketch.dim
         conditions, prescribed_mask = [], np.zeros(self.x.shape, dtype=bool)
@@ -559,7 +567,7 @@ class _ProblemBuilder:
             loads.append(load)
         return loads
 
-    def _middle_node_marker(self, side: Side) -> Callable[[Array], npt.NDArray[np.bool_]]:
+    def _middle_node_marker(self, side: BoxSide) -> Callable[[Array], npt.NDArray[np.bool_]]:
         """Return a function that marks the node nearest to the middle of a side."""
         x = self._gather_positions(self._side_nodes(side))
         middle = self.lower + 0.5 * self.size
@@ -574,7 +582,7 @@ class _ProblemBuilder:
         x = np.concatenate(self.comm.allgather(local_x))
         return x[np.lexsort(np.round(x / self.size.max(), 9).T)]
 
-    def _side_area(self, side: Side) -> float:
+    def _side_area(self, side: BoxSide) -> float:
         """Return the area of a side times the thickness, or that of the whole circumference."""
         lengths = np.delete(self.size, side[0])
         area = float(np.prod(lengths))
@@ -597,24 +605,30 @@ class _ProblemBuilder:
         touching[self._side_nodes(side)] = True
         touching &= (s > pair.side_range[0] - 1e-6) & (s < pair.side_range[1] + 1e-6)
         for axis in range(dim):
-            touching &= ~(prescribed_mask[:, axis] & ~self._mask_of_normals_orthogonal_to_axis(pair, axis))
+            touching &= ~(
+                prescribed_mask[:, axis] & ~self._mask_of_normals_orthogonal_to_axis(pair, axis)
+            )
         return touching
 
-    def _mask_of_normals_orthogonal_to_axis(self, pair: PairSketch, axis: int) -> npt.NDArray[np.bool_]:
+    def _mask_of_normals_orthogonal_to_axis(
+        self, pair: PairSketch, axis: int
+    ) -> npt.NDArray[np.bool_]:
         """Return the mask of nodes whose surface normal is always orthogonal to an axis."""
         if axis == pair.side[0]:
             return np.zeros(len(self.x), dtype=bool)
         number = self._tangential_axes(pair.side).index(axis)
         suffix = "" if number == 0 else " 1"
         if pair.kind in ("sphere", "signed distance"):
-            centre = self.lower[axis] + self._surface_middle_in_box_units(pair)[number] * self.size[axis]
+            centre = (
+                self.lower[axis] + self._surface_middle_in_box_units(pair)[number] * self.size[axis]
+            )
             does_not_move = pair.normal_drive == "rest" or pair.tangential_drive == "held"
             return does_not_move & (np.abs(self.x[:, axis] - centre) < 1e-9 * self.size[axis])
         has_no_slope = pair.kind in ("parabola", "flat punch")
         has_no_slope |= pair.kind == "plane" and pair.shape["slope" + suffix] == 0.0
         return np.full(len(self.x), has_no_slope)
 
-    def _tangential_axes(self, side: Side) -> list[int]:
+    def _tangential_axes(self, side: BoxSide) -> list[int]:
         """Return the axes that are parallel to a side."""
         return [axis for axis in range(self.sketch.dim) if axis != side[0]]
 
@@ -644,7 +658,9 @@ class _ProblemBuilder:
             return Plane(positions[np.argmin(positions @ direction)] + gap * outward, direction)
         # the point of the surface nearest to the side
         surface_point = np.zeros(self.sketch.dim)
-        surface_point[axes] = self.lower[axes] + self._surface_middle_in_box_units(pair) * self.size[axes]
+        surface_point[axes] = (
+            self.lower[axes] + self._surface_middle_in_box_units(pair) * self.size[axes]
+        )
         surface_point += (positions @ outward).max() * outward
         for _ in range(4):
             surface = self._make_surface_through(pair, surface_point, outward, axes)

@@ -35,19 +35,25 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import ContactState
 from tests.contact.cases import (
+    list_states_and_substates,
     make_finite_strain_unknown_and_residual,
     neo_hookean_piola_stress,
     on_plane,
-    list_states_and_substates,
 )
-from tests.contact.sliding import SlidingBodies, yield_states_along_path, make_die_on_block
+from tests.contact.sliding import SlidingBodies, make_die_on_block, yield_states_along_path
 from tests.oracle.large import NeoHookeanBody
 from tests.oracle.sliding import SlidingContact
 from tests.oracle.tools import RigidTool, ToolContact, ToolState
 
-PROBLEM_KIND_PROBABILITIES = {"circle": 0.25, "roller": 0.15, "plane": 0.25, "held": 0.15, "bodies": 0.2}
+PROBLEM_KIND_PROBABILITIES = {
+    "circle": 0.25,
+    "roller": 0.15,
+    "plane": 0.25,
+    "held": 0.15,
+    "bodies": 0.2,
+}
 QUADRATURE_DEGREE = 4
-TRIANGLE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
+TRIANGLE_QUADRATURE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,9 @@ class SlidingSketch:
 def draw_sketch(seed: int) -> SlidingSketch:
     """Return the numbers that define the problem of a seed."""
     rng = np.random.default_rng([47, seed])
-    kind = str(rng.choice(list(PROBLEM_KIND_PROBABILITIES), p=list(PROBLEM_KIND_PROBABILITIES.values())))
+    kind = str(
+        rng.choice(list(PROBLEM_KIND_PROBABILITIES), p=list(PROBLEM_KIND_PROBABILITIES.values()))
+    )
     friction = 0.0 if rng.random() < 0.12 else float(rng.uniform(0.02, 1.0))
     if kind == "bodies":
         return _draw_two_body_sketch(seed, rng, friction)
@@ -221,7 +229,7 @@ class RigidToolProblem:
             previous_displacement = step.support_displacement
         return states, None
 
-    def violations(self) -> list[dict[str, float]]:
+    def violations_per_accepted_state(self) -> list[dict[str, float]]:
         """Return the violations of the law in each accepted state and substate."""
         states, _ = self.solution
         sketch, results, previous_displacement = self.sketch, [], 0.0
@@ -230,7 +238,7 @@ class RigidToolProblem:
             self.cells,
             sketch.linear_weights,
             2 * sketch.nu / (1 - 2 * sketch.nu),
-            TRIANGLE_RULE,
+            TRIANGLE_QUADRATURE_RULE,
         )
         contact, history = (
             ToolContact(body, self.tool, self.contact_nodes, self.prescribed_mask),
@@ -243,9 +251,14 @@ class RigidToolProblem:
                 prescribed[:, 0] = (
                     1 - fraction
                 ) * previous_displacement + fraction * step.support_displacement
-                violations = contact.violations(history, prescribed)
+                violations = contact.largest_violations_in_last_increment(history, prescribed)
                 results.append(
-                    violations | {"drive": self._prescribed_motion_error(body, start, substate, fraction, step)}
+                    violations
+                    | {
+                        "drive": self._prescribed_motion_error(
+                            body, start, substate, fraction, step
+                        )
+                    }
                 )
             previous_displacement = step.support_displacement
         return results
@@ -314,11 +327,15 @@ class RigidToolProblem:
             error(float(pair.rotation), float(start_pair.rotation), prescribed_end.angle),
         ]
         if prescribed_end.down is not None:
-            errors.append(error(pair.translation[1], start_pair.translation[1], prescribed_end.down) / length)
+            errors.append(
+                error(pair.translation[1], start_pair.translation[1], prescribed_end.down) / length
+            )
         else:
             r = body.nodal_forces(substate.displacement.array_r.reshape(-1, 2))
             total_force = r[self.contact_nodes, 1].sum()
-            errors.append(error(total_force, start_pair.force[1], prescribed_end.force) / np.abs(r).max())
+            errors.append(
+                error(total_force, start_pair.force[1], prescribed_end.force) / np.abs(r).max()
+            )
         return float(max(errors))
 
 
@@ -342,7 +359,7 @@ class TwoBodyProblem:
             return states, error
         return states, None
 
-    def violations(self) -> list[dict[str, float]]:
+    def violations_per_accepted_state(self) -> list[dict[str, float]]:
         """Return the violations of the law in each accepted state and substate."""
         states, _ = self.solution
         problem = make_oracle_contact(self.bodies)
@@ -350,13 +367,16 @@ class TwoBodyProblem:
             accepted.displacement.array_r.reshape(-1, 2).copy()
             for accepted in list_states_and_substates(states)
         ]
-        return [problem.violations(history[:k]) for k in range(2, len(history) + 1)]
+        return [
+            problem.largest_violations_in_last_increment(history[:k])
+            for k in range(2, len(history) + 1)
+        ]
 
 
 def make_oracle_contact(bodies: SlidingBodies) -> SlidingContact:
     """Return the oracle's model of the contact between two bodies."""
     nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
-    body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_RULE)
+    body = NeoHookeanBody(nodes, bodies.space.dofmap.list, True, 1.5, TRIANGLE_QUADRATURE_RULE)
     (pair,) = bodies.problem.undeformed.pairs
     sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite_node)]
     below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())

@@ -34,7 +34,9 @@ INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
     1e-9,
 )  # relative to the largest force: larger violations close a branch, smaller ones count as none
 BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
-MAX_PROGRAMS_TIMES_NODES_SQUARED = 2_500_000  # linear programs times nodes squared, some ten seconds
+MAX_PROGRAMS_TIMES_NODES_SQUARED = (
+    2_500_000  # linear programs times nodes squared, some ten seconds
+)
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
@@ -66,7 +68,8 @@ class LinearIncrement:
 
 
 def find_state_by_status_search(
-    increment: LinearIncrement, max_programs_times_nodes_squared: float = MAX_PROGRAMS_TIMES_NODES_SQUARED
+    increment: LinearIncrement,
+    max_programs_times_nodes_squared: float = MAX_PROGRAMS_TIMES_NODES_SQUARED,
 ) -> np.ndarray | None:
     """Return the motions z (k,) of a state that obeys the law, or None.
 
@@ -89,7 +92,8 @@ def find_state_by_status_search(
         branches = []
         for k in conditions.nodes_to_split(codes, z):
             children = [
-                (child, conditions.motions_of_smallest_violation(child)) for child in _split_status_set_at_node(codes, k)
+                (child, conditions.motions_of_smallest_violation(child))
+                for child in _split_status_set_at_node(codes, k)
             ]
             n_programs += len(children)
             feasible = [(child, child_z) for child, child_z in children if child_z is not None]
@@ -139,7 +143,9 @@ def _find_state_by_newton(increment: LinearIncrement, motions: np.ndarray) -> np
     return motions if _satisfies_law(increment, motions, has_friction) else None
 
 
-def _satisfies_law(increment: LinearIncrement, motions: np.ndarray, has_friction: np.ndarray) -> bool:
+def _satisfies_law(
+    increment: LinearIncrement, motions: np.ndarray, has_friction: np.ndarray
+) -> bool:
     """Return whether z violates no condition of the law by more than 1e-9 of the largest force."""
     z_and_1 = np.append(motions, 1.0)
     r_n, r_t, gap, slip, imbalance = (
@@ -208,7 +214,9 @@ class _BranchConditions:
 
     def _scale_by_largest_sum_of_normal_forces(self) -> None:
         """Scale forces by the largest possible sum of normal forces, if the sum is bounded."""
-        lower_mask, _ = self._masks_of_lower_and_upper_bounds(np.zeros(len(self.faced), dtype=np.int8))
+        lower_mask, _ = self._masks_of_lower_and_upper_bounds(
+            np.zeros(len(self.faced), dtype=np.int8)
+        )
         total_slope = self._slope[: len(self.faced)].sum(axis=0)
         solution = linprog(
             -total_slope,
@@ -223,7 +231,9 @@ class _BranchConditions:
             self.force, self._length = factor * self.force, factor * self._length
             self._value = self._value / factor
 
-    def _masks_of_lower_and_upper_bounds(self, status_sets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _masks_of_lower_and_upper_bounds(
+        self, status_sets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the masks of the conditions that require values >= 0 and values <= 0."""
         n_nodes, has_friction = len(status_sets), self._has_friction
         lower_mask = np.ones((5, n_nodes), dtype=bool)
@@ -262,7 +272,9 @@ class _BranchConditions:
     def law_violation_per_node(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Return by how much each node (n,) violates the conditions that a branch leaves out."""
         values = self._slope @ (motions / self._length) + self._value
-        r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(status_sets)].reshape(5, -1)
+        r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(status_sets)].reshape(
+            5, -1
+        )
         r_n, gap, forward_limit, backward_limit = (
             np.maximum(0.0, row) for row in (r_n, gap, forward_limit, backward_limit)
         )
@@ -276,7 +288,9 @@ class _BranchConditions:
     def nodes_to_split(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Return the nodes with the largest violations among those whose statuses can be split."""
         violation = np.where(
-            np.isin(status_sets, list(STATUS_SET_SPLITS)), self.law_violation_per_node(status_sets, motions), 0.0
+            np.isin(status_sets, list(STATUS_SET_SPLITS)),
+            self.law_violation_per_node(status_sets, motions),
+            0.0,
         )
         violation[~self._has_friction & (status_sets != ANY)] = 0.0
         ranked = np.argsort(-violation, kind="stable")[:BRANCHING_CANDIDATES]

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import NeoHookeanBody, cross_product_in_plane, contact_law_violations
+from tests.oracle.large import NeoHookeanBody, contact_law_violations, cross_product_in_plane
 
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
@@ -57,7 +57,8 @@ def interval_facing_master_facet(slave_a, slave_b, normal_a, normal_b, master_c,
         f = np.polynomial.Polynomial(
             [
                 cross_product_in_plane(slave_a - p, normal_a),
-                cross_product_in_plane(slave_b - slave_a, normal_a) + cross_product_in_plane(slave_a - p, normal_b - normal_a),
+                cross_product_in_plane(slave_b - slave_a, normal_a)
+                + cross_product_in_plane(slave_a - p, normal_b - normal_a),
                 cross_product_in_plane(slave_b - slave_a, normal_b - normal_a),
             ]
         )
@@ -98,9 +99,9 @@ def mortar_matrices_normals_and_areas(slave_positions, master_positions):
             for t, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
                 s = (low + high) / 2 + (high - low) / 2 * t
                 x, direction = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
-                master_coordinate = cross_product_in_plane(x - c, direction) / cross_product_in_plane(
-                    d - c, direction
-                )
+                master_coordinate = cross_product_in_plane(
+                    x - c, direction
+                ) / cross_product_in_plane(d - c, direction)
                 dx = weight * (high - low) / 2 * np.linalg.norm(b - a)
                 w = np.array([1 - s, s])
                 W += dx * np.outer(w, w)
@@ -126,7 +127,7 @@ class SlidingContact:
     prescribed_mask: np.ndarray
     friction: float
 
-    def violations(self, history):
+    def largest_violations_in_last_increment(self, history):
         """Return each condition's largest violation after a history of displacements (n, 2).
 
         Forces and lengths are divided by the largest ones of the history.

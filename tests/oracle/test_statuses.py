@@ -15,8 +15,8 @@ from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
     DisplacementAndTranslations,
     largest_residual,
-    measure_residuals,
-    prescribed_displacements,
+    prescribed_mask_and_displacements,
+    recompute_residuals_per_step,
 )
 from tests.oracle.proofs import linearise_next_increment
 from tests.oracle.random_contact import make_problem
@@ -38,10 +38,13 @@ class PlateOnFiveNodes(ElasticBody):
         friction = lambda x: mu * (x[0] > frictionless_end)  # noqa: E731
         self.nodes = np.flatnonzero(np.isclose(self.x[:, 1], top))
         self.pairs = [ContactPair(on_plane(1, top), plate, friction, [pushed])]
-        self.base_supports, self.loads = self.clamp(on_plane(1, 0.0)), [self.zero_load]
+        self.base_supports, self.loads = (
+            self.make_clamping_supports(on_plane(1, 0.0)),
+            [self.zero_load],
+        )
         self.conditions = [prescribe(self.space, axis, on_plane(1, 0.0)) for axis in (0, 1)]
 
-    def equilibria(self):
+    def find_equilibria_by_enumeration(self):
         """Return all motions z of nodes and plate that obey the law, from all sets of statuses."""
         law = linearise_next_increment(self, [])
         rows, mu, solutions = (law.normal, law.shear, law.gap, law.slip), law.mu, []
@@ -68,10 +71,10 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
     has_solution = []
     for seed in range(8):
         problem = PlateOnFiveNodes(seed)
-        equilibria = problem.equilibria()
-        assert (find_state_by_status_search(linearise_next_increment(problem, [])) is not None) == bool(equilibria), (
-            seed
-        )
+        equilibria = problem.find_equilibria_by_enumeration()
+        assert (
+            find_state_by_status_search(linearise_next_increment(problem, [])) is not None
+        ) == bool(equilibria), seed
         has_solution.append(bool(equilibria))
         if not equilibria:
             with pytest.raises((NoEquilibrium, NotFound)):
@@ -95,7 +98,9 @@ def test_loose_bodies_are_not_unique(seed):
     with pytest.raises(NotUnique, match="the body is loose") as caught:
         problem.solve()
     error = caught.value
-    steps = [DisplacementAndTranslations.from_state(state) for state in (*error.states, error.state)]
+    steps = [
+        DisplacementAndTranslations.from_state(state) for state in (*error.states, error.state)
+    ]
     rng = np.random.default_rng(seed)
     x = problem.space.tabulate_dof_coordinates()[:, : steps[-1].displacement.shape[1]]
     gaps = np.concatenate([pair.gap for pair in error.state.pairs])
@@ -106,11 +111,13 @@ def test_loose_bodies_are_not_unique(seed):
         matrix - matrix.T
     ) / np.ptp(x)
     shift = 0.1 * smallest_gap / np.abs(rigid_motion).max() * rigid_motion
-    shift[prescribed_displacements(problem.conditions, *x.shape)[0]] = 0.0
+    shift[prescribed_mask_and_displacements(problem.conditions, *x.shape)[0]] = 0.0
 
     def law_error(sign):
         moved_step = replace(steps[-1], displacement=steps[-1].displacement + sign * shift)
-        return largest_residual(measure_residuals(problem, [*steps[:-1], moved_step])[-1:])
+        return largest_residual(
+            recompute_residuals_per_step(problem, [*steps[:-1], moved_step])[-1:]
+        )
 
     assert law_error(0) < 1e-8
     assert min(law_error(1), law_error(-1)) < 1e-8

@@ -47,7 +47,7 @@ class LooseBlocks:
             stack.K, supports, stack.make_pair(slave, mu), stack.space, **options
         )
 
-    def solve(self):
+    def solve_until_refused(self):
         """Return the accepted states, and the load that is refused without a proof or None."""
         states = [self.problem.undeformed]
         for load in self.loads:
@@ -59,7 +59,7 @@ class LooseBlocks:
                 return states, load
         return states, None
 
-    def round_off(self, state):
+    def relative_force_round_off(self, state):
         """Return the round-off of nodal forces K a, divided by the largest contact force.
 
         A row of K has some 40 terms; a is the displacement.
@@ -117,12 +117,12 @@ def test_loose_blocks_are_refused_with_cause_only_and_iterative_solves_agree_wit
     n_systems, n_krylov = 0, 0
     for seed in NIGHTLY if request.config.getoption("--nightly") else SUITE:
         blocks = LooseBlocks(seed)
-        states, load = blocks.solve()
+        states, load = blocks.solve_until_refused()
         for state in states[1:]:
-            assert state.residuals.largest() < 1e-9 + blocks.round_off(state), seed
+            assert state.residuals.largest() < 1e-9 + blocks.relative_force_round_off(state), seed
         assert load is None or not blocks.is_solved_by_search(states[-1], load), seed
         (direct_states, direct_refusal), (iterative_states, load) = (
-            LooseBlocks(seed, solver=solver, remedies=()).solve()
+            LooseBlocks(seed, solver=solver, remedies=()).solve_until_refused()
             for solver in (Direct(), Iterative())
         )
         assert (load is None) >= (direct_refusal is None), seed

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import NeoHookeanBody, cross_product_in_plane, contact_law_violations
+from tests.oracle.large import NeoHookeanBody, contact_law_violations, cross_product_in_plane
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ class ToolContact:
     contact_nodes: np.ndarray
     prescribed_mask: np.ndarray
 
-    def violations(self, history: list[ToolState], support_displacements: np.ndarray) -> dict[str, float]:
+    def largest_violations_in_last_increment(
+        self, history: list[ToolState], support_displacements: np.ndarray
+    ) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
         `support_displacements` are the displacements (n, 2) at supports. Forces and lengths are divided by the
@@ -77,13 +79,17 @@ class ToolContact:
         free = ~self.prescribed_mask
         free[self.contact_nodes] = False
         gap, normal, slip = self._gaps_normals_and_slips(*history[-2:])
-        support_error = np.abs(last_state.displacement - support_displacements)[self.prescribed_mask]
+        support_error = np.abs(last_state.displacement - support_displacements)[
+            self.prescribed_mask
+        ]
         violations = {
             "supports": support_error.max(initial=0.0) / length,
             "equilibrium": np.abs(forces[free]).max(initial=0.0) / force,
         }
         r_n, r_t = np.sum(normal * r, axis=1) / force, cross_product_in_plane(normal.T, r.T) / force
-        line_values = contact_law_violations(r_n, r_t, gap / length, slip / length, self.tool.friction)
+        line_values = contact_law_violations(
+            r_n, r_t, gap / length, slip / length, self.tool.friction
+        )
         for name, values in line_values.items():
             for prefix, mask in (("", ~is_held), ("held ", is_held)):
                 if mask.any():

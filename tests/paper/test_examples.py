@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 
-from tests.oracle.contact import Pair, solve_increments
+from tests.oracle.contact import NodesAndSurface, solve_increments
 from tests.oracle.problem import (
+    ELEMENT_NAMES_IN_STATICS,
     NORMAL_DOWN,
     NORMAL_UP,
-    STATIC_ELEMENTS,
     StudyComparison,
     all_of,
     any_of,
     assert_agrees_with_own_weights_alone,
     make_contact_line_comparison,
-    mask_without_prescribed_displacements,
     make_oracle_body,
+    marked_nodes_sorted_by_x,
+    mask_without_prescribed_displacements,
     parabola_gap_and_normal_functions,
     plane_gap_and_normal_functions,
     rows_on_plane,
     rows_with_abs_x_below,
     solve_with_zero_supports,
-    marked_nodes_sorted_by_x,
 )
 
 
@@ -60,7 +60,7 @@ def block(result, element):
         x = body.nodes[lower, 0]
         rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
         loads = [pressure + k / 10 * pull for k in range(11)]
-        pair = Pair(lower, *plane_gap_and_normal_functions(NORMAL_UP), rough)
+        pair = NodesAndSurface(lower, *plane_gap_and_normal_functions(NORMAL_UP), rough)
         return solve_increments(
             body.stiffness(), loads, mask_without_prescribed_displacements(body), [pair], body.nodes
         )[-1]
@@ -83,7 +83,7 @@ def punch(result, element):
         down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
 
         def pressed(motions):
-            pair = Pair(top, *parabola_gap_and_normal_functions(4.0, 8.0), 0.6, motions)
+            pair = NodesAndSurface(top, *parabola_gap_and_normal_functions(4.0, 8.0), 0.6, motions)
             return solve_increments(
                 K, [np.zeros(body.nodes.size)] * len(motions), held, [pair], body.nodes
             )
@@ -106,9 +106,13 @@ def plate(result, element):
     def solved(linear):
         body = make_oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
         outside = any_of(rows_on_plane(0, -20.0), rows_on_plane(0, 20.0), rows_on_plane(1, -10.0))
-        below = marked_nodes_sorted_by_x(result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0)))
+        below = marked_nodes_sorted_by_x(
+            result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0))
+        )
         motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
-        pair = Pair(below, *plane_gap_and_normal_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions)
+        pair = NodesAndSurface(
+            below, *plane_gap_and_normal_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions
+        )
         loads, held = [np.zeros(body.nodes.size)] * 5, body.component_mask(outside, (0, 1))
         return solve_increments(body.stiffness(), loads, held, [pair], body.nodes)[-1]
 
@@ -117,10 +121,10 @@ def plate(result, element):
 
 
 EXAMPLES = {
-    "7.1/{}-row": (row, STATIC_ELEMENTS),
-    "7.2/{}": (block, STATIC_ELEMENTS),
+    "7.1/{}-row": (row, ELEMENT_NAMES_IN_STATICS),
+    "7.2/{}": (block, ELEMENT_NAMES_IN_STATICS),
     "7.3/{}": (punch, ("pw-T6", "galerkin-Q8")),
-    "7.4/{}": (plate, STATIC_ELEMENTS),
+    "7.4/{}": (plate, ELEMENT_NAMES_IN_STATICS),
 }
 
 

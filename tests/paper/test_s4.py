@@ -9,7 +9,7 @@ from dolfinx.mesh import create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from study.model.matrices import dense
-from tests.oracle.assembly import Body as OracleBody
+from tests.oracle.assembly import LinearElasticBody as OracleBody
 from tests.oracle.elements import tabulate_at_gauss_points
 
 E, NU, RHO = 2.0, 0.3, 1.7

@@ -8,7 +8,7 @@ import pytest
 from pw_elements import Body, Material, Spaces, as_function, assemble_matrix
 from pw_elements.meshes import triangles
 from study.model.matrices import dense
-from tests.oracle.assembly import Body as OracleBody
+from tests.oracle.assembly import LinearElasticBody as OracleBody
 
 
 @pytest.mark.parametrize("spaces", [Spaces.petrov_galerkin, Spaces.galerkin])

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from study.paper import s7_5_column, s7_5_profiles
-from tests.oracle.contact import Pair, solve_increments
+from tests.oracle.contact import NodesAndSurface, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
+    ELEMENT_NAMES_IN_STATICS,
     NORMAL_DOWN,
     NORMAL_UP,
-    STATIC_ELEMENTS,
     StudyComparison,
     all_of,
     assert_agrees_with_own_weights_alone,
     condensed_stiffness_mass_and_mask,
     make_oracle_body,
+    marked_nodes_sorted_by_x,
     plane_gap_and_normal_functions,
     rows_on_plane,
-    marked_nodes_sorted_by_x,
 )
 from tests.oracle.test_sections import oracle_points_per_direction, patch_library_quadrature_degree
 
@@ -59,7 +59,11 @@ def stepped_column(element):
             )
             motions = descent if normal is NORMAL_DOWN else ()
             nodes = marked_nodes_sorted_by_x(result.curves, between)
-            pairs.append(Pair(nodes, *plane_gap_and_normal_functions(normal, z - gap), 0.3, motions))
+            pairs.append(
+                NodesAndSurface(
+                    nodes, *plane_gap_and_normal_functions(normal, z - gap), 0.3, motions
+                )
+            )
         loads = [np.zeros(body.nodes.size)] * 10
         state = solve_increments(K, loads, on_axis, pairs, body.nodes)[-1]
         found = {"displacement": state.displacement}
@@ -81,6 +85,6 @@ def stepped_column(element):
     return StudyComparison(theirs, ours, scales)
 
 
-@pytest.mark.parametrize("element", STATIC_ELEMENTS)
+@pytest.mark.parametrize("element", ELEMENT_NAMES_IN_STATICS)
 def test_oracle_finds_the_numbers_of_the_study(element):
     assert_agrees_with_own_weights_alone(stepped_column(element), element)

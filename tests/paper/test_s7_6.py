@@ -13,8 +13,8 @@ from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     StudyComparison,
     all_of,
-    assert_study_agrees_with_oracle,
     assert_agrees_with_own_weights_alone,
+    assert_study_agrees_with_oracle,
     make_oracle_body,
     rows_on_plane,
     solve_with_zero_supports,
@@ -29,7 +29,9 @@ def beam(result, element, uniform):
     """Half of the beam, symmetric and antisymmetric, under the load at A or a uniform one."""
 
     def ours(linear):
-        body = make_oracle_body(result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1)
+        body = make_oracle_body(
+            result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1
+        )
         end, middle = rows_on_plane(0, 0.0), rows_on_plane(0, 4.0)
         A, centre = all_of(end, rows_on_plane(1, 0.0)), all_of(middle, rows_on_plane(1, 0.0))
         symmetrised = element.startswith("pwsym")
@@ -62,7 +64,9 @@ def beam(result, element, uniform):
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_oracle_finds_the_numbers_of_the_study(element, load, results):
     problem = beam(results[f"7.6/{element}{load}"], element, LOADS[load])
-    (assert_study_agrees_with_oracle if load else assert_agrees_with_own_weights_alone)(problem, element)
+    (assert_study_agrees_with_oracle if load else assert_agrees_with_own_weights_alone)(
+        problem, element
+    )
     if load and element == "pw-T6":  # K_PW = T K, and K_sigma alike: no weights make a difference
         assert_study_agrees_with_oracle(problem, "galerkin-T6")
 

@@ -68,7 +68,7 @@ class SpawnedCommand:
                 return
         raise AssertionError(f"{line!r} was not printed: {self.read_messages()}")
 
-    def send(self, signal_number, to_group=False):
+    def send_signal(self, signal_number, to_group=False):
         """Send a signal to the first process or, if `to_group` is True, to its process group."""
         with suppress(ProcessLookupError):
             (os.killpg if to_group else os.kill)(self.pid, signal_number)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pw_elements import Direct, Iterative
-from pw_elements.contact.iteration import LinearIncrement
+from pw_elements.contact.iteration import LinearIncrementEquations
 from pw_elements.contact.nodes import SmallStrainKinematics
 from pw_elements.contact.steps import stepping
 from study.run.sources import closure, imported, source
@@ -21,7 +21,7 @@ from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
 LIBRARY_FOLDER = ROOT / "pw_elements"
-PACKAGES = [  # packages and modules of the library, from the lowest to the highest
+PACKAGES_FROM_LOWEST_TO_HIGHEST = [  # packages and modules of the library, from the lowest to the highest
     "arrays",
     "_compat",
     "files",
@@ -91,7 +91,9 @@ def list_module_paths(folder):
 
 def test_a_folder_of_the_library_has_at_most_eight_modules():
     folders = [path.parent for path in LIBRARY_FOLDER.rglob("__init__.py")]
-    counts = {folder.relative_to(LIBRARY_FOLDER): len(list_module_paths(folder)) for folder in folders}
+    counts = {
+        folder.relative_to(LIBRARY_FOLDER): len(list_module_paths(folder)) for folder in folders
+    }
     assert counts.pop(Path(".")) <= 13
     assert {folder: n for folder, n in counts.items() if n > 8} == {}
     assert len(counts) > 8
@@ -169,7 +171,9 @@ def test_packages_import_only_downwards_and_through_their_interfaces():
         if package == imported_package or name in ("pw_elements", "pw_elements.contact"):
             continue
         n_imports += 1
-        if PACKAGES.index(imported_package) >= PACKAGES.index(package):
+        if PACKAGES_FROM_LOWEST_TO_HIGHEST.index(
+            imported_package
+        ) >= PACKAGES_FROM_LOWEST_TO_HIGHEST.index(package):
             wrong.append(f"{name} imports upwards: {module}")
         if module != f"pw_elements.{imported_package}":
             wrong.append(f"{name} bypasses the interface of {imported_package}: {module}")
@@ -215,7 +219,10 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
     surfaces nor reports of progress, which only observe the iteration, are counted.
     """
     entered, solves = set(), []
-    solve, linearise = LinearIncrement.solve, SmallStrainKinematics.linearise
+    solve, linearise = (
+        LinearIncrementEquations.solve_linearised_system,
+        SmallStrainKinematics.linearise,
+    )
     solve_increment = stepping.solve_increment
 
     def record_module(frame, event, _):
@@ -240,12 +247,15 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
         finally:
             sys.setprofile(None)
 
-    monkeypatch.setattr(LinearIncrement, "solve", solve_with_profile)
+    monkeypatch.setattr(LinearIncrementEquations, "solve", solve_with_profile)
     monkeypatch.setattr(SmallStrainKinematics, "linearise", linearise_without_profile)
     monkeypatch.setattr(stepping, "solve_increment", solve_increment_without_profile)
     block = BlockOnFloor(8, method)
     states = block.solve_contact(
-        block.floor_pair(0.3), block.no_supports, block.press_then_pull_loads(10.0, 1), solver=solver
+        block.floor_pair(0.3),
+        block.no_supports,
+        block.press_then_pull_loads(10.0, 1),
+        solver=solver,
     )
     assert max(state.iterations for state in states) > 1
     entered.discard("contact/output/progress.py")

@@ -10,29 +10,29 @@ from study.judge.facts import load_facts
 from study.judge.measures.beam import computed_ratio, exact_ratio
 from study.paper.items import TABLE_2
 
-PROJECT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 # u at the centre of the unit square with -Δu = 1 and u = 0 on the boundary
 POISSON_CENTRE_VALUE = 0.0736713
 
 
 def test_the_example_of_the_readme_runs():
-    (code,) = re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(), re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     names: dict = {}
     exec(code, names)
     assert names["a"].max()[1] == pytest.approx(POISSON_CENTRE_VALUE, rel=1e-3)
 
 
 def test_the_readme_names_files_that_exist():
-    readme = (PROJECT / "README.md").read_text()
+    readme = (ROOT / "README.md").read_text()
     paths = re.findall(r"`((?:study|pw_elements|figures|tests)/[\w/*]+\.\w+)`", readme)
     paths += re.findall(r"\]\(([\w./-]+)\)", readme)
     assert len(paths) > 15
     for name in paths:
-        assert list(PROJECT.glob(name)), name
+        assert list(ROOT.glob(name)), name
 
 
 def test_the_readme_is_short_and_contains_the_required_words():
-    words = (PROJECT / "README.md").read_text().split()
+    words = (ROOT / "README.md").read_text().split()
     assert len(words) <= 700
     assert {"Basix", "UFL", "CPS6", "Euler", "pytest"} <= {
         word for text in words for word in re.findall(r"[A-Za-z0-9]+", text)
@@ -43,19 +43,19 @@ def test_the_readme_gives_the_numbers_of_statements_by_grade():
     grades = [claim.grade for claim in load_paper_claims()]
     counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
     n_reproduced, _, other_counts = counts.partition(" ")
-    readme = " ".join((PROJECT / "README.md").read_text().split())
+    readme = " ".join((ROOT / "README.md").read_text().split())
     assert f"Of {len(grades)} statements of the paper, {n_reproduced} are {other_counts}." in readme
     assert f"They rest on {len(load_facts())} independent facts." in readme
 
 
 def test_the_readme_gives_the_differences_of_table_2():
     lower = [100 * (1 - TABLE_2["6-node user element"][i] / TABLE_2["CPS6"][i]) for i in (0, 1)]
-    readme = " ".join((PROJECT / "README.md").read_text().split())
+    readme = " ".join((ROOT / "README.md").read_text().split())
     assert "in the paper's Table 2 it is lower by {:.1f} % and {:.1f} %".format(*lower) in readme
 
 
 def test_the_readme_gives_the_computed_differences_of_critical_stresses(results):
-    readme = " ".join((PROJECT / "README.md").read_text().split())
+    readme = " ".join((ROOT / "README.md").read_text().split())
     lower = [-computed_ratio(results, "pw-T6", "galerkin-T6", mode) for mode in (1, 2)]
     exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]
     assert "lower the critical stress by {:.1g} % and {:.1g} %".format(*lower) in readme

@@ -14,9 +14,9 @@ import pytest
 from pw_elements.contact import OPEN, SLIP
 from tests.run.test_tutorial import run_program
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES_FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLE_NAMES = sorted(
-    path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh")
+    path.stem for path in EXAMPLES_FOLDER.glob("*.py") if not path.stem.endswith("_mesh")
 )
 MAX_EXAMPLE_CODE_LINES = 60  # number of lines without docstring and empty lines
 # Replacements of the line that sets the mesh size, by example
@@ -44,14 +44,16 @@ def run_example_source(name, folder, is_coarse=True):
 
     See `run_program`. By default, the mesh is coarse.
     """
-    code = (EXAMPLES / f"{name}.py").read_text()
+    code = (EXAMPLES_FOLDER / f"{name}.py").read_text()
     if is_coarse and name in COARSE_MESH_SETTINGS:
         setting = COARSE_MESH_SETTINGS[name].partition(" = ")[0]
         line = rf"^{re.escape(setting)} = [^#\n]*"
-        code, count = re.subn(line, COARSE_MESH_SETTINGS[name] + "  ", code, count=1, flags=re.MULTILINE)
+        code, count = re.subn(
+            line, COARSE_MESH_SETTINGS[name] + "  ", code, count=1, flags=re.MULTILINE
+        )
         assert count == 1, f"{name} states no {setting}"
-    code = code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})")
-    with patch.object(sys, "path", [str(EXAMPLES), *sys.path]):
+    code = code.replace("Path(__file__)", f"Path({str(EXAMPLES_FOLDER / name)!r})")
+    with patch.object(sys, "path", [str(EXAMPLES_FOLDER), *sys.path]):
         return run_program(code, folder / f"{name}.py")
 
 
@@ -73,7 +75,7 @@ def test_examples_are_short_and_each_is_tested():
     tests = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     for name in EXAMPLE_NAMES:
         assert name in tests
-        code = (EXAMPLES / f"{name}.py").read_text().split('"""', 2)[2]
+        code = (EXAMPLES_FOLDER / f"{name}.py").read_text().split('"""', 2)[2]
         count = sum(bool(line.strip()) for line in code.splitlines())
         assert 20 <= count <= MAX_EXAMPLE_CODE_LINES, f"{name} has {count} lines"
 

@@ -18,7 +18,7 @@ def read_ci_step_names():
 
 
 @pytest.fixture
-def gate_folder(tmp_path):
+def folder_with_ci_script(tmp_path):
     """Create a folder that contains only the script .ci/run."""
     (tmp_path / ".ci").mkdir()
     for file in (CI_SCRIPT, CI_SCRIPT.with_name("signals.sh")):

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 MAX_GLOSSARY_TERMS = 60
-ROWS = [
+GLOSSARY_ROWS = [
     [cell.strip() for cell in line[1:-1].split("|")]
     for line in (ROOT / "docs/glossary.md").read_text().splitlines()
     if line.startswith("| ") and not line.startswith(("| Term", "| ---"))
@@ -35,14 +35,14 @@ def find_object(dotted_name):
 
 
 def test_each_term_has_a_symbol_a_sentence_and_a_place_in_the_code():
-    assert 40 < len(ROWS) <= MAX_GLOSSARY_TERMS
-    assert {len(row) for row in ROWS} == {4}
-    terms = [row[0] for row in ROWS]
+    assert 40 < len(GLOSSARY_ROWS) <= MAX_GLOSSARY_TERMS
+    assert {len(row) for row in GLOSSARY_ROWS} == {4}
+    terms = [row[0] for row in GLOSSARY_ROWS]
     assert len(set(terms)) == len(terms)
-    assert [row[0] for row in ROWS if not row[2].endswith(".") or row[2].count(". ")] == []
+    assert [row[0] for row in GLOSSARY_ROWS if not row[2].endswith(".") or row[2].count(". ")] == []
 
 
-@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+@pytest.mark.parametrize("row", GLOSSARY_ROWS, ids=[row[0] for row in GLOSSARY_ROWS])
 def test_the_code_holds_each_term(row):
     (dotted_name,) = re.findall(r"`(pw_elements[\w.]*)`", row[3])
     assert find_object(dotted_name) is not None

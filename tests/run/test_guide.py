@@ -9,10 +9,10 @@ import pytest
 from tests.run.test_tutorial import extract_python_code, run_program
 
 ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
+DOCS_FOLDER = ROOT / "docs"
 PAGES_WITH_CODE = sorted(
     path
-    for path in DOCS.rglob("*.md")
+    for path in DOCS_FOLDER.rglob("*.md")
     # the tutorial is tested by test_tutorial
     if "```python" in path.read_text() and path.name != "your-own-problem.md"
 )
@@ -26,8 +26,8 @@ def test_code_of_the_page_runs(page, tmp_path):
 
 
 def test_every_how_to_page_is_in_the_index():
-    pages = {path.stem for path in (DOCS / "how-to").glob("*.md")} - {"index"}
-    listed = (DOCS / "how-to" / "index.md").read_text()
+    pages = {path.stem for path in (DOCS_FOLDER / "how-to").glob("*.md")} - {"index"}
+    listed = (DOCS_FOLDER / "how-to" / "index.md").read_text()
     assert len(pages) >= 16
     assert all(f"\n{page}\n" in listed for page in pages)
 
@@ -37,7 +37,7 @@ def test_links_within_the_guide_lead_to_existing_pages():
 
     Links to generated pages (gallery, reference, evidence) are checked by the tests of the site.
     """
-    for page in DOCS.rglob("*.md"):
+    for page in DOCS_FOLDER.rglob("*.md"):
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
             if target.removeprefix("../").split("/")[0] in ("gallery", "reference", "evidence"):
                 continue
@@ -58,7 +58,7 @@ def test_anchors_within_the_guide_lead_to_headings():
     An anchor in a link must either follow a complete file name or stand alone.
     """
     checked = 0
-    for page in DOCS.rglob("*.md"):
+    for page in DOCS_FOLDER.rglob("*.md"):
         for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]*)\)", page.read_text()):
             path = page.parent / target if target else page
             assert path.is_file(), f"{page.name}: {target}#{anchor}"

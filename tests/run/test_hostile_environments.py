@@ -20,8 +20,8 @@ import pytest
 from study.run.store import Results
 
 ROOT = Path(__file__).parents[2]
-RUN = ROOT / "run"
-CASES = ["7.1/pw-T6", "7.1/galerkin-T6"]
+RUN_SCRIPT = ROOT / "run"
+STUDY_CASES = ["7.1/pw-T6", "7.1/galerkin-T6"]
 ERROR_LINE_PATTERN = re.compile(r"(run|study|figures|site|7\.1/[\w-]+): \S.*")
 NAME_WITH_SPECIAL_CHARACTERS = "a b'c\"ü$x"
 
@@ -46,7 +46,7 @@ class Mount:
     flags: int = 0
     size: str = "64k"
 
-    def make(self):
+    def mount_file_system(self):
         """Mount the file system, or raise OSError."""
         folder, bind = str(self.folder).encode(), self.flags & BIND
         flags = self.flags | (REMOUNT if bind and self.flags & READ_ONLY else 0)
@@ -63,7 +63,16 @@ def skip_if_mounts_are_forbidden():
         pytest.skip("this machine cannot create mounts: they need root, and Python 3.12")
 
 
-def run_study(results_folder, *arguments, wrapped=(), mounts=(), limits=(), script=RUN, cwd=ROOT, **environment_changes):
+def run_study(
+    results_folder,
+    *arguments,
+    command_prefix=(),
+    mounts=(),
+    resource_limits=(),
+    script=RUN_SCRIPT,
+    cwd=ROOT,
+    **environment_changes,
+):
     """Run the study of two cases, and return the process.
 
     The keyword arguments `environment_changes` are environment variables; a variable given as None is unset.
@@ -79,11 +88,18 @@ def run_study(results_folder, *arguments, wrapped=(), mounts=(), limits=(), scri
             ctypes.CDLL(None).mount(b"none", b"/", None, PRIVATE, None)
         for mount in mounts:
             mount.make()
-        for resource_name, value in limits:
+        for resource_name, value in resource_limits:
             resource.setrlimit(resource_name, (value, value))
 
     return subprocess.run(
-        [*wrapped, script, "study", *(arguments or CASES), "--out", str(results_folder)],
+        [
+            *command_prefix,
+            script,
+            "study",
+            *(arguments or STUDY_CASES),
+            "--out",
+            str(results_folder),
+        ],
         cwd=cwd,
         env=environment,
         preexec_fn=set_mounts_and_limits,
@@ -97,7 +113,7 @@ def assert_study_complete(process, results_folder):
     """Assert status 0 of a process, and complete results in the folder `results_folder`."""
     assert process.returncode == 0, process.stderr
     results = Results(results_folder)
-    assert [case in results for case in CASES] == [True, True]
+    assert [case in results for case in STUDY_CASES] == [True, True]
     assert "Traceback" not in process.stderr
 
 
@@ -149,7 +165,7 @@ def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
 
 def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
     out = tmp_path / "out"
-    command = [RUN, "study", *CASES, "--force", "--out", str(out)]
+    command = [RUN_SCRIPT, "study", *STUDY_CASES, "--force", "--out", str(out)]
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     messages = [process.communicate()[1] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], messages
@@ -159,23 +175,23 @@ def test_two_studies_at_once_in_one_folder_both_complete(tmp_path):
 
 @pytest.mark.parametrize("files", [16, 24, 64])
 def test_few_open_files_give_results_or_a_reason(tmp_path, files):
-    process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_NOFILE, files)])
+    process = run_study(tmp_path / "out", resource_limits=[(resource.RLIMIT_NOFILE, files)])
     assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 @pytest.mark.parametrize("megabytes", [1200, 3000])
 def test_limited_memory_gives_results_or_a_reason(tmp_path, megabytes):
-    process = run_study(tmp_path / "out", limits=[(resource.RLIMIT_AS, megabytes << 20)])
+    process = run_study(tmp_path / "out", resource_limits=[(resource.RLIMIT_AS, megabytes << 20)])
     assert_study_complete_or_reason_given(process, tmp_path / "out")
 
 
 @pytest.mark.parametrize("megabytes", [300, 600])
-@pytest.mark.parametrize("command", [(RUN, "study"), (sys.executable, "-m", "study")])
+@pytest.mark.parametrize("command", [(RUN_SCRIPT, "study"), (sys.executable, "-m", "study")])
 def test_insufficient_memory_is_refused(tmp_path, command, megabytes):
     """The study is refused if memory is so small that OpenBLAS would wait for it forever."""
     size = megabytes << 20
     process = subprocess.run(
-        [*command, *CASES, "--out", str(tmp_path / "out")],
+        [*command, *STUDY_CASES, "--out", str(tmp_path / "out")],
         cwd=ROOT,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size)),
         capture_output=True,
@@ -235,7 +251,10 @@ def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
 
     They are the names of results, current folder, project folder and TMPDIR.
     """
-    folder, project = tmp_path / NAME_WITH_SPECIAL_CHARACTERS, tmp_path / f"project {NAME_WITH_SPECIAL_CHARACTERS}"
+    folder, project = (
+        tmp_path / NAME_WITH_SPECIAL_CHARACTERS,
+        tmp_path / f"project {NAME_WITH_SPECIAL_CHARACTERS}",
+    )
     (folder / "temporary").mkdir(parents=True)
     ignored = shutil.ignore_patterns(".git", "results*", ".cache", "__pycache__")
     shutil.copytree(ROOT, project, ignore=ignored)
@@ -243,7 +262,15 @@ def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
     process = run_study(NAME_WITH_SPECIAL_CHARACTERS, script=project / "run", **options)
     assert_study_complete(process, folder / NAME_WITH_SPECIAL_CHARACTERS)
     figure = subprocess.run(
-        [project / "run", "figure", "fig05", "--results", NAME_WITH_SPECIAL_CHARACTERS, "--out", f"drawn {NAME_WITH_SPECIAL_CHARACTERS}"],
+        [
+            project / "run",
+            "figure",
+            "fig05",
+            "--results",
+            NAME_WITH_SPECIAL_CHARACTERS,
+            "--out",
+            f"drawn {NAME_WITH_SPECIAL_CHARACTERS}",
+        ],
         cwd=folder,
         env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
         capture_output=True,
@@ -258,10 +285,10 @@ def test_the_study_completes_with_closed_streams(tmp_path, closed):
     """The study completes with closed streams, with which some daemons start commands."""
     out = tmp_path / "out"
     line = f'exec "$@" {closed}'
-    process = run_study(out, wrapped=["sh", "-c", line, "sh"])
+    process = run_study(out, command_prefix=["sh", "-c", line, "sh"])
     assert "Traceback" not in process.stderr
     results = Results(out)
-    assert [case in results for case in CASES] == [True, True], process.stderr
+    assert [case in results for case in STUDY_CASES] == [True, True], process.stderr
 
 
 def test_modules_of_another_project_in_the_current_folder_are_not_imported(tmp_path):

@@ -21,8 +21,8 @@ from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_comman
 from tests.study.toystudy import install
 
 ROOT = Path(__file__).parents[2]
-RUN = ROOT / "run"
-SECTIONS = ["7.1", "V1"]
+RUN_SCRIPT = ROOT / "run"
+STUDY_SECTIONS = ["7.1", "V1"]
 N_RANDOM_KILLS = 50
 N_SIGNALS_BY_COMMAND = {"study": 30, "figure": 30, "site": 20}
 # as in ./run: signals are blocked until the supervisor runs
@@ -40,7 +40,15 @@ class SupervisedStudyCommand(SpawnedCommand):
     """The study under its supervisor, which runs in separate processes."""
 
     def __init__(self, out, *arguments, **environment):
-        command = [*SUPERVISED_PYTHON_COMMAND, "study", *arguments, "--jobs", "2", "--out", str(out)]
+        command = [
+            *SUPERVISED_PYTHON_COMMAND,
+            "study",
+            *arguments,
+            "--jobs",
+            "2",
+            "--out",
+            str(out),
+        ]
         messages = out.with_name(f"{out.name}.err")
         super().__init__(command, messages, PYTHONPATH=str(ROOT), **environment)
 
@@ -66,7 +74,7 @@ def read_stored_numbers(results_folder):
     results = Results(results_folder)
     return {
         case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
-        for section in SECTIONS
+        for section in STUDY_SECTIONS
         for case in results.section(section)
     }
 
@@ -75,8 +83,16 @@ def make_interruptible_commands(folder):
     """Return the commands that are interrupted: for results, a figure and the site."""
     results = str(folder / "results")
     return {
-        "study": [RUN, "study", "3", "--force", "--jobs", "2", "--out", results],
-        "figure": [RUN, "figure", "fig05", "--results", results, "--out", str(folder / "drawn")],
+        "study": [RUN_SCRIPT, "study", "3", "--force", "--jobs", "2", "--out", results],
+        "figure": [
+            RUN_SCRIPT,
+            "figure",
+            "fig05",
+            "--results",
+            results,
+            "--out",
+            str(folder / "drawn"),
+        ],
         "site": [
             *SUPERVISED_PYTHON_COMMAND,
             "study.publish.site",
@@ -99,7 +115,9 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    study_command = make_interruptible_commands(tmp_path)["study"]  # marks the folder as a results folder
+    study_command = make_interruptible_commands(tmp_path)[
+        "study"
+    ]  # marks the folder as a results folder
     assert subprocess.run(study_command, capture_output=True, cwd=ROOT).returncode in (0, 1)
     (tmp_path / "drawn").mkdir()
     for folder in ("results", "results/3", "drawn"):
@@ -111,7 +129,7 @@ def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, req
         with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=str(ROOT)) as process:
             time.sleep(random.uniform(0.0, 8.0))
             for _ in range(random.choice([1, 2])):
-                process.send(number, group)
+                process.send_signal(number, group)
             status = process.wait()
             assert process.list_survivors() == []
             interruptions = [
@@ -142,7 +160,7 @@ def test_an_interrupt_keeps_stored_results_and_workers_end_with_a_killed_main_pr
         while not (stored_names := [path.name for path in out.rglob("[!.]*.json")]):
             assert run.process.poll() is None
             time.sleep(0.02)
-        run.send(signal.SIGINT, to_group=True)
+        run.send_signal(signal.SIGINT, to_group=True)
         assert run.wait() == 130
         assert INTERRUPTION_MESSAGE_PATTERN.fullmatch(run.read_messages()[-1])[1] == "SIGINT"
         assert run.list_survivors() == []
@@ -166,7 +184,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
         pytest.skip("takes ten minutes, with --nightly")
     uninterrupted, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
-    with SupervisedStudyCommand(uninterrupted, *SECTIONS) as run:
+    with SupervisedStudyCommand(uninterrupted, *STUDY_SECTIONS) as run:
         assert run.wait() == 0, run.read_messages()
     seconds, expected = time.monotonic() - start, read_stored_numbers(uninterrupted)
     statuses, attempt = [], 0
@@ -175,10 +193,12 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             cache = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
         attempt += 1
         for path in list(out.rglob("[!.]*.json")):
-            if random.random() < 0.5 and path.parent.name in SECTIONS:
+            if random.random() < 0.5 and path.parent.name in STUDY_SECTIONS:
                 path.unlink()
         old_numbers = read_stored_numbers(out)
-        with SupervisedStudyCommand(out, *SECTIONS, *random.choice([["--force"], []]), **cache) as run:
+        with SupervisedStudyCommand(
+            out, *STUDY_SECTIONS, *random.choice([["--force"], []]), **cache
+        ) as run:
             time.sleep(random.uniform(0.0, seconds))
             victim = random.choice(run.list_killable_processes())
             was_running = run.process.poll() is None
@@ -194,7 +214,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
         assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
     # number of killed workers with a case, and number of killed main processes
     assert set(statuses) >= {1, 128 + signal.SIGKILL}
-    with SupervisedStudyCommand(out, *SECTIONS, **cache) as run:
+    with SupervisedStudyCommand(out, *STUDY_SECTIONS, **cache) as run:
         assert run.wait() == 0, run.read_messages()
     assert read_stored_numbers(out) == expected
     assert [path.name for path in out.rglob(".*")] == [".pw-elements"]
@@ -227,7 +247,7 @@ def make_compilation_timeout_error(form_source):
 
 
 @pytest.fixture
-def stale_source(tmp_path):
+def abandoned_form_source(tmp_path):
     """Return the path of a form's C source whose compilation began long ago."""
     path = tmp_path / "libffcx_forms_1f.c"
     path.write_text("")
@@ -255,7 +275,9 @@ def test_compilations_that_were_killed_or_duplicated_are_repeated(abandoned_form
     abandoned_form_source.write_text("")
     os.utime(abandoned_form_source, (0, 0))
     assert unblocked(
-        ValueError(f"the form cannot be compiled: {make_compilation_timeout_error(abandoned_form_source)}")
+        ValueError(
+            f"the form cannot be compiled: {make_compilation_timeout_error(abandoned_form_source)}"
+        )
     )
     assert not abandoned_form_source.exists()
     completion_mark.touch()
@@ -277,7 +299,9 @@ def run(value, log, do=""):
 def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, abandoned_form_source):
     install(tmp_path, monkeypatch)
     section = tmp_path / "toy" / "one.py"
-    text = section.read_text().replace('def run(value, log, do=""):', CASE_SOURCE_WITH_TIMEOUT.strip())
+    text = section.read_text().replace(
+        'def run(value, log, do=""):', CASE_SOURCE_WITH_TIMEOUT.strip()
+    )
     section.write_text(text.replace('case("a")', f'case("a", do="{abandoned_form_source}")'))
     monkeypatch.setattr("study.publish.report.build", lambda *_: [])
     assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RUN = ROOT / "run"
+RUN_SCRIPT = ROOT / "run"
 # HOME in the Debian that ./run unpacks
 IS_IN_UNPACKED_DEBIAN = os.environ.get("HOME") == "/usr/private"
 only_in_unpacked_debian = pytest.mark.skipif(
@@ -21,7 +21,7 @@ only_in_unpacked_debian = pytest.mark.skipif(
 )
 
 
-def run_script(*args, cwd=ROOT, script=RUN, **env):
+def run_script(*args, cwd=ROOT, script=RUN_SCRIPT, **env):
     """Run the script, and return the completed process.
 
     The keyword arguments `env` are environment variables; a variable given as None is unset.
@@ -43,9 +43,9 @@ def list_mount_points():
 
 
 def test_the_help_is_the_head_comment_of_the_file(tmp_path):
-    head = RUN.read_text().split("\nset -eu\n")[0].splitlines()[1:]
+    head = RUN_SCRIPT.read_text().split("\nset -eu\n")[0].splitlines()[1:]
     expected = [line.removeprefix("#").removeprefix(" ") for line in head]
-    relative = os.path.relpath(RUN, tmp_path)
+    relative = os.path.relpath(RUN_SCRIPT, tmp_path)
     for process in (run_script(), run_script("--help"), run_script(cwd=tmp_path, script=relative)):
         assert process.returncode == 0, process.stderr
         assert process.stdout.splitlines() == expected
@@ -85,7 +85,7 @@ def test_the_study_resolves_folders_relative_to_the_current_folder(tmp_path):
 def test_tests_run_in_the_project_and_print_their_number_at_once(tmp_path):
     (tmp_path / "test_toy.py").write_text("import time\ndef test_it(): time.sleep(120)\n")
     options = ["-c", "pyproject.toml", "--rootdir", ROOT, "-p", "tests.conftest"]
-    command = [RUN, "test", *options, tmp_path / "test_toy.py"]
+    command = [RUN_SCRIPT, "test", *options, tmp_path / "test_toy.py"]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     lines = iter(process.stdout.readline, "")
     summary = next(line for line in lines if "tests, " in line)  # the test is still running
@@ -136,7 +136,7 @@ def run_on_bare_system(tmp_path):
         if path := shutil.which(tool):
             (programs / tool).symlink_to(path)
 
-    def run_with_stubs(*args, script=RUN, env=None, dolfinx_version="0.8.0", **stubs):
+    def run_with_stubs(*args, script=RUN_SCRIPT, env=None, dolfinx_version="0.8.0", **stubs):
         """Run a script with stub programs, which are given by their names and shell code."""
         (packages / "dolfinx" / "__init__.py").write_text(f"__version__ = '{dolfinx_version}'")
         for name, text in stubs.items():
@@ -226,7 +226,8 @@ APT_GET_STUB = """case "$*" in
 
 
 @pytest.mark.parametrize(
-    ("mirror", "suite"), [(None, CODENAME_VARIABLE), (None, "sid"), ("http://given/debian", CODENAME_VARIABLE)]
+    ("mirror", "suite"),
+    [(None, CODENAME_VARIABLE), (None, "sid"), ("http://given/debian", CODENAME_VARIABLE)],
 )
 def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
     run_on_bare_system, tmp_path, mirror, suite
@@ -285,7 +286,7 @@ def test_debian_keys_are_downloaded_or_package_lists_requested(
 ):
     script, keys = tmp_path / "project" / "run", "usr/share/keyrings/debian-archive-keyring.gpg"
     script.parent.mkdir()
-    script.write_text(RUN.read_text().replace(f"/{keys}", f"/nowhere/{keys}"))
+    script.write_text(RUN_SCRIPT.read_text().replace(f"/{keys}", f"/nowhere/{keys}"))
     script.chmod(0o755)
     unpack = f"mkdir -p nowhere/{keys.rpartition('/')[0]}; echo theirs >nowhere/{keys}"
     apt_get = APT_GET_STUB if available else 'case "$*" in *download*) exit 100 ;; esac'
@@ -310,7 +311,7 @@ def test_dolfinx_0_10_is_refused_by_the_metadata_and_the_library(tmp_path):
 def test_no_folder_for_the_packages_gives_a_one_line_error(run_on_bare_system, tmp_path):
     script = tmp_path / "project" / "run"
     script.parent.mkdir()
-    shutil.copy(RUN, script)
+    shutil.copy(RUN_SCRIPT, script)
     (script.parent / ".cache").write_text("no folder")
     env = {"XDG_CACHE_HOME": None, "HOME": "/proc/none"}
     process = run_on_bare_system("true", script=script, env=env, **APT_STUBS, id="echo 0")
@@ -323,7 +324,7 @@ def test_no_folder_for_the_packages_gives_a_one_line_error(run_on_bare_system, t
 def test_a_cache_folder_that_others_may_write_to_is_not_trusted(run_on_bare_system, tmp_path, mode):
     script, open_folder = tmp_path / "project" / "run", tmp_path / "open"
     script.parent.mkdir()
-    shutil.copy(RUN, script)
+    shutil.copy(RUN_SCRIPT, script)
     (script.parent / ".cache").write_text("no folder")
     folder = open_folder / "pw-elements"
     folder.mkdir(parents=True)
@@ -341,7 +342,7 @@ def test_a_cache_folder_that_others_may_write_to_is_not_trusted(run_on_bare_syst
 
 
 def test_folders_for_dolfinx_are_not_writable_by_others(run_on_bare_system, tmp_path):
-    command, cache = f"umask 000; exec {RUN} true", tmp_path / "open-to-all"
+    command, cache = f"umask 000; exec {RUN_SCRIPT} true", tmp_path / "open-to-all"
     programs = (
         APT_STUBS | MOUNT_STUBS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": APT_GET_STUB}
     )
@@ -373,8 +374,16 @@ GIT_STUB_TEMPLATE = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; 
 @pytest.mark.parametrize(
     ("git", "expected", "threads"),
     [
-        (GIT_STUB_TEMPLATE.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}, None),
-        (GIT_STUB_TEMPLATE.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}, "2"),
+        (
+            GIT_STUB_TEMPLATE.format(""),
+            {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"},
+            None,
+        ),
+        (
+            GIT_STUB_TEMPLATE.format(" M run"),
+            {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"},
+            "2",
+        ),
         ("exit 128", {}, None),
     ],
 )

@@ -14,7 +14,7 @@ from study.run.supervisor import KEPT
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 
 ROOT = Path(__file__).parents[2]
-RUN = ROOT / "run"
+RUN_SCRIPT = ROOT / "run"
 
 # Starts a child, a child that ignores all signals that can be ignored and has its own child, and
 # children that have left their parent and their session; then works without handling signals
@@ -85,7 +85,7 @@ def test_a_signal_ends_every_descendant_and_gives_one_line(tmp_path, number, gro
     with start_process_family(tmp_path) as family:
         # some processes have left their parent
         assert {*family.list_descendants()} < {*family.list_marked_processes()}
-        family.send(number, group)
+        family.send_signal(number, group)
         assert family.wait() == 128 + number
         assert family.list_survivors() == []
         assert family.read_messages() == [interruption_message(number)]
@@ -101,7 +101,7 @@ def test_a_foreign_process_of_the_same_group_is_not_ended(tmp_path):
         ]
         assert os.getpgid(stranger) == family.pid
         assert stranger not in family.list_descendants()
-        family.send(signal.SIGTERM)
+        family.send_signal(signal.SIGTERM)
         assert family.wait() == 128 + signal.SIGTERM
         assert family.list_survivors() == [stranger]
 
@@ -159,8 +159,8 @@ def test_status_and_messages_of_the_command_are_passed_on(
 def test_an_ignored_signal_remains_ignored(tmp_path):
     """A signal that was ignored before remains ignored, as under nohup."""
     with start_process_family(tmp_path, ignored=[signal.SIGHUP]) as family:
-        family.send(signal.SIGHUP, to_group=True)
-        family.send(signal.SIGTERM)
+        family.send_signal(signal.SIGHUP, to_group=True)
+        family.send_signal(signal.SIGTERM)
         assert family.wait() == 128 + signal.SIGTERM
         assert family.read_messages() == [interruption_message(signal.SIGTERM)]
         assert family.list_survivors() == []
@@ -176,7 +176,7 @@ def command():
     (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
     with start_supervised(tmp_path, nested, "supervise(command, 'figures')") as outer:
         outer.read_output_until("begun")
-        outer.send(signal.SIGINT, to_group=True)
+        outer.send_signal(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT
         assert outer.read_messages() == [
             interruption_message(signal.SIGINT, KEPT["figures"], "figures")
@@ -186,7 +186,7 @@ def command():
 
 def test_a_supervisor_that_is_not_an_ancestor_is_disregarded(tmp_path):
     with start_process_family(tmp_path, PW_ELEMENTS_SUPERVISOR="999999999") as family:
-        family.send(signal.SIGTERM)
+        family.send_signal(signal.SIGTERM)
         assert family.wait() == 128 + signal.SIGTERM
         assert family.list_survivors() == []
 
@@ -238,14 +238,22 @@ def test_libraries_that_crash_at_the_end_of_the_leader_do_not_change_the_status(
 
 @pytest.mark.parametrize("number", TERMINATION_SIGNALS)
 def test_a_signal_to_a_figure_also_ends_the_study_that_it_started(tmp_path, number):
-    command = [RUN, "figure", "fig05", "--results", tmp_path / "results", "--out", tmp_path / "out"]
+    command = [
+        RUN_SCRIPT,
+        "figure",
+        "fig05",
+        "--results",
+        tmp_path / "results",
+        "--out",
+        tmp_path / "out",
+    ]
     with SpawnedCommand(command, tmp_path / "messages") as figure:
         while not any(
             "-m study 7.1" in read_command_line(process) for process in figure.list_descendants()
         ):
             assert figure.process.poll() is None, figure.read_messages()
             time.sleep(0.002)
-        figure.send(number)
+        figure.send_signal(number)
         assert figure.wait() == 128 + number
         assert figure.list_survivors() == []
         assert figure.read_messages()[-1] == interruption_message(
@@ -268,13 +276,13 @@ def test_a_signal_before_the_command_starts_gives_one_line_and_leaves_no_process
     python.chmod(0o755)
     path = f"{tmp_path}:{os.environ['PATH']}"
     for group in (False, True):
-        with SpawnedCommand([RUN, "true"], tmp_path / "messages", PATH=path) as process:
+        with SpawnedCommand([RUN_SCRIPT, "true"], tmp_path / "messages", PATH=path) as process:
             while not any(
                 "sleep 600" in read_command_line(descendant)
                 for descendant in process.list_descendants()
             ):
                 time.sleep(0.005)
-            process.send(signal.SIGTERM, group)
+            process.send_signal(signal.SIGTERM, group)
             assert process.wait() == -signal.SIGTERM
             assert process.list_survivors_after_waiting() == []
             assert len(process.read_messages()) == 1, process.read_messages()

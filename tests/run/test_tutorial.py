@@ -16,9 +16,9 @@ import pytest
 
 from pw_elements.contact import OPEN
 
-DOCS = Path(__file__).parents[2] / "docs"
-TUTORIAL_PAGE = DOCS / "your-own-problem.md"
-METHODS = ("standard", "piecewise linear")
+DOCS_FOLDER = Path(__file__).parents[2] / "docs"
+TUTORIAL_PAGE = DOCS_FOLDER / "your-own-problem.md"
+ELEMENT_NAMES = ("standard", "piecewise linear")
 
 
 def extract_python_code(page):
@@ -60,7 +60,7 @@ def find_picture_names():
 
 
 @pytest.fixture(scope="module")
-def dome(tmp_path_factory):
+def tutorial_globals(tmp_path_factory):
     """Run the program of the tutorial, and return its global names."""
     return run_tutorial(tmp_path_factory.mktemp("dome"))
 
@@ -69,7 +69,7 @@ def test_the_tutorials_form_equals_that_of_the_library(tutorial_globals):
     assert tutorial_globals["difference"] < 1e-14
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ELEMENT_NAMES)
 def test_forces_equal_the_prescribed_ones_and_are_balanced_by_the_base(tutorial_globals, method):
     F, Q = tutorial_globals["F"], tutorial_globals["Q"]
     contact = tutorial_globals["pushed"][method]
@@ -84,14 +84,20 @@ def test_forces_equal_the_prescribed_ones_and_are_balanced_by_the_base(tutorial_
         assert contact_forces[~on_base] == pytest.approx(forces[~on_base], abs=1e-9 * F)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ELEMENT_NAMES)
 def test_the_pressure_agrees_with_hertz(tutorial_globals, method):
-    contact, a, p0 = tutorial_globals["pressed"][method], tutorial_globals["a"], tutorial_globals["p0"]
+    contact, a, p0 = (
+        tutorial_globals["pressed"][method],
+        tutorial_globals["a"],
+        tutorial_globals["p0"],
+    )
     x = contact.position[:, 0]
     closed = x[contact.status != OPEN]
     assert np.ptp(closed) == pytest.approx(2 * a, abs=tutorial_globals["size"])
     inner = np.abs(x) < 0.8 * a
-    error = tutorial_globals["measures"][method]["force / own test function [MPa]"] - tutorial_globals["hertz"](x)
+    error = tutorial_globals["measures"][method][
+        "force / own test function [MPa]"
+    ] - tutorial_globals["hertz"](x)
     assert np.abs(error[inner]).max() < 0.03 * p0
 
 
@@ -99,16 +105,18 @@ def test_the_tutorial_writes_its_pictures_and_fields(tutorial_globals):
     assert len(find_picture_names()) == 3
     for name in find_picture_names():
         assert (tutorial_globals["folder"] / name).stat().st_size > 20_000
-        assert (DOCS / name).is_file()
+        assert (DOCS_FOLDER / name).is_file()
     for name in ("dome.bp", "dome-stress.bp"):
         assert any((tutorial_globals["folder"] / name).iterdir())
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_the_tutorial_prints_the_same_numbers_on_two_processes(tmp_path):
-    expected = extract_numbers_without_residuals(run_tutorial(tmp_path, "0.4")["printed"])  # on a coarser mesh
+    expected = extract_numbers_without_residuals(
+        run_tutorial(tmp_path, "0.4")["printed"]
+    )  # on a coarser mesh
     command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", "dome.py"]
-    environment = os.environ | {"PYTHONPATH": str(DOCS.parent)}
+    environment = os.environ | {"PYTHONPATH": str(DOCS_FOLDER.parent)}
     process = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
@@ -121,4 +129,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         run_tutorial(Path(name))
         for picture in find_picture_names():
-            shutil.copy(Path(name) / picture, DOCS)
+            shutil.copy(Path(name) / picture, DOCS_FOLDER)

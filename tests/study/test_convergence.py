@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem
 from scipy.special import j1
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from study.benchmarks.c_convergence import eigenvalues
 from study.benchmarks.c_convergence.page import SETTINGS, compute_errors
 from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
@@ -66,7 +66,7 @@ def test_forces_are_integrals_over_the_elements_own_test_functions():
 def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():
     first, second = on_ring("pw-T6", 1 / 4), on_ring("pw-T6", 1 / 4)
     assert np.array_equal(first.geometry.x, second.geometry.x)
-    assert np.array_equal(cell_nodes(first), cell_nodes(second))
+    assert np.array_equal(cell_geometry_nodes(first), cell_geometry_nodes(second))
     for mesh, measure, within in (
         (first, np.pi / 4 * 3, 1e-5),
         (on_hollow_ball("pw-T10", 0.5), np.pi / 6 * 7, 1e-3),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pw_elements.contact.interface import Overlap, gather_boundary_facets
+from pw_elements.contact.interface import OverlapQuadrature, gather_boundary_facets
 from study.benchmarks.v11_two_bodies.methods import couple_by_multipliers, dual_functions
 from study.benchmarks.v11_two_bodies.problems import hertz
 from tests.contact.two_bodies import StackedBlocks
@@ -13,13 +13,15 @@ from tests.contact.two_bodies import StackedBlocks
 def test_duals_of_quadratics_are_biorthogonal(cell):
     """In space those of the transformed functions."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower"))
-    overlap = Overlap.from_slave_and_master(one, other, one.nodes, revolved=False)
+    one, other = (
+        gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
+    )
+    overlap = OverlapQuadrature.from_slave_and_master(one, other, one.nodes, revolved=False)
     at, N = overlap.functions[0]
-    psi = dual_functions(at, N, overlap.measure, one.dim)
+    psi = dual_functions(at, N, overlap.measure, one.space_dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
     tested = N.copy()
-    if one.dim == 3:
+    if one.space_dim == 3:
         tested *= 3 / 4
         for vertex, edges in enumerate(((4, 5), (3, 5), (3, 4))):
             tested[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
@@ -35,7 +37,9 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
 def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     """By the integral of its weight; and the master as much."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    one, other = (
+        gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
+    )
     found = couple_by_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
     forces = found.forces.toarray()
     assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)

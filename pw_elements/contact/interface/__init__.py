@@ -6,16 +6,16 @@ from pw_elements.contact.interface.facing import (
     measure_gap_and_slip,
 )
 from pw_elements.contact.interface.mortar import (
-    Overlap,
-    Trace,
+    BoundaryFacets,
+    OverlapQuadrature,
     compute_facet_nodes_positions_and_normals,
     compute_tributary_areas,
     gather_boundary_facets,
 )
 from pw_elements.contact.interface.operators import (
-    RELATIVE_COORDINATE_ROUND_OFF,
     MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
-    Interface,
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
     InvalidContactNodes,
 )
 from pw_elements.contact.interface.overlap import compute_cell_lengths_or_areas
@@ -33,4 +33,8 @@ from pw_elements.contact.interface.probes import (
     sample_interference,
     sample_surface_around_pair,
 )
-from pw_elements.contact.interface.sliding import N_SLIP_PATH_PIECES, SlidingMortar, MortarSlipReference
+from pw_elements.contact.interface.sliding import (
+    N_SLIP_PATH_PIECES,
+    MortarSlipReference,
+    SlidingMortar,
+)

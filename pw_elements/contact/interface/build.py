@@ -17,14 +17,19 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices
-from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes, format_points
-from pw_elements.contact.interface.operators import Interface
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    format_points,
+    raise_errors_on_all_processes,
+)
+from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (
     BodyNodes,
     gather_points_and_own_slice,
-    make_small_sliding_mortar_points,
     make_contact_points_at_nodes,
     make_large_sliding_mortar_points,
+    make_small_sliding_mortar_points,
     match_opposite_nodes,
 )
 from pw_elements.contact.interface.probes import check_pairs_are_equal_on_all_processes
@@ -42,8 +47,8 @@ from pw_elements.contact.model import (
 )
 from pw_elements.elasticity import (
     StressState,
-    facet_nodes,
     exterior_facets_with_all_nodes,
+    facet_nodes,
 )
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
@@ -61,7 +66,7 @@ def build_interface(
     reduction: Reduction,
     assembly: AssemblyRecord | None = None,
     large_sliding: bool = False,
-) -> Interface:
+) -> ContactInterface:
     """Build and check the interface of contact pairs; collective.
 
     Everything that is known before a computation is checked.
@@ -142,15 +147,17 @@ def build_interface(
         points.append(pair_points)
     allows_interference = [pair.interference is not False for pair in pairs]
     inverse = None if assembly is None or assembly.sibling is None else assembly.sibling.inverse
-    interface = Interface(points, shapes, body.displacements, allows_interference, inverse, mortars)
+    interface = ContactInterface(
+        points, shapes, body.displacements, allows_interference, inverse, mortars
+    )
     _raise_error_for_shared_interior_or_tied_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
-    interface.check(body.diagonal)
+    interface.check_laws_supports_and_initial_gaps(body.diagonal)
     check_pairs_are_equal_on_all_processes(interface, pairs, shapes)
     _warn_of_large_finite_difference_steps(interface)
     return interface
 
 
-def _warn_of_large_finite_difference_steps(interface: Interface) -> None:
+def _warn_of_large_finite_difference_steps(interface: ContactInterface) -> None:
     """Log a warning for each `SignedDistance` with too large a difference step; collective."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
@@ -159,7 +166,11 @@ def _warn_of_large_finite_difference_steps(interface: Interface) -> None:
         x = interface.gather_values(interface.position[interface.pair == k])
         with raise_errors_on_all_processes(comm):
             error = call_user_function(
-                comm, f"the surface of contact pair {k}", measure_gradient_change_at_half_step, surface, x
+                comm,
+                f"the surface of contact pair {k}",
+                measure_gradient_change_at_half_step,
+                surface,
+                x,
             )
         if error > MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP:
             words = (
@@ -199,7 +210,9 @@ def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: Local
     combines their displacements with others.
     """
     unique, count = np.unique(nodes, return_counts=True)
-    body.raise_error_for_invalid_nodes(unique[count > 1], "belong to two contact pairs: leave a facet between them")
+    body.raise_error_for_invalid_nodes(
+        unique[count > 1], "belong to two contact pairs: leave a facet between them"
+    )
     mesh = body.space.mesh
     facet_dim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
@@ -227,7 +240,9 @@ def _evaluate_nominal_interference(
         return None
     if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
-    return _evaluate_user_function_on_all_ranks(comm, f"the interference of contact pair {pair_index}", depth, x)
+    return _evaluate_user_function_on_all_ranks(
+        comm, f"the interference of contact pair {pair_index}", depth, x
+    )
 
 
 def _evaluate_user_function_on_all_ranks(
@@ -243,10 +258,16 @@ def _evaluate_user_function_on_all_ranks(
     points[: x.shape[1]] = all_x.T
     layout = "it takes points as columns (3, n) and gives (n,)"
     with raise_errors_on_all_processes(comm):
-        values = call_user_function(comm, name_in_messages, function, points) if len(all_x) else points[0]
-        if arguments.is_number(values):  # the function is constant
+        values = (
+            call_user_function(comm, name_in_messages, function, points)
+            if len(all_x)
+            else points[0]
+        )
+        if arguments.is_real_number(values):  # the function is constant
             values = np.full(len(all_x), values, dtype=float)
-        return arguments.check_function_values(name_in_messages, values, (len(all_x),), layout)[owned]
+        return arguments.check_function_values(name_in_messages, values, (len(all_x),), layout)[
+            owned
+        ]
 
 
 def _is_axisymmetric(

@@ -18,13 +18,13 @@ import scipy.sparse as sp
 from pw_elements.arrays import Array, Indices, Mask
 
 # Gauss' rule of three points on [0, 1]; it is part of the definition of the integrals
-_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
-_GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
+_GAUSS_POINTS_ON_UNIT_INTERVAL = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
+_GAUSS_WEIGHTS_ON_UNIT_INTERVAL = np.array([5.0, 8.0, 5.0]) / 18
 # Smallest cosine between the mean normal of a facet of the slave and the outward normal of a facet
 # of the master, at which the two can face each other
 _MIN_COSINE_OF_FACING_FACET_NORMALS = 0.01
 # Smallest fraction of a facet of the slave that has to face the master
-_MIN_COVERED_FRACTION = 1e-6
+_MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
 # Number of distances between facets that are computed at a time, to limit memory
 _MAX_FACET_DISTANCES_AT_ONCE = 1_000_000
 
@@ -114,10 +114,10 @@ def measure_gap_and_slip(
 def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     """Return normals, areas and mortar matrices for nodes at positions x (n, 2)."""
     m, f = len(sides.allowed_components), len(sides.slave_facets)
-    normals = _average_normals(sides, x)
+    normals = _average_normals_at_slave_nodes(sides, x)
     facet, (low, high), master = _find_facing_facet_parts(sides, x, normals)
     slave_nodes, master_nodes = sides.slave_facets[facet], sides.master_facets[master]
-    s = low[:, None] + (high - low)[:, None] * _GAUSS_POINTS
+    s = low[:, None] + (high - low)[:, None] * _GAUSS_POINTS_ON_UNIT_INTERVAL
     weights = np.stack([1 - s, s], axis=1)  # (q, 2, 3), of both ends at the Gauss points
     points, directions = (
         np.einsum("qig,qix->qgx", weights, end_values)
@@ -127,7 +127,7 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     offset_c, offset_d = (_cross(x[node][:, None] - points, directions) for node in master_nodes.T)
     master_s = offset_c / (offset_c - offset_d)
     length = np.linalg.norm(x[slave_nodes[:, 1]] - x[slave_nodes[:, 0]], axis=1)
-    measure = (length * (high - low))[:, None] * _GAUSS_WEIGHTS
+    measure = (length * (high - low))[:, None] * _GAUSS_WEIGHTS_ON_UNIT_INTERVAL
     if sides.revolved:
         measure = measure * 2 * np.pi * points[..., 0]
     slave_products = np.einsum("qg,qig,qjg->qij", measure, weights, weights)
@@ -151,7 +151,9 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
         _sum_blocks_into_matrix(slave_products, slave_nodes, slave_nodes, (m, len(x)))
         - _sum_blocks_into_matrix(mixed_products, slave_nodes, master_nodes, (m, len(x)))
     )
-    master_fractions = _sum_blocks_into_matrix(fractions, slave_nodes, master_nodes - m, (m, len(x) - m))
+    master_fractions = _sum_blocks_into_matrix(
+        fractions, slave_nodes, master_nodes - m, (m, len(x) - m)
+    )
     return MortarMatrices(normals, areas, distance_rows, master_fractions, fraction_error)
 
 
@@ -180,7 +182,7 @@ def _find_facing_facet_parts(
         Facets of the slave (q,); lower and upper limit (q,) of the coordinate s of each part, which
         is 0 and 1 at the ends of a facet; and facets of the master (q,).
     """
-    slave, master = _find_near_facets(sides, x, slave_normals)
+    slave, master = _find_near_facing_facet_pairs(sides, x, slave_normals)
     ends = sides.slave_facets[slave]
     (a, b), (n_a, n_b) = (np.swapaxes(v[ends], 0, 1) for v in (x, slave_normals))
     limits = []
@@ -200,24 +202,31 @@ def _find_facing_facet_parts(
     with np.errstate(invalid="ignore"):
         length = np.where(high > low, high - low, 0.0)
     covered = np.bincount(slave, length, minlength=len(sides.slave_facets))[slave]
-    faced = (length > 0) & (covered > _MIN_COVERED_FRACTION)
+    faced = (length > 0) & (covered > _MIN_FACING_FRACTION_OF_SLAVE_FACET)
     return slave[faced], (low[faced], high[faced]), master[faced]
 
 
-def _find_central_parabola_root_and_slope(value_at_start: Array, value_at_middle: Array, value_at_end: Array) -> tuple[Array, Array]:
+def _find_central_parabola_root_and_slope(
+    value_at_start: Array, value_at_middle: Array, value_at_end: Array
+) -> tuple[Array, Array]:
     """Return the roots (q,) of parabolas that are nearest to s = 1/2, and the slopes (q,) there.
 
     A parabola is defined by its values (q,) at s = 0, 1/2 and 1. If it has no root, root and slope
     are NaN.
     """
-    rise, bend = value_at_end - value_at_start, 2 * (value_at_start + value_at_end) - 4 * value_at_middle
+    rise, bend = (
+        value_at_end - value_at_start,
+        2 * (value_at_start + value_at_end) - 4 * value_at_middle,
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         q = -(rise + np.copysign(np.sqrt(rise**2 - 4 * bend * value_at_middle), rise)) / 2
         from_middle = value_at_middle / q
         return 0.5 + from_middle, rise + 2 * bend * from_middle
 
 
-def _find_near_facets(sides: MortarSides, x: Array, slave_normals: Array) -> tuple[Indices, Indices]:
+def _find_near_facing_facet_pairs(
+    sides: MortarSides, x: Array, slave_normals: Array
+) -> tuple[Indices, Indices]:
     """Return pairs of a slave's and a master's facet that are near and face each other.
 
     The distance between the midpoints of such a pair exceeds the distance to the nearest midpoint
@@ -249,7 +258,7 @@ def _find_near_facets(sides: MortarSides, x: Array, slave_normals: Array) -> tup
     return slave, master
 
 
-def _average_normals(sides: MortarSides, x: Array) -> Array:
+def _average_normals_at_slave_nodes(sides: MortarSides, x: Array) -> Array:
     """Return unit normals (m, 2) at the slave's nodes.
 
     A normal is perpendicular to the chord between the two neighbours of its node, apart from

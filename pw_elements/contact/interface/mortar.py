@@ -23,9 +23,9 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.interface.overlap import (
-    compute_unoriented_cell_normals,
     compute_cell_lengths_or_areas,
     compute_jacobian_factors,
+    compute_unoriented_cell_normals,
     evaluate_corner_shape_functions,
     find_overlap_simplices,
 )
@@ -56,7 +56,7 @@ _RELATIVE_PARALLELOGRAM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
-class Trace:
+class BoundaryFacets:
     """A part of the boundary, gathered from all processes. It has f facets with k nodes each."""
 
     facet_nodes: Indices  # (f, k), global nodes; vertices first, then the middles of edges
@@ -64,14 +64,16 @@ class Trace:
     facet_normals: Array  # (f, dim), outward unit normals of the facets, treated as flat
 
     @property
-    def dim(self) -> int:
+    def space_dim(self) -> int:
         """Dimension of the space that contains the boundary."""
         return int(self.facet_x.shape[2])
 
     @cached_property
     def _quadratic_facet_element(self) -> basix.finite_element.FiniteElement:
         return basix.create_element(
-            basix.ElementFamily.P, _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self._local_sub_facet_nodes.shape[1]], 2
+            basix.ElementFamily.P,
+            _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self._local_sub_facet_nodes.shape[1]],
+            2,
         )
 
     @cached_property
@@ -83,7 +85,7 @@ class Trace:
     def sub_facet_nodes_corners_and_normals(self) -> tuple[Indices, Array, Array]:
         """Nodes (s, k), corners (s, k, dim) and outward unit normals (s, dim) of all sub-facets."""
         count, k = self._local_sub_facet_nodes.shape
-        corners = self.facet_x[:, self._local_sub_facet_nodes].reshape(-1, k, self.dim)
+        corners = self.facet_x[:, self._local_sub_facet_nodes].reshape(-1, k, self.space_dim)
         outward = np.repeat(self.facet_normals, count, axis=0)
         normal = compute_unoriented_cell_normals(corners)
         normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
@@ -125,7 +127,7 @@ class Trace:
         """Sorted global numbers (n,) of the nodes."""
         return np.unique(self.facet_nodes)
 
-    def with_positions(self, x: Array) -> "Trace":
+    def with_positions(self, x: Array) -> "BoundaryFacets":
         """Return a copy of the trace with its nodes at positions x (n, dim)."""
         return replace(self, facet_x=x[np.searchsorted(self.nodes, self.facet_nodes)])
 
@@ -136,8 +138,10 @@ class Trace:
         """
         sub_facet_nodes, corners, normal = self.sub_facet_nodes_corners_and_normals
         position = np.searchsorted(self.nodes, sub_facet_nodes)
-        sums = np.zeros((len(self.nodes), self.dim))
-        np.add.at(sums, position, (normal * compute_cell_lengths_or_areas(corners)[:, None])[:, None, :])
+        sums = np.zeros((len(self.nodes), self.space_dim))
+        np.add.at(
+            sums, position, (normal * compute_cell_lengths_or_areas(corners)[:, None])[:, None, :]
+        )
         sums /= np.linalg.norm(sums, axis=1, keepdims=True)
         return sums[np.searchsorted(self.nodes, nodes)]
 
@@ -149,7 +153,7 @@ class Trace:
         k, element = self.facet_nodes.shape[1], self._quadratic_facet_element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
         tangents = np.einsum("dqk,fkx->fqdx", slopes, self.facet_x)
-        tangents = tangents.reshape(-1, self.dim - 1, self.dim)
+        tangents = tangents.reshape(-1, self.space_dim - 1, self.space_dim)
         normal = compute_unoriented_cell_normals(
             np.concatenate([np.zeros_like(tangents[:, :1]), tangents], axis=1)
         )
@@ -158,10 +162,10 @@ class Trace:
         ]
         # local nodes at which at most two facets meet, which are end nodes in the plane and
         # mid-side nodes in space
-        shared = np.concatenate(element.entity_dofs[self.dim - 2]).astype(np.int64)
-        normal = normal.reshape(-1, k, self.dim)[:, shared].reshape(-1, self.dim)
+        shared = np.concatenate(element.entity_dofs[self.space_dim - 2]).astype(np.int64)
+        normal = normal.reshape(-1, k, self.space_dim)[:, shared].reshape(-1, self.space_dim)
         node = self.facet_nodes[:, shared].ravel()
-        x = self.facet_x[:, shared].reshape(-1, self.dim)
+        x = self.facet_x[:, shared].reshape(-1, self.space_dim)
         order = np.argsort(node, kind="stable")
         facet, neighbour = order[:-1], order[1:]
         cosine = np.sum(normal[facet] * normal[neighbour], axis=1)
@@ -171,10 +175,10 @@ class Trace:
     def node_positions(self) -> Array:
         """Return positions (n, dim) of the nodes in the order of `nodes`."""
         _, index = np.unique(self.facet_nodes, return_index=True)
-        return self.facet_x.reshape(-1, self.dim)[index]
+        return self.facet_x.reshape(-1, self.space_dim)[index]
 
 
-def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> Trace:
+def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> BoundaryFacets:
     """Return the trace of the exterior facets of all processes; collective.
 
     Args:
@@ -184,7 +188,7 @@ def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> Tr
     nodes, x, outward = compute_facet_nodes_positions_and_normals(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
-    return Trace(*(np.concatenate(part) for part in parts))
+    return BoundaryFacets(*(np.concatenate(part) for part in parts))
 
 
 def compute_facet_nodes_positions_and_normals(
@@ -209,7 +213,7 @@ def compute_facet_nodes_positions_and_normals(
 
 
 @dataclass(frozen=True)
-class Overlap:
+class OverlapQuadrature:
     """Quadrature points (q) where sub-facets of the slave overlap with sub-facets of the master.
 
     Only those sub-facets of the slave are included that have a contact point of this process as a
@@ -228,7 +232,13 @@ class Overlap:
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
-    def from_slave_and_master(cls, slave: Trace, master: Trace, owned_slave_nodes: Indices, revolved: bool) -> "Overlap":
+    def from_slave_and_master(
+        cls,
+        slave: BoundaryFacets,
+        master: BoundaryFacets,
+        owned_slave_nodes: Indices,
+        revolved: bool,
+    ) -> "OverlapQuadrature":
         """Return the overlap of two traces.
 
         Args:
@@ -243,11 +253,15 @@ class Overlap:
         local = np.flatnonzero(np.isin(slave_nodes, owned_slave_nodes).any(axis=1))
         directions = slave.average_normals(slave_nodes[local]).mean(axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        simplices = find_overlap_simplices(slave_corners[local], master_corners, directions, outward)
+        simplices = find_overlap_simplices(
+            slave_corners[local], master_corners, directions, outward
+        )
         order = np.argsort(owned_slave_nodes)
         index = np.searchsorted(owned_slave_nodes, slave_nodes, sorter=order)
         point = (
-            order[np.minimum(index, len(owned_slave_nodes) - 1)] if len(owned_slave_nodes) else np.zeros_like(slave_nodes)
+            order[np.minimum(index, len(owned_slave_nodes) - 1)]
+            if len(owned_slave_nodes)
+            else np.zeros_like(slave_nodes)
         )
         point = np.where(np.isin(slave_nodes, owned_slave_nodes), point, -1)
         degree = _QUADRATURE_DEGREE_BY_CORNER_COUNT[slave_corners.shape[1]]
@@ -255,7 +269,9 @@ class Overlap:
             simplices.master_corners
         ):
             degree = _NON_PARALLELOGRAM_QUADRATURE_DEGREE
-        points, rule = basix.make_quadrature(_SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[slave.dim], degree)
+        points, rule = basix.make_quadrature(
+            _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[slave.space_dim], degree
+        )
         barycentric = np.column_stack([1 - points.sum(axis=1), points])
         rule = rule / rule.sum()
         slave_index, master_index = (
@@ -315,10 +331,16 @@ class Overlap:
         values = np.atleast_2d(values.T).T
         owned = self.point >= 0
         products = (self.weight * (self.measure[:, None] * values))[owned]
-        return np.asarray(np.bincount(self.point[owned], products, minlength=n_contact_points), dtype=float)
+        return np.asarray(
+            np.bincount(self.point[owned], products, minlength=n_contact_points), dtype=float
+        )
 
     def assemble_product_integrals(
-        self, row_functions: Array, columns: Indices, column_functions: Array, shape: tuple[int, int]
+        self,
+        row_functions: Array,
+        columns: Indices,
+        column_functions: Array,
+        shape: tuple[int, int],
     ) -> sp.csr_array:
         """Return the matrix of integrals of products of two functions.
 
@@ -337,7 +359,7 @@ class Overlap:
         return sp.csr_array(sp.coo_array((products[owned], indices), shape))
 
 
-def compute_tributary_areas(boundary_facets: Trace, revolved: bool) -> Array:
+def compute_tributary_areas(boundary_facets: BoundaryFacets, revolved: bool) -> Array:
     """Return the integral (n,) of the weight function of each node over a whole trace.
 
     Sub-facets are treated like the sub-facets of an `Overlap`. With `revolved`, areas are those of

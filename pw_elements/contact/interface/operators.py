@@ -27,12 +27,17 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes, format_points
+from pw_elements.checks import (
+    arguments,
+    call_user_function,
+    format_points,
+    raise_errors_on_all_processes,
+)
 from pw_elements.contact.interface.pair_points import (
     DEFORMABLE,
     RIGID,
-    KnownGapSurface,
     ContactPairPoints,
+    KnownGapSurface,
     compute_bounding_box_extents,
     gather_points_and_own_slice,
 )
@@ -57,7 +62,7 @@ _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS = 1e-8
 # Largest relative difference between prescribed displacements that count as equal
 _RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS = 1e-9
 # Largest difference between the length of a unit normal and one
-_UNIT_TOLERANCE = 1e-6
+_MAX_DEVIATION_FROM_UNIT_LENGTH = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
 MIN_NORMAL_COSINE_OF_OUTWARD_PUSH = 0.1
@@ -83,7 +88,7 @@ class InvalidContactNodes(ValueError):
     """The position or surface of some contact nodes does not allow contact conditions there."""
 
 
-class Interface:
+class ContactInterface:
     """All contact points (m) of this process, in the order of the pairs.
 
     Args:
@@ -119,7 +124,9 @@ class Interface:
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
-        self._needs_no_guard = all(type(surface) in _SURFACE_TYPES_THAT_NEVER_RAISE for surface in surfaces)
+        self._needs_no_guard = all(
+            type(surface) in _SURFACE_TYPES_THAT_NEVER_RAISE for surface in surfaces
+        )
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         cones = [part.cone for part in points]
@@ -135,8 +142,10 @@ class Interface:
             concatenate("mean_cell_midpoint"),
         )
         self.opposite = [part.opposite for part in points]
-        self.motion = self.assemble_rows(sp.vstack([part.motion_rows for part in points], "csr"))
-        self.force = self.assemble_rows(
+        self.motion = self.assemble_matrix_over_all_unknowns(
+            sp.vstack([part.motion_rows for part in points], "csr")
+        )
+        self.force = self.assemble_matrix_over_all_unknowns(
             sp.vstack([part.force_columns for part in points], "csr")
         ).transpose(PETSc.Mat())
         self._sibling_inverse = sibling_inverse
@@ -154,7 +163,7 @@ class Interface:
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
         self._allows_interference = np.array(allows_interference)[self.pair]
 
-    def check(self, body_diagonal: float) -> None:
+    def check_laws_supports_and_initial_gaps(self, body_diagonal: float) -> None:
         """Check pairs, friction laws, supports, normals and initial gaps; collective.
 
         Args:
@@ -168,11 +177,13 @@ class Interface:
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # the coefficient may be infinite
-            limit_at_zero, slope = self.cone.limit(np.zeros(len(self.pair)))
+            limit_at_zero, slope = self.cone.friction_limits_and_slopes(np.zeros(len(self.pair)))
         rises = self.cone.find_coefficients_rising_with_force()
         self.check_friction_laws()
         is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
-        self.raise_error_for_invalid_points(is_invalid, "have a friction coefficient that is negative or not finite")
+        self.raise_error_for_invalid_points(
+            is_invalid, "have a friction coefficient that is negative or not finite"
+        )
         self.raise_error_for_invalid_points(
             rises,
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
@@ -180,11 +191,16 @@ class Interface:
         )
         self.check_gaps_normals_and_supports(*self.evaluate_surfaces(None))
         (gap,) = self._evaluate_at_undeformed_points(None, "gap")
-        cut = ~(gap >= -_MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL * body_diagonal) & ~self._allows_interference
+        cut = (
+            ~(gap >= -_MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL * body_diagonal)
+            & ~self._allows_interference
+        )
         deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
         rigid = self.faced == RIGID
-        self.raise_error_for_invalid_points(cut & rigid, f"lie inside the rigid surface before any motion: {remedy}")
+        self.raise_error_for_invalid_points(
+            cut & rigid, f"lie inside the rigid surface before any motion: {remedy}"
+        )
         self.raise_error_for_invalid_points(
             cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
         )
@@ -201,7 +217,9 @@ class Interface:
             ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
         """
         if normal_force is not None:
-            slope, difference, is_wrong = self.cone.compare_slopes_with_finite_differences(normal_force)
+            slope, difference, is_wrong = self.cone.compare_slopes_with_finite_differences(
+                normal_force
+            )
             rises = self.cone.find_coefficients_rising_near_force(normal_force)
         with raise_errors_on_all_processes(self.comm):
             call_user_function(self.comm, "a law of friction", self.cone.raise_collected_law_error)
@@ -226,7 +244,7 @@ class Interface:
                 )
 
     @cached_property
-    def interference(self) -> Array:
+    def initial_interference(self) -> Array:
         """Initial depth (m,) of points inside their surface; zero in pairs without interference."""
         (gap,) = self._evaluate_at_undeformed_points(None, "gap")
         return np.where(self._allows_interference, np.maximum(0.0, -gap), 0.0)
@@ -238,13 +256,19 @@ class Interface:
             InvalidContactNodes: if the gap or normal of a node is invalid, or if a support
                 prescribes the displacement of a node along its normal.
         """
-        self.raise_error_for_invalid_points(np.isnan(gap), "face a surface whose gap is not a number")
+        self.raise_error_for_invalid_points(
+            np.isnan(gap), "face a surface whose gap is not a number"
+        )
         faced = np.isfinite(gap)
         length = np.linalg.norm(normal, axis=1)
-        is_unit = np.abs(length - 1) < _UNIT_TOLERANCE
-        self.raise_error_for_invalid_points(~is_unit, "face a surface whose normal is no unit vector")
+        is_unit = np.abs(length - 1) < _MAX_DEVIATION_FROM_UNIT_LENGTH
+        self.raise_error_for_invalid_points(
+            ~is_unit, "face a surface whose normal is no unit vector"
+        )
         supported_part = np.where(self.equation < 0, normal, 0.0)
-        is_held = np.abs(supported_part).max(axis=1, initial=0) > _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS
+        is_held = (
+            np.abs(supported_part).max(axis=1, initial=0) > _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS
+        )
         self.raise_error_for_invalid_points(
             is_held & faced,
             "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
@@ -272,15 +296,17 @@ class Interface:
         if not len(counterparts):
             return
         dim = is_held.shape[1]
-        values = self.extract_displacements_at_nodes(np.maximum(counterparts, 0), prescribed_displacements)
+        values = self.extract_displacements_at_nodes(
+            np.maximum(counterparts, 0), prescribed_displacements
+        )
         index = np.searchsorted(counterparts, np.where(is_held, counterpart, counterparts[0]))
         master = np.take_along_axis(values[index], np.arange(dim)[None, :, None], axis=2)[..., 0]
         master = master + master_translations[self.pair, :dim]
-        slave = self.extract_at_points(prescribed_displacements)
+        slave = self.extract_displacements_at_points(prescribed_displacements)
         difference = np.where(counterpart < 0, np.inf, np.abs(slave - master))
         allowed = (
             _RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS * (np.abs(slave) + np.abs(master))
-            + RELATIVE_COORDINATE_ROUND_OFF * self.extent
+            + RELATIVE_COORDINATE_ROUND_OFF * self.max_extent_of_points
         )
         is_invalid = is_held & pressed[:, None] & ~(difference <= allowed)
         positions = self.gather_values(self.position[is_invalid.any(axis=1)])
@@ -295,7 +321,9 @@ class Interface:
     def _check_surface_normals_point_into_body(self) -> None:
         gap, normal = self.evaluate_surfaces(None)
         pushed = np.sum(normal * self.outward, axis=1)
-        is_outwards = pushed > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(self.outward, axis=1)
+        is_outwards = pushed > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(
+            self.outward, axis=1
+        )
         is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(gap)
         for k in range(self.pairs):
             is_inwards = self.gather_values(~is_outwards[is_checked & (self.pair == k)])
@@ -331,9 +359,13 @@ class Interface:
         Returns:
             Values (k, ...) at the pair's points of all processes, sorted by position.
         """
-        return self.gather_values(values[self.pair == pair_index])[self._position_order_of_each_pair[pair_index]]
+        return self.gather_values(values[self.pair == pair_index])[
+            self._position_order_of_each_pair[pair_index]
+        ]
 
-    def gather_all_pairs_in_position_order(self, values: Mapping[str, npt.NDArray]) -> list[dict[str, npt.NDArray]]:
+    def gather_all_pairs_in_position_order(
+        self, values: Mapping[str, npt.NDArray]
+    ) -> list[dict[str, npt.NDArray]]:
         """Return named values at the points of each pair, in the order of positions; collective.
 
         `values` are arrays (m, ...) at the points of this process by their names.
@@ -347,30 +379,38 @@ class Interface:
             for k, order in enumerate(self._position_order_of_each_pair)
         ]
 
-    def extract_local_pair_state_values(self, pair_states: Sequence[PairState], *attribute_names: str) -> list[npt.NDArray]:
+    def extract_local_pair_state_values(
+        self, pair_states: Sequence[PairState], *attribute_names: str
+    ) -> list[npt.NDArray]:
         """Return attributes (m, ...) of the pairs' states at the points of this process.
 
         Args:
             pair_states: state of each pair.
             attribute_names: names of the attributes.
         """
-        local_rows = list(zip(pair_states, self._local_point_indices_in_position_order, strict=True))
+        local_rows = list(
+            zip(pair_states, self._local_point_indices_in_position_order, strict=True)
+        )
         return [
             np.concatenate([getattr(state, name)[rows] for state, rows in local_rows])
             for name in attribute_names
         ]
 
-    def assemble_rows(self, displacement_rows: sp.csr_matrix) -> PETSc.Mat:
+    def assemble_matrix_over_all_unknowns(self, displacement_rows: sp.csr_matrix) -> PETSc.Mat:
         """Return the distributed matrix with these rows, extended to all unknowns.
 
         Each process contributes its own `displacement_rows`. Their columns are displacements, whereas the matrix
         has a column for each of the n unknowns.
         """
-        csr = (displacement_rows.indptr.astype(PETSc.IntType), displacement_rows.indices.astype(PETSc.IntType), displacement_rows.data)
-        sizes = ((displacement_rows.shape[0], PETSc.DETERMINE), self.field.sizes)
+        csr = (
+            displacement_rows.indptr.astype(PETSc.IntType),
+            displacement_rows.indices.astype(PETSc.IntType),
+            displacement_rows.data,
+        )
+        sizes = ((displacement_rows.shape[0], PETSc.DETERMINE), self.field.local_and_global_size)
         matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
         return (
-            matrix if self.field.is_whole_space else matrix.matMult(self.field.selection_matrix())
+            matrix if self.field.is_whole_space else matrix.matMult(self.field.extraction_matrix())
         )
 
     @cached_property
@@ -395,7 +435,7 @@ class Interface:
         return rows
 
     @property
-    def own_nodes(self) -> Indices:
+    def local_node_indices(self) -> Indices:
         """Local indices (m,) of the nodes at the points. This process owns the nodes."""
         node_offset: int = self.field.space.dofmap.index_map.local_range[0]
         return np.asarray(self.node - node_offset)
@@ -410,11 +450,13 @@ class Interface:
         return [self.gather_pair_in_position_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
-    def extent(self) -> float:
+    def max_extent_of_points(self) -> float:
         """Largest extent, along any axis, of the undeformed contact points of all processes."""
         return float(compute_bounding_box_extents(self.comm, self.position).max())
 
-    def compute_forces_on_opposite_nodes(self, point_forces: Array, force_operator: PETSc.Mat) -> list[Array]:
+    def compute_forces_on_opposite_nodes(
+        self, point_forces: Array, force_operator: PETSc.Mat
+    ) -> list[Array]:
         """Return the nodal forces (k, dim) on the `opposite` nodes of each pair; collective.
 
         Args:
@@ -429,10 +471,10 @@ class Interface:
                 forces[k] = self.extract_displacements_at_nodes(nodes, force_operator * points)
         return forces
 
-    def extract_at_points(self, unknowns: PETSc.Vec) -> Array:
+    def extract_displacements_at_points(self, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) of the nodes at the points, given all unknowns (n,)."""
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
-        return np.asarray(values[self.own_nodes])
+        return np.asarray(values[self.local_node_indices])
 
     def extract_displacements_at_nodes(self, global_nodes: Indices, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (k, dim) in unknowns (n,) at global nodes (k,); collective."""
@@ -492,11 +534,13 @@ class Interface:
             return np.asarray((inverse * vector).array_r.reshape(-1, dim)[node])
 
         row_sums = apply_inverse(np.tile(faced[:, None], dim))[:, 0]
-        depends_on_faced_nodes = np.abs(row_sums - 1) < _UNIT_TOLERANCE
+        depends_on_faced_nodes = np.abs(row_sums - 1) < _MAX_DEVIATION_FROM_UNIT_LENGTH
         gap_vector = apply_inverse(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
 
-    def find_closest(self, motion_in_surface_frame: Array) -> tuple[Array, Array, Array]:
+    def evaluate_gaps_normals_and_curvatures(
+        self, motion_in_surface_frame: Array
+    ) -> tuple[Array, Array, Array]:
         """Return gaps (m,), normals (m, dim) and derivatives (m, dim, dim) of normals; collective.
 
         Derivatives are with respect to the positions of the points. Gaps are infinite where no
@@ -508,7 +552,9 @@ class Interface:
         Raises:
             NotFound: if there is no point of the surface that is closest to a contact point.
         """
-        gap, normal, curvature = self.evaluate_gaps_normals_and_curvatures_or_nan(motion_in_surface_frame)
+        gap, normal, curvature = self.evaluate_gaps_normals_and_curvatures_or_nan(
+            motion_in_surface_frame
+        )
         positions = self.gather_values(self.position[np.isnan(gap)])
         if len(positions):
             raise NotFound.with_positions(
@@ -516,12 +562,18 @@ class Interface:
             )
         return gap, normal, curvature
 
-    def evaluate_gaps_normals_and_curvatures_or_nan(self, motion_in_surface_frame: Array) -> tuple[Array, Array, Array]:
+    def evaluate_gaps_normals_and_curvatures_or_nan(
+        self, motion_in_surface_frame: Array
+    ) -> tuple[Array, Array, Array]:
         """Return results of `find_closest`, NaN where there is no closest point; collective."""
         dim = motion_in_surface_frame.shape[1]
-        results = [np.zeros((len(motion_in_surface_frame), *shape)) for shape in ((), (dim,), (dim, dim))]
+        results = [
+            np.zeros((len(motion_in_surface_frame), *shape)) for shape in ((), (dim,), (dim, dim))
+        ]
         # it has been checked that all surfaces have a method `closest`
-        self._call_method_of_all_surfaces(self.position + motion_in_surface_frame, {"closest": results})
+        self._call_method_of_all_surfaces(
+            self.position + motion_in_surface_frame, {"closest": results}
+        )
         gap, normal, curvature = results
         is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
         is_valid = (is_finite | np.isposinf(gap)) & np.isfinite(normal).all(axis=1)
@@ -529,7 +581,9 @@ class Interface:
             values[~is_valid] = np.nan
         return gap, normal, curvature
 
-    def _call_method_of_all_surfaces(self, x: Array, output_arrays: Mapping[str, Sequence[Array]]) -> None:
+    def _call_method_of_all_surfaces(
+        self, x: Array, output_arrays: Mapping[str, Sequence[Array]]
+    ) -> None:
         """Call methods of all surfaces at points x (m, dim) and write their values to `output_arrays`.
 
         A user's surface is called on each process with the points of all processes. All processes
@@ -555,7 +609,9 @@ class Interface:
                 points = x[in_pair]
                 values = [getattr(surface, method)(points) for method in output_arrays]
                 for (method, arrays), value in zip(output_arrays.items(), values, strict=True):
-                    for array, part in zip(arrays, _wrap_single_result_in_tuple(method, value), strict=True):
+                    for array, part in zip(
+                        arrays, _wrap_single_result_in_tuple(method, value), strict=True
+                    ):
                         array[in_pair] = part
             return
         calls_with_points = []
@@ -573,7 +629,9 @@ class Interface:
                     subject = f"the {quantity} of the surface of contact pair {k}"
                     function = getattr(self.surfaces[k], method)
                     value = call_user_function(self.comm, subject, function, points.copy())
-                    for array, part in zip(arrays, _wrap_single_result_in_tuple(method, value), strict=True):
+                    for array, part in zip(
+                        arrays, _wrap_single_result_in_tuple(method, value), strict=True
+                    ):
                         shape = (len(points), *array.shape[1:])
                         part = arguments.check_function_values(subject, part, shape, layout)
                         array[in_pair] = part[local_part]

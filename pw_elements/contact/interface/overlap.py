@@ -79,7 +79,10 @@ class OverlapSimplices:
 
 
 def find_overlap_simplices(
-    slave_sub_facets: Array, master_sub_facets: Array, projection_directions: Array, master_normals: Array
+    slave_sub_facets: Array,
+    master_sub_facets: Array,
+    projection_directions: Array,
+    master_normals: Array,
 ) -> OverlapSimplices:
     """Return the overlaps of the sub-facets of two surfaces.
 
@@ -90,22 +93,29 @@ def find_overlap_simplices(
             projected onto each sub-facet of the slave.
         master_normals: (m, dim), outward unit normals of the master's sub-facets.
     """
-    slave_index, master_index = _find_sub_facet_pairs_with_intersecting_boxes(slave_sub_facets, master_sub_facets, projection_directions)
+    slave_index, master_index = _find_sub_facet_pairs_with_intersecting_boxes(
+        slave_sub_facets, master_sub_facets, projection_directions
+    )
     cosine = np.sum(projection_directions[slave_index] * master_normals[master_index], axis=1)
     facing = cosine < MAX_COSINE_OF_FACING_OUTWARD_NORMALS
     slave_index, master_index = slave_index[facing], master_index[facing]
     edges = slave_sub_facets[:, 1 : slave_sub_facets.shape[2]] - slave_sub_facets[:, :1]
     basis = np.concatenate([edges, projection_directions[:, None]], axis=1)[slave_index]
     slave_corners, master_corners = (  # without the last coordinate, along the projection
-        _compute_coordinates_in_edge_basis(basis, corners - slave_sub_facets[slave_index, :1])[..., :-1]
+        _compute_coordinates_in_edge_basis(basis, corners - slave_sub_facets[slave_index, :1])[
+            ..., :-1
+        ]
         for corners in (slave_sub_facets[slave_index], master_sub_facets[master_index])
     )
-    pair, corners = (_intersect_intervals if slave_sub_facets.shape[2] == 2 else _intersect_polygons_into_triangles)(
-        slave_corners, master_corners
-    )
+    pair, corners = (
+        _intersect_intervals
+        if slave_sub_facets.shape[2] == 2
+        else _intersect_polygons_into_triangles
+    )(slave_corners, master_corners)
     size, whole = compute_cell_lengths_or_areas(corners), slave_corners[pair]
     keep = size > _MIN_OVERLAP_FRACTION_OF_SLAVE_SUB_FACET * sum(
-        compute_cell_lengths_or_areas(whole[:, simplex]) for simplex in _SIMPLEX_SPLIT_BY_CORNER_COUNT[whole.shape[1]]
+        compute_cell_lengths_or_areas(whole[:, simplex])
+        for simplex in _SIMPLEX_SPLIT_BY_CORNER_COUNT[whole.shape[1]]
     )
     pair, corners, size = pair[keep], corners[keep], size[keep]
     return OverlapSimplices(
@@ -133,7 +143,9 @@ def evaluate_corner_shape_functions(corners: Array, points: Array) -> Array:
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
     twist = _compute_coordinates_in_edge_basis(edges, difference[:, None])
     u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(_MAX_INVERSE_MAPPING_NEWTON_STEPS):  # coordinates: u + twist_0 u v, v + twist_1 u v
+    for _ in range(
+        _MAX_INVERSE_MAPPING_NEWTON_STEPS
+    ):  # coordinates: u + twist_0 u v, v + twist_1 u v
         residual = [
             value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
         ]
@@ -174,7 +186,11 @@ def compute_jacobian_factors(corners: Array, corner_shape_functions: Array | Non
     if corner_shape_functions is not None and corners.shape[1] == 4:
         opposite_edges = corners[:, 3:] - corners[:, [2, 1]]
         v_and_u = np.stack(
-            [corner_shape_functions[:, 2:].sum(axis=1), corner_shape_functions[:, 1::2].sum(axis=1)], axis=1
+            [
+                corner_shape_functions[:, 2:].sum(axis=1),
+                corner_shape_functions[:, 1::2].sum(axis=1),
+            ],
+            axis=1,
         )
         edges = edges + v_and_u[:, :, None] * (opposite_edges - edges)
     if corners.shape[2] == 2:
@@ -207,7 +223,9 @@ def _find_sub_facet_pairs_with_intersecting_boxes(
         for x in (from_middle, master_sub_facets - master_middle[:, None])
     )
     search_radius = slave_radius + master_radius.max() + tree.query(slave_middle)[0]
-    axes = np.linalg.svd(projection_directions[:, None])[2]  # of the slave's boxes; the first is the direction
+    axes = np.linalg.svd(projection_directions[:, None])[
+        2
+    ]  # of the slave's boxes; the first is the direction
     half_width = np.abs(from_middle @ np.swapaxes(axes, 1, 2)).max(axis=1)
     half_width[:, 0] = search_radius
     boxes = [np.stack([end(master_sub_facets[tree.indices], axis=1) for end in (np.min, np.max)])]
@@ -271,7 +289,9 @@ def _intersect_polygons_into_triangles(slave: Array, master: Array) -> tuple[Ind
     return pair, np.concatenate(triangles)
 
 
-def _clip_polygons_at_zero_height(polygon: Array, corner_count: Indices, height: Array) -> tuple[Array, Indices]:
+def _clip_polygons_at_zero_height(
+    polygon: Array, corner_count: Indices, height: Array
+) -> tuple[Array, Indices]:
     """Remove the parts of polygons in which the height is negative.
 
     The height is linear between corners.

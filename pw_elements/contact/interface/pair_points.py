@@ -18,11 +18,15 @@ import ufl
 from dolfinx import fem, la
 from scipy.spatial import cKDTree
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
-from pw_elements.contact.interface.mortar import Overlap, Trace, gather_boundary_facets
+from pw_elements.contact.interface.mortar import (
+    BoundaryFacets,
+    OverlapQuadrature,
+    gather_boundary_facets,
+)
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     ContactPair,
@@ -38,7 +42,7 @@ from pw_elements.elasticity import (
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     AssemblyRecord,
-    Part,
+    EntitySelection,
     SubSpace,
     assemble_vector,
     gather_nodal_values,
@@ -181,7 +185,9 @@ class BodyNodes:
         # a copy, since a view in a traceback would keep the vector alive on one process only
         self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
         self.mean_cell_midpoint = average_midpoints_of_adjacent_cells(self.space)
-        self.diagonal = float(np.linalg.norm(compute_bounding_box_extents(mesh.comm, mesh.geometry.x)))
+        self.diagonal = float(
+            np.linalg.norm(compute_bounding_box_extents(mesh.comm, mesh.geometry.x))
+        )
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
     def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
@@ -190,9 +196,11 @@ class BodyNodes:
         `assembly` is the record of how the stiffness was assembled, or None if there is none.
         """
         if assembly is not None and StressState.AXISYMMETRIC.value in assembly.stress_states:
-            self.on_axis[:, 0] = np.abs(self.x[:, 0]) <= _MAX_AXIS_DISTANCE_PER_BODY_DIAGONAL * self.diagonal
+            self.on_axis[:, 0] = (
+                np.abs(self.x[:, 0]) <= _MAX_AXIS_DISTANCE_PER_BODY_DIAGONAL * self.diagonal
+            )
 
-    def find_owned_nodes(self, name_in_messages: str, part: Part) -> LocalIndices:
+    def find_owned_nodes(self, name_in_messages: str, part: EntitySelection) -> LocalIndices:
         """Return those nodes of a part of the body that this process owns.
 
         `name_in_messages` is the name of the part in error messages.
@@ -218,7 +226,7 @@ def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace) -> Array:
     sums.array[:] = 0.0
     for start in range(0, n_owned, _MAX_CELLS_AT_ONCE):
         block = slice(start, min(start + _MAX_CELLS_AT_ONCE, n_owned))
-        midpoint = mesh.geometry.x[cell_nodes(mesh)[block], :dim].mean(axis=1)
+        midpoint = mesh.geometry.x[cell_geometry_nodes(mesh)[block], :dim].mean(axis=1)
         midpoint_and_count = np.concatenate([midpoint, np.ones((len(midpoint), 1))], axis=1)
         cells = space.dofmap.list[block]
         repeated = np.repeat(midpoint_and_count, cells.shape[1], axis=0)
@@ -262,7 +270,7 @@ def make_contact_points_at_nodes(
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
     value = np.repeat([sign for _, sign in ends], len(nodes) * dim)
     row = np.tile(np.arange(len(nodes) * dim), len(ends))
-    shape = (len(nodes) * dim, body.displacements.sizes[1])
+    shape = (len(nodes) * dim, body.displacements.local_and_global_size[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
     return ContactPairPoints(
         body.x[nodes],
@@ -315,13 +323,17 @@ def match_opposite_nodes(
         )
     )
     if not len(opposite_number):
-        raise ValueError(f"contact pair {pair_index} has no opposite nodes: their marker holds nowhere")
+        raise ValueError(
+            f"contact pair {pair_index} has no opposite nodes: their marker holds nowhere"
+        )
     distance, nearest = cKDTree(opposite_x).query(body.x[nodes] + offset)
     far = distance > _MAX_MATCHING_DISTANCE_PER_BODY_DIAGONAL * body.diagonal
     body.raise_error_for_invalid_nodes(nodes[far], "face no node of the opposite side")
     count = np.bincount(nearest, minlength=len(opposite_number))
     comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-    body.raise_error_for_invalid_nodes(nodes[count[nearest] > 1], "face the same node of the opposite side")
+    body.raise_error_for_invalid_nodes(
+        nodes[count[nearest] > 1], "face the same node of the opposite side"
+    )
     prescribed = body.reduced_column[nodes] == -1
     one_sided = (prescribed & ~opposite_prescribed[nearest]).any(axis=1)
     body.raise_error_for_invalid_nodes(
@@ -351,7 +363,7 @@ def check_piecewise_linear_weight_functions(K: PETSc.Mat, space: fem.FunctionSpa
 
 def _gather_nodes_and_facets_of_both_sides(
     pair_index: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
-) -> tuple[Indices, Trace, Trace]:
+) -> tuple[Indices, BoundaryFacets, BoundaryFacets]:
     """Return the global numbers (m,) of a pair's owned nodes and the traces of both sides.
 
     Args:
@@ -375,7 +387,9 @@ def _gather_nodes_and_facets_of_both_sides(
     if not len(master_trace.facet_nodes):
         raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
     without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
-    body.raise_error_for_invalid_nodes(without_facet, "belong to no facet that is all in their pair")
+    body.raise_error_for_invalid_nodes(
+        without_facet, "belong to no facet that is all in their pair"
+    )
     on_master = nodes[np.isin(owned, master_trace.facet_nodes)]
     body.raise_error_for_invalid_nodes(on_master, "belong to both sides of their pair")
     if len(edge_positions := slave_trace.find_sharp_edge_node_positions()):
@@ -411,19 +425,22 @@ def make_large_sliding_mortar_points(
         raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)
     free = ~_find_prescribed_components(slave.nodes, body)
     # the same condition as in `_project_normals_into_symmetry_planes`
-    near = np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE
+    near = (
+        np.linalg.norm(undeformed.normals * free, axis=1) > _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE
+    )
     mortar.allowed_components[near] = free[near]
     undeformed = mortar.linearise(mortar.x)
     index = np.searchsorted(slave.nodes, owned)
     gap = np.where(undeformed.faces_master, undeformed.gaps, np.inf)[index]
     points = replace(
-        make_contact_points_at_nodes(body, nodes, cone, None), **_make_master_fields_of_contact_points(owned, nodes, master, body)
+        make_contact_points_at_nodes(body, nodes, cone, None),
+        **_make_master_fields_of_contact_points(owned, nodes, master, body),
     )
     return points, KnownGapSurface(body.x[nodes], gap, undeformed.normals[index]), mortar
 
 
 def _make_master_fields_of_contact_points(
-    global_nodes: Indices, local_nodes: LocalIndices, master: Trace, body: BodyNodes
+    global_nodes: Indices, local_nodes: LocalIndices, master: BoundaryFacets, body: BodyNodes
 ) -> dict[str, Any]:
     """Return the fields `faced`, `opposite` and `counterpart` of `ContactPairPoints`.
 
@@ -468,7 +485,7 @@ def make_small_sliding_mortar_points(
     """
     comm = body.space.mesh.comm
     owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
-    overlap = Overlap.from_slave_and_master(slave, master, owned, revolved)
+    overlap = OverlapQuadrature.from_slave_and_master(slave, master, owned, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)
     edge_ratio = overlap.average_edge_length(overlap.size_ratio, comm)
@@ -480,7 +497,7 @@ def make_small_sliding_mortar_points(
         )
         log_on_root(comm, logging.WARNING, words, ".contact")
     m, dim = len(nodes), body.x.shape[1]
-    shape = m, body.displacements.sizes[1] // dim
+    shape = m, body.displacements.local_and_global_size[1] // dim
     area = overlap.integrate_with_weight_functions(np.ones(len(overlap.measure)), m)
     faced = area > 0
     inverse_area = sp.diags_array(1 / np.where(faced, area, 1.0))
@@ -493,7 +510,10 @@ def make_small_sliding_mortar_points(
         overlap.dual, weight_nodes2, w2, shape
     )
     coupled = (
-        overlap.assemble_product_integrals(overlap.weight, weight_nodes2, w2, shape)[:, master.nodes] > 0
+        overlap.assemble_product_integrals(overlap.weight, weight_nodes2, w2, shape)[
+            :, master.nodes
+        ]
+        > 0
     )
     prescribed = body.reduced_column[nodes] == -1
     one_sided = prescribed & ~(coupled @ _find_prescribed_components(master.nodes, body))
@@ -505,7 +525,9 @@ def make_small_sliding_mortar_points(
     normal = _project_normals_into_symmetry_planes(
         -slave.average_normals(owned), body.reduced_column[nodes] >= 0
     )
-    distance = np.stack([overlap.integrate_with_weight_functions(x, m) for x in overlap.separation.T], axis=1)
+    distance = np.stack(
+        [overlap.integrate_with_weight_functions(x, m) for x in overlap.separation.T], axis=1
+    )
     gap = np.where(faced, np.sum(normal * distance, axis=1) * inverse_area.diagonal(), np.inf)
     edge = overlap.average_edge_length(overlap.slave_size, comm)
     if nominal_interference is not None:
@@ -516,7 +538,9 @@ def make_small_sliding_mortar_points(
         gap = np.where(faced, -nominal_interference, np.inf)
     elif pair.interference:
         normal_distance = np.einsum("qki,qi->qk", normal[overlap.point], overlap.separation)
-        mean_squares = overlap.integrate_with_weight_functions(normal_distance**2, m) * inverse_area.diagonal()
+        mean_squares = (
+            overlap.integrate_with_weight_functions(normal_distance**2, m) * inverse_area.diagonal()
+        )
         _warn_of_mesh_gaps_large_for_interference(pair_index, mean_squares, gap, body, edge)
     axes = sp.eye_array(dim)
     points = replace(
@@ -529,7 +553,11 @@ def make_small_sliding_mortar_points(
 
 
 def _warn_of_mesh_gaps_large_for_interference(
-    pair_index: int, mean_square_gap: Array, mean_gap: Array, body: BodyNodes, mean_edge_length: float
+    pair_index: int,
+    mean_square_gap: Array,
+    mean_gap: Array,
+    body: BodyNodes,
+    mean_edge_length: float,
 ) -> None:
     """Log a warning if gaps between the meshes are a large part of an interference.
 
@@ -544,13 +572,19 @@ def _warn_of_mesh_gaps_large_for_interference(
     variance = (mean_square_gap - mean_gap**2)[pressed].clip(0)
     sums = np.array([np.sum(variance), np.sum(mean_gap[pressed]), len(variance)])
     total, depth, count = comm.allreduce(sums, MPI.SUM)
-    if np.sqrt(total * count) * body.diagonal > -_MAX_MESH_GAP_TO_INTERFERENCE_RATIO * mean_edge_length * depth:
+    if (
+        np.sqrt(total * count) * body.diagonal
+        > -_MAX_MESH_GAP_TO_INTERFERENCE_RATIO * mean_edge_length * depth
+    ):
         log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING_MESSAGE % pair_index, ".contact")
 
 
 def _find_prescribed_components(global_nodes: Indices, body: BodyNodes) -> Mask:
     """Return a mask (n, dim) of prescribed displacements of global nodes (n,); collective."""
-    return gather_nodal_values(body.space, global_nodes, (body.reduced_column == -1).astype(np.int8)) > 0
+    return (
+        gather_nodal_values(body.space, global_nodes, (body.reduced_column == -1).astype(np.int8))
+        > 0
+    )
 
 
 def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask) -> Array:

@@ -19,10 +19,10 @@ from pw_elements.checks import (
     arguments,
     call_user_function,
     check_same_values,
-    raise_errors_on_all_processes,
     evenly_spaced_rows,
+    raise_errors_on_all_processes,
 )
-from pw_elements.contact.interface.operators import Interface, KnownGapSurface
+from pw_elements.contact.interface.operators import ContactInterface, KnownGapSurface
 from pw_elements.contact.model import (
     BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS,
     ClosestPointSurface,
@@ -43,7 +43,7 @@ _DIFFERENCE_STEP = 1e-6
 
 
 def check_pairs_are_equal_on_all_processes(
-    interface: Interface, pairs: Sequence[ContactPair], surfaces: Sequence[Surface]
+    interface: ContactInterface, pairs: Sequence[ContactPair], surfaces: Sequence[Surface]
 ) -> None:
     """Raise ValueError if surfaces, laws or interferences differ between processes; collective.
 
@@ -56,14 +56,20 @@ def check_pairs_are_equal_on_all_processes(
         values: dict[str, Array] = {}
         for k, (pair, surface) in enumerate(zip(pairs, surfaces, strict=True)):
             values |= {
-                f"the surface of contact pair {k}": sample_surface_around_pair(interface, k, surface),
-                f"the friction of contact pair {k}": sample_friction_coefficients(interface, k, pair),
+                f"the surface of contact pair {k}": sample_surface_around_pair(
+                    interface, k, surface
+                ),
+                f"the friction of contact pair {k}": sample_friction_coefficients(
+                    interface, k, pair
+                ),
                 f"the interference of contact pair {k}": sample_interference(interface, k, pair),
             }
         check_same_values(interface.comm, values, MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS)
 
 
-def sample_surface_around_pair(interface: Interface, pair_index: int, surface: Surface) -> Array:
+def sample_surface_around_pair(
+    interface: ContactInterface, pair_index: int, surface: Surface
+) -> Array:
     """Return values of a rigid surface's methods at points around a pair's nodes; collective.
 
     Gaps, normals and closest points are made dimensionless and put into one array. It is empty for
@@ -76,9 +82,11 @@ def sample_surface_around_pair(interface: Interface, pair_index: int, surface: S
     """
     if isinstance(surface, KnownGapSurface) or pair_index in interface.mortars:
         return np.empty(0)
-    x = _make_points_in_box_around_nodes(interface.gather_pair_in_position_order(pair_index, interface.position))
+    x = _make_points_in_box_around_nodes(
+        interface.gather_pair_in_position_order(pair_index, interface.position)
+    )
     names = ["gap", "normal", *(["closest"] if isinstance(surface, ClosestPointSurface) else [])]
-    size, values = interface.extent or 1.0, []
+    size, values = interface.max_extent_of_points or 1.0, []
     for name in names:
         whose = f"the {name} of the surface of contact pair {pair_index}"
         parts = _evaluate_user_function_or_nan(interface.comm, whose, getattr(surface, name), x)
@@ -88,12 +96,17 @@ def sample_surface_around_pair(interface: Interface, pair_index: int, surface: S
     return np.concatenate(values)
 
 
-def sample_friction_coefficients(interface: Interface, pair_index: int, pair: ContactPair) -> Array:
+def sample_friction_coefficients(
+    interface: ContactInterface, pair_index: int, pair: ContactPair
+) -> Array:
     """Return friction coefficients at some nodes of a pair for several forces; collective.
 
     `pair_index` is the index of the pair.
     """
-    x = evenly_spaced_rows(interface.gather_pair_in_position_order(pair_index, interface.position), _N_SAMPLED_NODES_PER_PAIR)
+    x = evenly_spaced_rows(
+        interface.gather_pair_in_position_order(pair_index, interface.position),
+        _N_SAMPLED_NODES_PER_PAIR,
+    )
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
@@ -110,7 +123,7 @@ def sample_friction_coefficients(interface: Interface, pair_index: int, pair: Co
     return _evaluate_user_function_or_nan(interface.comm, whose, coefficients, columns)[0].ravel()
 
 
-def sample_interference(interface: Interface, pair_index: int, pair: ContactPair) -> Array:
+def sample_interference(interface: ContactInterface, pair_index: int, pair: ContactPair) -> Array:
     """Return the interference of a pair at some of its nodes; collective.
 
     `pair_index` is the index of the pair.
@@ -118,7 +131,10 @@ def sample_interference(interface: Interface, pair_index: int, pair: ContactPair
     depth: Any = pair.interference
     if not arguments.is_user_function(depth):
         return np.array([float(depth)])
-    x = evenly_spaced_rows(interface.gather_pair_in_position_order(pair_index, interface.position), _N_SAMPLED_NODES_PER_PAIR)
+    x = evenly_spaced_rows(
+        interface.gather_pair_in_position_order(pair_index, interface.position),
+        _N_SAMPLED_NODES_PER_PAIR,
+    )
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
     whose = f"the interference of contact pair {pair_index}"
@@ -155,7 +171,9 @@ def _make_points_in_box_around_nodes(node_positions: Array) -> Array:
     the inverse powers of r, which is the real root of r^(dim+1) = r + 1.
     """
     lower, upper = node_positions.min(axis=0), node_positions.max(axis=0)
-    margin = _BOX_MARGIN_PER_DIAGONAL * (np.linalg.norm(upper - lower) or np.abs(upper).max() or 1.0)
+    margin = _BOX_MARGIN_PER_DIAGONAL * (
+        np.linalg.norm(upper - lower) or np.abs(upper).max() or 1.0
+    )
     dim = node_positions.shape[1]
     root = np.real(max(np.roots([1.0] + [0.0] * (dim - 1) + [-1.0, -1.0]), key=np.real))
     steps = root ** -np.arange(1.0, dim + 1)
@@ -163,7 +181,7 @@ def _make_points_in_box_around_nodes(node_positions: Array) -> Array:
     return lower - margin + fractions * (upper - lower + 2 * margin)
 
 
-def check_closest_points(interface: Interface, motion: Array, pressed: Mask) -> None:
+def check_closest_points(interface: ContactInterface, motion: Array, pressed: Mask) -> None:
     """Check the derivatives of users' surfaces by finite differences; collective.
 
     Args:
@@ -174,11 +192,15 @@ def check_closest_points(interface: Interface, motion: Array, pressed: Mask) -> 
     Raises:
         ValueError: if a surface gives wrong derivatives.
     """
-    x, step = interface.position + motion, _DIFFERENCE_STEP * (interface.extent or 1.0)
+    x, step = (
+        interface.position + motion,
+        _DIFFERENCE_STEP * (interface.max_extent_of_points or 1.0),
+    )
     users = [
         (k, surface, interface.gather_values(x[(interface.pair == k) & pressed]))
         for k, surface in enumerate(interface.surfaces)
-        if k not in interface.mortars and type(surface) not in BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS
+        if k not in interface.mortars
+        and type(surface) not in BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS
     ]
     with raise_errors_on_all_processes(interface.comm):
         for k, surface, points in users:

@@ -28,7 +28,7 @@ from pw_elements.contact.interface.facing import (
     MortarSides,
     evaluate_mortar_matrices,
 )
-from pw_elements.contact.interface.mortar import Trace
+from pw_elements.contact.interface.mortar import BoundaryFacets
 from pw_elements.contact.interface.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
 
 # Gauss' rule on [-1, 1]. It is exact for the product of two weight functions and a radius along a
@@ -38,17 +38,17 @@ _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 N_SLIP_PATH_PIECES = 8
 # Smallest fraction of a facet that has to face the master. Below it the dual functions are
 # dominated by round-off
-_MIN_COVERED_FRACTION = 1e-6
+_MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
 
 
-Vector: TypeAlias = tuple[Any, Any]  # two components, with or without derivatives
+PlaneVector: TypeAlias = tuple[Any, Any]  # two components, with or without derivatives
 
 
-def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
+def _cross(a: PlaneVector, b: PlaneVector) -> Any:  # noqa: ANN401
     return a[0] * b[1] - a[1] * b[0]
 
 
-def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
+def _dot(a: PlaneVector, b: PlaneVector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
 
 
@@ -186,7 +186,7 @@ class SlidingMortar:
         x: (m + k, 2), undeformed positions of the nodes.
     """
 
-    def __init__(self, slave: Trace, master: Trace, revolved: bool) -> None:
+    def __init__(self, slave: BoundaryFacets, master: BoundaryFacets, revolved: bool) -> None:
         self.nodes = np.concatenate([slave.nodes, master.nodes])
         self.x = np.concatenate([slave.node_positions(), master.node_positions()])
         self.n_slave_nodes, self._revolved = len(slave.nodes), revolved
@@ -279,7 +279,7 @@ class SlidingMortar:
             return sum_into_matrix(derivative, row, dofs[:, None, None], (2 * m, 2 * n))
 
         distance_rate = differentiate_distance(x) + sp.kron(distance_rows, sp.eye_array(2))
-        normals, angle_rate = self._average_normals(x)
+        normals, angle_rate = self._average_slave_normals_and_angle_derivatives(x)
         return LinearisedMortar(
             faced,
             normals,
@@ -293,7 +293,7 @@ class SlidingMortar:
             differentiate_master_forces,
         )
 
-    def _average_normals(self, x: Array) -> tuple[Array, sp.csr_array]:
+    def _average_slave_normals_and_angle_derivatives(self, x: Array) -> tuple[Array, sp.csr_array]:
         """Return unit normals (m, 2) at the slave's nodes, and derivatives of their angles.
 
         A normal is perpendicular to the chord between the two neighbours of its node. The
@@ -308,10 +308,14 @@ class SlidingMortar:
         column = 2 * ends[:, :, None] + np.arange(2)
         signed = angle_by_end[:, None] * np.array([1, -1])[:, None]
         shape = len(chord), x.size
-        normals = np.stack(self._normalise_allowed_components(tuple(perpendicular.T), slice(None)), axis=1)
+        normals = np.stack(
+            self._normalise_allowed_components(tuple(perpendicular.T), slice(None)), axis=1
+        )
         return normals, sum_into_matrix(signed, node[:, :, None], column, shape)
 
-    def _integrate_weight_products_over_facing_segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
+    def _integrate_weight_products_over_facing_segments(
+        self, x: Array
+    ) -> tuple[Indices, Indices, tuple, tuple]:
         """Integrate products of weight functions over segments (q) that face each other.
 
         A segment is a part of a slave's facet that faces a facet of the master. It depends on six
@@ -324,21 +328,23 @@ class SlidingMortar:
             a slave's and a master's function. Both integrals are tuples of values and derivatives
             (..., 12) with respect to the positions of the six nodes.
         """
-        facet, master_facet = self._find_near_facets(x)
+        facet, master_facet = self._find_near_facing_facet_pairs(x)
         (a, b), (c, d) = self._slave_facets[facet].T, self._master_facets[master_facet].T
         nodes = np.stack([self._previous_node[a], a, b, self._next_node[b], c, d], axis=1)
         corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
         low, high = self._find_limits_of_facing_parts(corners, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(facet, length, minlength=len(self._slave_facets))[facet]
-        facing = (length > 0) & (covered > _MIN_COVERED_FRACTION)
+        facing = (length > 0) & (covered > _MIN_FACING_FRACTION_OF_SLAVE_FACET)
         facet, nodes = facet[facing], nodes[facing]
         units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(facet), 1))
         corners = [
             tuple(AutoDiffArray(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)
         ]
-        W, Q = self._integrate_weight_function_products(corners, nodes, (low[facing] < -1, high[facing] > 1))
+        W, Q = self._integrate_weight_function_products(
+            corners, nodes, (low[facing] < -1, high[facing] > 1)
+        )
         Q_value, Q_derivative = stack_values_and_derivatives(Q)
         return (
             facet,
@@ -347,12 +353,12 @@ class SlidingMortar:
             (Q_value.reshape(-1, 2, 2), Q_derivative.reshape(-1, 2, 2, 12)),
         )
 
-    def make_reference(self, x: Array) -> MortarSlipReference:
+    def make_slip_reference(self, x: Array) -> MortarSlipReference:
         """Return the state from which slip is measured, for node positions x (m + k, 2)."""
         mortar = self.linearise(x)
         return MortarSlipReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
-    def integrate_slip(self, start_positions: Array, end_positions: Array) -> Array:
+    def integrate_slip_along_path(self, start_positions: Array, end_positions: Array) -> Array:
         """Return the slip (m, 2) along the straight path from positions `start_positions` to `end_positions` (n, 2).
 
         On each piece of the path, the slip of a slave node j is measured relative to the point p of
@@ -374,7 +380,9 @@ class SlidingMortar:
             previous_x, previous_tangents = next_x, next_tangents
         return slip[:, None] * previous_tangents
 
-    def measure_max_penetration_along_path(self, start_positions: Array, end_positions: Array) -> Array:
+    def measure_max_penetration_along_path(
+        self, start_positions: Array, end_positions: Array
+    ) -> Array:
         """Return the largest depth (m,) to which slave nodes penetrate the master on their path.
 
         The path from positions `start_positions` to `end_positions` (n, 2) is straight, and is sampled in
@@ -405,7 +413,7 @@ class SlidingMortar:
         return shortest
 
     def _average_slave_tangents(self, x: Array) -> Array:
-        normals = self._average_normals(x)[0]
+        normals = self._average_slave_normals_and_angle_derivatives(x)[0]
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
 
     def _find_closest_master_facets_and_weights(self, x: Array) -> tuple[Indices, Array]:
@@ -425,7 +433,7 @@ class SlidingMortar:
         fraction = fractions[np.arange(self.n_slave_nodes), nearest]
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
-    def _normalise_allowed_components(self, vector: Vector, slave_node: Any) -> Vector:  # noqa: ANN401
+    def _normalise_allowed_components(self, vector: PlaneVector, slave_node: Any) -> PlaneVector:  # noqa: ANN401
         """Return the unit vector along the allowed components of a vector at slave nodes `slave_node`."""
         x, y = (
             vector[0] * self.allowed_components[slave_node, 0],
@@ -434,7 +442,7 @@ class SlidingMortar:
         inverse_length = _dot((x, y), (x, y)) ** -0.5
         return x * inverse_length, y * inverse_length
 
-    def _find_near_facets(self, x: Array) -> tuple[Indices, Indices]:
+    def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
         """Return pairs of a slave's and a master's facet that are near and face each other.
 
         The distance between the midpoints of such a pair exceeds the distance to the nearest
@@ -452,15 +460,15 @@ class SlidingMortar:
         facet = np.repeat(np.arange(len(middles)), [len(near) for near in neighbours])
         master_facet = np.concatenate([np.asarray(near, dtype=np.int64) for near in neighbours])
         (a, b), edge = self._slave_facets.T, np.diff(x[self._master_facets], axis=1)[:, 0]
-        n, _ = self._average_normals(x)
+        n, _ = self._average_slave_normals_and_angle_derivatives(x)
         outward = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
         cosine = np.sum((n[a] + n[b])[facet] * outward[master_facet], axis=1)
         facing = cosine > -2 * MAX_COSINE_OF_FACING_OUTWARD_NORMALS
         return facet[facing], master_facet[facing]
 
     def _compute_linear_coefficients_of_points_and_normals(
-        self, node_positions: Sequence[Vector], segment_nodes: Indices
-    ) -> tuple[Vector, ...]:
+        self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
+    ) -> tuple[PlaneVector, ...]:
         """Return vectors x_0, x_1, n_0 and n_1, which define points and normals of slave's facets.
 
         Points are x_0 + s x_1 and normals n_0 + s n_1 with the coordinate s from -1 to 1. Normals
@@ -468,7 +476,9 @@ class SlidingMortar:
         """
         previous_node, a, b, next_node = node_positions[:4]
         normals = [
-            self._normalise_allowed_components((low[1] - high[1], high[0] - low[0]), segment_nodes[:, k])
+            self._normalise_allowed_components(
+                (low[1] - high[1], high[0] - low[0]), segment_nodes[:, k]
+            )
             for k, (low, high) in ((1, (previous_node, b)), (2, (a, next_node)))
         ]
         return tuple(
@@ -477,7 +487,9 @@ class SlidingMortar:
             for sign in (1.0, -1.0)
         )
 
-    def _find_limits_of_facing_parts(self, node_positions: Sequence[Vector], segment_nodes: Indices) -> tuple[Array, Array]:
+    def _find_limits_of_facing_parts(
+        self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
+    ) -> tuple[Array, Array]:
         """Return lower and upper limits (q,) of parts of slave's facets that face master's facets.
 
         Limits are values of the coordinate s and may be outside [-1, 1]. With the point x(s) and
@@ -488,7 +500,9 @@ class SlidingMortar:
         """
         limits = []
         for side, (c0, c1, c2) in zip(
-            (-1.0, 1.0), self._compute_polynomials_of_facing_limits(node_positions, segment_nodes), strict=True
+            (-1.0, 1.0),
+            self._compute_polynomials_of_facing_limits(node_positions, segment_nodes),
+            strict=True,
         ):
             root = _find_quadratic_root_nearest_zero(c0, c1, c2)
             has_root = np.abs(root) <= 1  # False for NaN
@@ -497,7 +511,7 @@ class SlidingMortar:
         return limits[0], limits[1]
 
     def _compute_polynomials_of_facing_limits(
-        self, node_positions: Sequence[Vector], segment_nodes: Indices
+        self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
     ) -> list[tuple[Any, Any, Any]]:
         """Return the coefficients c_0, c_1 and c_2 of f(s) = (x(s) - p) x n(s), quadratic in s.
 
@@ -505,7 +519,9 @@ class SlidingMortar:
         then the first node of the master's facet. This order follows from the opposite directions
         in which both sides are traversed.
         """
-        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(node_positions, segment_nodes)
+        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(
+            node_positions, segment_nodes
+        )
         coefficients = []
         for node in (node_positions[5], node_positions[4]):
             from_node = x0[0] - node[0], x0[1] - node[1]
@@ -514,7 +530,10 @@ class SlidingMortar:
         return coefficients
 
     def _integrate_weight_function_products(
-        self, node_positions: Sequence[Vector], segment_nodes: Indices, reaches_facet_end: tuple[Mask, Mask]
+        self,
+        node_positions: Sequence[PlaneVector],
+        segment_nodes: Indices,
+        reaches_facet_end: tuple[Mask, Mask],
     ) -> tuple[list[Any], list[Any]]:
         """Integrate products of two slave's functions, and of a slave's and a master's function.
 
@@ -525,10 +544,16 @@ class SlidingMortar:
                 whether the segment extends to this end of the slave's facet.
         """
         q, ends = len(segment_nodes), list[Any]()
-        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(node_positions, segment_nodes)
+        x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(
+            node_positions, segment_nodes
+        )
         quadratics = self._compute_polynomials_of_facing_limits(node_positions, segment_nodes)
-        for coefficients, is_end, side in zip(quadratics, reaches_facet_end, (-1.0, 1.0), strict=True):
-            ends.append(_set_constant_where(is_end, side, _find_quadratic_root_nearest_zero(*coefficients)))
+        for coefficients, is_end, side in zip(
+            quadratics, reaches_facet_end, (-1.0, 1.0), strict=True
+        ):
+            ends.append(
+                _set_constant_where(is_end, side, _find_quadratic_root_nearest_zero(*coefficients))
+            )
         index, t = np.repeat(np.arange(q), len(_GAUSS_POINTS)), np.tile(_GAUSS_POINTS, q)
         half_extent = (ends[1] - ends[0]) * 0.5
         s = ((ends[0] + ends[1]) * 0.5)[index] + half_extent[index] * t
@@ -578,7 +603,7 @@ def _set_constant_where(
     return AutoDiffArray(np.where(is_constant, constant, numbers.value), derivative)
 
 
-def _orient_facets_with_outside_on_right(boundary_facets: Trace) -> Indices:
+def _orient_facets_with_outside_on_right(boundary_facets: BoundaryFacets) -> Indices:
     """Return the two nodes (f, 2) of each sub-facet, as indices of the trace's nodes.
 
     The outside is on the right of the direction from the first to the second node.

@@ -1,11 +1,15 @@
 """Newton's method for one increment: equilibrium, equations, active sets and the final state."""
 
-from pw_elements.contact.iteration.finite import CellInversionCheck, LargeStrainEquilibrium, SlidingBodiesEquilibrium
+from pw_elements.contact.iteration.finite import (
+    CellInversionCheck,
+    LargeStrainEquilibrium,
+    SlidingBodiesEquilibrium,
+)
 from pw_elements.contact.iteration.increment import (
     RELATIVE_DISPLACEMENT_ROUND_OFF,
-    Increment,
+    IncrementEquations,
     LinearEquilibrium,
-    LinearIncrement,
+    LinearIncrementEquations,
     NewtonState,
 )
 from pw_elements.contact.iteration.newton import solve_increment
@@ -24,6 +28,6 @@ from pw_elements.contact.iteration.updates import (
     CycleKeepingSetUpdate,
     LargeStrainActiveSetUpdate,
     choose_first_active_set,
-    report_no_free_motions,
     recover_active_set_of_state,
+    report_no_free_motions,
 )

@@ -23,13 +23,17 @@ from basix import PolysetType
 from dolfinx import fem
 from ufl.algorithms import extract_elements
 
-from pw_elements._compat import cell_nodes
+from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
 from pw_elements.contact.model import NotFound
-from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE, MortarKinematics, TorqueMap
+from pw_elements.contact.nodes import (
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
+    MortarKinematics,
+    TorqueMap,
+)
 from pw_elements.contact.system import ContactSystem
 from pw_elements.spaces import SubSpace, is_hybrid
 
@@ -55,7 +59,9 @@ class CellInversionCheck:
         self._mesh = u.function_space.mesh
         displacement = ufl.split(u)[0] if is_hybrid(u.function_space) else u
         F = ufl.Identity(self._mesh.geometry.dim) + ufl.grad(displacement)
-        rules = [_reference_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"]
+        rules = [
+            _reference_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"
+        ]
         self._points = np.unique(np.concatenate(rules), axis=0)
         self._determinant = fem.Expression(ufl.det(F), self._points)
         n_owned = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
@@ -75,7 +81,7 @@ class CellInversionCheck:
         """Return the undeformed midpoints (k, dim) of all inverted cells; collective."""
         inverted = self._cells[~(self._evaluate_volume_ratios() > 0).all(axis=1)]
         mesh = self._mesh
-        midpoints = mesh.geometry.x[cell_nodes(mesh)[inverted]].mean(axis=1)
+        midpoints = mesh.geometry.x[cell_geometry_nodes(mesh)[inverted]].mean(axis=1)
         return np.concatenate(mesh.comm.allgather(midpoints[:, : mesh.geometry.dim]))
 
     def _evaluate_volume_ratios(self) -> Array:
@@ -115,7 +121,7 @@ class LargeStrainEquilibrium:
         NotFound: if cells are inverted at the start.
     """
 
-    needs_final_solution = False
+    requires_accurate_last_solution = False
     tangent: PETSc.Mat
     _linear: LinearEquilibrium
 
@@ -130,9 +136,11 @@ class LargeStrainEquilibrium:
         self._body, self._system, self._reduction, self._guard = body, system, reduction, guard
         self._u = start.copy()
         self._field = SubSpace.displacements(body.u.function_space)
-        self.offset = reduction.offset
+        self.prescribed_displacements = reduction.offset
         # forces that correspond to the round-off of coordinates
-        round_off = RELATIVE_COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
+        round_off = (
+            RELATIVE_COORDINATE_ROUND_OFF * float(system.law_scale.max(initial=0.0)) * guard.extent
+        )
         self._round_off = system.comm.allreduce(round_off, MPI.MAX) or np.finfo(float).tiny
         diagonal = self._field.extract(body.tangent.getDiagonal())
         self._max_row_sum = _ESTIMATED_ROW_SUM_TO_MAX_DIAGONAL * float(
@@ -147,12 +155,12 @@ class LargeStrainEquilibrium:
         free = reduction.right.createVecRight()
         free.set(1.0)
         is_prescribed = (reduction.right * free).array_r == 0
-        distance = np.abs(start.array_r - self.offset.array_r)[is_prescribed]
+        distance = np.abs(start.array_r - self.prescribed_displacements.array_r)[is_prescribed]
         distance = system.comm.allreduce(distance.max(initial=0.0), MPI.MAX)
         self._satisfies_supports = bool(distance <= RELATIVE_COORDINATE_ROUND_OFF * guard.extent)
-        self._update_forces()
+        self._evaluate_residual_at_iterate()
 
-    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:
+    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards the linear solution; return the accepted step length.
 
         The full step has length 1. The step is halved until no cell is inverted.
@@ -163,7 +171,7 @@ class LargeStrainEquilibrium:
         Raises:
             NotFound: if even the shortest step inverts cells.
         """
-        step = self._linear.displacements(reduced_unknowns)
+        step = self._linear.all_unknowns(reduced_unknowns)
         step.axpy(-1.0, self._u)
         step_length = 1.0
         for _ in range(_MAX_NEWTON_STEP_HALVINGS):
@@ -177,16 +185,16 @@ class LargeStrainEquilibrium:
             midpoints = self._guard.find_midpoints_of_inverted_cells()
             raise NotFound.with_positions("cells at {} would be inverted", midpoints)
         self._u, self._satisfies_supports = u, step_length == 1
-        self._update_forces()
+        self._evaluate_residual_at_iterate()
         return step_length
 
-    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
+    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._residual
 
-    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
+    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._u
 
-    def violation(
+    def max_imbalance_to_tolerance_ratio(
         self,
         contact_and_support_forces: Array,
         tolerance_from_contact_forces: float,  # noqa: ARG002
@@ -206,14 +214,18 @@ class LargeStrainEquilibrium:
         """
         displacement = self._field.extract(self._u).norm(PETSc.NormType.INFINITY)
         volume_round_off = np.asarray(self._volume_round_off)
-        allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * self._max_force + self._round_off + volume_round_off
+        allowed = (
+            MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * self._max_force
+            + self._round_off
+            + volume_round_off
+        )
         force_round_off = RELATIVE_COORDINATE_ROUND_OFF * self._max_row_sum * displacement
         allowed = allowed + np.where(volume_round_off > 0, 0.0, force_round_off)
         if not self._satisfies_supports:
             return np.inf
         return float(np.max(contact_and_support_forces / allowed, initial=0.0))
 
-    def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
+    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Linearise at the current iterate: update the contact system and return the load (n_r,).
 
         The load is K u - F(u) with the unknowns u of the iterate, the tangent K and the residual
@@ -224,7 +236,7 @@ class LargeStrainEquilibrium:
         """
         K, reduction = self._body.tangent, self._reduction
         self._body.assemble_tangent()
-        K = self._update_system(K, torque_map)
+        K = self._set_contact_system_tangent(K, torque_map)
         self.tangent, self._volume_round_off = K, self._estimate_round_off_of_pressure_equations(K)
         load = K.createVecLeft()
         K.mult(self._u, load)
@@ -235,7 +247,9 @@ class LargeStrainEquilibrium:
         )
         return reduced
 
-    def _update_system(self, body_tangent: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
+    def _set_contact_system_tangent(
+        self, body_tangent: PETSc.Mat, torque_map: TorqueMap
+    ) -> PETSc.Mat:
         """Pass the tangent to the contact system and return it.
 
         Args:
@@ -265,7 +279,7 @@ class LargeStrainEquilibrium:
         self._reduction.left.multTranspose(image, volumes)
         return RELATIVE_COORDINATE_ROUND_OFF * np.abs(volumes.array_r)
 
-    def _update_forces(self) -> None:
+    def _evaluate_residual_at_iterate(self) -> None:
         """Evaluate the residual of the current iterate, reduce it, and store its largest force."""
         self._forces = self._body.assemble_residual()
         self._max_force = self._field.extract(self._forces).norm(PETSc.NormType.INFINITY)
@@ -297,14 +311,20 @@ class SlidingBodiesEquilibrium(LargeStrainEquilibrium):
         self._mortars = mortars
         super().__init__(body, system, reduction, guard, start)
 
-    def _update_forces(self) -> None:
-        super()._update_forces()
-        self._system.set_force_operator(self._mortars.linearise_mortars_and_assemble_force_operator(self._u))
+    def _evaluate_residual_at_iterate(self) -> None:
+        super()._evaluate_residual_at_iterate()
+        self._system.set_force_operator(
+            self._mortars.linearise_mortars_and_assemble_force_operator(self._u)
+        )
 
-    def _update_system(self, body_tangent: PETSc.Mat, torque_map: TorqueMap) -> PETSc.Mat:
+    def _set_contact_system_tangent(
+        self, body_tangent: PETSc.Mat, torque_map: TorqueMap
+    ) -> PETSc.Mat:
         tangent = self._mortars.assemble_stiffness_of_force_operator_change(
             self._system.split_residual_into_contact_and_unbalanced_forces(self._residual)[0]
         )
         tangent.axpy(1.0, body_tangent, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._system.update_stiffness_and_motion_operator(tangent, torque_map, self._mortars.motion_operator)
+        self._system.update_stiffness_and_motion_operator(
+            tangent, torque_map, self._mortars.motion_operator
+        )
         return tangent

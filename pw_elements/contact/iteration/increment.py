@@ -19,21 +19,21 @@ import numpy as np
 
 from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, Interface
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
 from pw_elements.contact.iteration.support_friction import FrictionAtSupportedNodes
 from pw_elements.contact.model import NotFound, NotUnique, Residuals, ResidualScale
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     ActiveSet,
+    ContactKinematics,
     ContactNodes,
     IncrementStart,
-    Kinematics,
     LinearisedKinematics,
     TorqueMap,
     describe_status_counts,
     eliminate_known_motions,
 )
-from pw_elements.contact.system import Accuracy, ContactSystem
+from pw_elements.contact.system import ContactSystem, LinearSolveAccuracy
 from pw_elements.solvers import SingularSystem
 
 # Round-off in the product of stiffness K and displacements a, relative to |K| |a|
@@ -57,33 +57,38 @@ class Equilibrium(Protocol):
     """
 
     @property
-    def offset(self) -> PETSc.Vec: ...
+    def prescribed_displacements(self) -> PETSc.Vec: ...
 
     @property
-    def needs_final_solution(self) -> bool: ...
+    def requires_accurate_last_solution(self) -> bool: ...
 
-    def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:
+    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Linearise at the current iterate and return the load (n_r,), reduced by the supports.
 
         A new tangent is passed to the contact system together with the torque map.
         """
 
-    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:
+    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards a linear solution; return the accepted step length, at most 1.
 
         `reduced_unknowns` is the linear solution (n_r,), reduced by the supports.
         """
 
-    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
+    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         """Return the reduced residual (n_r,), which has to be balanced by contact forces alone.
 
         `reduced_unknowns` are the displacements (n_r,), reduced by the supports.
         """
 
-    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
+    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         """Return all unknowns (n,) for the unknowns (n_r,) that the supports leave free."""
 
-    def violation(self, contact_and_support_forces: Array, tolerance_from_contact_forces: float, unknowns: PETSc.Vec) -> float:
+    def max_imbalance_to_tolerance_ratio(
+        self,
+        contact_and_support_forces: Array,
+        tolerance_from_contact_forces: float,
+        unknowns: PETSc.Vec,
+    ) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance on this process.
 
         Args:
@@ -108,14 +113,18 @@ class LinearEquilibrium:
     stiffness: PETSc.Mat
     load: PETSc.Vec
     right: PETSc.Mat
-    offset: PETSc.Vec
+    prescribed_displacements: PETSc.Vec
     max_row_sum: float = 0.0
 
-    needs_final_solution = True
+    requires_accurate_last_solution = True
 
     @classmethod
     def from_stiffness(
-        cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, prescribed_displacement_factor: float = 1.0
+        cls,
+        system: ContactSystem,
+        K: PETSc.Mat,
+        load: PETSc.Vec,
+        prescribed_displacement_factor: float = 1.0,
     ) -> "LinearEquilibrium":
         """Return the equilibrium under a load, reduced by the supports.
 
@@ -132,28 +141,35 @@ class LinearEquilibrium:
         max_row_sum = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
 
-    def linearise(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
+    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
         return self.load
 
-    def line_search_to(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
+    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
         return 1.0
 
-    def violation(self, contact_and_support_forces: Array, tolerance_from_contact_forces: float, unknowns: PETSc.Vec) -> float:
+    def max_imbalance_to_tolerance_ratio(
+        self,
+        contact_and_support_forces: Array,
+        tolerance_from_contact_forces: float,
+        unknowns: PETSc.Vec,
+    ) -> float:
         load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, unknowns))
         round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
-        allowed = tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
+        allowed = (
+            tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
+        )
         max_unbalanced = float(contact_and_support_forces.max(initial=0.0))
         return max_unbalanced / allowed if max_unbalanced else 0.0
 
-    def residual(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
+    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
         residual = self.load.duplicate()
         self.stiffness.mult(reduced_unknowns, residual)
         residual.axpy(-1.0, self.load)
         return residual
 
-    def displacements(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        unknowns = self.offset.duplicate()
-        self.right.multAdd(reduced_unknowns, self.offset, unknowns)
+    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
+        unknowns = self.prescribed_displacements.duplicate()
+        self.right.multAdd(reduced_unknowns, self.prescribed_displacements, unknowns)
         return unknowns
 
 
@@ -200,7 +216,7 @@ class NewtonState:
     step_length: float = 1.0
 
 
-class Increment:
+class IncrementEquations:
     """The equations of one increment.
 
     Args:
@@ -219,23 +235,27 @@ class Increment:
         self,
         system: ContactSystem,
         equilibrium: Equilibrium,
-        kinematics: Kinematics,
+        kinematics: ContactKinematics,
         start: IncrementStart,
         *,
         prescribed: Array,
         totals: Array,
     ) -> None:
         self.system, self.equilibrium, self.start = system, equilibrium, start
-        self.interface: Interface = system.interface
+        self.interface: ContactInterface = system.interface
         self.kinematics = kinematics
         self.prescribed, self.totals = prescribed, totals
         self.best_state: NewtonState | None = None
-        self._support_displacement = system.evaluate_relative_point_displacements(equilibrium.offset)
+        self._support_displacement = system.evaluate_relative_point_displacements(
+            equilibrium.prescribed_displacements
+        )
 
     @cached_property
     def support_friction(self) -> FrictionAtSupportedNodes:
         """Friction at nodes that a support holds along a rough surface."""
-        return FrictionAtSupportedNodes(self.system, self.start, self.prescribed, self._support_displacement)
+        return FrictionAtSupportedNodes(
+            self.system, self.start, self.prescribed, self._support_displacement
+        )
 
     def add_initial_support_friction(
         self, active: ActiveSet, kinematics: LinearisedKinematics
@@ -248,8 +268,8 @@ class Increment:
             return active
         return self.support_friction.fill_zero_friction_from_start(active, kinematics)
 
-    def solve(
-        self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
+    def solve_linearised_system(
+        self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: LinearSolveAccuracy
     ) -> NewtonState:
         """Solve the linear system of an active set; return the iterate with its residuals.
 
@@ -258,9 +278,9 @@ class Increment:
             NotConverged: if an iterative solver fails.
         """
         system, equilibrium = self.system, self.equilibrium
-        load = equilibrium.linearise(kinematics.torque_map)
+        load = equilibrium.linearise_and_return_load(kinematics.torque_map)
         known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
-        known_v = system.evaluate_point_motions(equilibrium.offset)
+        known_v = system.evaluate_point_motions(equilibrium.prescribed_displacements)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
         torque_map = kinematics.torque_map.eliminate_known_motions(
@@ -269,7 +289,9 @@ class Increment:
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free_motions))
         if self.interface.holds_friction and system.free_motions:
-            totals, springs = self.support_friction.subtract_friction_and_get_stiffness(totals, active, kinematics)
+            totals, springs = self.support_friction.subtract_friction_and_get_stiffness(
+                totals, active, kinematics
+            )
         solution = system.solve(
             load,
             law,
@@ -280,29 +302,29 @@ class Increment:
         )
         q = self.prescribed.copy()
         q[np.isnan(q)] = solution.free_motions
-        step_length = equilibrium.line_search_to(solution.reduced_unknowns)
+        step_length = equilibrium.line_search_towards(solution.reduced_unknowns)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
             system.set_initial_iterate(
-                lambda: equilibrium.displacements(solution.reduced_unknowns), q
+                lambda: equilibrium.all_unknowns(solution.reduced_unknowns), q
             )
-        state = self.evaluate(
+        state = self.evaluate_all_conditions(
             solution.reduced_unknowns,
             q,
             kinematics,
-            support_friction=active.support_friction,
+            previous_support_friction=active.support_friction,
             is_exact=solution.is_exact,
-            is_final=solution.is_final or not equilibrium.needs_final_solution,
+            is_final=solution.is_final or not equilibrium.requires_accurate_last_solution,
         )
         return replace(state, step_length=step_length)
 
-    def evaluate(
+    def evaluate_all_conditions(
         self,
         reduced_unknowns: PETSc.Vec,
         surface_motions: Array,
         kinematics: LinearisedKinematics,
         *,
-        support_friction: Array | None = None,
+        previous_support_friction: Array | None = None,
         is_exact: bool = True,
         is_final: bool = True,
     ) -> NewtonState:
@@ -318,21 +340,29 @@ class Increment:
             is_final: whether the linear system was solved to the final accuracy.
         """
         interface, system = self.interface, self.system
-        unknowns = self.equilibrium.displacements(reduced_unknowns)
-        residual = self.equilibrium.residual(reduced_unknowns)
+        unknowns = self.equilibrium.all_unknowns(reduced_unknowns)
+        residual = self.equilibrium.residual_without_contact(reduced_unknowns)
         displacement = system.evaluate_relative_point_displacements(unknowns)
         displacement_size = system.compute_round_off_scale_of_motions(unknowns)
         force, unbalanced = system.split_residual_into_contact_and_unbalanced_forces(residual)
-        kinematics, v = self.kinematics.kinematics_at_iterate(kinematics, surface_motions, displacement, force)
-        nodes = kinematics.evaluate_contact_nodes(v, surface_motions, force, cone=interface.cone, law_scale=system.law_scale)
+        kinematics, v = self.kinematics.kinematics_and_point_motions_at_iterate(
+            kinematics, surface_motions, displacement, force
+        )
+        nodes = kinematics.evaluate_contact_nodes(
+            v, surface_motions, force, cone=interface.cone, law_scale=system.law_scale
+        )
         if interface.holds_friction:
-            if support_friction is None:
-                support_friction = self.support_friction.friction_at_increment_start(kinematics)
+            if previous_support_friction is None:
+                previous_support_friction = self.support_friction.friction_at_increment_start(
+                    kinematics
+                )
             nodes, force = self.support_friction.add_friction_to_nodal_forces(
-                nodes, kinematics, force, support_friction
+                nodes, kinematics, force, previous_support_friction
             )
         max_force, displacement_round_off, coordinate_round_off = (
-            self._max_contact_force_and_round_off_forces(force, displacement_size, kinematics.torque_map)
+            self._max_contact_force_and_round_off_forces(
+                force, displacement_size, kinematics.torque_map
+            )
         )
         state = NewtonState(
             reduced=reduced_unknowns,
@@ -344,7 +374,8 @@ class Increment:
             nodes=nodes,
             kinematics=kinematics,
             displacement_size=displacement_size,
-            allowance=MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_force + (displacement_round_off + coordinate_round_off),
+            allowance=MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_force
+            + (displacement_round_off + coordinate_round_off),
             round_off=displacement_round_off + coordinate_round_off,
             violation=np.inf,
             is_solution=False,
@@ -352,10 +383,10 @@ class Increment:
             is_final=is_final,
         )
         allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * max_force + displacement_round_off
-        violation = self.violation(state, allowed, coordinate_round_off)
+        violation = self.max_residual_to_tolerance_ratio(state, allowed, coordinate_round_off)
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
-    def relinearise(self, state: NewtonState) -> NewtonState:
+    def reevaluate_with_kinematics_at_solution(self, state: NewtonState) -> NewtonState:
         """Return a solution, evaluated again with kinematics that are linearised at it.
 
         A state that is not a solution is returned unchanged. A solution is returned unchanged if
@@ -370,11 +401,11 @@ class Increment:
         if kinematics is state.kinematics:
             return state
         held_friction = np.where(kinematics.held_tangents, state.nodes.force[:, 1:], 0.0)
-        relinearised = self.evaluate(
+        relinearised = self.evaluate_all_conditions(
             state.reduced,
             state.q,
             kinematics,
-            support_friction=held_friction,
+            previous_support_friction=held_friction,
             is_exact=state.is_exact,
             is_final=state.is_final,
         )
@@ -387,7 +418,7 @@ class Increment:
         if self.best_state is None or state.violation < self.best_state.violation:
             self.best_state = state
 
-    def residuals(
+    def local_relative_residuals(
         self, state: NewtonState, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
         """Return the relative residuals at the nodes and equations of this process.
@@ -398,7 +429,7 @@ class Increment:
         balance = self.system.compute_relative_balance_residuals(
             state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
         )
-        return state.nodes.residuals(reference_force, reference_length) | {
+        return state.nodes.relative_residuals(reference_force, reference_length) | {
             "equilibrium": np.asarray(state.unbalanced / reference_force, dtype=float),
             "balance": balance,
         }
@@ -410,7 +441,7 @@ class Increment:
 
         The arguments are those of `residuals`.
         """
-        residuals = self.residuals(state, reference_force, reference_length)
+        residuals = self.local_relative_residuals(state, reference_force, reference_length)
         largest = self.nonnegative_max_over_ranks(*residuals.values())
         return Residuals(**dict(zip(residuals, largest, strict=True)))
 
@@ -451,7 +482,9 @@ class Increment:
         maxima = [np.max(values, initial=0.0) for values in arrays]
         return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
 
-    def violation(self, state: NewtonState, force_tolerance: float, coordinate_round_off_force: float) -> float:
+    def max_residual_to_tolerance_ratio(
+        self, state: NewtonState, force_tolerance: float, coordinate_round_off_force: float
+    ) -> float:
         """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
         All residuals are forces: lengths are multiplied by the stiffness of the contact law.
@@ -466,14 +499,18 @@ class Increment:
         nodes = state.nodes
         if self.interface.cone.has_user_law:
             self.interface.check_friction_laws(nodes.force[:, 0])
-        residuals = self.residuals(state, 1.0, 1 / nodes.scale)
+        residuals = self.local_relative_residuals(state, 1.0, 1 / nodes.scale)
         friction_round_off = nodes.friction_round_off(coordinate_round_off_force)
-        worst = self.equilibrium.violation(
-            residuals.pop("equilibrium"), force_tolerance + coordinate_round_off_force, state.unknowns
+        worst = self.equilibrium.max_imbalance_to_tolerance_ratio(
+            residuals.pop("equilibrium"),
+            force_tolerance + coordinate_round_off_force,
+            state.unknowns,
         )
         for name, values in residuals.items():
             is_friction = name in ("cone", "stick", "direction")
-            limit = force_tolerance + (friction_round_off if is_friction else coordinate_round_off_force)
+            limit = force_tolerance + (
+                friction_round_off if is_friction else coordinate_round_off_force
+            )
             ratio = np.divide(values, limit, out=np.zeros_like(values), where=values != 0)
             max_ratio = float(ratio.max(initial=0.0))
             worst = max(worst, np.inf if np.isnan(max_ratio) else max_ratio)
@@ -495,18 +532,22 @@ class Increment:
         position, scale = self.interface.position, self.system.law_scale[:, None]
         arms = torque_map.V[:, :, position.shape[1] :].sum(axis=2)
         displacement_round_off = scale * (RELATIVE_DISPLACEMENT_ROUND_OFF * displacement_size)
-        coordinate_round_off = scale * (RELATIVE_COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms)))
-        return self.nonnegative_max_over_ranks(np.abs(contact_force), displacement_round_off, coordinate_round_off)
+        coordinate_round_off = scale * (
+            RELATIVE_COORDINATE_ROUND_OFF * (np.abs(position) + np.abs(arms))
+        )
+        return self.nonnegative_max_over_ranks(
+            np.abs(contact_force), displacement_round_off, coordinate_round_off
+        )
 
 
-class LinearIncrement(Increment):
+class LinearIncrementEquations(IncrementEquations):
     """Equations of an increment at small strains, with a diagnosis of singular tangents.
 
     All rigid motions are held, so that only friction can make the tangent singular.
     """
 
-    def solve(
-        self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: Accuracy
+    def solve_linearised_system(
+        self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: LinearSolveAccuracy
     ) -> NewtonState:
         """Solve the linear system of an active set; return the iterate with its residuals.
 
@@ -516,9 +557,9 @@ class LinearIncrement(Increment):
             NotConverged: if an iterative solver fails.
         """
         try:
-            return super().solve(active, kinematics, accuracy)
+            return super().solve_linearised_system(active, kinematics, accuracy)
         except SingularSystem as error:
-            solve = super().solve
+            solve = super().solve_linearised_system
             raise self._diagnose_singular_tangent(
                 active, error, lambda perturbed: solve(perturbed, kinematics, accuracy)
             ) from error
@@ -541,7 +582,10 @@ class LinearIncrement(Increment):
             solve_perturbed_set: function that solves the linear system of an active set.
         """
         counts, neighbours = describe_status_counts(active, self.system.comm), []
-        for factor in (1 - _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR, 1 + _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR):
+        for factor in (
+            1 - _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR,
+            1 + _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR,
+        ):
             perturbed = replace(
                 active,
                 limit_slope=factor * active.limit_slope,
@@ -554,8 +598,14 @@ class LinearIncrement(Increment):
         else:
             less, more = neighbours
             change = (less.unknowns - more.unknowns).norm()
-            is_continuous = change <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION * less.unknowns.norm()
-            if is_continuous and less.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION:
+            is_continuous = (
+                change <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION * less.unknowns.norm()
+            )
+            if (
+                is_continuous
+                and less.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
+                <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION
+            ):
                 self.best_state = less
                 return NotUnique(
                     f"{error}: no rigid motion is free, so the friction of the {counts} is too "

@@ -7,7 +7,7 @@ tolerances. It assumes that the state at the start of the increment is a converg
 from collections.abc import Callable
 from typing import TypeAlias
 
-from pw_elements.contact.iteration.increment import Increment, NewtonState
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 
@@ -17,7 +17,7 @@ IterationCallback: TypeAlias = Callable[[int, ActiveSet, float], None]
 
 
 def solve_increment(
-    increment: Increment,
+    increment: IncrementEquations,
     active: ActiveSet,
     kinematics: LinearisedKinematics,
     update: ActiveSetUpdate,
@@ -41,15 +41,15 @@ def solve_increment(
         NotConverged: if an iterative solver fails.
     """
     active = increment.add_initial_support_friction(active, kinematics)
-    update.start(active, increment)
+    update.restart_record_with_first_set(active, increment)
     accuracy = update.accuracy
     for iteration in range(1, max_iterations + 1):
-        state = increment.solve(active, kinematics, accuracy)
+        state = increment.solve_linearised_system(active, kinematics, accuracy)
         after_iteration(iteration, active, state.violation)
-        state = increment.relinearise(state)
+        state = increment.reevaluate_with_kinematics_at_solution(state)
         if state.is_solution:
             return state
         increment.keep_if_smallest_violation(state)
         active, accuracy = update.choose_next_set_and_accuracy(active, kinematics, state)
         kinematics = state.kinematics
-    raise update.make_error(max_iterations)
+    raise update.make_iteration_limit_error(max_iterations)

@@ -10,22 +10,27 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import DEFORMABLE, Interface
-from pw_elements.contact.iteration.increment import Increment, NewtonState
-from pw_elements.contact.model import ContactState, PairState, ResidualScale, Smallness
+from pw_elements.contact.interface import DEFORMABLE, ContactInterface
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
+from pw_elements.contact.model import (
+    ContactState,
+    PairState,
+    ResidualScale,
+    SmallDisplacementMeasures,
+)
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
 from pw_elements.solvers import SolverReport
 
 
 def make_contact_state(
-    increment: Increment,
+    increment: IncrementEquations,
     state: NewtonState,
     start_state: ContactState,
     *,
     scale: ResidualScale,
     iterations: int,
     report: SolverReport,
-    smallness: Smallness | None,
+    smallness: SmallDisplacementMeasures | None,
     can_slide_at_same_forces: bool = False,
 ) -> ContactState:
     """Return the contact state of an iterate, without its residuals; collective.
@@ -43,7 +48,9 @@ def make_contact_state(
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
     all_signs = (
-        signs | start_state.determinant_signs if start_state.free_motions == system.free_motions else signs
+        signs | start_state.determinant_signs
+        if start_state.free_motions == system.free_motions
+        else signs
     )
     is_unique = len(all_signs) <= 1 if signs else None
     if increment.interface.cone.has_user_law:
@@ -63,7 +70,7 @@ def make_contact_state(
     )
 
 
-def make_undeformed_state(interface: Interface, zero_unknowns: PETSc.Vec) -> ContactState:
+def make_undeformed_state(interface: ContactInterface, zero_unknowns: PETSc.Vec) -> ContactState:
     """Return the state of the undeformed body; `zero_unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
     gap, normal = interface.evaluate_surfaces(None)
@@ -79,7 +86,9 @@ def make_undeformed_state(interface: Interface, zero_unknowns: PETSc.Vec) -> Con
     return ContactState(interface.field.extract(zero_unknowns), pairs, unknowns=zero_unknowns)
 
 
-def _make_pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[PairState, ...]:
+def _make_pair_states_of_iterate(
+    increment: IncrementEquations, state: NewtonState
+) -> tuple[PairState, ...]:
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
@@ -92,9 +101,9 @@ def _make_pair_states_of_iterate(increment: Increment, state: NewtonState) -> tu
     def to_global(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
 
-    path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
+    path_slip = increment.kinematics.integrate_slip_along_path(state.q, state.displacement, normal)
     held_slip = remove_normal_part(motion, normal)
-    resultants = state.kinematics.torque_map.resultants(state.force)
+    resultants = state.kinematics.torque_map.compute_force_and_torque_of_each_point(state.force)
     friction = interface.cone.coefficient(nodes.force[:, 0])
     slip = np.where((status == HELD)[:, None], held_slip, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
@@ -119,7 +128,7 @@ def _make_pair_states_of_iterate(increment: Increment, state: NewtonState) -> tu
 
 
 def make_pair_states(
-    interface: Interface,
+    interface: ContactInterface,
     surface_motions: Array,
     contact_forces: Array,
     force_operator: PETSc.Mat,

@@ -122,7 +122,9 @@ class FrictionAtSupportedNodes:
         total = system.sum_forces_by_free_motion(np.einsum("ntk,nt->nk", tangential_V, friction))
         resistance = stiffness[:, :, None] * tangential_V * -kinematics.motion_by_q[:, 1:]
         springs = np.maximum(0.0, system.sum_forces_by_free_motion(resistance.sum(axis=1)))
-        return free_motion_forces - total + springs * system.select_free_motions(kinematics.q0), springs
+        return free_motion_forces - total + springs * system.select_free_motions(
+            kinematics.q0
+        ), springs
 
     def add_friction_to_nodal_forces(
         self,
@@ -146,7 +148,10 @@ class FrictionAtSupportedNodes:
         size = size.sum(axis=1) + np.abs(kinematics.q0).sum(axis=1)[interface.pair]
         largest_force = np.abs(global_force).max(initial=0.0)
         largest_force = self._system.comm.allreduce(float(largest_force), MPI.MAX)
-        min_slip = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force / scale + _SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES * size
+        min_slip = (
+            MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force / scale
+            + _SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES * size
+        )
         is_prescribed = kinematics.held_tangents & ~coupled_tangents
         prescribed_slip = np.where(is_prescribed, nodes.slip, 0.0)
         has_prescribed_slip = np.linalg.norm(prescribed_slip, axis=1) > min_slip
@@ -157,8 +162,13 @@ class FrictionAtSupportedNodes:
         )
         is_resting = nodes.held_tangents_without_motion
         nodes = replace(nodes, slip=np.where(is_resting, 0.0, nodes.slip))
-        previous_friction = np.where(is_resting, self.friction_at_increment_start(kinematics), previous_friction)
-        stiffness = np.where(is_coupled_to_surface, _friction_stiffness_per_law_stiffness(kinematics), 1.0) * scale
+        previous_friction = np.where(
+            is_resting, self.friction_at_increment_start(kinematics), previous_friction
+        )
+        stiffness = (
+            np.where(is_coupled_to_surface, _friction_stiffness_per_law_stiffness(kinematics), 1.0)
+            * scale
+        )
         return _add_support_friction_by_fixed_point(
             nodes,
             kinematics,
@@ -226,7 +236,9 @@ def _add_support_friction_by_fixed_point(
     tangential = np.where(is_held, previous_friction, equation_force[:, 1:])
     for _ in range(_MAX_FRICTION_ITERATIONS):
         _, normal = compute_support_forces(tangential)
-        trial_force = np.column_stack([normal, np.where(is_held, previous_friction, equation_force[:, 1:])])
+        trial_force = np.column_stack(
+            [normal, np.where(is_held, previous_friction, equation_force[:, 1:])]
+        )
         trial = replace(nodes, force=trial_force)
         limit = trial.friction_limits_and_slopes[0]
         admissible = replace(trial, scale=friction_stiffness).admissible_friction(limit)

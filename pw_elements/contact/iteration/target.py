@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import (
     ContactState,
     FreeMotionIndices,
@@ -96,13 +96,13 @@ class TargetLoadsAndMotions:
         return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
 
     @cached_property
-    def totals(self) -> Array:
+    def free_motion_forces(self) -> Array:
         """Prescribed forces and torques (free,) of the free motions."""
         return np.array([self.forces[index] for index in self.free_motions])
 
 
 def make_target_in_equilibrium_with_state(
-    state: ContactState, K: PETSc.Mat, interface: Interface
+    state: ContactState, K: PETSc.Mat, interface: ContactInterface
 ) -> TargetLoadsAndMotions:
     """Return the target that a state satisfies, with a load vector that includes reactions.
 

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration.increment import Increment, NewtonState
+from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
 from pw_elements.contact.model import ContactState, Cycling, FreeBody, LastContactLost, NotFound
 from pw_elements.contact.nodes import (
     HELD,
@@ -35,7 +35,7 @@ from pw_elements.contact.nodes import (
     make_sticking_active_set,
     rotate_active_set,
 )
-from pw_elements.contact.system import Accuracy
+from pw_elements.contact.system import LinearSolveAccuracy
 
 # Function that returns the names of the rigid motions that remain free for an active set in its
 # frames (m, dim, dim)
@@ -73,9 +73,13 @@ class ActiveSetHistory:
         self._comm = comm
         self._visited: set[bytes] = set()
         self._last_key, self._n_returns, self._n_kept = b"", 0, 0
-        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS_SEARCHED_FOR_CYCLE)
+        self._recent: deque[tuple[bytes, ActiveSet]] = deque(
+            maxlen=_N_RECENT_SETS_SEARCHED_FOR_CYCLE
+        )
 
-    def record_and_decide_to_keep_set(self, active: ActiveSet, relative_displacement_change: float) -> bool:
+    def record_and_decide_to_keep_set(
+        self, active: ActiveSet, relative_displacement_change: float
+    ) -> bool:
         """Record the active set of an iteration; return whether the next iteration keeps it.
 
         Args:
@@ -98,7 +102,9 @@ class ActiveSetHistory:
         """Whether visited active sets have come back often enough to count as a cycle."""
         return self._n_returns >= _MIN_ACTIVE_SET_REVISITS_OF_CYCLING
 
-    def make_error(self, message: str, interface: Interface) -> NotFound:
+    def make_error_naming_cycling_nodes(
+        self, message: str, interface: ContactInterface
+    ) -> NotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
         if not self.is_cycle:
             return NotFound(message)
@@ -130,14 +136,19 @@ class ActiveSetUpdate:
     """
 
     def __init__(
-        self, free_motions: FreeRigidMotionDescriber, interface: Interface, accuracy: Accuracy = "rough"
+        self,
+        free_motions: FreeRigidMotionDescriber,
+        interface: ContactInterface,
+        accuracy: LinearSolveAccuracy = "rough",
     ) -> None:
         self._interface, self._comm = interface, interface.comm
         self._free_motions, self.accuracy = free_motions, accuracy
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
 
-    def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
+    def restart_record_with_first_set(
+        self, active: ActiveSet, increment: IncrementEquations
+    ) -> None:  # noqa: ARG002
         """Clear the record of visited sets and record the first active set of an increment."""
         self._visited, self._limited = [], None
         self.record_and_detect_cycle(active)
@@ -154,7 +165,9 @@ class ActiveSetUpdate:
             np.round(v, _DECIMALS_IN_ACTIVE_SET_COMPARISON)
             for v in (active.direction, active.friction_ratio, active.limit_slope)
         ]
-        key = _hash_arrays_of_all_ranks(self._comm, active.status, *vectors, active.support_friction)
+        key = _hash_arrays_of_all_ranks(
+            self._comm, active.status, *vectors, active.support_friction
+        )
         keys = [visited_key for visited_key, _ in self._visited]
         self._visited.append((key, active))
         if key not in keys:
@@ -175,7 +188,9 @@ class ActiveSetUpdate:
         self._visited.clear()
         return True
 
-    def propose_set_changing_one_cycling_node(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
+    def propose_set_changing_one_cycling_node(
+        self, active: ActiveSet, nodes: ContactNodes
+    ) -> ActiveSet:
         """Return the next active set; of the limited nodes, only one changes.
 
         It is the node that violates the law most.
@@ -186,12 +201,14 @@ class ActiveSetUpdate:
         violation = np.where(self._limited, np.linalg.norm(nodes.law_violation(), axis=1), 0.0)
         worst = self._comm.allreduce(violation.max(initial=0.0), MPI.MAX)
         return combine_active_sets(
-            self._limited & (violation < worst * _MIN_VIOLATION_RATIO_OF_WORST_NODES), active, proposed
+            self._limited & (violation < worst * _MIN_VIOLATION_RATIO_OF_WORST_NODES),
+            active,
+            proposed,
         )
 
     def choose_next_set_and_accuracy(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
-    ) -> tuple[ActiveSet, Accuracy]:
+    ) -> tuple[ActiveSet, LinearSolveAccuracy]:
         """Return the next active set and the accuracy of its linear solution.
 
         Args:
@@ -206,9 +223,9 @@ class ActiveSetUpdate:
         if state.violation <= 1:
             return active, "tightened"  # the linear system was not solved to the final accuracy
         active = self._rotate_set_to_frames_of_state(active, kinematics, state)
-        return self._propose_next_set(active, state)
+        return self._propose_next_set_and_accuracy(active, state)
 
-    def make_error(self, max_iterations: int) -> NotFound:
+    def make_iteration_limit_error(self, max_iterations: int) -> NotFound:
         """Return the error for an iteration that has found no solution in `max_iterations`."""
         return NotFound(_format_iteration_limit_message(max_iterations))
 
@@ -224,9 +241,9 @@ class ActiveSetUpdate:
         self._visited, self._limited = [], None
         return rotate_active_set(active, kinematics.frame, state.kinematics.frame)
 
-    def _propose_next_set(
+    def _propose_next_set_and_accuracy(
         self, active: ActiveSet, state: NewtonState
-    ) -> tuple[ActiveSet, Accuracy]:
+    ) -> tuple[ActiveSet, LinearSolveAccuracy]:
         proposed = self._propose_set_that_holds_body(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
@@ -235,7 +252,9 @@ class ActiveSetUpdate:
         return proposed, self.accuracy
 
     def _propose_set_that_holds_body(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._postpone_releases_that_free_body(self.propose_set_changing_one_cycling_node(active, nodes), active, nodes)
+        return self._postpone_releases_that_free_body(
+            self.propose_set_changing_one_cycling_node(active, nodes), active, nodes
+        )
 
     def _postpone_releases_that_free_body(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
@@ -293,32 +312,38 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
 
     keeps_cycling_sets = False
 
-    def __init__(self, interface: Interface) -> None:
+    def __init__(self, interface: ContactInterface) -> None:
         super().__init__(report_no_free_motions, interface)
         self._ends_early = bool(interface.mortars)
 
-    def start(self, active: ActiveSet, increment: Increment) -> None:
+    def restart_record_with_first_set(
+        self, active: ActiveSet, increment: IncrementEquations
+    ) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
-        super().start(active, increment)
+        super().restart_record_with_first_set(active, increment)
         self._history, self._n_shortened_steps = ActiveSetHistory(self._comm), 0
         self._displacement = increment.start.displacement
 
-    def make_error(self, max_iterations: int) -> NotFound:
+    def make_iteration_limit_error(self, max_iterations: int) -> NotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
-        return self._history.make_error(_format_iteration_limit_message(max_iterations), self._interface)
+        return self._history.make_error_naming_cycling_nodes(
+            _format_iteration_limit_message(max_iterations), self._interface
+        )
 
-    def _propose_next_set(
+    def _propose_next_set_and_accuracy(
         self, active: ActiveSet, state: NewtonState
-    ) -> tuple[ActiveSet, Accuracy]:
-        change = self._max_over_ranks(np.abs(state.displacement - self._displacement))
+    ) -> tuple[ActiveSet, LinearSolveAccuracy]:
+        change = self._nonnegative_max_over_ranks(np.abs(state.displacement - self._displacement))
         self._displacement = state.displacement
-        relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
+        relative_change = change / (
+            self._nonnegative_max_over_ranks(np.abs(state.displacement)) or 1.0
+        )
         is_kept = self._history.record_and_decide_to_keep_set(active, relative_change)
         if self._ends_early:
             self._refuse_hopeless_iteration(state)
         if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
-        return super()._propose_next_set(active, state)
+        return super()._propose_next_set_and_accuracy(active, state)
 
     def _refuse_hopeless_iteration(self, state: NewtonState) -> None:
         """Raise NotFound if active sets cycle or too many Newton steps have been shortened."""
@@ -329,9 +354,9 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
                 "shortened"
             )
         if self._history.is_cycle and not self.keeps_cycling_sets:
-            raise self._history.make_error(_NO_SET_MESSAGE, self._interface)
+            raise self._history.make_error_naming_cycling_nodes(_NO_SET_MESSAGE, self._interface)
 
-    def _max_over_ranks(self, values: Array) -> float:
+    def _nonnegative_max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
@@ -365,7 +390,7 @@ def _hash_arrays_of_all_ranks(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
 
 
 def choose_first_active_set(
-    interface: Interface,
+    interface: ContactInterface,
     kinematics: LinearisedKinematics,
     start_state: ContactState,
     describe_free_rigid_motions: FreeRigidMotionDescriber,
@@ -413,12 +438,14 @@ def choose_first_active_set(
     )
 
 
-def _close_touching_and_nearest_nodes(interface: Interface, kinematics: LinearisedKinematics) -> ActiveSet:
+def _close_touching_and_nearest_nodes(
+    interface: ContactInterface, kinematics: LinearisedKinematics
+) -> ActiveSet:
     """Return the active set in which touching nodes are closed.
 
     In each pair, at least the node nearest to the surface is closed.
     """
-    gap, tolerance = kinematics.gap, _MAX_TOUCHING_GAP_PER_EXTENT * interface.extent
+    gap, tolerance = kinematics.gap, _MAX_TOUCHING_GAP_PER_EXTENT * interface.max_extent_of_points
     closed = gap <= tolerance
     for k in range(interface.pairs):
         in_pair = interface.pair == k
@@ -428,7 +455,7 @@ def _close_touching_and_nearest_nodes(interface: Interface, kinematics: Linearis
 
 
 def recover_active_set_of_state(
-    interface: Interface, kinematics: LinearisedKinematics, state: ContactState
+    interface: ContactInterface, kinematics: LinearisedKinematics, state: ContactState
 ) -> ActiveSet:
     """Return the active set at the end of a state, in the frames of the given kinematics."""
     status, friction_ratio, force_normal, *vectors = interface.extract_local_pair_state_values(
@@ -438,7 +465,7 @@ def recover_active_set_of_state(
         np.einsum("nab,nb->na", kinematics.frame[:, 1:], vector) for vector in vectors
     )
     pressure = np.maximum(0.0, force_normal)
-    limits = interface.cone.limit(pressure)
+    limits = interface.cone.friction_limits_and_slopes(pressure)
     slope, intercept = linearise_friction_limits(pressure, limits, direction)
     return ActiveSet(
         np.where(status == HELD, STICK, status).astype(np.int8),

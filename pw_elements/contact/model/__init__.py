@@ -22,7 +22,7 @@ from pw_elements.contact.model.state import (
     PairState,
     Residuals,
     ResidualScale,
-    Smallness,
+    SmallDisplacementMeasures,
 )
 from pw_elements.contact.model.surfaces import (
     BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS,

@@ -29,7 +29,7 @@ from pw_elements.checks import arguments
 # Normal forces at which coefficients are checked not to rise; and round-off of a coefficient,
 # relative to the coefficient at zero force
 _COEFFICIENT_CHECK_NORMAL_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
-_COEFFICIENT_ROUND_OFF = 1e-9
+_RELATIVE_FRICTION_COEFFICIENT_ROUND_OFF = 1e-9
 # Step of finite differences relative to the normal force, and largest error of the differences
 # relative to the slope of the limit at zero force
 _RELATIVE_NORMAL_FORCE_STEP, _SLOPE_TOLERANCE_PER_SLOPE_AT_ZERO = 1e-4, 1e-6
@@ -123,7 +123,7 @@ class FrictionCone:
     parameters: Sequence[Array]  # parameters of each law at the points of its pair
     errors: list[BaseException] | None = None
 
-    def limit(self, normal_force: Array) -> tuple[Array, Array]:
+    def friction_limits_and_slopes(self, normal_force: Array) -> tuple[Array, Array]:
         """Return the limits (m,) of tangential forces at normal forces (m,), and their slopes (m,).
 
         A slope is the derivative of the limit with respect to the normal force. If a law raises an
@@ -173,24 +173,27 @@ class FrictionCone:
 
         Where the normal force is zero or negative, it is the slope of the limit.
         """
-        limit, slope = self.limit(normal_force)
+        limit, slope = self.friction_limits_and_slopes(normal_force)
         linear = (normal_force <= 0) | (limit == slope * normal_force)
         return np.where(linear, slope, limit / np.where(linear, 1.0, normal_force))
 
     @cached_property
     def max_coefficient(self) -> Array:
         """Slopes (m,) of the limits at zero normal force, which bound the coefficients."""
-        return self.limit(np.zeros(sum(len(parameter) for parameter in self.parameters)))[1]
+        return self.friction_limits_and_slopes(
+            np.zeros(sum(len(parameter) for parameter in self.parameters))
+        )[1]
 
     def find_coefficients_rising_with_force(self) -> Mask:
         """Return a mask (m,) of the points at which the coefficient rises with the normal force."""
         with np.errstate(all="ignore"):  # forces may be far outside the range of a law
             coefficients = [
-                self.limit(np.full(len(self.max_coefficient), force))[0] / force
+                self.friction_limits_and_slopes(np.full(len(self.max_coefficient), force))[0]
+                / force
                 for force in _COEFFICIENT_CHECK_NORMAL_FORCES
             ]
             changes = np.diff([self.max_coefficient, *coefficients], axis=0)
-            rising = changes > _COEFFICIENT_ROUND_OFF * self.max_coefficient
+            rising = changes > _RELATIVE_FRICTION_COEFFICIENT_ROUND_OFF * self.max_coefficient
         return np.asarray(rising.any(axis=0))
 
     def find_coefficients_rising_near_force(self, normal_force: Array) -> Mask:
@@ -207,10 +210,12 @@ class FrictionCone:
             *(self.coefficient(factor * normal_force) for factor in factors),
         ]
         largest_change = np.diff(coefficients, axis=0).max(axis=0)
-        rising = largest_change > _COEFFICIENT_ROUND_OFF * self.max_coefficient
+        rising = largest_change > _RELATIVE_FRICTION_COEFFICIENT_ROUND_OFF * self.max_coefficient
         return np.asarray((normal_force > 0) & rising)
 
-    def compare_slopes_with_finite_differences(self, normal_force: Array) -> tuple[Array, Array, Mask]:
+    def compare_slopes_with_finite_differences(
+        self, normal_force: Array
+    ) -> tuple[Array, Array, Mask]:
         """Compare the slopes of the limits with finite differences at normal forces (m,).
 
         At a corner of a limit any slope between the two one-sided slopes is accepted.
@@ -221,8 +226,13 @@ class FrictionCone:
         """
         pressed = normal_force > 0
         normal_force = np.where(pressed, normal_force, 1.0)
-        (limit, slope), step = self.limit(normal_force), _RELATIVE_NORMAL_FORCE_STEP * normal_force
-        lower_limit, upper_limit = (self.limit(normal_force + sign * step)[0] for sign in (-1, 1))
+        (limit, slope), step = (
+            self.friction_limits_and_slopes(normal_force),
+            _RELATIVE_NORMAL_FORCE_STEP * normal_force,
+        )
+        lower_limit, upper_limit = (
+            self.friction_limits_and_slopes(normal_force + sign * step)[0] for sign in (-1, 1)
+        )
         one_sided = (limit - lower_limit) / step, (upper_limit - limit) / step
         smallest, largest = np.minimum(*one_sided), np.maximum(*one_sided)
         tolerance = _SLOPE_TOLERANCE_PER_SLOPE_AT_ZERO * self.max_coefficient

@@ -11,7 +11,7 @@ from pw_elements.arrays import Array
 from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit_vector
-from pw_elements.spaces import Part
+from pw_elements.spaces import EntitySelection
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Motion:
                 raise ValueError(f"{name} {vector!r} of a motion: it has to be a vector")
         if self.force is not None and len(self.force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
-        for k, (motion, force) in enumerate(zip(*self._components, strict=True)):
+        for k, (motion, force) in enumerate(zip(*self._motion_and_force_components, strict=True)):
             who, motion_name, force_name = f"component {k} of a motion", "translation", "force"
             if k == len(self.translation):
                 who, motion_name, force_name = "a motion", "rotation", "torque"
@@ -72,18 +72,20 @@ class Motion:
                 )
 
     @property
-    def _components(self) -> tuple[list[float | None], list[float]]:
+    def _motion_and_force_components(self) -> tuple[list[float | None], list[float]]:
         """Return two lists with dim + 1 entries: translation and rotation, force and torque."""
         force = [0.0] * len(self.translation) if self.force is None else self.force
         return [*self.translation, self.rotation], [*force, self.torque]
 
     def translation_and_rotation(self) -> Array:
         """Return translation and angle, (dim + 1,); free components are NaN."""
-        return np.array([np.nan if u is None else u for u in self._components[0]], dtype=float)
+        return np.array(
+            [np.nan if u is None else u for u in self._motion_and_force_components[0]], dtype=float
+        )
 
     def force_and_torque(self) -> Array:
         """Return total force and torque, (dim + 1,); components that are not given are zero."""
-        return np.array(self._components[1], dtype=float)
+        return np.array(self._motion_and_force_components[1], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class MatchingNodes:
         ValueError: for an offset that is not finite.
     """
 
-    nodes: Part
+    nodes: EntitySelection
     shape: Surface
     offset: Sequence[float] | None = None
 
@@ -117,7 +119,7 @@ class MatchingNodes:
         _check_part_selects_nodes_or_facets("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
-                f"the shape of matching nodes is {arguments.describe(self.shape)}: it has to be a "
+                f"the shape of matching nodes is {arguments.describe_value_or_type(self.shape)}: it has to be a "
                 "surface, with a gap and a normal"
             )
         if self.offset is not None:
@@ -159,7 +161,7 @@ class DeformableSurface:
         TypeError: for arguments of the wrong type.
     """
 
-    where: Part
+    where: EntitySelection
     revolved: bool | None = None
     coincident: bool = False
 
@@ -204,7 +206,7 @@ class ContactPair:
             without an axis.
     """
 
-    nodes: Part
+    nodes: EntitySelection
     surface: Surface | MatchingNodes | DeformableSurface
     friction: float | Callable[[Array], Array] | Friction = 0.0
     motions: Motion | Sequence[Motion] = ()
@@ -224,12 +226,13 @@ class ContactPair:
             raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
-                f"the surface of a contact pair is {arguments.describe(self.surface)}: it has to "
+                f"the surface of a contact pair is {arguments.describe_value_or_type(self.surface)}: it has to "
                 "have a gap and a normal, or to be a DeformableSurface or MatchingNodes"
             )
         mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
         if isinstance(mu, type) or not (
-            arguments.is_user_function(mu) or (arguments.is_number(mu) and 0 <= float(mu) < np.inf)  # type: ignore[arg-type]
+            arguments.is_user_function(mu)
+            or (arguments.is_real_number(mu) and 0 <= float(mu) < np.inf)  # type: ignore[arg-type]
         ):
             raise ValueError(
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
@@ -280,13 +283,17 @@ def _is_surface(thing: object) -> bool:
     return has_methods and not isinstance(thing, type)
 
 
-def _check_part_selects_nodes_or_facets(expected_kind: Literal["nodes", "facets"], part: object, example_call: str) -> None:
+def _check_part_selects_nodes_or_facets(
+    expected_kind: Literal["nodes", "facets"], part: object, example_call: str
+) -> None:
     """Raise TypeError unless `part` can select nodes or facets.
 
     `example_call` is an example of a correct call, which the message shows.
     """
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
-        raise TypeError(f"a surface is given in place of {expected_kind}: {example_call} has them first")
+        raise TypeError(
+            f"a surface is given in place of {expected_kind}: {example_call} has them first"
+        )
     if isinstance(part, MeshTags):
         use = "tags.find(value)"
         if expected_kind == "nodes":
@@ -295,5 +302,5 @@ def _check_part_selects_nodes_or_facets(expected_kind: Literal["nodes", "facets"
     is_sequence = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if not (arguments.is_user_function(part) or is_sequence):
         raise TypeError(
-            f"the {expected_kind} are {arguments.describe(part)}: give a marker, numbers or a mask"
+            f"the {expected_kind} are {arguments.describe_value_or_type(part)}: give a marker, numbers or a mask"
         )

@@ -155,7 +155,7 @@ class ResidualScale:
 
 
 @dataclass(frozen=True)
-class Smallness:
+class SmallDisplacementMeasures:
     """Measures of how small displacements are.
 
     Each of them is of the size of the neglected second-order terms relative to the first-order
@@ -233,7 +233,7 @@ class ContactState:
     free_motions: FreeMotionIndices = ()
     determinant_signs: frozenset[int] = frozenset()
     scale: ResidualScale = ResidualScale()
-    smallness: Smallness | None = Smallness()
+    smallness: SmallDisplacementMeasures | None = SmallDisplacementMeasures()
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()
     unknowns: PETSc.Vec = None
@@ -249,6 +249,6 @@ class ContactState:
         return np.array([pair.translation for pair in self.pairs])
 
     @property
-    def placements(self) -> Array:
+    def translations_and_rotations(self) -> Array:
         """Motions (pairs, dim + 1) of all surfaces: translations, and angles in the last column."""
         return np.array([[*pair.translation, pair.rotation] for pair in self.pairs])

@@ -23,7 +23,7 @@ _MAX_CLOSEST_POINT_NEWTON_STEPS = 30
 _CLOSEST_POINT_STEP_PER_COORDINATE, _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES = 1e-12, 1e-8
 # Step of first differences relative to the largest coordinate; step of second differences relative
 # to the step of first differences
-_DIFFERENCE_STEP, _SECOND_TO_FIRST_DIFFERENCE_STEP_RATIO = 1e-6, 100
+_DIFFERENCE_STEP_PER_MAX_COORDINATE, _SECOND_TO_FIRST_DIFFERENCE_STEP_RATIO = 1e-6, 100
 # Largest error of a user's gradient relative to its size; round-off of function values divided by
 # the machine epsilon
 _RELATIVE_GRADIENT_TOLERANCE, _FUNCTION_ROUND_OFF_IN_EPS = 1e-5, 64
@@ -343,10 +343,14 @@ class SignedDistance:
         gap, normal = np.full(n, np.inf), np.tile(np.eye(dim)[-1], (n, 1))
         curvature = np.zeros((n, dim, dim))
         if faced.any():
-            gap[faced], normal[faced], curvature[faced] = self._compute_distances_normals_and_curvatures(x[faced])
+            gap[faced], normal[faced], curvature[faced] = (
+                self._compute_distances_normals_and_curvatures(x[faced])
+            )
         return gap, normal, curvature
 
-    def _compute_distances_normals_and_curvatures(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def _compute_distances_normals_and_curvatures(
+        self, x: PointArray
+    ) -> tuple[Array, PointArray, Array]:
         """Return distances, normals and derivatives of normals at points x (n, dim).
 
         The function has to be finite at the points. Results are NaN where Newton's method finds no
@@ -362,7 +366,10 @@ class SignedDistance:
             tolerance = _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES
         tolerance *= np.abs(x).max(initial=0.0)
         for _ in range(_MAX_CLOSEST_POINT_NEWTON_STEPS):
-            gradient, hessian = self._evaluate_gradient_and_replace_zeros(p)[0], self._evaluate_hessian(p)
+            gradient, hessian = (
+                self._evaluate_gradient_and_replace_zeros(p)[0],
+                self._evaluate_hessian(p),
+            )
             matrix = np.zeros((n, dim + 1, dim + 1))
             matrix[:, :dim, :dim] = identity + length[:, None, None] * hessian
             matrix[:, :dim, dim] = matrix[:, dim, :dim] = gradient
@@ -400,7 +407,10 @@ class SignedDistance:
             return arguments.check_function_values(
                 "the gradient of a signed distance", gradient, x.shape, layout
             )
-        steps, values = self._finite_difference_step(x) * np.eye(x.shape[1]), self._evaluate_function(x)
+        steps, values = (
+            self._finite_difference_step(x) * np.eye(x.shape[1]),
+            self._evaluate_function(x),
+        )
         derivatives = [
             _difference_along_direction(self._evaluate_function, x, values, h) for h in steps
         ]
@@ -438,7 +448,9 @@ class SignedDistance:
             )
 
     def _finite_difference_step(self, x: PointArray) -> float:
-        return self.step or _DIFFERENCE_STEP * (np.abs(x).max(initial=0.0) or 1.0)
+        return self.step or _DIFFERENCE_STEP_PER_MAX_COORDINATE * (
+            np.abs(x).max(initial=0.0) or 1.0
+        )
 
     def _evaluate_gradient_and_replace_zeros(self, x: PointArray) -> tuple[PointArray, Mask]:
         """Return the gradient (n, dim), and a mask (n,) of the points x at which it vanishes.
@@ -491,7 +503,9 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
     smallest, largest = np.sort(one_sided, axis=1).transpose(1, 2, 3, 0)
     central = one_sided.mean(axis=1).transpose(1, 2, 0)
     derivatives = np.concatenate([normal[:, None], curvature], axis=1)
-    round_off = _FUNCTION_ROUND_OFF_IN_EPS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
+    round_off = (
+        _FUNCTION_ROUND_OFF_IN_EPS * np.finfo(float).eps * (1 + np.abs(x).max(axis=1)) / step
+    )
     size = np.abs(central).max(axis=(1, 2)) + np.abs(derivatives).max(axis=(1, 2))
     tolerance = (_RELATIVE_NORMAL_DERIVATIVE_TOLERANCE * size + round_off)[:, None, None]
     wrong = (derivatives < smallest - tolerance) | (derivatives > largest + tolerance)
@@ -526,7 +540,10 @@ def _difference_along_direction(
         central = (next_values - previous_values) / (2 * size)
         if np.isfinite(central).all():
             return central
-        forward, backward = (next_values - values_at_x) / size, (values_at_x - previous_values) / size
+        forward, backward = (
+            (next_values - values_at_x) / size,
+            (values_at_x - previous_values) / size,
+        )
     one_sided = np.where(np.isfinite(forward), forward, backward)
     return np.where(np.isfinite(central), central, one_sided)
 
@@ -556,5 +573,5 @@ def with_default_difference_step(surface: Surface, max_coordinate: float) -> Sur
     Surfaces that have a step, or that need none, are returned unchanged.
     """
     if isinstance(surface, SignedDistance) and surface.step is None:
-        return replace(surface, step=_DIFFERENCE_STEP * max_coordinate)
+        return replace(surface, step=_DIFFERENCE_STEP_PER_MAX_COORDINATE * max_coordinate)
     return surface

@@ -7,15 +7,15 @@ from pw_elements.contact.nodes.deformed import (
     RigidSurfaceMotion,
 )
 from pw_elements.contact.nodes.nodes import (
-    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     HELD,
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     OPEN,
     SLIP,
     STICK,
     ActiveSet,
     ContactNodes,
-    LinearisedKinematics,
     LinearisedContactLaw,
+    LinearisedKinematics,
     TorqueMap,
     assemble_active_set_equations,
     combine_active_sets,
@@ -29,8 +29,8 @@ from pw_elements.contact.nodes.nodes import (
 )
 from pw_elements.contact.nodes.sliding import MortarKinematics
 from pw_elements.contact.nodes.undeformed import (
+    ContactKinematics,
     IncrementStart,
-    Kinematics,
     SmallStrainKinematics,
     make_increment_start,
     remove_normal_part,

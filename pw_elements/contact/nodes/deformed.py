@@ -14,7 +14,7 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     N_SLIP_PATH_PIECES,
     RIGID,
-    Interface,
+    ContactInterface,
     MortarSlipReference,
     check_closest_points,
 )
@@ -49,7 +49,7 @@ class RigidSurfaceMotion:
         pairs: contact pairs, which define pivots and axes of rotation.
     """
 
-    def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
+    def __init__(self, interface: ContactInterface, pairs: Sequence[ContactPair]) -> None:
         self._pair, dim = interface.pair, interface.position.shape[1]
         self._pivots = [pair.pivot_and_spin(dim) for pair in pairs]
         pivots, spins = zip(*self._pivots, strict=True)
@@ -91,7 +91,7 @@ class RigidSurfaceMotion:
         rotation = np.einsum("nab,nb->na", self.rotation_minus_identity(q), from_pivot)
         return motion + rotation + q[self._pair, :-1]
 
-    def torque_map(self, q: Array, displacement: Array, force: Array) -> TorqueMap:
+    def linearise_torque_map(self, q: Array, displacement: Array, force: Array) -> TorqueMap:
         """Return the map from point forces to surface forces and torques, linearised at a state.
 
         Args:
@@ -109,29 +109,33 @@ class RigidSurfaceMotion:
 class DeformablePairKinematics(Protocol):
     """Kinematics of the pairs of two bodies. All other pairs have rigid surfaces."""
 
-    def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
+    def fill_in_deformable_pairs(
+        self, kinematics: LinearisedKinematics, force: Array
+    ) -> LinearisedKinematics:
         """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
 
         They are linearised at forces (m, dim) on the points.
         """
 
-    def fill_path_slip(self, slip: Array) -> Array:
+    def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
         """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
 
     @property
-    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
+    def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
 
 
 class NoDeformablePairs:
     """`DeformablePairKinematics` for problems without pairs of two bodies."""
 
-    sides: ClassVar[dict[int, tuple[MortarSlipReference, Array]]] = {}
+    slip_references_and_positions: ClassVar[dict[int, tuple[MortarSlipReference, Array]]] = {}
 
-    def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:  # noqa: ARG002
+    def fill_in_deformable_pairs(
+        self, kinematics: LinearisedKinematics, force: Array
+    ) -> LinearisedKinematics:  # noqa: ARG002
         return kinematics
 
-    def fill_path_slip(self, slip: Array) -> Array:
+    def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
         return slip
 
 
@@ -147,7 +151,7 @@ class LargeStrainKinematics:
 
     def __init__(
         self,
-        interface: Interface,
+        interface: ContactInterface,
         surfaces: RigidSurfaceMotion,
         start: IncrementStart,
         deformable_pairs: DeformablePairKinematics,
@@ -155,18 +159,22 @@ class LargeStrainKinematics:
         self._interface, self._surfaces = interface, surfaces
         self._start, self._deformable_pairs = start, deformable_pairs
         self._motion0 = surfaces.motion_in_surface_frame(start.q, start.displacement)
-        gap, self._normal0, self._curvature0 = interface.find_closest(self._motion0)
+        gap, self._normal0, self._curvature0 = interface.evaluate_gaps_normals_and_curvatures(
+            self._motion0
+        )
         # slip of points that no surface faces at the start is measured from their start position
         self._faced0 = np.isfinite(gap)
         self._gap0 = np.where(self._faced0, gap, 0.0)
         self._point0 = interface.position + self._motion0 - self._gap0[:, None] * self._normal0
 
     @property
-    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
+    def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
-        return self._deformable_pairs.sides
+        return self._deformable_pairs.slip_references_and_positions
 
-    def move_closed_points_with_surfaces(self, q: Array, displacement: Array, closed: Mask) -> Array:
+    def move_closed_points_with_surfaces(
+        self, q: Array, displacement: Array, closed: Mask
+    ) -> Array:
         """Return displacements (m, dim) in which closed points move rigidly with their surfaces.
 
         Args:
@@ -177,7 +185,7 @@ class LargeStrainKinematics:
         rigid = self._surfaces.displacement_from_surface_frame(q, self._motion0)
         return np.where(closed[:, None], rigid, displacement)
 
-    def kinematics_at_iterate(
+    def kinematics_and_point_motions_at_iterate(
         self,
         previous: LinearisedKinematics,  # noqa: ARG002
         q: Array,
@@ -207,11 +215,11 @@ class LargeStrainKinematics:
         interface, surfaces = self._interface, self._surfaces
         motion = surfaces.motion_in_surface_frame(q, displacement)
         R = np.eye(force.shape[1]) + surfaces.rotation_minus_identity(q)
-        gap, normal, curvature = interface.find_closest(motion)
+        gap, normal, curvature = interface.evaluate_gaps_normals_and_curvatures(motion)
         held_components = interface.held_components
         frame = make_frames(np.einsum("nab,nb->na", R, normal), interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
-        torque_map = surfaces.torque_map(q, displacement, force)
+        torque_map = surfaces.linearise_torque_map(q, displacement, force)
         force = np.where(held_components, 0.0, force)
         tangents = frame[:, 1:] @ R
         tangent_change = tangents @ curvature  # t·N with the derivative N of the normal
@@ -219,7 +227,9 @@ class LargeStrainKinematics:
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
         normal0 = self._normals_at_start_where_faced(normal, gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
-        factor, factor_slope = _arc_to_chord_ratios_and_slopes(np.minimum(s, _MAX_HALF_NORMAL_CHANGE))
+        factor, factor_slope = _arc_to_chord_ratios_and_slopes(
+            np.minimum(s, _MAX_HALF_NORMAL_CHANGE)
+        )
         tangential_chord = np.einsum("nta,na->nt", tangents, chord)
         normal_chord = np.sum(normal * chord, axis=1)
         s_change = np.einsum("na,nab->nb", normal0, curvature) / 4
@@ -251,7 +261,7 @@ class LargeStrainKinematics:
             force_by_q=force_by_q,
             held_tangents=find_held_tangents(frame, held_components),
         )
-        return self._deformable_pairs.fill_pairs(kinematics, force)
+        return self._deformable_pairs.fill_in_deformable_pairs(kinematics, force)
 
     def check_surface_derivatives(self, kinematics: LinearisedKinematics, pressed: Mask) -> None:
         """Raise ValueError if finite differences contradict a surface's derivatives.
@@ -268,7 +278,9 @@ class LargeStrainKinematics:
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
         normal0 = self._normals_at_start_where_faced(normal, kinematics.gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
-        factor, factor_slope = _arc_to_chord_ratios_and_slopes(np.minimum(s, _MAX_HALF_NORMAL_CHANGE))
+        factor, factor_slope = _arc_to_chord_ratios_and_slopes(
+            np.minimum(s, _MAX_HALF_NORMAL_CHANGE)
+        )
         n_n = self._normal0[:, :, None] * self._normal0[:, None, :]
         # derivative of the closest point at the start of the increment
         point_by_v = np.eye(normal.shape[1]) - np.where(self._faced0[:, None, None], n_n, 0.0)
@@ -277,7 +289,7 @@ class LargeStrainKinematics:
         by_factor = (factor_slope / factor)[:, None, None] * kinematics.slip[:, :, None]
         return -factor[:, None, None] * (tangents @ point_by_v) - by_factor * s_change[:, None]
 
-    def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         In the frame of a surface, the closest point of each contact point is followed along
@@ -310,9 +322,11 @@ class LargeStrainKinematics:
             slip += _rotate_with_normal(chord, mean_normal, next_normal)
             normal, point = next_normal, next_point
         slip += np.einsum("nab,nb->na", surfaces.rotation_minus_identity(q), slip)
-        return self._deformable_pairs.fill_path_slip(slip)
+        return self._deformable_pairs.fill_in_path_slip_of_deformable_pairs(slip)
 
-    def find_points_jumped_to_another_surface_part(self, kinematics: LinearisedKinematics, pressed: Mask) -> Mask:
+    def find_points_jumped_to_another_surface_part(
+        self, kinematics: LinearisedKinematics, pressed: Mask
+    ) -> Mask:
         """Return a mask (m,) of points that have jumped to another part of their surface.
 
         The normal at such a point has rotated by more than a right angle since the start of the
@@ -321,13 +335,15 @@ class LargeStrainKinematics:
         """
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
-        gap, normal, _ = interface.find_closest(end)
-        normal_change = np.linalg.norm(normal - self._normals_at_start_where_faced(normal, gap), axis=1)
+        gap, normal, _ = interface.evaluate_gaps_normals_and_curvatures(end)
+        normal_change = np.linalg.norm(
+            normal - self._normals_at_start_where_faced(normal, gap), axis=1
+        )
         jumped = normal_change > 2 * _HALF_NORMAL_CHANGE_AT_RIGHT_ANGLE
         if len(interface.gather_values(jumped[jumped])):
             for fraction in _PENETRATION_CHECK_PATH_FRACTIONS:
                 motion = (1 - fraction) * self._motion0 + fraction * end
-                pressed = pressed | (interface.find_closest(motion)[0] < 0)
+                pressed = pressed | (interface.evaluate_gaps_normals_and_curvatures(motion)[0] < 0)
         return jumped & pressed
 
     def _surface_frame_motion(self, kinematics: LinearisedKinematics) -> Array:
@@ -341,7 +357,9 @@ class LargeStrainKinematics:
         The current `current_normal` is returned for points that no surface faces at the start or now. The
         current `current_gap` of a point is infinite if no surface faces it.
         """
-        return np.where((self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal)
+        return np.where(
+            (self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal
+        )
 
 
 def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Array:
@@ -358,7 +376,9 @@ def _arc_to_chord_ratios_and_slopes(half_normal_change: Array) -> tuple[Array, A
     With half the length s of the difference between the unit normals at both ends, a ratio is
     arcsin(s) / (s sqrt(1 - s^2)). A slope is the derivative of the ratio divided by s.
     """
-    large = np.where(half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES, 0.5, half_normal_change)
+    large = np.where(
+        half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES, 0.5, half_normal_change
+    )
     w, angle = np.sqrt(1 - large**2), np.arcsin(large)
     slope = (large - angle * (1 - 2 * large**2) / w) / (large**3 * w**2)
     small = half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES

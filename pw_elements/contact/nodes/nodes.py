@@ -213,7 +213,7 @@ class ContactNodes:
 
         Negative trial pressures are replaced by zero.
         """
-        return self.cone.limit(np.maximum(0.0, self.trial_pressure))
+        return self.cone.friction_limits_and_slopes(np.maximum(0.0, self.trial_pressure))
 
     def admissible_friction(self, friction_limit: Array) -> Array:
         """Return the friction (m, dim - 1) that the law gives for friction limits (m,).
@@ -225,11 +225,14 @@ class ContactNodes:
         """
         slip_size = np.linalg.norm(self.slip, axis=1)
         against_slip = (
-            -(friction_limit / np.where(self.has_prescribed_slip, slip_size, 1.0))[:, None] * self.slip
+            -(friction_limit / np.where(self.has_prescribed_slip, slip_size, 1.0))[:, None]
+            * self.slip
         )
         friction = shorten_vectors_to_max_length(friction_limit, self.trial_friction)
         if self.held_tangents_without_motion.any():
-            remaining_limit = np.sqrt(np.maximum(0.0, friction_limit**2 - np.sum(friction**2, axis=1)))
+            remaining_limit = np.sqrt(
+                np.maximum(0.0, friction_limit**2 - np.sum(friction**2, axis=1))
+            )
             support_friction = np.where(self.held_tangents_without_motion, self.force[:, 1:], 0.0)
             friction += shorten_vectors_to_max_length(remaining_limit, support_friction)
         return np.where(self.has_prescribed_slip[:, None], against_slip, friction)
@@ -237,16 +240,16 @@ class ContactNodes:
     @cached_property
     def active_set(self) -> ActiveSet:
         """Active set that follows from gaps, slips and forces, without any previous active set."""
-        return self._linearise(np.zeros_like(self.slip))
+        return self._determine_active_set(np.zeros_like(self.slip))
 
     def next_active_set(self, previous: ActiveSet) -> ActiveSet:
         """Return the active set that follows from gaps, slips, forces and the previous active set.
 
         Nodes whose slip has reversed since the previous active set stick.
         """
-        return self._linearise(previous.direction)
+        return self._determine_active_set(previous.direction)
 
-    def _linearise(self, previous_friction_direction: Array) -> ActiveSet:
+    def _determine_active_set(self, previous_friction_direction: Array) -> ActiveSet:
         p, s, limit = self.trial_pressure, self.trial_friction, self.friction_limits_and_slopes[0]
         size = np.linalg.norm(s, axis=1)
         slipping = (p > 0) & (size >= limit)
@@ -284,7 +287,9 @@ class ContactNodes:
         friction minus the friction that the law gives.
         """
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
-        tangential = self.force[:, 1:] - self.admissible_friction(self.friction_limits_and_slopes[0])
+        tangential = self.force[:, 1:] - self.admissible_friction(
+            self.friction_limits_and_slopes[0]
+        )
         return np.hstack([normal, tangential])
 
     def friction_round_off(self, coordinate_round_off_force: float) -> Array:
@@ -302,7 +307,7 @@ class ContactNodes:
         is_pressed = self.force[:, 0] > coordinate_round_off_force
         return np.where(is_pressed, limit_round_off, coordinate_round_off_force)
 
-    def residuals(
+    def relative_residuals(
         self, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
         """Return the violations (m,) of contact conditions, by the names of fields of `Residuals`.
@@ -312,7 +317,7 @@ class ContactNodes:
             reference_length: length by which lengths are divided; one number, or (m,).
         """
         normal, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
-        limit, _ = self.cone.limit(np.maximum(0.0, normal))
+        limit, _ = self.cone.friction_limits_and_slopes(np.maximum(0.0, normal))
         sticks = (np.linalg.norm(self.trial_friction, axis=1) < limit) & ~self.has_prescribed_slip
         difference = np.abs(tangential - self.admissible_friction(limit)).max(axis=1, initial=0.0)
         slip_size = np.where(sticks, np.linalg.norm(self.slip, axis=1), 0.0)
@@ -336,7 +341,9 @@ def shorten_vectors_to_max_length(max_length: Array, vectors: Array) -> Array:
     return np.asarray(factor[:, None] * vectors)
 
 
-def assemble_active_set_equations(active: ActiveSet, law_scale: Array) -> tuple[Array, Array, Array]:
+def assemble_active_set_equations(
+    active: ActiveSet, law_scale: Array
+) -> tuple[Array, Array, Array]:
     """Return the linear equations A r + B (g; v) = b of an active set in the frames of the nodes.
 
     The unknowns are forces r, gaps g and slips v.
@@ -388,7 +395,9 @@ class LinearisedContactLaw:
     c: Array
 
 
-def eliminate_known_motions(law: LinearisedContactLaw, known_q: Array, known_v: Array) -> LinearisedContactLaw:
+def eliminate_known_motions(
+    law: LinearisedContactLaw, known_q: Array, known_v: Array
+) -> LinearisedContactLaw:
     """Return the law in which known parts of the motions have been moved to the right-hand side.
 
     Args:
@@ -424,9 +433,11 @@ class TorqueMap:
     @classmethod
     def without_rotation(cls, n_points: int, dim: int) -> "TorqueMap":
         """Return the map of m points in dim dimensions on surfaces that do not rotate."""
-        return cls(np.broadcast_to(np.eye(dim), (n_points, dim, dim)), *np.zeros((2, n_points, dim)))
+        return cls(
+            np.broadcast_to(np.eye(dim), (n_points, dim, dim)), *np.zeros((2, n_points, dim))
+        )
 
-    def resultants(self, point_forces: Array) -> Array:
+    def compute_force_and_torque_of_each_point(self, point_forces: Array) -> Array:
         """Return the forces and torques (m, k) on surfaces due to forces (m, dim) on the points."""
         return np.einsum("nak,na->nk", self.V, point_forces)
 

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import RIGID, Interface, MortarSlipReference
+from pw_elements.contact.interface import RIGID, ContactInterface, MortarSlipReference
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
 # Number of motions of a slave node that faces the master: gap, slip and angle of the normal
@@ -41,11 +41,13 @@ class MortarKinematics:
     """
 
     def __init__(
-        self, interface: Interface, start: PETSc.Vec, q_start: Array, q_end: Array
+        self, interface: ContactInterface, start: PETSc.Vec, q_start: Array, q_end: Array
     ) -> None:
         self._interface, self._translations = interface, q_end[:, :-1]
         self._references = {
-            k: mortar.make_reference(self._gather_positions(k, start, q_start[:, :-1]))
+            k: mortar.make_slip_reference(
+                self._gather_mortar_node_positions(k, start, q_start[:, :-1])
+            )
             for k, mortar in interface.mortars.items()
         }
         # points of each pair on this process, and their indices among the slave's nodes
@@ -65,12 +67,13 @@ class MortarKinematics:
         """
         interface = self._interface
         self._positions = {
-            k: self._gather_positions(k, unknowns, self._translations) for k in self._references
+            k: self._gather_mortar_node_positions(k, unknowns, self._translations)
+            for k in self._references
         }
         self._mortars = {k: interface.mortars[k].linearise(x) for k, x in self._positions.items()}
         m, (_, n_dofs), dim = (
             len(interface.node),
-            interface.field.sizes,
+            interface.field.local_and_global_size,
             interface.position.shape[1],
         )
         entries = [(np.arange(m), interface.node, np.ones(m))]
@@ -84,7 +87,7 @@ class MortarKinematics:
         row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
         nodal = sp.csr_matrix((value, (row, column)), (m, n_dofs // dim))
         rows = sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim)))
-        return interface.assemble_rows(rows).transpose(PETSc.Mat())
+        return interface.assemble_matrix_over_all_unknowns(rows).transpose(PETSc.Mat())
 
     def assemble_stiffness_of_force_operator_change(self, force: Array) -> PETSc.Mat:
         """Return the stiffness (n, n) due to the change of the force operator with the unknowns.
@@ -94,7 +97,7 @@ class MortarKinematics:
         """
         interface, dim = self._interface, force.shape[1]
         node_offset = interface.field.space.dofmap.index_map.local_range[0]
-        sizes = interface.field.sizes
+        sizes = interface.field.local_and_global_size
         total = sp.csr_matrix(sizes)
         for k, mortar_state in self._mortars.items():
             mortar = interface.mortars[k]
@@ -107,10 +110,14 @@ class MortarKinematics:
             is_owned = (row >= 0) & (row < sizes[0])
             indices = row[is_owned], dofs[part.col[is_owned]]
             total += sp.csr_matrix((part.data[is_owned], indices), sizes)
-        matrix, field = interface.assemble_rows(total), interface.field
-        return matrix if field.is_whole_space else field.selection_matrix().transposeMatMult(matrix)
+        matrix, field = interface.assemble_matrix_over_all_unknowns(total), interface.field
+        return (
+            matrix if field.is_whole_space else field.extraction_matrix().transposeMatMult(matrix)
+        )
 
-    def fill_pairs(self, kinematics: LinearisedKinematics, force: Array) -> LinearisedKinematics:
+    def fill_in_deformable_pairs(
+        self, kinematics: LinearisedKinematics, force: Array
+    ) -> LinearisedKinematics:
         """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
 
         They are linearised at forces (m, dim) on the points.
@@ -154,12 +161,18 @@ class MortarKinematics:
             for motion, change in enumerate(motions):
                 part = sp.coo_array(change[number])
                 rows.append(
-                    (points[part.row] * _N_MOTIONS_PER_SLAVE_NODE + motion, dofs[part.col], part.data)
+                    (
+                        points[part.row] * _N_MOTIONS_PER_SLAVE_NODE + motion,
+                        dofs[part.col],
+                        part.data,
+                    )
                 )
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
-        shape = (m * _N_MOTIONS_PER_SLAVE_NODE, interface.field.sizes[1])
-        self.motion_operator = interface.assemble_rows(sp.csr_matrix((value, (row, column)), shape))
+        shape = (m * _N_MOTIONS_PER_SLAVE_NODE, interface.field.local_and_global_size[1])
+        self.motion_operator = interface.assemble_matrix_over_all_unknowns(
+            sp.csr_matrix((value, (row, column)), shape)
+        )
         return replace(
             kinematics,
             frame=frame,
@@ -171,24 +184,26 @@ class MortarKinematics:
         )
 
     @property
-    def references(self) -> dict[int, MortarSlipReference]:
+    def slip_references(self) -> dict[int, MortarSlipReference]:
         """State of each pair, by its index, from which slip is measured."""
         return self._references
 
     @property
-    def sides(self) -> dict[int, tuple[MortarSlipReference, Array]]:
+    def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
         """Reference state and positions (nodes, dim) at the last iterate of each pair, by index."""
         return {k: (start, self._positions[k]) for k, start in self._references.items()}
 
-    def fill_path_slip(self, slip: Array) -> Array:
+    def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
         """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
         slip = slip.copy()
         for k, mortar in self._interface.mortars.items():
-            path_slip = mortar.integrate_slip(self._references[k].x, self._positions[k])
+            path_slip = mortar.integrate_slip_along_path(self._references[k].x, self._positions[k])
             slip[self._points[k]] = path_slip[self._slave_indices[k]]
         return slip
 
-    def _gather_positions(self, pair_index: int, unknowns: PETSc.Vec, master_translations: Array) -> Array:
+    def _gather_mortar_node_positions(
+        self, pair_index: int, unknowns: PETSc.Vec, master_translations: Array
+    ) -> Array:
         """Return the positions (nodes, dim) of both sides of a pair on all processes; collective.
 
         The masters are moved by `master_translations` (pairs, dim).

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
@@ -25,7 +25,7 @@ from pw_elements.contact.nodes.nodes import (
 )
 
 # Step of finite differences along free translations, relative to the extent of the contact nodes
-_DIFFERENCE_STEP = 1e-4
+_TRANSLATION_DIFFERENCE_STEP_PER_CONTACT_EXTENT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,9 @@ class IncrementStart:
     q: Array
 
 
-def make_increment_start(state: ContactState, interface: Interface, q: Array) -> IncrementStart:
+def make_increment_start(
+    state: ContactState, interface: ContactInterface, q: Array
+) -> IncrementStart:
     """Return displacements and forces of a state at the points of this process.
 
     The motions q (pairs, k) of the surfaces are included in the result.
@@ -55,10 +57,10 @@ def make_increment_start(state: ContactState, interface: Interface, q: Array) ->
     return IncrementStart(displacement, force, q)
 
 
-class Kinematics(Protocol):
+class ContactKinematics(Protocol):
     """Gap, slip and frame of the contact points since the start of an increment."""
 
-    def kinematics_at_iterate(
+    def kinematics_and_point_motions_at_iterate(
         self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> tuple[LinearisedKinematics, Array]:
         """Return the kinematics for the evaluation of an iterate, and the point motions v (m, p).
@@ -80,7 +82,7 @@ class Kinematics(Protocol):
         and at large strains, `previous` is returned, which is already valid at the solution.
         """
 
-    def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         Args:
@@ -104,12 +106,16 @@ class SmallStrainKinematics:
     """
 
     def __init__(
-        self, interface: Interface, start: IncrementStart, prescribed: Array, load_factor: float
+        self,
+        interface: ContactInterface,
+        start: IncrementStart,
+        prescribed: Array,
+        load_factor: float,
     ) -> None:
         self._interface, self._start, self._load_factor = interface, start, load_factor
         self._free: Mask = np.isnan(prescribed)
 
-    def kinematics_at_iterate(
+    def kinematics_and_point_motions_at_iterate(
         self,
         previous: LinearisedKinematics,
         q: Array,  # noqa: ARG002
@@ -129,7 +135,7 @@ class SmallStrainKinematics:
             return previous
         return self.linearise(q, displacement, force)
 
-    def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
         return remove_normal_part(self._relative_motion_since_start(q, displacement), normal)
 
     def linearise(
@@ -144,7 +150,7 @@ class SmallStrainKinematics:
             displacement: (m, dim), displacements of the points.
             force: (m, dim), forces on the points.
         """
-        return self._linearise(self._free, translations, displacement, force)
+        return self._linearise_with_free_translations(self._free, translations, displacement, force)
 
     def linearise_with_all_translations_free(
         self, translations: Array, displacement: Array, force: Array
@@ -154,24 +160,28 @@ class SmallStrainKinematics:
         In contrast to `linearise`, the change of normals with prescribed translations is included.
         The arguments are those of `linearise`.
         """
-        return self._linearise(np.ones_like(self._free), translations, displacement, force)
+        return self._linearise_with_free_translations(
+            np.ones_like(self._free), translations, displacement, force
+        )
 
     def _relative_motion_since_start(self, q: Array, displacement: Array) -> Array:
         start, pair = self._start, self._interface.pair
         return displacement - start.displacement - (q - start.q)[pair]
 
-    def _linearise(
+    def _linearise_with_free_translations(
         self, is_free_translation: Mask, translations: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
         interface, held_components = self._interface, self._interface.held_components
         force = np.where(held_components, 0.0, force)
-        step = _DIFFERENCE_STEP * (interface.extent or 1.0)
+        step = _TRANSLATION_DIFFERENCE_STEP_PER_CONTACT_EXTENT * (
+            interface.max_extent_of_points or 1.0
+        )
         gap, normal = interface.evaluate_surfaces(translations)
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
         if self._load_factor != 1:  # a part of the interference is not applied yet
-            gap = gap + (1 - self._load_factor) * interface.interference
+            gap = gap + (1 - self._load_factor) * interface.initial_interference
         normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
         for axis in np.flatnonzero(is_free_translation.any(axis=0)):
             forward, backward = translations.copy(), translations.copy()

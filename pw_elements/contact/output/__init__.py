@@ -2,7 +2,7 @@
 
 from pw_elements.contact.output.fields import ContactFields
 from pw_elements.contact.output.identity import (
-    Fingerprint,
+    ProblemFingerprint,
     ResidualCoefficients,
     ResidualFingerprint,
     check_changed_parts,
@@ -10,6 +10,6 @@ from pw_elements.contact.output.identity import (
     fingerprint_stiffness,
 )
 from pw_elements.contact.output.pictures import plot
-from pw_elements.contact.output.progress import Callback, Progress, ProgressReporter
+from pw_elements.contact.output.progress import Progress, ProgressCallback, ProgressReporter
 from pw_elements.contact.output.storage import read_state, write_state
 from pw_elements.contact.output.time_series import write

@@ -20,11 +20,15 @@ from pw_elements.arrays import Indices, LocalIndices
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
-    raise_errors_on_all_processes,
     count_local_and_global_dofs,
+    raise_errors_on_all_processes,
 )
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.sides import OppositeSurface, make_results_of_own_side, make_own_and_opposite_surface
+from pw_elements.contact.output.sides import (
+    OppositeSurface,
+    make_own_and_opposite_surface,
+    make_results_of_own_side,
+)
 from pw_elements.elasticity import (
     Body,
     StressState,
@@ -44,7 +48,7 @@ from pw_elements.spaces import (
 
 # Largest distance between a node's positions in a state and in the space, relative to the largest
 # coordinate
-_MAX_NODE_DISTANCE = 1e-9
+_MAX_SAME_NODE_DISTANCE_PER_COORDINATE = 1e-9
 # Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
 _ERROR_INDICATOR_QUADRATURE_DEGREE = 2
 STATE_ARGUMENT_ADVICE = "solve_contact gives a list of states, ContactProblem.step one of them"
@@ -152,7 +156,10 @@ class ContactFields:
         ) -> fem.Function | None:
             return fem.Function(functions, name=name) if is_wanted else None
 
-        sides = [make_own_and_opposite_surface(k, state, given_body, space) for k in range(len(state.pairs))]
+        sides = [
+            make_own_and_opposite_surface(k, state, given_body, space)
+            for k in range(len(state.pairs))
+        ]
         fields = cls(
             fem.Function(space, name="displacement"),
             fem.Function(space, name="contact_force"),
@@ -196,7 +203,9 @@ class ContactFields:
         ]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # after large sliding, other parts of the sides face each other
-            sides = [make_own_and_opposite_surface(k, state, self.body, space) for k in range(len(pairs))]
+            sides = [
+                make_own_and_opposite_surface(k, state, self.body, space) for k in range(len(pairs))
+            ]
             object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
         _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
@@ -262,7 +271,10 @@ class ContactFields:
         for k, (opposite, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
             if opposite is None:
                 continue
-            results, local = opposite.results(pair), _convert_to_local_nodes(space, pair.opposite_node)
+            results, local = (
+                opposite.results(pair),
+                _convert_to_local_nodes(space, pair.opposite_node),
+            )
             is_set = (local >= 0) & (opposite.facing_area > max_facing[local])
             nodes = local[is_set]
             max_facing[nodes] = opposite.facing_area[is_set]
@@ -323,7 +335,9 @@ class ContactFields:
             exterior_facets_with_all_nodes(self.displacement.function_space, surface.node)
             for surface in self.surfaces
         ]
-        ds = boundary_measure(mesh, np.unique(np.concatenate(facets)), _ERROR_INDICATOR_QUADRATURE_DEGREE)
+        ds = boundary_measure(
+            mesh, np.unique(np.concatenate(facets)), _ERROR_INDICATOR_QUADRATURE_DEGREE
+        )
         p, n = fem.Function(weights), ufl.FacetNormal(mesh)
         p.x.array[:] = self.pressure.x.array
         stress = self.body.stress(self.displacement)
@@ -401,7 +415,7 @@ def check_state_fits_space(state: ContactState, space: fem.FunctionSpace) -> Non
             distance = np.abs(x[pair.node[is_owned] - first_node] - pair.position[is_owned])
             is_same_space &= bool(
                 distance.max(initial=0.0)
-                <= _MAX_NODE_DISTANCE * np.abs(pair.position).max(initial=0.0)
+                <= _MAX_SAME_NODE_DISTANCE_PER_COORDINATE * np.abs(pair.position).max(initial=0.0)
             )
         if not is_same_space:
             raise ValueError("the state belongs to another space, or other processes, than this")

@@ -30,9 +30,9 @@ from dolfinx import fem
 
 from pw_elements.algebra import ResidualSystem
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, relative_difference
+from pw_elements.checks import arguments, max_relative_difference
 from pw_elements.contact.interface import (
-    Interface,
+    ContactInterface,
     sample_friction_coefficients,
     sample_interference,
     sample_surface_around_pair,
@@ -42,7 +42,7 @@ from pw_elements.spaces import SubSpace, gather_nodal_values, list_fields
 
 # Largest difference between two fingerprints, relative to the values compared, that counts as
 # round-off
-_ROUND_OFF = 1e-8
+_RELATIVE_FINGERPRINT_ROUND_OFF = 1e-8
 # Smooth probes are cosines. For each probe, change of the phase along each axis from one end of the
 # body to the other, and phase at the body's lower corner
 _COSINE_PROBE_PHASE_CHANGES = (
@@ -133,7 +133,7 @@ class ResidualCoefficients:
 
 
 @dataclass(frozen=True)
-class Fingerprint:
+class ProblemFingerprint:
     """Fingerprint of a problem, with one entry for each named part of the problem.
 
     Args:
@@ -146,7 +146,7 @@ class Fingerprint:
     parts: FingerprintValues
     residual_fingerprint: "ResidualFingerprint | None" = None
 
-    def evaluate(self) -> FingerprintValues:
+    def evaluate_all_values(self) -> FingerprintValues:
         """Return all values that identify the problem in a file, by name; collective."""
         if self.residual_fingerprint is None:
             return self.parts
@@ -154,7 +154,10 @@ class Fingerprint:
         return self.parts | values | self.residual_fingerprint.evaluate_probed_residual(values)
 
     def raise_if_file_of_other_problem(
-        self, path: Path, stored_values: Mapping[str, npt.NDArray], changed_parts: Collection[object]
+        self,
+        path: Path,
+        stored_values: Mapping[str, npt.NDArray],
+        changed_parts: Collection[object],
     ) -> None:
         """Raise ValueError if a file contains the fingerprint of another problem; collective.
 
@@ -164,10 +167,15 @@ class Fingerprint:
                 processes.
             changed_parts: parts that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
         """
-        values, ignored = dict(self.parts), {name for name in changed_parts if isinstance(name, str)}
+        values, ignored = (
+            dict(self.parts),
+            {name for name in changed_parts if isinstance(name, str)},
+        )
         if self.residual_fingerprint is not None:
             values |= self.residual_fingerprint.evaluate_coefficients()
-            ignored |= self.residual_fingerprint.list_coefficients_that_may_differ(stored_values, changed_parts)
+            ignored |= self.residual_fingerprint.list_coefficients_that_may_differ(
+                stored_values, changed_parts
+            )
         stored_parts = {
             name: value for name, value in stored_values.items() if not name.startswith("residual")
         }
@@ -176,9 +184,13 @@ class Fingerprint:
         if self.residual_fingerprint is None:
             return
         if "residual" not in ignored:
-            for name, residual_values in self.residual_fingerprint.evaluate_probed_residual(stored_values).items():
+            for name, residual_values in self.residual_fingerprint.evaluate_probed_residual(
+                stored_values
+            ).items():
                 note = _note_on_dolfinx_version(stored_values)
-                _raise_if_entry_differs(path, name, residual_values, stored_values.get(name), ignored, note)
+                _raise_if_entry_differs(
+                    path, name, residual_values, stored_values.get(name), ignored, note
+                )
         self.residual_fingerprint.mark_coefficients_changed_in_file(stored_values)
 
 
@@ -211,8 +223,8 @@ def _raise_if_entry_differs(
     is_coefficient = part.endswith(_RESIDUAL_COEFFICIENT_SUFFIX)
     if kind == "mean" or part in changed_names or (is_coefficient and "constants" in changed_names):
         return
-    difference = _relative_difference(values, stored_values)
-    if difference <= _ROUND_OFF:
+    difference = _max_relative_row_difference(values, stored_values)
+    if difference <= _RELATIVE_FINGERPRINT_ROUND_OFF:
         return
     amount = f"it differs by {difference:.2g} of its size"
     if values.size == 1:
@@ -239,19 +251,23 @@ def check_changed_parts(changed: object) -> None:
         kinds = (str, fem.Constant, fem.Function)
         arguments.check_type("an item of changed", item, kinds, remedy)
         if isinstance(item, str) and item not in PARTS_DECLARABLE_AS_CHANGED:
-            raise ValueError(f"changed {item!r}: the names are {', '.join(PARTS_DECLARABLE_AS_CHANGED)}")
+            raise ValueError(
+                f"changed {item!r}: the names are {', '.join(PARTS_DECLARABLE_AS_CHANGED)}"
+            )
 
 
-def _relative_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
+def _max_relative_row_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
     """Return the largest relative difference of all rows of values.
 
     The difference of each row is divided by the size of the row, but at least by 0.001 times the
     largest stored value.
     """
     rows, stored_rows = np.atleast_2d(values), np.atleast_2d(stored)
-    min_scale = _MIN_ROW_SCALE_PER_LARGEST_VALUE * np.abs(stored_rows[np.isfinite(stored_rows)]).max(initial=0.0)
+    min_scale = _MIN_ROW_SCALE_PER_LARGEST_VALUE * np.abs(
+        stored_rows[np.isfinite(stored_rows)]
+    ).max(initial=0.0)
     return max(
-        relative_difference(*pair, min_scale) for pair in zip(rows, stored_rows, strict=True)
+        max_relative_difference(*pair, min_scale) for pair in zip(rows, stored_rows, strict=True)
     )
 
 
@@ -267,7 +283,7 @@ def _note_on_dolfinx_version(stored: Mapping[str, npt.NDArray]) -> str:
 
 
 def fingerprint_mesh_supports_and_pairs(
-    interface: Interface,
+    interface: ContactInterface,
     pairs: Sequence[ContactPair],
     states: Sequence[PairState],
     column_of_unknown: Indices,
@@ -286,7 +302,10 @@ def fingerprint_mesh_supports_and_pairs(
     probes, topology = _SmoothProbes(space), space.mesh.topology
     elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
     element_kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
-    supports = [probes.sum_products_with_probes((column_of_unknown == status).astype(float)) for status in (-1, -2)]
+    supports = [
+        probes.sum_products_with_probes((column_of_unknown == status).astype(float))
+        for status in (-1, -2)
+    ]
     numbers: FingerprintValues = {
         "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
         "element": np.array(element_kinds, dtype=float),
@@ -360,7 +379,9 @@ class ResidualFingerprint:
                 constant.value, dtype=float
             ).ravel()
         for number, function in enumerate(coefficients.functions):
-            numbers[f"function {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"] = _sums_that_identify_function(function)
+            numbers[f"function {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"] = (
+                _sums_that_identify_function(function)
+            )
         for number, function in enumerate([*coefficients.functions, *coefficients.history]):
             numbers[f"mean of function {number}"] = _mean_of_nodal_values(function)
         changed_functions = coefficients.changed_functions.copy()
@@ -369,7 +390,9 @@ class ResidualFingerprint:
         numbers["changed#functions"] = changed_functions
         return numbers
 
-    def evaluate_probed_residual(self, coefficient_values: Mapping[str, npt.NDArray]) -> FingerprintValues:
+    def evaluate_probed_residual(
+        self, coefficient_values: Mapping[str, npt.NDArray]
+    ) -> FingerprintValues:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
@@ -381,7 +404,9 @@ class ResidualFingerprint:
         constants = [
             (
                 constant.value,
-                coefficient_values[f"constant {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"].reshape(constant.value.shape),
+                coefficient_values[f"constant {number}{_RESIDUAL_COEFFICIENT_SUFFIX}"].reshape(
+                    constant.value.shape
+                ),
             )
             for number, constant in enumerate(coefficients.constants)
         ]
@@ -397,7 +422,8 @@ class ResidualFingerprint:
                 vector.setArray(unknowns)
                 self._system.set_unknowns(vector)
                 sums.append(
-                    probes.sum_products_with_probes(self._system.assemble_residual().array_r) - sums[0]
+                    probes.sum_products_with_probes(self._system.assemble_residual().array_r)
+                    - sums[0]
                 )
         return {
             f"residual#{field}": np.array(sums)[:, field] for field in range(len(probes.fields))
@@ -494,7 +520,9 @@ def _evaluate_smooth_probes(space: fem.FunctionSpace) -> list[Array]:
     component = np.arange(block)
     return [
         np.cos((x @ phase_change)[:, None] + first_phase + 0.7 * component).ravel()
-        for phase_change, first_phase in zip(_COSINE_PROBE_PHASE_CHANGES, _COSINE_PROBE_START_PHASES, strict=True)
+        for phase_change, first_phase in zip(
+            _COSINE_PROBE_PHASE_CHANGES, _COSINE_PROBE_START_PHASES, strict=True
+        )
     ]
 
 
@@ -530,7 +558,9 @@ def _sums_that_identify_function(function: fem.Function) -> Array:
 
 
 @contextmanager
-def _set_arrays_temporarily(arrays_and_values: Sequence[tuple[npt.NDArray, npt.NDArray | float]]) -> Iterator[None]:
+def _set_arrays_temporarily(
+    arrays_and_values: Sequence[tuple[npt.NDArray, npt.NDArray | float]],
+) -> Iterator[None]:
     """Set arrays to values within a `with` block, and restore them afterwards."""
     old_values = [array.copy() for array, _ in arrays_and_values]
     try:

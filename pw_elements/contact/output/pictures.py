@@ -19,11 +19,19 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 
 from pw_elements.arrays import Indices
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.output.fields import check_state_fits_space
-from pw_elements.contact.output.sides import ContactSideResults, make_results_of_own_side, make_own_and_opposite_surface
+from pw_elements.contact.output.sides import (
+    ContactSideResults,
+    make_own_and_opposite_surface,
+    make_results_of_own_side,
+)
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLE_NODES_BY_NODE_COUNT, check_matplotlib_axes
 
@@ -108,7 +116,9 @@ def _make_surface_and_results_of_side(
     pair_number: int, state: ContactState, body: Body, opposite: bool
 ) -> tuple[SurfaceNodes, ContactSideResults]:
     """Return the surface nodes and results of a pair's own side, or of its opposite surface."""
-    slave, master = make_own_and_opposite_surface(pair_number, state, body, body.spaces.displacements.trial)
+    slave, master = make_own_and_opposite_surface(
+        pair_number, state, body, body.spaces.displacements.trial
+    )
     pair = state.pairs[pair_number]
     if not opposite:
         assert slave is not None
@@ -119,11 +129,18 @@ def _make_surface_and_results_of_side(
 
 
 def _plot_contact_line(
-    axes: Axes, surface: SurfaceNodes, side: ContactSideResults, along: int | None, pressure_label: str
+    axes: Axes,
+    surface: SurfaceNodes,
+    side: ContactSideResults,
+    along: int | None,
+    pressure_label: str,
 ) -> None:
     """Plot pressure, shear and status along a contact line."""
     pressure, traction = side.pressure, side.traction
-    has_friction, bounds_label = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {pressure_label}"
+    has_friction, bounds_label = (
+        bool(np.any(side.friction > 0)),
+        rf"$\pm\mu\,\times$ {pressure_label}",
+    )
     arc_length = 0.0
     for chain in _order_nodes_along_lines(surface.edges):
         position, normal = surface.position[chain], side.normal[chain]
@@ -149,7 +166,11 @@ def _plot_contact_line(
             axes.plot(abscissa[slips], shear[slips], label="shear, slip", mfc="white", **style)
         axes.plot(abscissa, pressure[chain], color=_PRESSURE_COLOUR, lw=1)
         axes.plot(
-            abscissa[is_closed], pressure[chain][is_closed], ".", color=_PRESSURE_COLOUR, label=pressure_label
+            abscissa[is_closed],
+            pressure[chain][is_closed],
+            ".",
+            color=_PRESSURE_COLOUR,
+            label=pressure_label,
         )
     axes.axhline(0.0, color="0.5", lw=0.5)
     handles, texts = axes.get_legend_handles_labels()
@@ -157,7 +178,9 @@ def _plot_contact_line(
     axes.legend(handle_of_text.values(), handle_of_text.keys(), frameon=False)
 
 
-def _plot_contact_face(axes: Axes, surface: SurfaceNodes, side: ContactSideResults, pressure_label: str, unit: str) -> None:
+def _plot_contact_face(
+    axes: Axes, surface: SurfaceNodes, side: ContactSideResults, pressure_label: str, unit: str
+) -> None:
     """Plot pressure, shear and the edges of the contact and stick regions on a contact face."""
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
@@ -166,14 +189,18 @@ def _plot_contact_face(axes: Axes, surface: SurfaceNodes, side: ContactSideResul
     plotted_axes = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
     x, y = surface.position[:, plotted_axes].T
     has_pressure = np.isfinite(pressure)
-    triangles = surface.facets[:, SUB_TRIANGLE_NODES_BY_NODE_COUNT[surface.facets.shape[1]]].reshape(-1, 3)
+    triangles = surface.facets[
+        :, SUB_TRIANGLE_NODES_BY_NODE_COUNT[surface.facets.shape[1]]
+    ].reshape(-1, 3)
     face, pressure_face = (Triangulation(x, y, triangles) for _ in range(2))
     pressure_face.set_mask(~has_pressure[triangles].all(axis=1))
     colours = axes.tripcolor(
         pressure_face, np.where(has_pressure, pressure, 0.0), shading="gouraud", cmap="Blues"
     )
     colour_bar = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # as high as the face
-    axes.figure.colorbar(colours, cax=colour_bar, label=pressure_label + (f" [{unit}]" if unit else ""))
+    axes.figure.colorbar(
+        colours, cax=colour_bar, label=pressure_label + (f" [{unit}]" if unit else "")
+    )
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
     for statuses, text, style in edges:
@@ -225,7 +252,10 @@ def _order_nodes_along_lines(edges: Indices) -> list[Indices]:
     segments = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
     graph = sp.csr_array((np.ones(segments.shape[1]), segments), shape=(segments.max() + 1,) * 2)
     graph = graph + graph.T
-    n_neighbours, (_, part_of_node) = np.diff(graph.indptr), csgraph.label_connected_components(graph)
+    n_neighbours, (_, part_of_node) = (
+        np.diff(graph.indptr),
+        csgraph.label_connected_components(graph),
+    )
     chains = []
     for part in np.unique(part_of_node[segments]):
         nodes = np.flatnonzero(part_of_node == part)

@@ -49,7 +49,7 @@ class Progress:
         return f"{self.open} open, {self.stick} stick, {self.slip} slip"
 
 
-Callback: TypeAlias = Callable[[Progress], object]
+ProgressCallback: TypeAlias = Callable[[Progress], object]
 
 
 class ProgressReporter:
@@ -64,7 +64,7 @@ class ProgressReporter:
         violation: violation of the last solution, as in `Progress`.
     """
 
-    def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
+    def __init__(self, comm: MPI.Comm, increment: int, callback: ProgressCallback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
         self.violation = 0.0
         # whether any process wants reports of iterations, and of increments
@@ -95,7 +95,9 @@ class ProgressReporter:
             return
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
-        progress = self._make_progress_with_node_counts(state.iterations, self.violation, counts, state)
+        progress = self._make_progress_with_node_counts(
+            state.iterations, self.violation, counts, state
+        )
         message = (
             f"{progress.iteration} iterations, {progress}, "
             f"residual {state.residuals.largest():.1e}, {report.method}, "

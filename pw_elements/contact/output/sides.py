@@ -14,9 +14,9 @@ from dolfinx import fem
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
 from pw_elements.contact.interface import (
-    Overlap,
+    BoundaryFacets,
+    OverlapQuadrature,
     SlidingMortar,
-    Trace,
     compute_tributary_areas,
     gather_boundary_facets,
 )
@@ -28,7 +28,7 @@ from pw_elements.spaces import gather_nodal_values
 # Least fraction of a node's area that has to face the other side; below it the node has no
 # pressure. For a linear pressure, the error of nodal values is up to 0.3 % at a fraction of 1/4,
 # 1 % at 1/20, and 10 % at 1/200
-_MIN_COVERED_FRACTION = 0.1
+_MIN_FACING_AREA_FRACTION_FOR_PRESSURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,11 @@ class OppositeSurface:
         is_closed = np.delete(status_weights, OPEN, axis=1).any(axis=1)
         divisor = np.where(
             is_closed,
-            np.where(self.opposite_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
+            np.where(
+                self.opposite_fraction < _MIN_FACING_AREA_FRACTION_FOR_PRESSURE,
+                np.nan,
+                area_of_node,
+            ),
             np.inf,
         )
         return ContactSideResults(
@@ -141,7 +145,7 @@ class OppositeSurface:
 
 
 def make_own_and_opposite_surface(
-    number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
+    pair_number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
     """Return the nodes of a pair's own surface and the deformable surface that the pair faces.
 
@@ -160,8 +164,8 @@ def make_own_and_opposite_surface(
         ValueError: if a node of the pair belongs to no facet whose nodes are all in the pair, or if
             two nodes of the opposite surface coincide.
     """
-    pair, is_deformed = state.pairs[number], state.smallness is None
-    surface = None if body is None else _make_pair_surface(number, pair, body, space)
+    pair, is_deformed = state.pairs[pair_number], state.smallness is None
+    surface = None if body is None else _make_pair_surface(pair_number, pair, body, space)
     if not len(pair.opposite_node):
         return surface, None
     nodes = pair.node, pair.opposite_node
@@ -209,9 +213,13 @@ def make_own_and_opposite_surface(
         compute_tributary_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((slave_trace, master_trace), nodes, strict=True)
     )
-    opposite = SurfaceNodes.from_body(body, exterior_facets_with_all_nodes(space, pair.opposite_node))
+    opposite = SurfaceNodes.from_body(
+        body, exterior_facets_with_all_nodes(space, pair.opposite_node)
+    )
     if not np.array_equal(opposite.node, pair.opposite_node):
-        raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
+        raise ValueError(
+            f"contact pair {pair_number} faces a surface that has two nodes at one place"
+        )
     pair_fraction = covered_area / whole_areas_of_pair
     opposite_fraction = (force_transfer @ covered_area) / opposite_whole_areas
     opposite_side = OppositeSurface(
@@ -227,7 +235,7 @@ def make_own_and_opposite_surface(
     if not is_deformed:
         area_factor = np.where(
             covered_area > 0,
-            np.where(pair_fraction < _MIN_COVERED_FRACTION, np.nan, pair_fraction),
+            np.where(pair_fraction < _MIN_FACING_AREA_FRACTION_FOR_PRESSURE, np.nan, pair_fraction),
             1.0,
         )
         areas = surface.weight_area * area_factor, surface.tributary_area * area_factor
@@ -238,8 +246,8 @@ def make_own_and_opposite_surface(
 def _assemble_undeformed_mortar_matrices(
     space: fem.FunctionSpace,
     pair: PairState,
-    slave_trace: Trace,
-    master_trace: Trace,
+    slave_trace: BoundaryFacets,
+    master_trace: BoundaryFacets,
     is_axisymmetric: bool,
 ) -> tuple[sp.csr_array, sp.csr_array]:
     """Return two matrices (k, m) of integrals over the contact surface.
@@ -257,7 +265,9 @@ def _assemble_undeformed_mortar_matrices(
     first_node, end_node = space.dofmap.index_map.local_range
     owned = np.flatnonzero((pair.node >= first_node) & (pair.node < end_node))
     overlap, n_opposite = (
-        Overlap.from_slave_and_master(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
+        OverlapQuadrature.from_slave_and_master(
+            slave_trace, master_trace, pair.node[owned], is_axisymmetric
+        ),
         len(pair.opposite_node),
     )
     node, weight = overlap.functions[2]
@@ -278,14 +288,14 @@ def _assemble_undeformed_mortar_matrices(
 
 
 def _make_pair_surface(
-    number: int, pair: PairState, body: Body, space: fem.FunctionSpace
+    pair_number: int, pair: PairState, body: Body, space: fem.FunctionSpace
 ) -> SurfaceNodes:
     """Return the surface nodes of a pair, or raise ValueError if a node belongs to no facet."""
     surface = SurfaceNodes.from_body(body, exterior_facets_with_all_nodes(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         isolated = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {number}: its nodes at {format_points(isolated)} belong to no facet "
+            f"contact pair {pair_number}: its nodes at {format_points(isolated)} belong to no facet "
             "that has all of its nodes in the pair, so that they have no pressure: let the pair "
             "end at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )

@@ -25,22 +25,25 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, raise_errors_on_all_processes
-from pw_elements.contact.interface import average_midpoints_of_adjacent_cells, compute_bounding_box_extents
+from pw_elements.contact.interface import (
+    average_midpoints_of_adjacent_cells,
+    compute_bounding_box_extents,
+)
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     PairState,
     Residuals,
     ResidualScale,
-    Smallness,
+    SmallDisplacementMeasures,
 )
-from pw_elements.contact.output.identity import Fingerprint
+from pw_elements.contact.output.identity import ProblemFingerprint
 from pw_elements.contact.output.stored_values import (
-    check_stored_pair_results,
     check_real_arrays,
+    check_stored_pair_results,
     check_stored_state_numbers,
 )
-from pw_elements.files import ForeignEntry, open_replacement_file
+from pw_elements.files import ForeignFileOrFolder, open_replacement_file
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import list_fields
 
@@ -53,7 +56,7 @@ _RECORD_TYPE_OF_STATE_ATTRIBUTE = {
     "allowance": Residuals,
     "report": SolverReport,
     "scale": ResidualScale,
-    "smallness": Smallness,
+    "smallness": SmallDisplacementMeasures,
 }
 _FILE_FORMAT_NAME = "pw_elements contact state"
 _FILE_FORMAT_AND_VERSION = f"{_FILE_FORMAT_NAME} 8"
@@ -66,7 +69,7 @@ _FINGERPRINT_ARRAY_PREFIX = "problem "
 # Largest plausible displacement relative to the body's diagonal
 _MAX_PLAUSIBLE_DISPLACEMENT_PER_DIAGONAL = 1e6
 # Largest distance between a node and its position in the file, relative to the body's extent
-_MAX_NODE_DISTANCE = 1e-8
+_MAX_SAME_NODE_DISTANCE_PER_EXTENT = 1e-8
 
 
 def write_state(
@@ -74,7 +77,7 @@ def write_state(
     state: ContactState,
     space: fem.FunctionSpace,
     history_spaces: Sequence[fem.FunctionSpace],
-    fingerprint: Fingerprint,
+    fingerprint: ProblemFingerprint,
 ) -> None:
     """Write a state to a file, completely or not at all.
 
@@ -91,13 +94,17 @@ def write_state(
         ValueError: if the state is not a solution.
         OSError: if the file cannot be written.
     """
-    path, fingerprint_values = check_and_convert_path(path), fingerprint.evaluate()
+    path, fingerprint_values = check_and_convert_path(path), fingerprint.evaluate_all_values()
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
     field_values = [field.extract(state.unknowns).array_r for field in list_fields(space)]
-    functions = zip(_list_array_names_and_spaces(space, history_spaces), [*field_values, *state.history], strict=True)
+    functions = zip(
+        _list_array_names_and_spaces(space, history_spaces),
+        [*field_values, *state.history],
+        strict=True,
+    )
     for (name, position_name, function_space), values in functions:
         positions = _undeformed_node_positions(function_space)
         parts_of_ranks = comm.gather(
@@ -119,7 +126,8 @@ def write_state(
         header |= {"determinant_signs": sorted(state.determinant_signs)}
         header |= {"format": _FILE_FORMAT_AND_VERSION, "pairs": len(state.pairs)}
         arrays |= {
-            f"{_FINGERPRINT_ARRAY_PREFIX}{name}": values for name, values in fingerprint_values.items()
+            f"{_FINGERPRINT_ARRAY_PREFIX}{name}": values
+            for name, values in fingerprint_values.items()
         }
         arrays["state"] = np.array(json.dumps(header))
         arrays["digest"] = _compute_digest(arrays)
@@ -127,7 +135,7 @@ def write_state(
         if arrays:
             try:
                 _write_state_file(path, arrays)
-            except ForeignEntry:
+            except ForeignFileOrFolder:
                 raise
             except OSError as error:
                 raise type(error)(f"the state cannot be written to {path}: {error}") from error
@@ -137,7 +145,7 @@ def read_state(
     path: str | Path,
     space: fem.FunctionSpace,
     history_spaces: Sequence[fem.FunctionSpace],
-    fingerprint: Fingerprint,
+    fingerprint: ProblemFingerprint,
     undeformed_state: ContactState,
     contact_pairs: Sequence[ContactPair],
     stiffness: PETSc.Mat,
@@ -162,7 +170,11 @@ def read_state(
         OSError: if the file cannot be read.
         ValueError: if the file contains no state, or the state of another problem.
     """
-    path, comm, functions = check_and_convert_path(path), space.mesh.comm, _list_array_names_and_spaces(space, history_spaces)
+    path, comm, functions = (
+        check_and_convert_path(path),
+        space.mesh.comm,
+        _list_array_names_and_spaces(space, history_spaces),
+    )
     dim = space.mesh.geometry.dim
     arrays: dict[str, npt.NDArray] = {}
     header: dict[str, Any] = {}
@@ -187,7 +199,9 @@ def read_state(
         if name.startswith(_FINGERPRINT_ARRAY_PREFIX)
     }
     fingerprint.raise_if_file_of_other_problem(path, comm.bcast(stored), changed_parts)
-    length = _MAX_PLAUSIBLE_DISPLACEMENT_PER_DIAGONAL * float(np.linalg.norm(compute_bounding_box_extents(comm, space.mesh.geometry.x)))
+    length = _MAX_PLAUSIBLE_DISPLACEMENT_PER_DIAGONAL * float(
+        np.linalg.norm(compute_bounding_box_extents(comm, space.mesh.geometry.x))
+    )
     max_scale = ResidualScale(length * stiffness.norm(PETSc.NormType.INFINITY), length)
     fields = list_fields(space)
     with raise_errors_on_all_processes(comm):
@@ -204,7 +218,8 @@ def read_state(
     header, pairs = comm.bcast((header, pairs))
     unknowns = PETSc.Vec().createMPI(fields[0].full_sizes, comm=comm)
     field_vectors = [
-        field.embed(values[name]) for name, field in zip(_POSITION_ARRAY_OF_VALUE_ARRAY, fields, strict=False)
+        field.embed(values[name])
+        for name, field in zip(_POSITION_ARRAY_OF_VALUE_ARRAY, fields, strict=False)
     ]
     unknowns.setArray(np.sum(field_vectors, axis=0))
     state: dict[str, Any] = {name: header[name] for name in _STATE_ATTRIBUTES_WRITTEN_UNCHANGED}
@@ -218,12 +233,15 @@ def read_state(
     state["pairs"] = tuple(PairState(**pair) for pair in pairs)
     functions = functions[len(fields) :]
     state["history"] = tuple(
-        _extend_by_ghost_values(function_space, values[name]) for name, _, function_space in functions
+        _extend_by_ghost_values(function_space, values[name])
+        for name, _, function_space in functions
     )
     return ContactState(fields[0].extract(unknowns), unknowns=unknowns, **state)
 
 
-def _renumber_nodes_of_pairs(pair_fields: Sequence[dict[str, Any]], global_node_of_row: npt.NDArray[np.intp]) -> None:
+def _renumber_nodes_of_pairs(
+    pair_fields: Sequence[dict[str, Any]], global_node_of_row: npt.NDArray[np.intp]
+) -> None:
     """Replace node numbers of pairs in place: row numbers of the file become global numbers.
 
     Args:
@@ -340,7 +358,7 @@ def _distribute_nodal_values(
             if not is_other_mesh:
                 distance, nearest = cKDTree(stored_positions).query(positions)
                 extent = np.ptp(stored_positions, axis=0).max()
-                is_other_mesh = distance.max() > _MAX_NODE_DISTANCE * extent or len(
+                is_other_mesh = distance.max() > _MAX_SAME_NODE_DISTANCE_PER_EXTENT * extent or len(
                     np.unique(nearest)
                 ) < len(nearest)
             if is_other_mesh:

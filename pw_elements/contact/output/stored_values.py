@@ -20,7 +20,7 @@ from pw_elements.contact.model import (
     PairState,
     Residuals,
     ResidualScale,
-    Smallness,
+    SmallDisplacementMeasures,
 )
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.solvers import SolverReport
@@ -29,7 +29,7 @@ from pw_elements.solvers import SolverReport
 # displacement
 _RELATIVE_DISPLACEMENT_MISMATCH_TOLERANCE = 1e-9
 # Largest difference between the length of a unit vector and one
-_UNIT_TOLERANCE = 1e-6
+_UNIT_VECTOR_LENGTH_TOLERANCE = 1e-6
 _MAX_PLAUSIBLE_COUNT = 2**62
 
 
@@ -67,14 +67,16 @@ def check_stored_state_numbers(numbers: Any, dim: int) -> None:  # noqa: ANN401
     ):
         _check_nonnegative_record(name, numbers[name], kind)
     if numbers["smallness"] is not None:
-        _check_nonnegative_record("smallness", numbers["smallness"], Smallness)
-    report = _check_fields("report", numbers["report"], SolverReport)
+        _check_nonnegative_record("smallness", numbers["smallness"], SmallDisplacementMeasures)
+    report = _check_field_names("report", numbers["report"], SolverReport)
     arguments.check_type("the method of the report", report["method"], str, "it must be a name")
     for name in ("factorisations", "krylov_iterations"):
         _check_nonnegative_integer(name, report[name])
 
 
-def check_real_arrays(arrays: Mapping[str, npt.NDArray], names_of_text_arrays: Sequence[str]) -> None:
+def check_real_arrays(
+    arrays: Mapping[str, npt.NDArray], names_of_text_arrays: Sequence[str]
+) -> None:
     """Raise ValueError if an array does not consist of real numbers.
 
     Args:
@@ -155,7 +157,9 @@ def _check_stored_pair(
         )
     if (values["friction"] < 0).any():
         raise ValueError("friction is negative")
-    if not (np.abs(np.linalg.norm(values["normal"], axis=1) - 1) < _UNIT_TOLERANCE).all():
+    if not (
+        np.abs(np.linalg.norm(values["normal"], axis=1) - 1) < _UNIT_VECTOR_LENGTH_TOLERANCE
+    ).all():
         raise ValueError("normal has vectors that are not of unit length")
     for name in ("force_normal", "force_tangential", "opposite_force"):
         check_plausible_size(name, np.abs(values[name]).max(initial=0.0), max_scale.force)
@@ -186,7 +190,11 @@ def check_plausible_size(name: str, size: float, max_size: float) -> None:
 
 def _check_nonnegative_integer(name: str, value: object) -> None:
     """Raise ValueError unless a value is a nonnegative integer of plausible size."""
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_PLAUSIBLE_COUNT:
+    if (
+        not isinstance(value, int)
+        or isinstance(value, bool)
+        or not 0 <= value < _MAX_PLAUSIBLE_COUNT
+    ):
         raise ValueError(f"{name} is {value!r}: it must be a whole number >= 0")
 
 
@@ -197,7 +205,7 @@ def _check_list(name: str, value: object) -> list[Any]:
     return value
 
 
-def _check_fields(name: str, value: object, record_type: type) -> dict[str, Any]:
+def _check_field_names(name: str, value: object, record_type: type) -> dict[str, Any]:
     """Return the value, a dictionary with the field names of the dataclass `record_type`.
 
     An error is raised if it is no dictionary, or if its names differ from those of the fields.
@@ -210,6 +218,6 @@ def _check_fields(name: str, value: object, record_type: type) -> dict[str, Any]
 
 def _check_nonnegative_record(name: str, value: object, record_type: type) -> None:
     """Raise an error unless a value has nonnegative numbers for all fields of a dataclass."""
-    for part, number in _check_fields(name, value, record_type).items():
+    for part, number in _check_field_names(name, value, record_type).items():
         if arguments.check_finite_number(f"{part} of {name}", number) < 0:
             raise ValueError(f"{part} of {name} is {number}: it must not be negative")

@@ -20,9 +20,17 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, io
 
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes, raise_errors_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    raise_errors_on_all_processes,
+)
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.output.fields import STATE_ARGUMENT_ADVICE, ContactFields, displacement_space
+from pw_elements.contact.output.fields import (
+    STATE_ARGUMENT_ADVICE,
+    ContactFields,
+    displacement_space,
+)
 from pw_elements.contact.output.storage import check_and_convert_path
 from pw_elements.elasticity import Body
 from pw_elements.files import FolderReplacement
@@ -94,7 +102,10 @@ def write(
             if comm.rank == 0:
                 _check_disk_space(replacement.scratch, size, path)
         folder = comm.bcast(replacement.folder if comm.rank == 0 else None)
-        with _raise_or_abort_on_all_processes(comm), io.VTXWriter(comm, folder, fields.functions()) as file:
+        with (
+            _raise_or_abort_on_all_processes(comm),
+            io.VTXWriter(comm, folder, fields.functions()) as file,
+        ):
             for time, state in zip(times_of_states, states, strict=True):
                 fields.fill(state)
                 file.write(float(time))

@@ -1,12 +1,15 @@
 """Other methods of solution after a failed iteration, and proofs that there is no solution."""
 
 from pw_elements.contact.rescue.passing import (
-    refuse_passed_nodes,
+    interpolate_placements_and_path,
     raise_if_supports_meet_or_pass,
     raise_if_tools_reach_or_pass_supports,
-    interpolate_placements_and_path,
+    refuse_passed_nodes,
 )
-from pw_elements.contact.rescue.placing import PiecesMovingWithSupports, does_rigid_motion_end_all_contact
+from pw_elements.contact.rescue.placing import (
+    PiecesMovingWithSupports,
+    does_rigid_motion_end_all_contact,
+)
 from pw_elements.contact.rescue.refusals import (
     prove_no_equilibrium,
     raise_if_body_is_loose,

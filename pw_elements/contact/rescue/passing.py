@@ -19,8 +19,8 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import raise_errors_on_all_processes, format_points
-from pw_elements.contact.interface import Interface, MortarSlipReference
+from pw_elements.checks import format_points, raise_errors_on_all_processes
+from pw_elements.contact.interface import ContactInterface, MortarSlipReference
 from pw_elements.contact.model import NotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
@@ -40,7 +40,7 @@ _MAX_TESTED_SUPPORTS_PER_PROCESS = 100
 
 
 def raise_if_tools_reach_or_pass_supports(
-    interface: Interface,
+    interface: ContactInterface,
     surface_motion: RigidSurfaceMotion,
     positions: Array,
     is_supported: Mask,
@@ -98,7 +98,9 @@ def raise_if_tools_reach_or_pass_supports(
         if not len(interface.gather_values(reached)):
             continue
         reached = reached[np.argsort(min_gap[reached])[:_MAX_TESTED_SUPPORTS_PER_PROCESS]]
-        pieces = PiecesMovingWithSupports.fit(positions, is_supported, piece_of_node, support_paths, interface.comm)
+        pieces = PiecesMovingWithSupports.fit_rigid_motions_to_supports(
+            positions, is_supported, piece_of_node, support_paths, interface.comm
+        )
         sample = gaps[:, reached].argmin(axis=0)
         supports = positions[is_fixed][reached], in_surface_frame[sample, reached], sample
         crushing = _find_supports_with_body_in_front(
@@ -113,7 +115,7 @@ def raise_if_tools_reach_or_pass_supports(
 
 
 def _find_supports_with_body_in_front(
-    interface: Interface,
+    interface: ContactInterface,
     surface_motion: RigidSurfaceMotion,
     pair: int,
     pieces: PiecesMovingWithSupports,
@@ -142,7 +144,7 @@ def _find_supports_with_body_in_front(
     """
     comm, in_pair = interface.comm, interface.pair == pair
     x = interface.gather_values(interface.position[in_pair])
-    piece_of_node = interface.gather_values(pieces.number[interface.own_nodes[in_pair]])
+    piece_of_node = interface.gather_values(pieces.number[interface.local_node_indices[in_pair]])
     spacing = float(cKDTree(x).query(x, 2)[0][:, 1].max()) if len(x) > 1 else 0.0
     with raise_errors_on_all_processes(comm), np.errstate(all="ignore"):
         # the user's surface may communicate, so all processes have to call it
@@ -152,7 +154,7 @@ def _find_supports_with_body_in_front(
             else interface.first_node_position_of_each_pair[pair]
         )
         normal = np.asarray(answer, dtype=float)[: len(supports_in_surface_frame)]
-    node_paths, nodes, behind = pieces.move(x, piece_of_node), [], []
+    node_paths, nodes, behind = pieces.move_points(x, piece_of_node), [], []
     for j in range(len(supports)):
         from_nodes = supports_in_surface_frame[j] - surface_motion.positions_in_surface_frame(
             pair, placements[sample_at_contact[j]], node_paths[sample_at_contact[j]]
@@ -165,9 +167,14 @@ def _find_supports_with_body_in_front(
             nodes.append(x[nearest])
             behind.append(supports[j])
     ends = [interface.gather_values(np.reshape(part, (-1, x.shape[1]))) for part in (behind, nodes)]
-    between = ends[0][:, None] + _FRACTIONS_BETWEEN_SUPPORT_AND_NODE[:, None] * (ends[1] - ends[0])[:, None]
+    between = (
+        ends[0][:, None]
+        + _FRACTIONS_BETWEEN_SUPPORT_AND_NODE[:, None] * (ends[1] - ends[0])[:, None]
+    )
     is_inside = _are_points_inside_mesh(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
-    all_inside = is_inside.reshape(len(ends[0]), len(_FRACTIONS_BETWEEN_SUPPORT_AND_NODE)).all(axis=1)
+    all_inside = is_inside.reshape(len(ends[0]), len(_FRACTIONS_BETWEEN_SUPPORT_AND_NODE)).all(
+        axis=1
+    )
     return np.asarray(ends[0][all_inside])
 
 
@@ -186,7 +193,7 @@ def _are_points_inside_mesh(mesh: Mesh, x: Array) -> Mask:
 
 
 def raise_if_supports_meet_or_pass(
-    interface: Interface,
+    interface: ContactInterface,
     references: Mapping[int, MortarSlipReference],
     positions: Array,
     is_supported: Mask,
@@ -244,7 +251,7 @@ def raise_if_supports_meet_or_pass(
 
 
 def refuse_passed_nodes(
-    interface: Interface, sides: Mapping[int, tuple[MortarSlipReference, Array]]
+    interface: ContactInterface, sides: Mapping[int, tuple[MortarSlipReference, Array]]
 ) -> None:
     """Raise NotFound if slave nodes pass through the master on straight paths; collective.
 
@@ -266,7 +273,7 @@ def refuse_passed_nodes(
             )
 
 
-def _extent_of_smaller_side(interface: Interface, pair: int) -> float:
+def _extent_of_smaller_side(interface: ContactInterface, pair: int) -> float:
     """Return the largest extent of a pair's contact nodes along an axis.
 
     For two bodies, it is the extent of the smaller side.
@@ -293,11 +300,13 @@ def interpolate_placements_and_path(
         Placements (samples + 1, pairs, dim + 1), and values (samples + 1, ...) of the path.
     """
     fractions: Array = np.linspace(0, 1, n_intervals + 1, dtype=float)
-    placements = np.array([(1 - fraction) * start_placements + fraction * end_placements for fraction in fractions])
-    return placements, _interpolate(path, fractions)
+    placements = np.array(
+        [(1 - fraction) * start_placements + fraction * end_placements for fraction in fractions]
+    )
+    return placements, _interpolate_path(path, fractions)
 
 
-def _interpolate(path: Array, fractions: Array) -> Array:
+def _interpolate_path(path: Array, fractions: Array) -> Array:
     """Return values (k, ...) that are linearly interpolated along a path.
 
     Args:

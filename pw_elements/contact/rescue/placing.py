@@ -18,7 +18,11 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import raise_errors_on_all_processes
-from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, MIN_NORMAL_COSINE_OF_OUTWARD_PUSH, Interface
+from pw_elements.contact.interface import (
+    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
+)
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.spaces import gather_nodal_values
 
@@ -53,7 +57,7 @@ class PiecesMovingWithSupports:
     is_rigid: Mask
 
     @classmethod
-    def fit(
+    def fit_rigid_motions_to_supports(
         cls,
         positions: Array,
         is_supported: Mask,
@@ -102,16 +106,20 @@ class PiecesMovingWithSupports:
         has_support = is_supported.any(axis=1)
         supported_x, supported_piece = positions[has_support], piece_of_node[has_support]
         displacement = support_paths[:, has_support]
-        misfit = np.abs(pieces.move(supported_x, supported_piece) - supported_x - displacement)
+        misfit = np.abs(
+            pieces.move_points(supported_x, supported_piece) - supported_x - displacement
+        )
         max_misfit = np.zeros(n_pieces)
         misfit = np.where(is_supported[has_support], misfit, 0.0).max(axis=(0, 2), initial=0.0)
         np.maximum.at(max_misfit, supported_piece, misfit)
         comm.Allreduce(MPI.IN_PLACE, max_misfit, MPI.MAX)
         max_displacement = comm.allreduce(float(np.abs(support_paths).max(initial=0.0)), MPI.MAX)
         extent = np.sqrt(spread[:, 0] / n_nodes[:, 0]) + max_displacement
-        return replace(pieces, is_rigid=is_rigid & (max_misfit <= _MAX_RIGID_FIT_ERROR_PER_EXTENT * extent))
+        return replace(
+            pieces, is_rigid=is_rigid & (max_misfit <= _MAX_RIGID_FIT_ERROR_PER_EXTENT * extent)
+        )
 
-    def move(self, x: Array, piece_of_point: Indices) -> Array:
+    def move_points(self, x: Array, piece_of_point: Indices) -> Array:
         """Return the positions (samples, k, dim) of points that move rigidly with their pieces.
 
         Args:
@@ -120,7 +128,8 @@ class PiecesMovingWithSupports:
         """
         arm = x - self.pivot[piece_of_point]
         return np.asarray(
-            self.pivot_path[:, piece_of_point] + np.einsum("skab,kb->ska", self.rotation[:, piece_of_point], arm)
+            self.pivot_path[:, piece_of_point]
+            + np.einsum("skab,kb->ska", self.rotation[:, piece_of_point], arm)
         )
 
 
@@ -149,7 +158,7 @@ class _SeparationAlongRigidPath:
 
 
 def does_rigid_motion_end_all_contact(
-    interface: Interface,
+    interface: ContactInterface,
     surface_motion: RigidSurfaceMotion,
     pieces: PiecesMovingWithSupports,
     placements: Array,
@@ -188,18 +197,20 @@ def does_rigid_motion_end_all_contact(
     depth = np.max([pair.depth for pair in separations], axis=0)
     deformation = max(pair.deformation for pair in separations)
     return bool(
-        depth[0] > RELATIVE_COORDINATE_ROUND_OFF * interface.extent
+        depth[0] > RELATIVE_COORDINATE_ROUND_OFF * interface.max_extent_of_points
         and depth.max() <= _MAX_PENETRATION_RATIO_TO_START * depth[0]
         and all(pair.clearance > deformation and pair.is_outside for pair in separations)
         and (
             len(placements) == 2
-            or all(pair.max_step <= _MAX_SAMPLE_STEP_PER_EXTENT * pair.extent for pair in separations)
+            or all(
+                pair.max_step <= _MAX_SAMPLE_STEP_PER_EXTENT * pair.extent for pair in separations
+            )
         )
     )
 
 
 def _measure_tool_separation(
-    interface: Interface,
+    interface: ContactInterface,
     surface_motion: RigidSurfaceMotion,
     pieces: PiecesMovingWithSupports,
     pair: int,
@@ -218,9 +229,9 @@ def _measure_tool_separation(
     """
     comm, in_pair, surface = interface.comm, interface.pair == pair, interface.surfaces[pair]
     x = interface.position[in_pair]
-    piece = pieces.number[interface.own_nodes[in_pair]]
-    node_paths = pieces.move(x, piece)
-    normal_ends = pieces.move(x + interface.outward[in_pair], piece)
+    piece = pieces.number[interface.local_node_indices[in_pair]]
+    node_paths = pieces.move_points(x, piece)
+    normal_ends = pieces.move_points(x + interface.outward[in_pair], piece)
     in_surface_frame, ends_in_surface_frame = (
         np.array(
             [
@@ -240,20 +251,22 @@ def _measure_tool_separation(
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
     outward = ends_in_surface_frame - in_surface_frame
     normal_part = np.sum(normal * outward, axis=2)
-    is_pushed_inwards = normal_part <= MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(outward, axis=2)
-    deformed = interface.extract_at_points(unknowns)[in_pair] + x
+    is_pushed_inwards = normal_part <= MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(
+        outward, axis=2
+    )
+    deformed = interface.extract_displacements_at_points(unknowns)[in_pair] + x
     return _SeparationAlongRigidPath(
         depth,
         comm.allreduce(gap[-1].min(initial=np.inf), MPI.MIN),
         comm.allreduce(_max_vector_length(deformed - node_paths[0]), MPI.MAX),
         comm.allreduce(_max_vector_length(np.diff(in_surface_frame, axis=0)), MPI.MAX),
-        interface.extent,
+        interface.max_extent_of_points,
         comm.allreduce(bool(np.all(is_pushed_inwards | (gap >= 0))), MPI.LAND),
     )
 
 
 def _measure_two_body_separation(
-    interface: Interface,
+    interface: ContactInterface,
     pieces: PiecesMovingWithSupports,
     pair: int,
     translations: Array,
@@ -272,7 +285,7 @@ def _measure_two_body_separation(
     slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_nodal_values(interface.field.space, mortar.nodes, pieces.number[:owned])
-    node_paths = pieces.move(x, piece)
+    node_paths = pieces.move_points(x, piece)
     deformed = x + interface.extract_displacements_at_nodes(mortar.nodes, unknowns)
     deformation = _max_vector_length(deformed - node_paths[0])
     node_paths[:, slaves:] += translations[:, None]
@@ -287,10 +300,13 @@ def _measure_two_body_separation(
         if j == len(node_paths) - 1:
             distance = cKDTree(positions[slaves:]).query(positions[:slaves])[0].min()
             clearance = min(
-                gap.min(initial=np.inf), distance - mortar.measure_shortest_facet_at_slave_nodes().max()
+                gap.min(initial=np.inf),
+                distance - mortar.measure_shortest_facet_at_slave_nodes().max(),
             )
     max_step = _max_vector_length(np.diff(relative_paths, axis=0))
-    return _SeparationAlongRigidPath(depth, clearance, deformation, max_step, extent, is_outside=True)
+    return _SeparationAlongRigidPath(
+        depth, clearance, deformation, max_step, extent, is_outside=True
+    )
 
 
 def _max_vector_length(vectors: Array) -> float:

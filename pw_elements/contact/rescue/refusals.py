@@ -25,11 +25,11 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import raise_errors_on_all_processes, format_points
+from pw_elements.checks import format_points, raise_errors_on_all_processes
 from pw_elements.contact.iteration import (
     ActiveSetUpdate,
-    Increment,
-    LinearIncrement,
+    IncrementEquations,
+    LinearIncrementEquations,
     NewtonState,
     make_contact_state,
     report_no_free_motions,
@@ -44,7 +44,7 @@ from pw_elements.contact.model import (
     NotFound,
     NotUnique,
     RigidVelocity,
-    Smallness,
+    SmallDisplacementMeasures,
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
@@ -56,12 +56,12 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.rescue.rigid import (
     NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO,
-    Basis,
     RigidModes,
+    RigidMotionBasis,
     RigidMotions,
     format_direction,
 )
-from pw_elements.contact.system import Cost
+from pw_elements.contact.system import SolveCountAndReport
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import NotConverged, SingularSystem, group_connected_nodes
 
@@ -104,7 +104,7 @@ _ENCLOSED_INCOMPRESSIBLE_BODY_MESSAGE = (
 # Function that returns an increment with springs. Its arguments are the stiffness of the springs,
 # relative to the diagonal stiffness of the nodes, and the unknowns (n,) and translations
 # (pairs, dim) of the surfaces at which the springs are unstressed
-SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrement]
+SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrementEquations]
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,11 @@ class NodeVelocitiesInRigidMotions:
         is_moved = self._mask_of_nodes_moved_by_motions().astype(float)
         return group_connected_nodes(is_moved.T @ is_moved > 0)
 
-    def restrict(self, motions: Indices) -> "NodeVelocitiesInRigidMotions":
+    def restrict_to_motions(self, motions: Indices) -> "NodeVelocitiesInRigidMotions":
         """Return the nodes moved by any of the given motions, with velocities in these motions."""
-        moved_nodes = self.select(np.any(self._mask_of_nodes_moved_by_motions()[:, motions], axis=1))
+        moved_nodes = self.select_nodes(
+            np.any(self._mask_of_nodes_moved_by_motions()[:, motions], axis=1)
+        )
         normal, tangential = moved_nodes.normal[:, motions], moved_nodes.tangential[..., motions]
         return replace(moved_nodes, normal=normal, tangential=tangential)
 
@@ -162,7 +164,7 @@ class NodeVelocitiesInRigidMotions:
         margin = self.normal @ motion - self.friction_slope * sliding
         return np.asarray(margin / np.sqrt(1 + self.friction_slope**2))
 
-    def select(self, mask: Mask) -> "NodeVelocitiesInRigidMotions":
+    def select_nodes(self, mask: Mask) -> "NodeVelocitiesInRigidMotions":
         """Return a copy with the nodes at which a mask (m,) is True."""
         return NodeVelocitiesInRigidMotions(*(values[mask] for values in vars(self).values()))
 
@@ -171,7 +173,9 @@ class NodeVelocitiesInRigidMotions:
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
-def find_proof(nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array) -> tuple[Array, Array] | None:
+def find_motion_proving_no_equilibrium(
+    nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array
+) -> tuple[Array, Array] | None:
     """Return a motion which proves that there is no equilibrium, or None if none is found.
 
     In this motion loads do work that no contact force can balance.
@@ -192,7 +196,9 @@ def find_proof(nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_
     return None
 
 
-def does_motion_prove_no_equilibrium(nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array, motion: Array) -> bool:
+def does_motion_prove_no_equilibrium(
+    nodes: NodeVelocitiesInRigidMotions, load_power: Array, absolute_power: Array, motion: Array
+) -> bool:
     """Return whether a motion (k,) proves that no contact forces balance the loads.
 
     The result is evaluated directly, without the linear program. If the motion violates the
@@ -202,12 +208,16 @@ def does_motion_prove_no_equilibrium(nodes: NodeVelocitiesInRigidMotions, load_p
     and the sum of the magnitudes of its parts.
     """
     violation = float(np.max(-nodes.friction_cone_margins(motion), initial=0.0))
-    min_work = max(_NEGLIGIBLE_TO_ABSOLUTE_WORK_RATIO, _MAX_CONTACT_FORCE_TO_LOAD_RATIO * violation) * float(absolute_power @ np.abs(motion))
+    min_work = max(
+        _NEGLIGIBLE_TO_ABSOLUTE_WORK_RATIO, _MAX_CONTACT_FORCE_TO_LOAD_RATIO * violation
+    ) * float(absolute_power @ np.abs(motion))
     return bool(load_power @ motion > min_work)
 
 
 def find_unresisted_motion_of_most_work(
-    nodes: NodeVelocitiesInRigidMotions, load_power: Array, motion_cost: float = _MOTION_COST_PER_MAX_POWER
+    nodes: NodeVelocitiesInRigidMotions,
+    load_power: Array,
+    motion_cost: float = _MOTION_COST_PER_MAX_POWER,
 ) -> tuple[Array, Array]:
     """Return the motion in which the loads do most work and no contact force resists.
 
@@ -223,7 +233,9 @@ def find_unresisted_motion_of_most_work(
         have to be added for equilibrium. Both are zero if the linear program fails.
     """
     k, scale = len(load_power), np.abs(load_power).max() or 1.0
-    costs = np.concatenate([-load_power, load_power]) / scale + motion_cost  # both directions of each motion
+    costs = (
+        np.concatenate([-load_power, load_power]) / scale + motion_cost
+    )  # both directions of each motion
     axes = np.eye(nodes.tangential.shape[1])
     rows = [nodes.friction_cone_cut_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_MAX_CUTTING_PLANE_ROUNDS):
@@ -238,19 +250,23 @@ def find_unresisted_motion_of_most_work(
         if not best.success:
             return np.zeros(k), np.zeros(k)
         motion = best.x[:k] - best.x[k:]
-        violating = nodes.select(nodes.friction_cone_margins(motion) < -_MAX_CONE_VIOLATION_WITHOUT_CUT)
+        violating = nodes.select_nodes(
+            nodes.friction_cone_margins(motion) < -_MAX_CONE_VIOLATION_WITHOUT_CUT
+        )
         sliding: Array = violating.tangential @ motion
         speed = np.linalg.norm(sliding, axis=1, keepdims=True)
         if not speed.any():
             break
         is_sliding = speed[:, 0] > 0
-        rows.append(violating.select(is_sliding).friction_cone_cut_rows((sliding / speed)[is_sliding]))
+        rows.append(
+            violating.select_nodes(is_sliding).friction_cone_cut_rows((sliding / speed)[is_sliding])
+        )
     multipliers = best.upper.marginals
     return motion, scale * (multipliers[:k] - multipliers[k:])
 
 
 def gather_node_velocities(
-    increment: Increment, kinematics: LinearisedKinematics, work_velocities: Array
+    increment: IncrementEquations, kinematics: LinearisedKinematics, work_velocities: Array
 ) -> NodeVelocitiesInRigidMotions:
     """Return velocities of the contact nodes, the same on any number of processes; collective.
 
@@ -273,25 +289,33 @@ def gather_node_velocities(
         is_faced,
     )
     *fields, is_faced = (
-        np.concatenate([interface.gather_pair_in_position_order(k, part) for k in range(interface.pairs)])
+        np.concatenate(
+            [interface.gather_pair_in_position_order(k, part) for k in range(interface.pairs)]
+        )
         for part in values
     )
-    return NodeVelocitiesInRigidMotions(*fields).select(is_faced)
+    return NodeVelocitiesInRigidMotions(*fields).select_nodes(is_faced)
 
 
-def _find_normals_turned_by_free_translation(increment: Increment, kinematics: LinearisedKinematics) -> Mask:
+def _find_normals_turned_by_free_translation(
+    increment: IncrementEquations, kinematics: LinearisedKinematics
+) -> Mask:
     """Return a mask (m,) of nodes at which a free translation of the surface turns the normal."""
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
     normals = interface.evaluate_undeformed_normals(kinematics.q0)
     is_turning = np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(is_free.any(axis=0)):
         for step in (
-            sign * part * interface.extent for part in _NORMAL_PROBE_STEPS_PER_EXTENT for sign in (-1, 1)
+            sign * part * interface.max_extent_of_points
+            for part in _NORMAL_PROBE_STEPS_PER_EXTENT
+            for sign in (-1, 1)
         ):
             translations = kinematics.q0.copy()
             translations[is_free[:, axis], axis] += step
             try:
-                change = np.abs(interface.evaluate_undeformed_normals(translations) - normals).max(axis=1)
+                change = np.abs(interface.evaluate_undeformed_normals(translations) - normals).max(
+                    axis=1
+                )
             except Exception:  # the user's surface may have no normals so far away
                 change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
             is_turning |= ~(change <= _NEGLIGIBLE_NORMAL_CHANGE)
@@ -299,7 +323,10 @@ def _find_normals_turned_by_free_translation(increment: Increment, kinematics: L
 
 
 def prove_no_equilibrium(
-    increment: Increment, load: PETSc.Vec, kinematics: LinearisedKinematics, rigid: RigidMotions
+    increment: IncrementEquations,
+    load: PETSc.Vec,
+    kinematics: LinearisedKinematics,
+    rigid: RigidMotions,
 ) -> NoEquilibrium | None:
     """Return an error if statics prove that no contact forces balance the loads, otherwise None.
 
@@ -321,11 +348,11 @@ def prove_no_equilibrium(
 
 
 def raise_if_body_is_loose(
-    increment: Increment,
+    increment: IncrementEquations,
     end: NewtonState,
     rigid: RigidMotions,
     start_state: ContactState,
-    measure_cost: Callable[[], Cost],
+    measure_cost: Callable[[], SolveCountAndReport],
 ) -> None:
     """Raise NotUnique if a body is loose, without any contact force, in the solution `end`."""
     if not (motions := rigid.describe_unstopped_motion_of_loose_pieces(end.nodes, end.allowance)):
@@ -336,7 +363,10 @@ def raise_if_body_is_loose(
 
 
 def _make_state_of_unsolved_iterate(
-    increment: Increment, state: NewtonState, start_state: ContactState, cost: Cost
+    increment: IncrementEquations,
+    state: NewtonState,
+    start_state: ContactState,
+    cost: SolveCountAndReport,
 ) -> ContactState:
     """Return the contact state of an iterate that is not a solution, with the cost so far."""
     iterations, report = cost
@@ -349,18 +379,18 @@ def _make_state_of_unsolved_iterate(
         scale=scale,
         iterations=iterations,
         report=report,
-        smallness=Smallness(np.nan, np.nan, np.nan),
+        smallness=SmallDisplacementMeasures(np.nan, np.nan, np.nan),
     )
     return replace(unsolved, residuals=residuals, converged=False)
 
 
 def rescue_increment(
     failure: ContactFailed | NotConverged,
-    increment: Increment,
+    increment: IncrementEquations,
     try_proof: Callable[[], NoEquilibrium | None],
     solve_otherwise: Callable[[], NewtonState | None] | None,
     start_state: ContactState,
-    measure_cost: Callable[[], Cost],
+    measure_cost: Callable[[], SolveCountAndReport],
 ) -> NewtonState:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
 
@@ -396,7 +426,9 @@ def rescue_increment(
             return solution
     nearest, state = "", None
     if increment.best_state is not None:
-        state = _make_state_of_unsolved_iterate(increment, increment.best_state, start_state, measure_cost())
+        state = _make_state_of_unsolved_iterate(
+            increment, increment.best_state, start_state, measure_cost()
+        )
         violation = f"{increment.best_state.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE:.1g}"
         nearest = (
             f" The state that came nearest violates the law by {violation} of its largest force."
@@ -404,7 +436,7 @@ def rescue_increment(
     if not isinstance(failure, NotUnique):
         enclosed = (
             f" {_ENCLOSED_INCOMPRESSIBLE_BODY_MESSAGE}."
-            if increment.system.tangent.has_enclosed_pressure()
+            if increment.system.tangent.is_constant_pressure_held_by_contact_only()
             else ""
         )
         advice = "Smaller increments, or pressing before pushing, may find one"
@@ -418,7 +450,11 @@ def rescue_increment(
 
 
 def _prove_no_equilibrium_by_motion_groups(
-    nodes: NodeVelocitiesInRigidMotions, basis: Basis, work: Array, size: Array, modes: RigidModes
+    nodes: NodeVelocitiesInRigidMotions,
+    basis: RigidMotionBasis,
+    work: Array,
+    size: Array,
+    modes: RigidModes,
 ) -> NoEquilibrium | None:
     """Return one error with the proofs for all groups of motions, or None if there is no proof.
 
@@ -431,21 +467,28 @@ def _prove_no_equilibrium_by_motion_groups(
     """
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
     for group in nodes.group_coupled_motions():
-        moved_nodes, motions = nodes.restrict(group), basis.motions[group]
+        moved_nodes, motions = nodes.restrict_to_motions(group), basis.motions[group]
         if moved_nodes.has_turning_normal.any():
             continue
-        proof = find_proof(moved_nodes, motions @ work, np.abs(motions) @ size)
+        proof = find_motion_proving_no_equilibrium(
+            moved_nodes, motions @ work, np.abs(motions) @ size
+        )
         if proof is None:
             continue
         escape, lacking = proof
         motion += escape @ motions
-        lacking[np.abs(lacking) <= NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(lacking).max()] = 0.0
+        lacking[
+            np.abs(lacking) <= NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(lacking).max()
+        ] = 0.0
         missing[basis.pivot[group]] = lacking
-        words.append(modes.describe(escape @ motions) + _describe_sliding_and_lifting_pairs(moved_nodes, escape))
+        words.append(
+            modes.describe_motion(escape @ motions)
+            + _describe_sliding_and_lifting_pairs(moved_nodes, escape)
+        )
     if not words:
         return None
-    translation, rotation, surface = modes.split(motion)
-    force, moment, surface_force = modes.split(missing)
+    translation, rotation, surface = modes.split_into_pieces_and_surfaces(motion)
+    force, moment, surface_force = modes.split_into_pieces_and_surfaces(missing)
     missing_force = LoadMissingForEquilibrium(force, moment * modes.length[:, None], surface_force)
     error = NoEquilibrium(
         f"no contact forces balance the loads: {'; '.join(words)}. At least "
@@ -463,13 +506,17 @@ def _describe_sliding_and_lifting_pairs(nodes: NodeVelocitiesInRigidMotions, mot
     """Return a text with the pairs on which the body slides or lifts off in a motion (k,)."""
     sliding, margin = nodes.tangential @ motion, nodes.friction_cone_margins(motion)
     speed = np.linalg.norm(sliding, axis=1)
-    negligible = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * max(speed.max(initial=0.0), margin.max(initial=0.0))
+    negligible = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * max(
+        speed.max(initial=0.0), margin.max(initial=0.0)
+    )
     words = []
     for k in np.unique(nodes.pair):
         slides = (nodes.pair == k) & (margin <= negligible) & (speed > negligible)
         if slides.any():
             directions = sliding[slides] / speed[slides, None]
-            is_common = np.all(directions @ directions[0] > 1 - NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO)
+            is_common = np.all(
+                directions @ directions[0] > 1 - NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO
+            )
             direction = f"along {format_direction(directions[0])} " if is_common else ""
             words.append(f"slides {direction}on pair {k}")
         elif np.any(margin[nodes.pair == k] > negligible):
@@ -500,7 +547,7 @@ def _format_vector(values: Array) -> str:
 
 
 def solve_with_softening_springs(
-    increment: LinearIncrement,
+    increment: LinearIncrementEquations,
     make_increment_with_springs: SpringIncrementMaker,
     kinematics: SmallStrainKinematics,
     *,
@@ -536,7 +583,9 @@ def solve_with_softening_springs(
     previous: ActiveSet | None = None
     words = f"by springs, at the cost of at most {remaining_systems():.0f} linear systems"
     log_on_root(comm, logging.INFO, words, ".contact")
-    while stiffness > _MIN_STIFFNESS and n_failures < _MAX_SPRING_FAILURES and remaining_systems() > 0:
+    while (
+        stiffness > _MIN_STIFFNESS and n_failures < _MAX_SPRING_FAILURES and remaining_systems() > 0
+    ):
         spring_increment = make_increment_with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(report_no_free_motions, increment.interface)
         try:
@@ -563,7 +612,7 @@ def solve_with_softening_springs(
             continue
         unknowns, q = spring_state.unknowns, spring_state.q
         linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
-        state = increment.evaluate(spring_state.reduced, q, linearised)
+        state = increment.evaluate_all_conditions(spring_state.reduced, q, linearised)
         increment.keep_if_smallest_violation(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)

@@ -31,7 +31,11 @@ from pw_elements.contact.nodes import (
     assemble_active_set_equations,
     combine_active_sets,
 )
-from pw_elements.contact.system import ContactSystem, extract_local_rows, make_map_from_free_motions_to_points
+from pw_elements.contact.system import (
+    ContactSystem,
+    extract_local_rows,
+    make_map_from_free_motions_to_points,
+)
 from pw_elements.solvers import ComponentRigidModes, destroy_objects, null_space_basis, qr_triangle
 
 _AXIS_NAMES = "xyz"
@@ -47,11 +51,11 @@ _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT = 1e3
 # Largest stiffness of a motion that counts as zero in proofs, relative to an arbitrary motion
 _ZERO_RELATIVE_STIFFNESS_IN_PROOFS = 1e-11
 # Stiffness below which a motion counts as free, relative to the stiffness of an arbitrary motion
-_FREE_STIFFNESS = 1e-8
+_MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION = 1e-8
 
 
 @dataclass(frozen=True)
-class Basis:
+class RigidMotionBasis:
     """Linearly independent rigid motions.
 
     Args:
@@ -91,7 +95,7 @@ class RigidModes:
         piece = np.repeat(np.arange(n_pieces), self.modes_per_piece)
         self.mover: Indices = np.concatenate([piece, n_pieces + np.arange(len(free))])
 
-    def split(self, motion: Array) -> tuple[Array, Array, Array]:
+    def split_into_pieces_and_surfaces(self, motion: Array) -> tuple[Array, Array, Array]:
         """Split a motion into motions of pieces and of surfaces.
 
         Args:
@@ -112,7 +116,7 @@ class RigidModes:
             surfaces[pair_and_axis] = value
         return pieces[:, :dim], rotations, surfaces
 
-    def make_simplest_basis(self, motions: Array) -> Basis:
+    def make_simplest_basis(self, motions: Array) -> RigidMotionBasis:
         """Return the basis of a space of motions (k, modes) with the simplest description.
 
         Each motion of the basis has a mode, a rotation if possible, that is zero in all other
@@ -121,14 +125,18 @@ class RigidModes:
         """
         is_rotation = np.arange(self.n_piece_modes) % self.modes_per_piece >= self.centre.shape[1]
         rank = np.concatenate([np.where(is_rotation, 0, 1), np.full(len(self.free), 2)])
-        _, pivots = qr(motions / _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT**rank, mode="r", pivoting=True)
+        _, pivots = qr(
+            motions / _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT**rank, mode="r", pivoting=True
+        )
         pivot = np.array(sorted(pivots[: len(motions)], key=lambda k: (rank[k], k)), dtype=int)
         rows = np.asarray(np.linalg.solve(motions[:, pivot], motions), dtype=float)
-        return Basis(np.where(np.abs(rows) <= _RELATIVE_BASIS_ROUND_OFF, 0.0, rows), pivot)
+        return RigidMotionBasis(
+            np.where(np.abs(rows) <= _RELATIVE_BASIS_ROUND_OFF, 0.0, rows), pivot
+        )
 
-    def describe(self, motion: Array) -> str:
+    def describe_motion(self, motion: Array) -> str:
         """Return a text that tells how each piece and surface moves in a motion (modes,)."""
-        translation, rotation, surface = self.split(motion)
+        translation, rotation, surface = self.split_into_pieces_and_surfaces(motion)
         negligible, words = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(motion).max(), []
         locations = [
             f" around {format_points(self.centre[k : k + 1])}" for k in range(len(self.centre))
@@ -136,7 +144,9 @@ class RigidModes:
         for k, location in enumerate(locations):
             body = f"the body{location if len(locations) > 1 else ''}"
             if np.abs(rotation[k]).max(initial=0.0) > negligible:
-                words.append(f"{self._describe_rotation_with_axis(k, translation[k], rotation[k])} of {body}")
+                words.append(
+                    f"{self._describe_rotation_with_axis(k, translation[k], rotation[k])} of {body}"
+                )
             elif np.abs(translation[k]).max() > negligible:
                 words.append(f"translation {format_direction(translation[k])} of {body}")
         for k in range(len(surface)):
@@ -192,11 +202,13 @@ class RigidMotions:
             self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=False), system.comm
         )
         # relative motions (m dim, modes) of the contact nodes
-        self._relative_motions = self._assemble_node_motions_relative_to_surfaces(pieces, conjugate_to_forces=False)
+        self._relative_motions = self._assemble_node_motions_relative_to_surfaces(
+            pieces, conjugate_to_forces=False
+        )
         if isinstance(self._support_rows, np.ndarray):  # if there are few modes
             self._relative_motions = self._relative_motions.toarray()
 
-    def describe_free_motions(self, active: ActiveSet, frame: Array) -> list[str]:
+    def describe_free_rigid_motions(self, active: ActiveSet, frame: Array) -> list[str]:
         """Return a text for each rigid motion that remains free for an active set.
 
         `frame` (m, dim, dim) are the frames of the contact nodes.
@@ -205,7 +217,8 @@ class RigidMotions:
         if not len(free):
             return []
         return [
-            self.modes.describe(motion) for motion in self.modes.make_simplest_basis(free).motions
+            self.modes.describe_motion(motion)
+            for motion in self.modes.make_simplest_basis(free).motions
         ]
 
     def can_slide_at_exhausted_friction(self, nodes: ContactNodes, force_tolerance: float) -> bool:
@@ -239,10 +252,13 @@ class RigidMotions:
         extremes = comm.allgather([slip.max(initial=0.0), -slip.min(initial=0.0)])
         # one motion, or its reverse, has to oppose friction at all nodes that stick at the limit
         return len(free) > 1 or (
-            len(free) == 1 and np.max(extremes, axis=0).min() <= _FREE_STIFFNESS
+            len(free) == 1
+            and np.max(extremes, axis=0).min() <= _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION
         )
 
-    def describe_unstopped_motion_of_loose_pieces(self, nodes: ContactNodes, force_tolerance: float) -> list[str]:
+    def describe_unstopped_motion_of_loose_pieces(
+        self, nodes: ContactNodes, force_tolerance: float
+    ) -> list[str]:
         """Return a text for a motion of loose pieces that no surface stops.
 
         A loose piece has no contact forces; forces up to `force_tolerance` count as zero. A node that
@@ -264,18 +280,20 @@ class RigidMotions:
         is_dense = isinstance(self._support_rows, np.ndarray)
         free = null_space_basis(
             [self._support_rows, held_rows if is_dense else sp.csr_array(held_rows)],
-            _FREE_STIFFNESS,
+            _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION,
         )
         if not len(free):
             return []
         motions = (self._relative_motions @ free.T).reshape(m, dim, len(free))
-        is_touching = np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= force_tolerance) & ~is_pressed
+        is_touching = (
+            np.isfinite(nodes.gap) & (nodes.scale * nodes.gap <= force_tolerance) & ~is_pressed
+        )
         opening = np.einsum("na,nak->nk", nodes.frame[:, 0], motions)[is_touching]
         opening = np.concatenate(comm.allgather(opening))
         motion = comm.bcast(find_motion_closing_no_gap(opening) if comm.rank == 0 else None)
-        return [] if motion is None else [self.modes.describe(motion @ free)]
+        return [] if motion is None else [self.modes.describe_motion(motion @ free)]
 
-    def find_motions_without_strain_work(self) -> tuple[Basis, Array]:
+    def find_motions_without_strain_work(self) -> tuple[RigidMotionBasis, Array]:
         """Return the motions in which only loads and contact forces do work, whatever the strains.
 
         Returns:
@@ -284,17 +302,23 @@ class RigidMotions:
         """
         pieces, mover = ComponentRigidModes.from_space(self._space), self.modes.mover
         resistance = qr_triangle(
-            self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=True), self._system.comm
+            self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=True),
+            self._system.comm,
         )
         by_mover = [
             resistance @ sp.diags_array((mover == k).astype(float)) for k in np.unique(mover)
         ]
         free = null_space_basis([resistance[:0], *by_mover], _ZERO_RELATIVE_STIFFNESS_IN_PROOFS)
         basis = self.modes.make_simplest_basis(free)
-        works = self._assemble_node_motions_relative_to_surfaces(pieces, conjugate_to_forces=True) @ basis.motions.T
+        works = (
+            self._assemble_node_motions_relative_to_surfaces(pieces, conjugate_to_forces=True)
+            @ basis.motions.T
+        )
         return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
-    def measure_work_and_magnitude_in_modes(self, load: PETSc.Vec, free_motion_forces: Array) -> tuple[Array, Array]:
+    def measure_work_and_magnitude_in_modes(
+        self, load: PETSc.Vec, free_motion_forces: Array
+    ) -> tuple[Array, Array]:
         """Return the work (modes,) of loads in each mode, and the sum of magnitudes of its parts.
 
         Args:
@@ -308,7 +332,10 @@ class RigidMotions:
         motions = pieces.matrix_with_mode_columns(pieces.modes, len(self.modes.free))
         work_and_size = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, work_and_size, MPI.SUM)
-        work_and_size[:, self.modes.n_piece_modes :] = free_motion_forces, np.abs(free_motion_forces)
+        work_and_size[:, self.modes.n_piece_modes :] = (
+            free_motion_forces,
+            np.abs(free_motion_forces),
+        )
         return work_and_size[0], work_and_size[1]
 
     def _find_free_rigid_motions(self, active: ActiveSet, frame: Array) -> Array:
@@ -328,16 +355,22 @@ class RigidMotions:
             blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(blocks @ motions)
         contact_rows = qr_triangle(rows, self._system.comm)
-        return null_space_basis([self._support_rows, contact_rows], _FREE_STIFFNESS)
+        return null_space_basis(
+            [self._support_rows, contact_rows], _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION
+        )
 
     def _reduced_columns_of_displacements(self) -> Indices:
         """Return the number of the reduced unknown of each displacement.
 
         It is -1 for a prescribed displacement, and -2 for a combination of several unknowns.
         """
-        return find_reduced_column_of_each_unknown(self._system.reduction.right)[self._displacement_rows]
+        return find_reduced_column_of_each_unknown(self._system.reduction.right)[
+            self._displacement_rows
+        ]
 
-    def _assemble_resistance_to_modes(self, pieces: ComponentRigidModes, with_transposed_stiffness: bool) -> sp.csr_array:
+    def _assemble_resistance_to_modes(
+        self, pieces: ComponentRigidModes, with_transposed_stiffness: bool
+    ) -> sp.csr_array:
         """Return the displacements or forces that each mode causes.
 
         A row contains displacements if a support prescribes the displacement, otherwise forces. A
@@ -353,11 +386,17 @@ class RigidMotions:
             Matrix (owned displacements, modes), in whose null space the free motions are.
         """
         is_free = self._reduced_columns_of_displacements() != -1
-        return pieces.resistance(
-            self._K, is_free, self._displacement_rows, with_transposed_stiffness, len(self.modes.free)
+        return pieces.resistance_to_modes(
+            self._K,
+            is_free,
+            self._displacement_rows,
+            with_transposed_stiffness,
+            len(self.modes.free),
         )
 
-    def _assemble_node_motions_relative_to_surfaces(self, pieces: ComponentRigidModes, conjugate_to_forces: bool) -> sp.csr_array:
+    def _assemble_node_motions_relative_to_surfaces(
+        self, pieces: ComponentRigidModes, conjugate_to_forces: bool
+    ) -> sp.csr_array:
         """Return the motions (m dim, modes) of the contact nodes relative to their surfaces.
 
         Args:
@@ -377,7 +416,9 @@ class RigidMotions:
         pattern = (x.astype(PETSc.IntType) for x in (full.indptr, full.indices))
         sizes = field.full_sizes, (modes.n_modes if comm.rank == 0 else 0, modes.n_modes)
         motions = PETSc.Mat().createAIJ(sizes, csr=(*pattern, full.data), comm=comm)
-        multiply = interface.force.transposeMatMult if conjugate_to_forces else interface.motion.matMult
+        multiply = (
+            interface.force.transposeMatMult if conjugate_to_forces else interface.motion.matMult
+        )
         at_nodes = multiply(motions)
         dim, of_pieces = interface.position.shape[1], extract_local_rows(at_nodes, 0)
         destroy_objects(motions, at_nodes)
@@ -394,7 +435,9 @@ def find_motion_closing_no_gap(opening_rates: Array) -> Array | None:
     """
     k = opening_rates.shape[1]
     for direction in (*np.eye(k), *-np.eye(k)):
-        best = linprog(-direction, A_ub=-opening_rates, b_ub=np.zeros(len(opening_rates)), bounds=(-1, 1))
+        best = linprog(
+            -direction, A_ub=-opening_rates, b_ub=np.zeros(len(opening_rates)), bounds=(-1, 1)
+        )
         if best.success and best.x @ direction > NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO:
             return np.asarray(best.x, dtype=float)
     return None

@@ -68,7 +68,9 @@ def solve_in_substeps(
     return substeps, failure
 
 
-def combine_substeps_with_summed_slip(substeps: Sequence[tuple[float, ContactState]]) -> ContactState:
+def combine_substeps_with_summed_slip(
+    substeps: Sequence[tuple[float, ContactState]],
+) -> ContactState:
     """Return the state of the last substep, with slips summed over all substeps."""
     end, pairs = substeps[-1][1], []
     for k, pair in enumerate(end.pairs):

@@ -17,11 +17,14 @@ from dolfinx import fem
 from pw_elements.algebra import free_dofs_and_prescribed_values
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import label_connected_components
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import OPEN, RigidSurfaceMotion
 from pw_elements.contact.rescue.passing import interpolate_placements_and_path
-from pw_elements.contact.rescue.placing import PiecesMovingWithSupports, does_rigid_motion_end_all_contact
+from pw_elements.contact.rescue.placing import (
+    PiecesMovingWithSupports,
+    does_rigid_motion_end_all_contact,
+)
 from pw_elements.contact.rescue.substeps import count_straight_segments
 
 # Function that sets loads and conditions at a fraction (0, 1] of an increment
@@ -44,7 +47,7 @@ class BodySupports:
 
     def __init__(
         self,
-        interface: Interface,
+        interface: ContactInterface,
         whole_space: fem.FunctionSpace,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         apply_load: Callable[[LoadFractionSetter | None, float], None],
@@ -102,7 +105,9 @@ class BodySupports:
             path = self.sample_path(state, load, n_samples)
         return path
 
-    def sample_path(self, state: ContactState, load: LoadFractionSetter | None, n_samples: int) -> Array:
+    def sample_path(
+        self, state: ContactState, load: LoadFractionSetter | None, n_samples: int
+    ) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim), zero for free components."""
         field, dim = self._interface.field, self._interface.position.shape[1]
         start_unknowns = state.unknowns.copy()
@@ -117,7 +122,7 @@ class BodySupports:
 
 
 def find_contact_free_start(
-    interface: Interface,
+    interface: ContactInterface,
     surfaces: RigidSurfaceMotion,
     supports: BodySupports,
     state: ContactState,
@@ -150,13 +155,15 @@ def find_contact_free_start(
         if n_samples > 1:
             support_path = supports.sample_path(state, load, n_samples)
         surface_path, _ = interpolate_placements_and_path(*q_ends, support_path, n_samples)
-        pieces = PiecesMovingWithSupports.fit(
+        pieces = PiecesMovingWithSupports.fit_rigid_motions_to_supports(
             positions, is_supported, component, support_path, interface.comm
         )
-        if not does_rigid_motion_end_all_contact(interface, surfaces, pieces, surface_path, state.unknowns):
+        if not does_rigid_motion_end_all_contact(
+            interface, surfaces, pieces, surface_path, state.unknowns
+        ):
             return None
     start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
-    displacement = pieces.move(positions, component)[-1] - positions
+    displacement = pieces.move_points(positions, component)[-1] - positions
     start_unknowns.setArray(interface.field.embed(displacement.ravel()))
     start_unknowns.array[owned] = np.where(
         is_supported, support_path[-1], start_unknowns.array_r[owned]

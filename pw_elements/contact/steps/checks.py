@@ -29,21 +29,25 @@ from pw_elements.contact.model import (
     MatchingNodes,
     Motion,
 )
-from pw_elements.contact.output import Callback
+from pw_elements.contact.output import ProgressCallback
 from pw_elements.contact.steps.sensitivity import (
-    Output,
-    Parameter,
     ParametricResidual,
+    SensitivityOutput,
+    SensitivityParameter,
     parameter_object,
 )
-from pw_elements.contact.steps.stepping import MAX_REMEDY_COST_PER_FIRST_ATTEMPT, REMEDIES_FOR_FAILED_ITERATION, Remedy
+from pw_elements.contact.steps.stepping import (
+    MAX_REMEDY_COST_PER_FIRST_ATTEMPT,
+    REMEDIES_FOR_FAILED_ITERATION,
+    RemedyName,
+)
 from pw_elements.progress import log_on_root
-from pw_elements.solvers import Solver
+from pw_elements.solvers import SolverOrAuto
 from pw_elements.spaces import is_hybrid
 
 # Names of remedies, or a mapping from the name of each remedy to its largest cost, relative to the
 # cost of the first attempt
-Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
+RemedyNamesOrCostRatios: TypeAlias = Collection[RemedyName] | Mapping[RemedyName, float]
 # Function that returns the translation (dim,) of a surface at a given time
 SurfacePathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
@@ -62,8 +66,8 @@ def check_contact_arguments(
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
     max_iterations: int,
-    solver: Solver,
-    callback: Callback | None = None,
+    solver: SolverOrAuto,
+    callback: ProgressCallback | None = None,
 ) -> tuple[ContactPair, ...]:
     """Check arguments of a contact problem and return its pairs as a tuple.
 
@@ -104,16 +108,24 @@ def check_and_list_surface_paths(
         )
     path_list = as_list_per_pair("paths", paths, len(pairs))
     for k, path in enumerate(path_list):
-        check_function_or_none(f"the path of contact pair {k}", path, "it has to be a function of time")
+        check_function_or_none(
+            f"the path of contact pair {k}", path, "it has to be a function of time"
+        )
     return path_list
 
 
-def list_remedy_max_cost_ratios(remedies: Remedies) -> dict[Remedy, float]:
+def list_remedy_max_cost_ratios(remedies: RemedyNamesOrCostRatios) -> dict[RemedyName, float]:
     """Return the largest cost of each remedy, relative to the cost of the first attempt."""
     has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not has_names or any(remedy not in REMEDIES_FOR_FAILED_ITERATION for remedy in remedies):
-        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES_FOR_FAILED_ITERATION))}")
-    ratios = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MAX_REMEDY_COST_PER_FIRST_ATTEMPT)
+        raise ValueError(
+            f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES_FOR_FAILED_ITERATION))}"
+        )
+    ratios = (
+        remedies
+        if isinstance(remedies, Mapping)
+        else dict.fromkeys(remedies, MAX_REMEDY_COST_PER_FIRST_ATTEMPT)
+    )
     return {
         name: arguments.check_positive(f"the multiple of {name}", ratios[name])
         for name in REMEDIES_FOR_FAILED_ITERATION
@@ -152,7 +164,9 @@ def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.Functio
             raise ValueError(f"contact pair {k}: {fault}")
 
 
-def check_state_fits_problem(state: ContactState, undeformed_state: ContactState, label: str) -> None:
+def check_state_fits_problem(
+    state: ContactState, undeformed_state: ContactState, label: str
+) -> None:
     """Raise an error if a state has contact nodes other than those of the problem, or contains NaN.
 
     Args:
@@ -213,7 +227,7 @@ def check_function_or_none(name: str, function: object, remedy: str) -> None:
         remedy: advice to the user, added to the error message.
     """
     if not (function is None or arguments.is_user_function(function)):
-        raise TypeError(f"{name} is {arguments.describe(function)}: {remedy}")
+        raise TypeError(f"{name} is {arguments.describe_value_or_type(function)}: {remedy}")
 
 
 def check_start_state(state: ContactState, undeformed: ContactState) -> None:
@@ -329,7 +343,8 @@ def check_and_list_loads_and_motions(
     for k, load in enumerate(load_list):
         check_load(f"the load of increment {k}", load, K)
     motions_by_pair = [
-        as_list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list) for pair in pairs
+        as_list_of_type(pair.motions, Motion, "a motion") or [None] * len(load_list)
+        for pair in pairs
     ]
     for k, pair_motions in enumerate(motions_by_pair):
         if len(pair_motions) != len(load_list):
@@ -344,7 +359,7 @@ def check_and_list_loads_and_motions(
 
 def check_outputs(
     outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
-) -> list[Output]:
+) -> list[SensitivityOutput]:
     """Return the outputs as a list, or raise an error if one is invalid.
 
     Args:
@@ -363,7 +378,7 @@ def check_outputs(
             case ufl.Form():
                 raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
             case PETSc.Vec():
-                _check_vector("the output, a vector of weights,", output, space)
+                _check_finite_vector_of_space("the output, a vector of weights,", output, space)
             case _:
                 raise ValueError(
                     f"the output {output!r} is not valid: give a functional, a vector of weights, "
@@ -378,7 +393,7 @@ def check_parameters(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     allow_forms: bool,
-) -> list[tuple[Parameter, Array]]:
+) -> list[tuple[SensitivityParameter, Array]]:
     """Return the parameters with their rates (states, ...), or raise an error if one is invalid.
 
     The rates are derivatives of the data of each state with respect to the parameter.
@@ -390,7 +405,7 @@ def check_parameters(
         space: trial space.
         allow_forms: whether parameters may be constants, which need a residual.
     """
-    with_rates: list[tuple[Parameter, Array]] = []
+    with_rates: list[tuple[SensitivityParameter, Array]] = []
     for parameter in parameters:
         rates: Any = np.ones(n_states)
         shape: tuple[int, ...] = (n_states,)
@@ -403,7 +418,7 @@ def check_parameters(
             case (fem.Constant() as constant, rates):
                 shape += constant.value.shape
             case (PETSc.Vec() as load, rates):
-                _check_vector("the load that is a parameter", load, space)
+                _check_finite_vector_of_space("the load that is a parameter", load, space)
             case ("friction", pair):
                 law = pairs[_check_index_below_count(pair, len(pairs), "contact pairs")].law
                 if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
@@ -422,8 +437,8 @@ def check_parameters(
 
 
 def check_constants_are_used(
-    parameters: Sequence[tuple[Parameter, Array]],
-    outputs: Sequence[Output],
+    parameters: Sequence[tuple[SensitivityParameter, Array]],
+    outputs: Sequence[SensitivityOutput],
     residual: ParametricResidual,
 ) -> None:
     """Raise ValueError if neither the residual nor an output depends on a constant parameter.
@@ -451,7 +466,7 @@ def check_constants_are_used(
             )
 
 
-def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
+def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, is_residual_problem: bool) -> None:
     """Raise TypeError or ValueError unless the loads fit the problem.
 
     The list may be empty. Otherwise the problem must be defined by a residual, and the list must
@@ -459,7 +474,7 @@ def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, of_residual: boo
     """
     remedy = "give a list of functions of the share (0, 1], or nothing"
     arguments.check_type("loads", loads, (list, tuple), remedy)
-    if not of_residual and len(loads):
+    if not is_residual_problem and len(loads):
         raise ValueError(
             "`loads` belong to a residual; a problem with a stiffness K needs none, as its loads "
             "follow from states and contact forces: leave `loads` out"
@@ -469,12 +484,12 @@ def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, of_residual: boo
     for k, load in enumerate(loads):
         if not (load is None or arguments.is_user_function(load)):
             raise TypeError(
-                f"the load of step {k} is {arguments.describe(load)}: give the function of the "
+                f"the load of step {k} is {arguments.describe_value_or_type(load)}: give the function of the "
                 "share (0, 1] of the increment that `step` had, or None"
             )
 
 
-def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
+def _check_finite_vector_of_space(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
     """Raise an error unless a vector belongs to the space and is finite.
 
     Args:
@@ -487,8 +502,8 @@ def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> Non
         raise ValueError(f"{name} is not finite")
 
 
-def _check_index_below_count(number: Any, count: int, things: str) -> int:  # noqa: ANN401
+def _check_index_below_count(index: Any, count: int, counted_things: str) -> int:  # noqa: ANN401
     """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
-    if arguments.check_integer("a number", number, 0) >= count:
-        raise ValueError(f"number {number} of {count} {things}: they count from 0")
-    return int(number)
+    if arguments.check_integer("a number", index, 0) >= count:
+        raise ValueError(f"number {index} of {count} {counted_things}: they count from 0")
+    return int(index)

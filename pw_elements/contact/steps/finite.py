@@ -31,16 +31,20 @@ from pw_elements.algebra import (
 )
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import arguments, call_user_function, raise_errors_on_all_processes
-from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, Interface, build_interface
+from pw_elements.contact.interface import (
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
+    build_interface,
+)
 from pw_elements.contact.iteration import (
     CellInversionCheck,
     CycleKeepingSetUpdate,
+    IncrementEquations,
     LargeStrainActiveSetUpdate,
     LargeStrainEquilibrium,
-    Increment,
-    TargetLoadsAndMotions,
     NewtonState,
     SlidingBodiesEquilibrium,
+    TargetLoadsAndMotions,
     interpolate_targets,
     make_contact_state,
     solve_increment,
@@ -66,7 +70,7 @@ from pw_elements.contact.nodes import (
     make_sticking_active_set,
 )
 from pw_elements.contact.output import (
-    Callback,
+    ProgressCallback,
     ProgressReporter,
     ResidualCoefficients,
     ResidualFingerprint,
@@ -77,14 +81,14 @@ from pw_elements.contact.rescue import (
     combine_substeps_with_summed_slip,
     count_straight_segments,
     find_contact_free_start,
-    refuse_passed_nodes,
+    interpolate_placements_and_path,
     raise_if_supports_meet_or_pass,
     raise_if_tools_reach_or_pass_supports,
+    refuse_passed_nodes,
     round_up_to_power_of_two,
-    interpolate_placements_and_path,
     solve_in_substeps,
 )
-from pw_elements.contact.steps.sensitivity import IncrementOrSubstep, EquationsLinearisedAtEnd
+from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
 from pw_elements.contact.steps.smallness import log_slip_differences
 from pw_elements.contact.steps.verification import (
     VerificationScales,
@@ -100,7 +104,7 @@ from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
 
 # Smallest substep, as a fraction of the first substep
-_MIN_SUBSTEP = 1 / 64
+_MIN_SUBSTEP_FRACTION_OF_FIRST = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
 # the surface would be mistaken for a node that has jumped to another place
 MAX_SURFACE_RADIANS_PER_SUBSTEP = np.pi / 4
@@ -137,7 +141,7 @@ class LargeStrainStepping:
         pairs: Sequence[ContactPair],
         *,
         max_iterations: int,
-        callback: Callback | None,
+        callback: ProgressCallback | None,
         solver: LinearSolver,
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
@@ -180,7 +184,7 @@ class LargeStrainStepping:
     ) -> ContactState:
         """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
-        start = TargetLoadsAndMotions.from_state(state, state.placements)
+        start = TargetLoadsAndMotions.from_state(state, state.translations_and_rotations)
         end = TargetLoadsAndMotions.from_load_and_motions(None, motions, n_motions=start.q.shape[1])
         if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
@@ -189,7 +193,7 @@ class LargeStrainStepping:
             )
         with report_activity(interface.comm, f"contact increment {state.increment}"):
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
-            system = self._system_for(end.free_motions)
+            system = self._cached_contact_system_for(end.free_motions)
             cost_before = measure_cost([system])
             # for later states, the tangent has been checked at the end of the increment before
             if self._ratio_monitor is not None and not state.increment:
@@ -219,7 +223,9 @@ class LargeStrainStepping:
             def solve_substep(
                 current: ContactState,
                 fraction: float,
-                make_update: Callable[[Interface], LargeStrainActiveSetUpdate] = LargeStrainActiveSetUpdate,
+                make_update: Callable[
+                    [ContactInterface], LargeStrainActiveSetUpdate
+                ] = LargeStrainActiveSetUpdate,
                 start_unknowns: PETSc.Vec | None = None,
             ) -> ContactState:
                 self._set_unknowns_and_history(current)
@@ -242,7 +248,11 @@ class LargeStrainStepping:
                 log_on_root(interface.comm, logging.INFO, "attempt without contact", ".contact")
                 solve_clear_substep = partial(solve_substep, start_unknowns=start_unknowns)
                 substeps, failure = solve_in_substeps(solve_clear_substep, state, (1.0, 1.0, 1.0))
-            sizes = (1 / n_initial_substeps, _MIN_SUBSTEP / n_initial_substeps, 2.0)
+            sizes = (
+                1 / n_initial_substeps,
+                _MIN_SUBSTEP_FRACTION_OF_FIRST / n_initial_substeps,
+                2.0,
+            )
             if not substeps:
                 substeps, failure = solve_in_substeps(solve_substep, state, sizes)
             if failure is not None and isinstance(failure[1], Cycling) and not interface.mortars:
@@ -271,7 +281,9 @@ class LargeStrainStepping:
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
         n_solves, report = measure_cost([system], cost_before)
-        solution = replace(combine_substeps_with_summed_slip(substeps), iterations=n_solves, report=report)
+        solution = replace(
+            combine_substeps_with_summed_slip(substeps), iterations=n_solves, report=report
+        )
         log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
@@ -286,7 +298,11 @@ class LargeStrainStepping:
         return max(round_up_to_power_of_two(rotations), n_straight)
 
     def _raise_if_surfaces_pass_supports(
-        self, state: ContactState, start: TargetLoadsAndMotions, end: TargetLoadsAndMotions, support_path: Array
+        self,
+        state: ContactState,
+        start: TargetLoadsAndMotions,
+        end: TargetLoadsAndMotions,
+        support_path: Array,
     ) -> None:
         """Raise SurfacePassed if supports and surfaces, or supports of two bodies, pass each other.
 
@@ -296,7 +312,7 @@ class LargeStrainStepping:
             end: motions at the end of the increment.
             support_path: prescribed displacements (samples + 1, nodes, dim).
         """
-        interface, supports, q = self.interface, self._supports, state.placements
+        interface, supports, q = self.interface, self._supports, state.translations_and_rotations
         node_data = supports.node_positions, supports.is_supported, supports.node_component
         surface_path, support_path = interpolate_placements_and_path(
             start.q, end.q, support_path, max(len(support_path) - 1, _MIN_PASSING_SAMPLES)
@@ -307,7 +323,7 @@ class LargeStrainStepping:
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, q, q)
             raise_if_supports_meet_or_pass(
-                interface, mortars.references, *node_data[:2], support_path
+                interface, mortars.slip_references, *node_data[:2], support_path
             )
 
     def release(self) -> None:
@@ -321,7 +337,7 @@ class LargeStrainStepping:
         target: TargetLoadsAndMotions,
         system: ContactSystem,
         reporter: ProgressReporter,
-        make_update: Callable[[Interface], LargeStrainActiveSetUpdate],
+        make_update: Callable[[ContactInterface], LargeStrainActiveSetUpdate],
         start_unknowns: PETSc.Vec | None = None,
     ) -> ContactState:
         """Solve from a state to a target in one step and return the state at the target.
@@ -337,14 +353,16 @@ class LargeStrainStepping:
         """
         interface = self.interface
         unknowns = state.unknowns if start_unknowns is None else start_unknowns
-        increment, kinematics = self._start_increment(state, target, system, unknowns)
+        increment, kinematics = self._make_equations_and_kinematics(state, target, system, unknowns)
         start = increment.start
         q = np.where(np.isnan(target.q), start.q, target.q)
         system.set_initial_iterate(lambda: unknowns, q)
         max_iterations = self._max_iterations
         if start_unknowns is None:
             is_closed = interface.extract_local_pair_state_values(state.pairs, "status")[0] != OPEN
-            displacement = kinematics.move_closed_points_with_surfaces(q, start.displacement, is_closed)
+            displacement = kinematics.move_closed_points_with_surfaces(
+                q, start.displacement, is_closed
+            )
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0
         else:
@@ -366,12 +384,14 @@ class LargeStrainStepping:
         reporter.violation = end.violation
         is_pressed = end.nodes.trial_pressure > 0
         kinematics.check_surface_derivatives(end.kinematics, is_pressed)
-        interface.check_supports_move_both_sides_equally(increment.equilibrium.offset, target.q, is_pressed)
+        interface.check_supports_move_both_sides_equally(
+            increment.equilibrium.prescribed_displacements, target.q, is_pressed
+        )
         if start_unknowns is None:
             self._refuse_jumped_nodes(kinematics, end, is_pressed)
         else:
             self._refuse_contact(is_pressed)
-        refuse_passed_nodes(interface, kinematics.sides)
+        refuse_passed_nodes(interface, kinematics.slip_references_and_positions)
         self._refuse_large_turns(start.q, end.q, target.q)
         signs = self._check_and_return_determinant_signs(system, n_signs, state)
         sizes = increment.reference_sizes(end, state.scale)
@@ -384,14 +404,16 @@ class LargeStrainStepping:
             report=system.tangent.solver.report,
             smallness=None,
         )
-        solution = self._verify_state(solution, state, target, sizes)
+        solution = self._recompute_and_verify_residuals(solution, state, target, sizes)
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
     def _refuse_jumped_nodes(
         self, kinematics: LargeStrainKinematics, end: NewtonState, is_pressed: Mask
     ) -> None:
         """Raise NotFound if pressed nodes have jumped to another place in a solution."""
-        is_jumped = kinematics.find_points_jumped_to_another_surface_part(end.kinematics, is_pressed)
+        is_jumped = kinematics.find_points_jumped_to_another_surface_part(
+            end.kinematics, is_pressed
+        )
         positions = self.interface.gather_values(self.interface.position[is_jumped])
         if len(positions):
             message = "jumped to another sheet of their surface, or slid round by a right angle"
@@ -434,7 +456,7 @@ class LargeStrainStepping:
             NotFound: if the determinant of the last tangent has changed its sign.
         """
         solver_signs = system.tangent.solver.determinant_signs[n_earlier_signs:]
-        signs = solver_signs or system.tangent.determinant_signs()
+        signs = solver_signs or system.tangent.estimate_determinant_signs()
         if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
             signs = ()  # in nearly incompressible bodies, stable states may have either sign
         is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
@@ -445,7 +467,7 @@ class LargeStrainStepping:
             )
         return solver_signs
 
-    def _verify_state(
+    def _recompute_and_verify_residuals(
         self,
         solution: ContactState,
         start_state: ContactState,
@@ -471,31 +493,40 @@ class LargeStrainStepping:
             self.interface,
             reduction=self._reduction,
             scales=VerificationScales(force, length, law_scale, round_off),
-            free_motion_forces=target.totals,
+            free_motion_forces=target.free_motion_forces,
             compute_torques=make_nodal_torque_function(self.interface, self._pairs, solution),
         )
 
-    def _start_increment(
+    def _make_equations_and_kinematics(
         self,
         state: ContactState,
         target: TargetLoadsAndMotions,
         system: ContactSystem,
         initial_unknowns: PETSc.Vec,
-    ) -> tuple[Increment, LargeStrainKinematics]:
+    ) -> tuple[IncrementEquations, LargeStrainKinematics]:
         """Return equations and kinematics of a step; `initial_unknowns` (n,) are its initial iterate."""
         interface = self.interface
-        start = make_increment_start(state, interface, state.placements)
+        start = make_increment_start(state, interface, state.translations_and_rotations)
         reduction = replace(self._reduction, offset=self._supports.prescribed_displacements())
         body_data = self._residual_system, system, reduction, self._cell_guard, initial_unknowns
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
-            equilibrium: LargeStrainEquilibrium = SlidingBodiesEquilibrium(*body_data, mortars=mortars)
+            equilibrium: LargeStrainEquilibrium = SlidingBodiesEquilibrium(
+                *body_data, mortars=mortars
+            )
             kinematics = LargeStrainKinematics(interface, self._surfaces, start, mortars)
         else:
             equilibrium = LargeStrainEquilibrium(*body_data)
-            kinematics = LargeStrainKinematics(interface, self._surfaces, start, NoDeformablePairs())
-        increment = Increment(
-            system, equilibrium, kinematics, start, prescribed=target.q, totals=target.totals
+            kinematics = LargeStrainKinematics(
+                interface, self._surfaces, start, NoDeformablePairs()
+            )
+        increment = IncrementEquations(
+            system,
+            equilibrium,
+            kinematics,
+            start,
+            prescribed=target.q,
+            totals=target.free_motion_forces,
         )
         return increment, kinematics
 
@@ -510,7 +541,7 @@ class LargeStrainStepping:
         return np.where(free, 0, -1), ResidualFingerprint(self._residual_system, self.coefficients)
 
     @property
-    def stiffness(self) -> PETSc.Mat:
+    def last_tangent(self) -> PETSc.Mat:
         """Tangent (n, n) of the last linearisation."""
         return self._residual_system.tangent
 
@@ -529,7 +560,7 @@ class LargeStrainStepping:
         is_single = isinstance(self._conditions, fem.DirichletBC)
         return [self._conditions] if is_single else self._conditions
 
-    def linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
+    def linearise_at_part_end(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         """Return the equations linearised at the end of a substep.
 
         The unknown function, constants and conditions are set to their values at the end of the
@@ -537,25 +568,31 @@ class LargeStrainStepping:
         """
         self._apply_load(part.load, part.fraction)
         free_motions = part.part_end.free_motions
-        system = self._system_for(free_motions)
-        target = TargetLoadsAndMotions.from_state(part.part_end, part.part_end.placements)
+        system = self._cached_contact_system_for(free_motions)
+        target = TargetLoadsAndMotions.from_state(
+            part.part_end, part.part_end.translations_and_rotations
+        )
         target = target.with_free_motions(free_motions)
         unknowns = part.part_end.unknowns
-        increment, kinematics = self._start_increment(part.part_start, target, system, unknowns)
+        increment, kinematics = self._make_equations_and_kinematics(
+            part.part_start, target, system, unknowns
+        )
         states, dim = (part.part_start, part.part_end), self.interface.position.shape[1]
         has_rotated = any(pair.rotation for state in states for pair in state.pairs)
         if has_rotated or any(axis == dim for _, axis in free_motions):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
-        end = make_increment_start(part.part_end, self.interface, part.part_end.placements)
+        end = make_increment_start(
+            part.part_end, self.interface, part.part_end.translations_and_rotations
+        )
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
-        solution = increment.evaluate(unknowns, end.q, linearised)
-        increment.equilibrium.linearise(linearised.torque_map)
+        solution = increment.evaluate_all_conditions(unknowns, end.q, linearised)
+        increment.equilibrium.linearise_and_return_load(linearised.torque_map)
         slip_by_start = kinematics.differentiate_slip_by_start_displacement(linearised)
         return EquationsLinearisedAtEnd(
             increment, solution, self._residual_system.tangent, self._reduction, slip_by_start
         )
 
-    def _system_for(self, free_motions: FreeMotionIndices) -> ContactSystem:
+    def _cached_contact_system_for(self, free_motions: FreeMotionIndices) -> ContactSystem:
         """Return the contact system for given free motions; the last system is cached."""
         if self._system is None or self._system.free_motions != free_motions:
             self.release()
@@ -567,7 +604,7 @@ class LargeStrainStepping:
                 self.interface,
                 free_motions,
                 self.solver,
-                self._surfaces.torque_map(zero_motions, zero_vectors, zero_vectors),
+                self._surfaces.linearise_torque_map(zero_motions, zero_vectors, zero_vectors),
             )
         return self._system
 

@@ -30,22 +30,36 @@ from pw_elements.checks import (
     check_same_arguments_on_all_processes,
     raise_errors_on_all_processes,
 )
-from pw_elements.contact.interface import Interface, build_interface, find_reduced_column_of_each_unknown
+from pw_elements.contact.interface import (
+    ContactInterface,
+    build_interface,
+    find_reduced_column_of_each_unknown,
+)
 from pw_elements.contact.iteration import make_pair_states
-from pw_elements.contact.model import ContactPair, ContactState, FrictionCone, Residuals, Smallness
+from pw_elements.contact.model import (
+    ContactPair,
+    ContactState,
+    FrictionCone,
+    Residuals,
+    SmallDisplacementMeasures,
+)
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.checks import SurfacePathInTime, check_contact_arguments, check_and_list_surface_paths
+from pw_elements.contact.steps.checks import (
+    SurfacePathInTime,
+    check_and_list_surface_paths,
+    check_contact_arguments,
+)
 from pw_elements.contact.steps.smallness import (
     SmallDisplacementAndPassingCheck,
     gradient_at_vertices,
-    warn_if_no_longer_small,
     measure_max_strain_and_rotation,
+    warn_if_no_longer_small,
 )
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_stored_in_blocks
 from pw_elements.spaces import read_record
 
-Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
+ConstantOrTransientLoad: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
 # Default time step relative to the critical one
 _DEFAULT_TO_CRITICAL_STEP_RATIO = 0.9
@@ -53,7 +67,7 @@ _DEFAULT_TO_CRITICAL_STEP_RATIO = 0.9
 _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY = 3e-9
 # Relative difference between masses of one node, and between numbers of steps, that counts as
 # round-off
-_ROUND_OFF = 1e-9
+_RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS = 1e-9
 # Number of bisections that determine, to round-off, a slip combined with a prescribed slip
 _N_SLIP_BISECTIONS = 60
 # Largest initial penetration, relative to the extent of the contact nodes, that counts as round-off
@@ -109,8 +123,14 @@ def solve_nodal_contact_of_step(
     normal_force = np.where(end_gap < 0, -stiffness * end_gap, 0.0)
     slip = contact_free_displacement - surface_displacement
     slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
-    prescribed_slip, slip = np.where(friction_opposes_support, slip, 0.0), np.where(is_supported, 0.0, slip)
-    limit, stick_force = cone.limit(normal_force)[0], stiffness * np.linalg.norm(slip, axis=1)
+    prescribed_slip, slip = (
+        np.where(friction_opposes_support, slip, 0.0),
+        np.where(is_supported, 0.0, slip),
+    )
+    limit, stick_force = (
+        cone.friction_limits_and_slopes(normal_force)[0],
+        stiffness * np.linalg.norm(slip, axis=1),
+    )
     stopped_ratio: Array = np.minimum(1.0, limit / np.where(stick_force > 0, stick_force, 1.0))
     slip_ratio = np.asarray(1 - stopped_ratio)
     is_dragged: Mask = np.any(prescribed_slip != 0, axis=1)
@@ -127,10 +147,14 @@ def solve_nodal_contact_of_step(
     force_against_slip = -limit[:, None] * remaining_slip / np.where(slip_size > 0, slip_size, 1.0)
     force_that_stops = -(stopped_ratio * stiffness)[:, None] * slip
     force = np.where(is_dragged[:, None], force_against_slip, force_that_stops)
-    return NodalContactForcesAndSlip(normal_force, force, np.maximum(end_gap, 0.0), normal, remaining_slip)
+    return NodalContactForcesAndSlip(
+        normal_force, force, np.maximum(end_gap, 0.0), normal, remaining_slip
+    )
 
 
-def _fraction_of_slip_remaining_under_friction(prescribed_slip: Array, frictionless_slip: Array, max_slip_reduction: Array) -> Array:
+def _fraction_of_slip_remaining_under_friction(
+    prescribed_slip: Array, frictionless_slip: Array, max_slip_reduction: Array
+) -> Array:
     """Return the fraction (n,) of a free slip that remains under friction and a prescribed slip.
 
     A node has a prescribed slip f, and would have a free slip v perpendicular to it without
@@ -145,7 +169,10 @@ def _fraction_of_slip_remaining_under_friction(prescribed_slip: Array, frictionl
     lower, upper = np.zeros_like(frictionless_slip), frictionless_slip.copy()
     for _ in range(_N_SLIP_BISECTIONS):
         middle = (lower + upper) / 2
-        is_too_large = middle + max_slip_reduction * middle / np.hypot(prescribed_slip, middle) > frictionless_slip
+        is_too_large = (
+            middle + max_slip_reduction * middle / np.hypot(prescribed_slip, middle)
+            > frictionless_slip
+        )
         lower, upper = np.where(is_too_large, lower, middle), np.where(is_too_large, middle, upper)
     return np.asarray(upper / np.where(frictionless_slip > 0, frictionless_slip, 1.0))
 
@@ -250,7 +277,7 @@ def solve_impact(
     space: fem.FunctionSpace,
     duration: float,
     velocity: PETSc.Vec,
-    load: Load | None = None,
+    load: ConstantOrTransientLoad | None = None,
     paths: SurfacePathInTime | Sequence[SurfacePathInTime | None] = (),
     displacement: PETSc.Vec | None = None,
     step: float | None = None,
@@ -321,7 +348,7 @@ def solve_impact(
         raise ValueError(
             f"step = {step:.6g}: central differences are stable up to {max_stable_step:.6g}"
         )
-    n_steps = np.ceil(duration / step * (1 - _ROUND_OFF))
+    n_steps = np.ceil(duration / step * (1 - _RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS))
     if n_steps > max_steps:
         hours = n_steps * _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY * K.getInfo()["nz_used"] / 3600
         raise ValueError(
@@ -336,21 +363,33 @@ def solve_impact(
     if displacement is not None:
         u.setArray(np.where(is_free, displacement.array_r, reduction.offset.array_r))
     integration = _CentralDifferenceIntegration(
-        K, _extract_isotropic_nodal_masses(M, space), is_free, interface, surface_paths, load, step, u, v
+        K,
+        _extract_isotropic_nodal_masses(M, space),
+        is_free,
+        interface,
+        surface_paths,
+        load,
+        step,
+        u,
+        v,
     )
-    smallness, gradient_function = Smallness(), fem.Function(space)
+    smallness, gradient_function = SmallDisplacementMeasures(), fem.Function(space)
     gradient = gradient_at_vertices(gradient_function)
-    integration.max_surface_steps = SmallDisplacementAndPassingCheck(interface, space).min_facet_sizes
+    integration.max_surface_steps = SmallDisplacementAndPassingCheck(
+        interface, space
+    ).min_facet_sizes
     kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with report_activity(comm, f"{n_steps} time steps"):
         for n in range(1, n_steps + 1):
-            contact = integration.advance()
+            contact = integration.advance_one_step()
             if n in kept_steps or n == n_steps:
                 true_displacement = u.copy() if sibling is None else sibling.displacement(u)
                 state = integration.make_state_of_last_step(true_displacement, contact)
-                largest = measure_max_strain_and_rotation(gradient, gradient_function, true_displacement)
-                previous, smallness = smallness, Smallness(*largest)
+                largest = measure_max_strain_and_rotation(
+                    gradient, gradient_function, true_displacement
+                )
+                previous, smallness = smallness, SmallDisplacementMeasures(*largest)
                 warn_if_no_longer_small(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
     forces, translations = np.array(integration.forces), np.array(integration.translations)
@@ -363,7 +402,9 @@ def solve_impact(
             PairHistory(
                 position=interface.gather_pair_in_position_order(k, interface.position),
                 node=interface.gather_pair_in_position_order(k, interface.node),
-                force=interface.gather_pair_in_position_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
+                force=interface.gather_pair_in_position_order(k, forces.swapaxes(0, 1)).swapaxes(
+                    0, 1
+                ),
                 translation=translations[:, k],
             )
             for k in range(len(contact_pairs))
@@ -404,9 +445,9 @@ class _CentralDifferenceIntegration:
         K: PETSc.Mat,
         mass: Array,
         is_free: Mask,
-        interface: Interface,
+        interface: ContactInterface,
         paths: Sequence[SurfacePathInTime | None],
-        load: Load | None,
+        load: ConstantOrTransientLoad | None,
         step: float,
         u: PETSc.Vec,
         v: PETSc.Vec,
@@ -439,7 +480,9 @@ class _CentralDifferenceIntegration:
         gap = gap + np.sum(normal * u.array_r[self._node_rows], axis=1)
         depth = -interface.gather_values(gap).min()
         interface.raise_error_for_invalid_points(
-            gap < -_MAX_INITIAL_PENETRATION_PER_EXTENT * np.ptp(interface.gather_values(interface.position)),
+            gap
+            < -_MAX_INITIAL_PENETRATION_PER_EXTENT
+            * np.ptp(interface.gather_values(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it start "
             f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
             "earlier)",
@@ -447,7 +490,7 @@ class _CentralDifferenceIntegration:
         self._record_energies(np.zeros(3))
         self.max_surface_steps = [np.inf] * len(paths)
 
-    def advance(self) -> NodalContactForcesAndSlip:
+    def advance_one_step(self) -> NodalContactForcesAndSlip:
         """Advance by one time step and return its contact forces."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
@@ -499,7 +542,9 @@ class _CentralDifferenceIntegration:
         self.forces.append(contact.force)
         return contact
 
-    def make_state_of_last_step(self, displacement: PETSc.Vec, contact: NodalContactForcesAndSlip) -> ContactState:
+    def make_state_of_last_step(
+        self, displacement: PETSc.Vec, contact: NodalContactForcesAndSlip
+    ) -> ContactState:
         """Return displacements and contact forces of the last step as a `ContactState`."""
         interface, is_closed = self._interface, contact.force_normal > 0
         slip = np.where(is_closed[:, None], contact.slip, 0.0)
@@ -580,7 +625,10 @@ def _extract_isotropic_nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> A
     mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with raise_errors_on_all_processes(space.mesh.comm):
-        if np.any(np.ptp(mass_of_node, axis=1) > _ROUND_OFF * mass_of_node[:, 0]):
+        if np.any(
+            np.ptp(mass_of_node, axis=1)
+            > _RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS * mass_of_node[:, 0]
+        ):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
             )

@@ -23,8 +23,8 @@ from pw_elements.contact.interface import find_reduced_column_of_each_unknown
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactFailed, ContactPair, ContactState, Motion
 from pw_elements.contact.output import (
-    Callback,
-    Fingerprint,
+    ProblemFingerprint,
+    ProgressCallback,
     check_changed_parts,
     fingerprint_mesh_supports_and_pairs,
     fingerprint_stiffness,
@@ -33,12 +33,12 @@ from pw_elements.contact.output import (
 )
 from pw_elements.contact.rescue import LoadFractionSetter
 from pw_elements.contact.steps.checks import (
-    Remedies,
+    RemedyNamesOrCostRatios,
+    check_and_list_loads_and_motions,
     check_constants_are_used,
     check_contact_arguments,
     check_function_or_none,
     check_large_strain_surfaces,
-    check_and_list_loads_and_motions,
     check_loads_fit_problem,
     check_outputs,
     check_parameters,
@@ -51,9 +51,9 @@ from pw_elements.contact.steps.checks import (
 )
 from pw_elements.contact.steps.finite import LargeStrainStepping
 from pw_elements.contact.steps.sensitivity import (
-    Derivatives,
-    Output,
-    Parameter,
+    OutputDerivatives,
+    SensitivityOutput,
+    SensitivityParameter,
     iterate_increments_and_substeps,
 )
 from pw_elements.contact.steps.stepping import REMEDIES_FOR_FAILED_ITERATION, SmallStrainStepping
@@ -61,7 +61,7 @@ from pw_elements.progress import report_activity
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
-    Solver,
+    SolverOrAuto,
     choose_solver,
     collect_garbage,
     compute_with_direct_fallback,
@@ -116,10 +116,10 @@ class ContactProblem:
         reduction: Reduction,
         pairs: ContactPair | Sequence[ContactPair],
         space: fem.FunctionSpace,
-        solver: Solver = None,
+        solver: SolverOrAuto = None,
         max_iterations: int = 50,
-        callback: Callback | None = None,
-        remedies: Remedies = REMEDIES_FOR_FAILED_ITERATION,
+        callback: ProgressCallback | None = None,
+        remedies: RemedyNamesOrCostRatios = REMEDIES_FOR_FAILED_ITERATION,
     ) -> None:
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
@@ -154,9 +154,9 @@ class ContactProblem:
         u: fem.Function,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         pairs: ContactPair | Sequence[ContactPair],
-        solver: Solver = None,
+        solver: SolverOrAuto = None,
         max_iterations: int = 25,
-        callback: Callback | None = None,
+        callback: ProgressCallback | None = None,
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
     ) -> "ContactProblem":
@@ -252,9 +252,9 @@ class ContactProblem:
         """
         check_start_state(state, self.undeformed)
         dim = self._space.mesh.geometry.dim
-        return self._solve_step(state, load, list_motions(motions, self.pairs, dim))
+        return self._check_load_and_solve_step(state, load, list_motions(motions, self.pairs, dim))
 
-    def _solve_step(
+    def _check_load_and_solve_step(
         self,
         state: ContactState,
         load: Any,  # noqa: ANN401
@@ -288,8 +288,8 @@ class ContactProblem:
     def sensitivity(
         self,
         states: Sequence[ContactState],
-        outputs: Sequence[Output],
-        parameters: Sequence[Parameter],
+        outputs: Sequence[SensitivityOutput],
+        parameters: Sequence[SensitivityParameter],
         loads: Sequence[LoadFractionSetter | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
@@ -353,13 +353,15 @@ class ContactProblem:
             )
         output_list = check_outputs(outputs, len(self.pairs), *space_and_kind)
         parameter_list = check_parameters(parameters, len(states), self.pairs, *space_and_kind)
-        if self._residual_stepping is not None:
-            check_constants_are_used(parameter_list, output_list, self._residual_stepping)
+        if self._large_strain_stepping_or_none is not None:
+            check_constants_are_used(
+                parameter_list, output_list, self._large_strain_stepping_or_none
+            )
         parts = list(iterate_increments_and_substeps(states, loads or [None] * n_steps))
-        derivatives = Derivatives(
+        derivatives = OutputDerivatives(
             stepping.interface,
-            stepping.linearise,
-            self._residual_stepping,
+            stepping.linearise_at_part_end,
+            self._large_strain_stepping_or_none,
             parts,
             output_list,
             parameter_list,
@@ -384,20 +386,22 @@ class ContactProblem:
         return self._small_strain_stepping
 
     @property
-    def _residual_stepping(self) -> LargeStrainStepping | None:
+    def _large_strain_stepping_or_none(self) -> LargeStrainStepping | None:
         return None
 
     @property
-    def _stiffness(self) -> PETSc.Mat:
+    def _stiffness_or_tangent(self) -> PETSc.Mat:
         return self._K
 
-    def _identify(self) -> Fingerprint:
+    def _make_fingerprint(self) -> ProblemFingerprint:
         """Return data that identify the problem; collective.
 
         They do not depend on the number of processes.
         """
-        parts = self._fingerprint_mesh_supports_and_pairs(find_reduced_column_of_each_unknown(self._reduction.right))
-        return Fingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
+        parts = self._fingerprint_mesh_supports_and_pairs(
+            find_reduced_column_of_each_unknown(self._reduction.right)
+        )
+        return ProblemFingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
     def _fingerprint_mesh_supports_and_pairs(self, column_of_unknown: Indices) -> dict[str, Any]:
         """Return the identifying data that all problems have in common.
@@ -406,7 +410,9 @@ class ContactProblem:
             column_of_unknown: array (n,) of this process, -1 for unknowns that supports prescribe.
         """
         interface, states = self._current_stepping.interface, self.undeformed.pairs
-        return fingerprint_mesh_supports_and_pairs(interface, self.pairs, states, column_of_unknown, self._space)
+        return fingerprint_mesh_supports_and_pairs(
+            interface, self.pairs, states, column_of_unknown, self._space
+        )
 
     @check_same_arguments_on_all_processes
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -424,7 +430,7 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state_fits_problem(state, self.undeformed, "the state")
-        write_state(path, state, self._space, self._history_spaces, self._identify())
+        write_state(path, state, self._space, self._history_spaces, self._make_fingerprint())
 
     @check_same_arguments_on_all_processes
     def load(
@@ -452,9 +458,15 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         check_changed_parts(changed)
-        spaces, identity = (self._space, self._history_spaces), self._identify()
+        spaces, identity = (self._space, self._history_spaces), self._make_fingerprint()
         return read_state(
-            path, *spaces, identity, self.undeformed, self.pairs, self._stiffness, changed
+            path,
+            *spaces,
+            identity,
+            self.undeformed,
+            self.pairs,
+            self._stiffness_or_tangent,
+            changed,
         )
 
 
@@ -470,9 +482,9 @@ class _ResidualProblem(ContactProblem):
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         pairs: ContactPair | Sequence[ContactPair],
         *,
-        solver: Solver,
+        solver: SolverOrAuto,
         max_iterations: int,
-        callback: Callback | None,
+        callback: ProgressCallback | None,
         history: Sequence[fem.Function],
         update: Callable[[], None] | None,
     ) -> None:
@@ -507,7 +519,7 @@ class _ResidualProblem(ContactProblem):
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
 
-    def _solve_step(
+    def _check_load_and_solve_step(
         self,
         state: ContactState,
         load: Any,  # noqa: ANN401
@@ -528,16 +540,16 @@ class _ResidualProblem(ContactProblem):
         return self._large_strain_stepping
 
     @property
-    def _residual_stepping(self) -> LargeStrainStepping | None:
+    def _large_strain_stepping_or_none(self) -> LargeStrainStepping | None:
         return self._large_strain_stepping
 
     @property
-    def _stiffness(self) -> PETSc.Mat:
-        return self._large_strain_stepping.stiffness
+    def _stiffness_or_tangent(self) -> PETSc.Mat:
+        return self._large_strain_stepping.last_tangent
 
-    def _identify(self) -> Fingerprint:
+    def _make_fingerprint(self) -> ProblemFingerprint:
         column, residual = self._large_strain_stepping.support_markers_and_residual_fingerprint()
-        return Fingerprint(self._fingerprint_mesh_supports_and_pairs(column), residual)
+        return ProblemFingerprint(self._fingerprint_mesh_supports_and_pairs(column), residual)
 
 
 @check_same_arguments_on_all_processes
@@ -548,9 +560,9 @@ def solve_contact(
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
     max_iterations: int = 50,
-    solver: Solver = None,
-    callback: Callback | None = None,
-    remedies: Remedies = REMEDIES_FOR_FAILED_ITERATION,
+    solver: SolverOrAuto = None,
+    callback: ProgressCallback | None = None,
+    remedies: RemedyNamesOrCostRatios = REMEDIES_FOR_FAILED_ITERATION,
 ) -> list[ContactState]:
     """Solve contact at small displacements; return the state at the end of each increment.
 

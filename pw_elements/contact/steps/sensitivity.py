@@ -27,8 +27,8 @@ from ufl.algorithms import expand_derivatives
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration import Increment, NewtonState
+from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.iteration import IncrementEquations, NewtonState
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import (
     LinearisedContactLaw,
@@ -38,8 +38,10 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system import AssembledTangent
 from pw_elements.spaces import assemble_scalar, assemble_vector
 
-Output: TypeAlias = ufl.Form | PETSc.Vec | tuple[Literal["force", "translation"], int, int]
-Parameter: TypeAlias = (
+SensitivityOutput: TypeAlias = (
+    ufl.Form | PETSc.Vec | tuple[Literal["force", "translation"], int, int]
+)
+SensitivityParameter: TypeAlias = (
     fem.Constant
     | tuple[Literal["friction"], int]
     | tuple[Literal["motion"], int, Any]
@@ -111,7 +113,9 @@ class StateDerivativeOrWeights:
     translations: Array
     force: Array
 
-    def add_multiple(self, factor: float, other: "StateDerivativeOrWeights") -> "StateDerivativeOrWeights":
+    def add_multiple(
+        self, factor: float, other: "StateDerivativeOrWeights"
+    ) -> "StateDerivativeOrWeights":
         """Return the sum of this change and `factor` times another change."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
@@ -165,7 +169,7 @@ class EquationsLinearisedAtEnd:
 
     def __init__(
         self,
-        increment: Increment,
+        increment: IncrementEquations,
         end: NewtonState,
         K: PETSc.Mat,
         reduction: Reduction,
@@ -223,7 +227,9 @@ class EquationsLinearisedAtEnd:
                 "before or after"
             )
 
-    def propagate_derivative_to_end(self, data_derivatives: ProblemDataDerivatives, start_derivative: StateDerivativeOrWeights) -> StateDerivativeOrWeights:
+    def propagate_derivative_to_end(
+        self, data_derivatives: ProblemDataDerivatives, start_derivative: StateDerivativeOrWeights
+    ) -> StateDerivativeOrWeights:
         """Return the change of the state at the end.
 
         Args:
@@ -231,7 +237,9 @@ class EquationsLinearisedAtEnd:
             start_derivative: change of the state at the start.
         """
         system = self._system
-        load, law, totals, translations, offset = self._assemble_derivative_right_hand_side(data_derivatives)
+        load, law, totals, translations, offset = self._assemble_derivative_right_hand_side(
+            data_derivatives
+        )
         start_motion = (
             system.evaluate_relative_point_displacements(start_derivative.unknowns)
             - start_derivative.translations[system.interface.pair]
@@ -244,10 +252,16 @@ class EquationsLinearisedAtEnd:
         self._reduction.right.multAdd(solution.reduced_unknowns, offset, unknowns)
         system.stiffness.mult(solution.reduced_unknowns, residual)
         residual.axpy(-1.0, load)
-        return StateDerivativeOrWeights(unknowns, translations, system.split_residual_into_contact_and_unbalanced_forces(residual)[0])
+        return StateDerivativeOrWeights(
+            unknowns,
+            translations,
+            system.split_residual_into_contact_and_unbalanced_forces(residual)[0],
+        )
 
     def propagate_weights_to_start(
-        self, end_weights: StateDerivativeOrWeights, data_derivatives_by_parameter: Sequence[ProblemDataDerivatives]
+        self,
+        end_weights: StateDerivativeOrWeights,
+        data_derivatives_by_parameter: Sequence[ProblemDataDerivatives],
     ) -> tuple[Array, StateDerivativeOrWeights]:
         """Return derivatives of a weighted sum, and the weights of the state at the start.
 
@@ -275,7 +289,9 @@ class EquationsLinearisedAtEnd:
         adjoint = system.tangent.solve_transposed(right.array_r, free_weights, self._law)
         derivatives = np.zeros(len(data_derivatives_by_parameter))
         for number, rates in enumerate(data_derivatives_by_parameter):
-            load, law, totals, motion_rates, offset = self._assemble_derivative_right_hand_side(rates)
+            load, law, totals, motion_rates, offset = self._assemble_derivative_right_hand_side(
+                rates
+            )
             right_hand_sides = np.append(
                 *system.assemble_right_hand_sides(load, law, totals, self._torque_map)
             )[: len(adjoint)]
@@ -284,7 +300,9 @@ class EquationsLinearisedAtEnd:
             derivatives[number] += np.sum(end_weights.translations * motion_rates) * (
                 system.comm.rank == 0
             )
-        start_weights = -np.einsum("nab,na->nb", self._by_start, system.extract_at_points(adjoint))
+        start_weights = -np.einsum(
+            "nab,na->nb", self._by_start, system.extract_own_equation_values(adjoint)
+        )
         node_weights, unknowns = motion.createVecLeft(), motion.createVecRight()
         node_weights.setArray(start_weights)
         motion.multTranspose(node_weights, unknowns)
@@ -292,7 +310,9 @@ class EquationsLinearisedAtEnd:
         np.add.at(translations, system.interface.pair, -start_weights)
         for values in (derivatives, translations):
             system.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)
-        return derivatives, StateDerivativeOrWeights(unknowns, translations, np.zeros_like(start_weights))
+        return derivatives, StateDerivativeOrWeights(
+            unknowns, translations, np.zeros_like(start_weights)
+        )
 
     def _assemble_derivative_right_hand_side(
         self, data_derivatives: ProblemDataDerivatives
@@ -308,14 +328,24 @@ class EquationsLinearisedAtEnd:
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
         for pair_and_axis in system.free_motions:
             translations[pair_and_axis] = 0.0
-        reduction = replace(self._reduction, offset=data_derivatives.offset).for_load(self._K, data_derivatives.load)
+        reduction = replace(self._reduction, offset=data_derivatives.offset).for_load(
+            self._K, data_derivatives.load
+        )
         pair = system.interface.pair
         law = replace(self._law, c=data_derivatives.friction[pair, None] * self._by_friction)
         # angles of surfaces that may turn have zero derivatives
         n_angles = law.D.shape[2] - translations.shape[1]
         known_motions = np.pad(translations[pair], [(0, 0), (0, n_angles)])
-        law = eliminate_known_motions(law, known_motions, system.evaluate_point_motions(reduction.offset))
-        return reduction.load(self._K, data_derivatives.load), law, totals, translations, reduction.offset
+        law = eliminate_known_motions(
+            law, known_motions, system.evaluate_point_motions(reduction.offset)
+        )
+        return (
+            reduction.load(self._K, data_derivatives.load),
+            law,
+            totals,
+            translations,
+            reduction.offset,
+        )
 
 
 class ParametricResidual(Protocol):
@@ -332,7 +362,7 @@ class ParametricResidual(Protocol):
 
 
 @dataclass(frozen=True)
-class Derivatives:
+class OutputDerivatives:
     """Derivatives of outputs with respect to parameters, in the direct and the adjoint mode.
 
     Args:
@@ -347,19 +377,25 @@ class Derivatives:
             respect to the parameter.
     """
 
-    interface: Interface
+    interface: ContactInterface
     linearise_end: Callable[[IncrementOrSubstep], EquationsLinearisedAtEnd]
     residual: ParametricResidual | None
     parts: Sequence[IncrementOrSubstep]
-    outputs: Sequence[Output]
-    parameters: Sequence[tuple[Parameter, Array]]
+    outputs: Sequence[SensitivityOutput]
+    parameters: Sequence[tuple[SensitivityParameter, Array]]
 
     def compute_all_by_direct_mode(self) -> Array:
         """Return all derivatives (increments, outputs, parameters), computed in the direct mode."""
         shape = self.parts[-1].increment + 1, len(self.outputs), len(self.parameters)
-        derivatives, changes = np.zeros(shape), [self._zero_state_derivative()] * len(self.parameters)
+        derivatives, changes = (
+            np.zeros(shape),
+            [self._zero_state_derivative()] * len(self.parameters),
+        )
         for part in self.parts:
-            linearised, rates = self._linearise(part), self._evaluate_data_derivatives(part)
+            linearised, rates = (
+                self._linearise_and_locate_errors(part),
+                self._evaluate_data_derivatives(part),
+            )
             changes = [
                 linearised.propagate_derivative_to_end(rate, start_change)
                 for rate, start_change in zip(rates, changes, strict=True)
@@ -369,7 +405,9 @@ class Derivatives:
                 derivatives[part.increment, i] = [
                     weights.inner_product(change) for change in changes
                 ]
-                derivatives[part.increment, i] += self._differentiate_output_at_fixed_state(output, part)
+                derivatives[part.increment, i] += self._differentiate_output_at_fixed_state(
+                    output, part
+                )
         return derivatives
 
     def compute_gradient_by_adjoint_mode(self, output_weights: Array) -> Array:
@@ -383,16 +421,23 @@ class Derivatives:
         """
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_state_derivative()
         for part in reversed(self.parts):
-            linearised, rates = self._linearise(part), self._evaluate_data_derivatives(part)
+            linearised, rates = (
+                self._linearise_and_locate_errors(part),
+                self._evaluate_data_derivatives(part),
+            )
             for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
                 weight = output_weights[part.increment, i]
-                adjoint_weights = adjoint_weights.add_multiple(weight, self._differentiate_output_by_state(output))
+                adjoint_weights = adjoint_weights.add_multiple(
+                    weight, self._differentiate_output_by_state(output)
+                )
                 gradient += weight * self._differentiate_output_at_fixed_state(output, part)
-            part_gradient, adjoint_weights = linearised.propagate_weights_to_start(adjoint_weights, rates)
+            part_gradient, adjoint_weights = linearised.propagate_weights_to_start(
+                adjoint_weights, rates
+            )
             gradient += part_gradient
         return gradient
 
-    def _linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
+    def _linearise_and_locate_errors(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         try:
             return self.linearise_end(part)
         except ValueError as error:
@@ -430,7 +475,9 @@ class Derivatives:
             rates_of_parameters.append(ProblemDataDerivatives(load, offset, motions, friction))
         return rates_of_parameters
 
-    def _differentiate_load_and_supports_by_constant(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
+    def _differentiate_load_and_supports_by_constant(
+        self, constant: fem.Constant, rate: Array
+    ) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Return derivatives (n,) of load and prescribed displacements along a constant's rate."""
         residual = self.residual
         assert residual is not None  # only residuals have constants
@@ -450,7 +497,7 @@ class Derivatives:
         constant.value = value
         return load, offset
 
-    def _differentiate_output_by_state(self, output: Output) -> StateDerivativeOrWeights:
+    def _differentiate_output_by_state(self, output: SensitivityOutput) -> StateDerivativeOrWeights:
         """Return the weights with which the components of a change of state change an output.
 
         A functional is linearised at the present values of the unknown function.
@@ -471,7 +518,9 @@ class Derivatives:
             weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
-    def _differentiate_output_at_fixed_state(self, output: Output, part: IncrementOrSubstep) -> Array:
+    def _differentiate_output_at_fixed_state(
+        self, output: SensitivityOutput, part: IncrementOrSubstep
+    ) -> Array:
         """Return derivatives (parameters,) of an output at a fixed state.
 
         They are zero for all parameters except constants that the output contains.
@@ -480,17 +529,21 @@ class Derivatives:
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
                 if isinstance(constant := parameter_object(parameter), fem.Constant):
-                    change = _differentiate_form_by_constant(output, constant, rates[part.increment + 1])
+                    change = _differentiate_form_by_constant(
+                        output, constant, rates[part.increment + 1]
+                    )
                     derivatives[i] = 0.0 if change.empty() else assemble_scalar(change)
         return derivatives
 
 
-def parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
+def parameter_object(parameter: SensitivityParameter) -> Any:  # noqa: ANN401
     """Return the constant or vector of a parameter, or "friction" or "motion"."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 
 
-def _differentiate_form_by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
+def _differentiate_form_by_constant(
+    form: ufl.Form, constant: fem.Constant, rate: Array
+) -> ufl.Form:
     """Return the derivative of a form along the rate of a constant.
 
     The derivative is an empty form if the form does not contain the constant.

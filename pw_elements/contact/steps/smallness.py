@@ -18,10 +18,20 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import raise_errors_on_all_processes, format_points
-from pw_elements.contact.interface import MIN_NORMAL_COSINE_OF_OUTWARD_PUSH, RIGID, Interface, compute_facet_nodes_positions_and_normals
-from pw_elements.contact.iteration import Increment, NewtonState
-from pw_elements.contact.model import ContactState, PairState, Smallness, SurfacePassed
+from pw_elements.checks import format_points, raise_errors_on_all_processes
+from pw_elements.contact.interface import (
+    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
+    RIGID,
+    ContactInterface,
+    compute_facet_nodes_positions_and_normals,
+)
+from pw_elements.contact.iteration import IncrementEquations, NewtonState
+from pw_elements.contact.model import (
+    ContactState,
+    PairState,
+    SmallDisplacementMeasures,
+    SurfacePassed,
+)
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import log_on_root
 
@@ -52,7 +62,7 @@ _ALLOWED_PER_FACET, _ALLOWED_PER_DISPLACEMENT = 0.05, 1e-6
 # Limits of small displacements. Neglected second-order terms change a strain e by e^2/2. A rotation
 # w turns forces by w and causes strains of w^2/2. After slip by half a facet, a node would face
 # another node
-_SMALL_DISPLACEMENT_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
+_SMALL_DISPLACEMENT_LIMITS = SmallDisplacementMeasures(strain=0.05, rotation=0.05, slip=0.5)
 
 
 def gradient_at_vertices(u: fem.Function) -> fem.Expression:
@@ -84,7 +94,9 @@ def measure_max_strain_and_rotation(
     dim, n_cells = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     strain, rotation = 0.0, 0.0
     for first_cell in range(0, n_cells, _GRADIENT_BATCH_SIZE_IN_CELLS):
-        cells = np.arange(first_cell, min(first_cell + _GRADIENT_BATCH_SIZE_IN_CELLS, n_cells), dtype=np.int32)
+        cells = np.arange(
+            first_cell, min(first_cell + _GRADIENT_BATCH_SIZE_IN_CELLS, n_cells), dtype=np.int32
+        )
         values = np.reshape(gradient.eval(mesh, cells), (-1, dim, dim))
         transposed = np.swapaxes(values, 1, 2)
         symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
@@ -101,7 +113,12 @@ def measure_max_strain_and_rotation(
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
-def warn_if_no_longer_small(smallness: Smallness, previous_smallness: Smallness, message_start: str, comm: MPI.Comm) -> None:
+def warn_if_no_longer_small(
+    smallness: SmallDisplacementMeasures,
+    previous_smallness: SmallDisplacementMeasures,
+    message_start: str,
+    comm: MPI.Comm,
+) -> None:
     """Log a warning if strain, rotation or slip leaves the range of small displacements.
 
     A quantity that was out of range before causes no further warning.
@@ -115,7 +132,9 @@ def warn_if_no_longer_small(smallness: Smallness, previous_smallness: Smallness,
     large_quantities = [
         f"largest {name} {value:.3g} (above {limit:g})"
         for name, value in vars(smallness).items()
-        if value > (limit := getattr(_SMALL_DISPLACEMENT_LIMITS, name)) >= getattr(previous_smallness, name)
+        if value
+        > (limit := getattr(_SMALL_DISPLACEMENT_LIMITS, name))
+        >= getattr(previous_smallness, name)
     ]
     if large_quantities:
         words = f"{message_start} leaves the range of small displacements: {', '.join(large_quantities)}"
@@ -133,11 +152,13 @@ class SmallDisplacementAndPassingCheck:
         min_facet_sizes: size of the smallest facet of each pair.
     """
 
-    def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
+    def __init__(self, interface: ContactInterface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
         self._u = fem.Function(space)
         self._gradient = gradient_at_vertices(self._u)
-        self._node_of_facet, self._facet_normal, size = _measure_exterior_facets_at_nodes(interface.node, space)
+        self._node_of_facet, self._facet_normal, size = _measure_exterior_facets_at_nodes(
+            interface.node, space
+        )
         self._facet_size = np.full(len(interface.node), np.inf)
         np.minimum.at(self._facet_size, self._node_of_facet, size)
         in_pairs = [interface.pair == k for k in range(interface.pairs)]
@@ -150,15 +171,17 @@ class SmallDisplacementAndPassingCheck:
             for in_pair in in_pairs
         ]
 
-    def raise_if_prescribed_motion_passes_body(self, increment: Increment) -> None:
+    def raise_if_prescribed_motion_passes_body(self, increment: IncrementEquations) -> None:
         """Raise SurfacePassed if prescribed translations move a rigid surface through the body."""
         start = increment.start
         is_prescribed = np.isfinite(increment.prescribed)
-        self._raise_if_surfaces_pass_body(start, np.where(is_prescribed, increment.prescribed, start.q))
+        self._raise_if_surfaces_pass_body(
+            start, np.where(is_prescribed, increment.prescribed, start.q)
+        )
 
     def check_and_measure_smallness(
-        self, increment: Increment, end: NewtonState, start_state: ContactState
-    ) -> Smallness:
+        self, increment: IncrementEquations, end: NewtonState, start_state: ContactState
+    ) -> SmallDisplacementMeasures:
         """Return the largest strain, rotation and slip of a solution; warn if one is too large.
 
         Args:
@@ -178,17 +201,25 @@ class SmallDisplacementAndPassingCheck:
         for k in np.flatnonzero(self._is_rigid_pair):
             in_pair = is_closed & (interface.pair == k)
             self._raise_surface_passed_if_any(
-                k, in_pair & (cosine > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH), "pushes the body outwards at"
+                k,
+                in_pair & (cosine > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH),
+                "pushes the body outwards at",
             )
             if strain > _MIN_STRAIN_TO_CROSS_THICKNESS:
                 is_beyond = in_pair & self._find_nodes_pushed_beyond_far_side(end)
-                self._raise_surface_passed_if_any(k, is_beyond, "is through the whole thickness of the body at")
-        smallness = Smallness(strain, rotation, self._measure_max_slip_in_facets(increment, end))
+                self._raise_surface_passed_if_any(
+                    k, is_beyond, "is through the whole thickness of the body at"
+                )
+        smallness = SmallDisplacementMeasures(
+            strain, rotation, self._measure_max_slip_in_facets(increment, end)
+        )
         when = f"increment {start_state.increment}"
-        warn_if_no_longer_small(smallness, start_state.smallness or Smallness(), when, self._comm)
+        warn_if_no_longer_small(
+            smallness, start_state.smallness or SmallDisplacementMeasures(), when, self._comm
+        )
         return smallness
 
-    def _measure_max_slip_in_facets(self, increment: Increment, end: NewtonState) -> float:
+    def _measure_max_slip_in_facets(self, increment: IncrementEquations, end: NewtonState) -> float:
         """Return the largest slip of a closed node, divided by the size of its facets.
 
         On rigid surfaces, slip is measured from the start of the increment; between two bodies, it
@@ -225,13 +256,18 @@ class SmallDisplacementAndPassingCheck:
         """
         for k, is_rigid in enumerate(self._is_rigid_pair):
             path = end_translations[k] - start.q[k]
-            if is_rigid and np.linalg.norm(path) > _SURFACE_PATH_STEP_IN_FACETS * self.min_facet_sizes[k]:
+            if (
+                is_rigid
+                and np.linalg.norm(path) > _SURFACE_PATH_STEP_IN_FACETS * self.min_facet_sizes[k]
+            ):
                 is_swallowed = self._find_nodes_reached_from_behind(k, start, path)
                 self._raise_surface_passed_if_any(
                     k, is_swallowed, "passes through the body: it goes through the nodes at"
                 )
 
-    def _find_nodes_reached_from_behind(self, pair_number: int, start: IncrementStart, surface_path: Array) -> Mask:
+    def _find_nodes_reached_from_behind(
+        self, pair_number: int, start: IncrementStart, surface_path: Array
+    ) -> Mask:
         """Return a mask (m,) of the nodes that a rigid surface reaches from the wrong side.
 
         Relative to the surface, each node moves along the reverse of the surface's path, by half of
@@ -245,23 +281,37 @@ class SmallDisplacementAndPassingCheck:
         """
         interface, in_pair = self._interface, self._interface.pair == pair_number
         surface, facet_size = interface.surfaces[pair_number], self.min_facet_sizes[pair_number]
-        x, displacement = interface.position[in_pair] - start.q[pair_number], start.displacement[in_pair]
+        x, displacement = (
+            interface.position[in_pair] - start.q[pair_number],
+            start.displacement[in_pair],
+        )
         length = float(np.linalg.norm(surface_path))
         step = max(_SURFACE_PATH_STEP_IN_FACETS * facet_size, length / _MAX_SURFACE_PATH_STEPS)
         # avoid points where a surface has no normal, such as the centre of a sphere
-        x = x + _OFFSET_FROM_SINGULAR_POINTS_IN_FACETS * facet_size * np.sqrt(np.arange(2, 2 + x.shape[1]))
+        x = x + _OFFSET_FROM_SINGULAR_POINTS_IN_FACETS * facet_size * np.sqrt(
+            np.arange(2, 2 + x.shape[1])
+        )
 
         path_ratio, is_swallowed = np.zeros(len(x)), np.zeros(len(in_pair), dtype=bool)
         normals = np.zeros_like(interface.position)
-        n_nodes, substitute, is_finished = len(x), interface.first_node_position_of_each_pair[pair_number], False
+        n_nodes, substitute, is_finished = (
+            len(x),
+            interface.first_node_position_of_each_pair[pair_number],
+            False,
+        )
         while not is_finished:
             with raise_errors_on_all_processes(self._comm):
                 position = x - path_ratio[:, None] * surface_path if n_nodes else substitute
                 gap, normal = surface.gap(position)[:n_nodes], surface.normal(position)[:n_nodes]
                 depth = -(gap + np.sum(normal * displacement, axis=1))
                 normals[in_pair] = normal
-                is_outwards = self._min_cosine_to_outward_normals(normals)[in_pair] > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH
-                is_swallowed[in_pair] |= is_outwards & (depth > _MIN_DEPTH_INSIDE_SURFACE_IN_FACETS * facet_size)
+                is_outwards = (
+                    self._min_cosine_to_outward_normals(normals)[in_pair]
+                    > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH
+                )
+                is_swallowed[in_pair] |= is_outwards & (
+                    depth > _MIN_DEPTH_INSIDE_SURFACE_IN_FACETS * facet_size
+                )
                 # the surface is a gap away; take half of it, since a gap may not be a distance
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
                 last_ratio, path_ratio = path_ratio, np.minimum(path_ratio + stride / length, 1.0)
@@ -280,7 +330,8 @@ class SmallDisplacementAndPassingCheck:
         deformed, normals = x + u.x.array.reshape(-1, dim), interface.gather_values(normal)
         far_ends = np.array([(x @ n).max() for n in normals])
         far_ends = (
-            np.max(self._comm.allgather(far_ends), axis=0) - _RELATIVE_POSITION_ROUND_OFF * np.abs(x).max()
+            np.max(self._comm.allgather(far_ends), axis=0)
+            - _RELATIVE_POSITION_ROUND_OFF * np.abs(x).max()
         )
         deformed_ends = [
             (deformed @ n).max(where=x @ n >= end, initial=-np.inf)
@@ -310,7 +361,9 @@ class SmallDisplacementAndPassingCheck:
             )
 
 
-def _measure_exterior_facets_at_nodes(node: Indices, space: fem.FunctionSpace) -> tuple[Indices, Array, Array]:
+def _measure_exterior_facets_at_nodes(
+    node: Indices, space: fem.FunctionSpace
+) -> tuple[Indices, Array, Array]:
     """Return data (f, ...) of the exterior facets around m nodes of this process.
 
     A facet occurs once for each of its nodes. Facets that belong to other processes are included.
@@ -325,7 +378,9 @@ def _measure_exterior_facets_at_nodes(node: Indices, space: fem.FunctionSpace) -
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = compute_facet_nodes_positions_and_normals(space, exterior_facet_indices(mesh.topology))
+    nodes, x, normal = compute_facet_nodes_positions_and_normals(
+        space, exterior_facet_indices(mesh.topology)
+    )
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     facet, corner = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
     diameter = np.linalg.norm(x[facet][:, :, None] - x[facet][:, None], axis=3).max(axis=(1, 2))
@@ -339,7 +394,9 @@ def _measure_exterior_facets_at_nodes(node: Indices, space: fem.FunctionSpace) -
     return node_number, outward[is_own], size[is_own]
 
 
-def log_slip_differences(state: ContactState, interface: Interface, warned_pairs: set[int]) -> None:
+def log_slip_differences(
+    state: ContactState, interface: ContactInterface, warned_pairs: set[int]
+) -> None:
     """Log a warning, once for each pair, if the two measures of slip of `PairState` differ.
 
     The friction law uses `PairState.slip`; `PairState.path_slip` is the slip along the path of
@@ -356,11 +413,14 @@ def log_slip_differences(state: ContactState, interface: Interface, warned_pairs
         if k in interface.mortars:
             mortar = interface.mortars[k]
             slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)
-            allowed = _ALLOWED_PER_FACET * mortar.measure_shortest_facet_at_slave_nodes()[slave_number]
+            allowed = (
+                _ALLOWED_PER_FACET * mortar.measure_shortest_facet_at_slave_nodes()[slave_number]
+            )
         slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
         has_friction = (pair.status != OPEN) & (pair.friction > 0)
         is_wrong = has_friction & (
-            difference > np.maximum(MAX_RELATIVE_PATH_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
+            difference
+            > np.maximum(MAX_RELATIVE_PATH_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
         )
         if is_wrong.any() and k not in warned_pairs:
             warned_pairs.add(k)

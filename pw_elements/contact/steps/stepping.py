@@ -25,20 +25,24 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, full_size_masking_reduction, scale_pressures_to_displacements
+from pw_elements.algebra import (
+    Reduction,
+    full_size_masking_reduction,
+    scale_pressures_to_displacements,
+)
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import build_interface
 from pw_elements.contact.iteration import (
     RELATIVE_DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
-    TargetLoadsAndMotions,
     LinearEquilibrium,
-    LinearIncrement,
+    LinearIncrementEquations,
     NewtonState,
+    TargetLoadsAndMotions,
     choose_first_active_set,
     interpolate_targets,
-    make_target_in_equilibrium_with_state,
     make_contact_state,
+    make_target_in_equilibrium_with_state,
     recover_active_set_of_state,
     solve_increment,
 )
@@ -57,11 +61,11 @@ from pw_elements.contact.nodes import (
     ActiveSet,
     IncrementStart,
     LinearisedKinematics,
-    TorqueMap,
     SmallStrainKinematics,
+    TorqueMap,
     make_increment_start,
 )
-from pw_elements.contact.output import Callback, ProgressReporter
+from pw_elements.contact.output import ProgressCallback, ProgressReporter
 from pw_elements.contact.rescue import (
     RigidMotions,
     combine_substeps_with_summed_slip,
@@ -71,15 +75,24 @@ from pw_elements.contact.rescue import (
     solve_in_substeps,
     solve_with_softening_springs,
 )
-from pw_elements.contact.steps.sensitivity import IncrementOrSubstep, EquationsLinearisedAtEnd
-from pw_elements.contact.steps.smallness import SmallDisplacementAndPassingCheck, log_slip_differences
+from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
+from pw_elements.contact.steps.smallness import (
+    SmallDisplacementAndPassingCheck,
+    log_slip_differences,
+)
 from pw_elements.contact.steps.verification import (
     VerificationScales,
     check_stiffness_sign,
     measure_small_strain_kinematics,
     verify_state,
 )
-from pw_elements.contact.system import NO_COST, Accuracy, ContactSystem, Cost, measure_cost
+from pw_elements.contact.system import (
+    NO_COST,
+    ContactSystem,
+    LinearSolveAccuracy,
+    SolveCountAndReport,
+    measure_cost,
+)
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
@@ -91,14 +104,14 @@ from pw_elements.solvers import (
 from pw_elements.spaces import read_record
 
 # Smallest substep, as a fraction of the increment
-_MIN_SUBSTEP = 1 / 16
+_MIN_SUBSTEP_FRACTION_OF_INCREMENT = 1 / 16
 
 # Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
 # remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first attempt. The first
 # attempt counts as at least _MIN_ATTEMPT_SOLVES systems, fewer if there are more than
 # _SMALL_PROBLEM_DOFS unknowns
-Remedy: TypeAlias = Literal["springs", "cutback"]
-REMEDIES_FOR_FAILED_ITERATION: tuple[Remedy, ...] = ("springs", "cutback")
+RemedyName: TypeAlias = Literal["springs", "cutback"]
+REMEDIES_FOR_FAILED_ITERATION: tuple[RemedyName, ...] = ("springs", "cutback")
 MAX_REMEDY_COST_PER_FIRST_ATTEMPT = 3.0
 _MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
 # Number of iterations after which a proof is attempted that there is no equilibrium. Most
@@ -129,8 +142,8 @@ class SmallStrainStepping:
         space: fem.FunctionSpace,
         *,
         max_iterations: int,
-        callback: Callback | None,
-        remedies: Mapping[Remedy, float],
+        callback: ProgressCallback | None,
+        remedies: Mapping[RemedyName, float],
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
@@ -166,15 +179,19 @@ class SmallStrainStepping:
         comm = self.interface.comm
         with report_activity(comm, f"contact increment {state.increment}"):
             reporter = ProgressReporter(comm, state.increment, self._callback)
-            cost_before = self._cost(free_motions)
+            cost_before = self._measure_cost_since(free_motions)
             try:
                 solution = self._solve_substep(state, end, reporter, cost_before)
             except NotFound as failure:
                 substeps = self._solve_in_substeps(state, end, reporter)
                 if not substeps:
                     raise
-                iterations, report = self._cost(free_motions, cost_before)
-                solution = replace(combine_substeps_with_summed_slip(substeps), iterations=iterations, report=report)
+                iterations, report = self._measure_cost_since(free_motions, cost_before)
+                solution = replace(
+                    combine_substeps_with_summed_slip(substeps),
+                    iterations=iterations,
+                    report=report,
+                )
                 reached_fraction, _ = substeps[-1]
                 if reached_fraction < 1:
                     failure.last_substate = reached_fraction, solution
@@ -212,10 +229,14 @@ class SmallStrainStepping:
         def solve_substep(current: ContactState, fraction: float) -> ContactState:
             target = interpolate_targets(start, end, fraction)
             return self._solve_substep(
-                current, target, reporter, self._cost(target.free_motions), remaining_solves
+                current,
+                target,
+                reporter,
+                self._measure_cost_since(target.free_motions),
+                remaining_solves,
             )
 
-        sizes = (0.5, _MIN_SUBSTEP, 1.0)
+        sizes = (0.5, _MIN_SUBSTEP_FRACTION_OF_INCREMENT, 1.0)
         substeps, _ = solve_in_substeps(solve_substep, state, sizes, lambda: remaining_solves() > 0)
         reached_fraction = substeps[-1][0] if substeps else 0.0
         message = (
@@ -224,23 +245,25 @@ class SmallStrainStepping:
         log_on_root(comm, logging.INFO, message, ".contact")
         return substeps
 
-    def _make_remaining_solves_counter(self, remedy: Remedy, free_motions: FreeMotionIndices) -> Callable[[], float]:
+    def _make_remaining_solves_counter(
+        self, remedy: RemedyName, free_motions: FreeMotionIndices
+    ) -> Callable[[], float]:
         """Return a function that counts the linear systems which a remedy may still solve."""
         min_solves = (
             _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
         )
         ratio = self._remedies.get(remedy, 0.0)
-        solve_limit = self._cost(free_motions)[0] + ratio * max(
+        solve_limit = self._measure_cost_since(free_motions)[0] + ratio * max(
             self._n_first_attempt_solves, min_solves
         )
-        return lambda: solve_limit - self._cost(free_motions)[0]
+        return lambda: solve_limit - self._measure_cost_since(free_motions)[0]
 
     def _solve_substep(
         self,
         state: ContactState,
         target: TargetLoadsAndMotions,
         reporter: ProgressReporter,
-        cost_before: Cost,
+        cost_before: SolveCountAndReport,
         remaining_solves: Callable[[], float] | None = None,
     ) -> ContactState:
         """Solve from a state to a target in one step and return the state at the target.
@@ -253,14 +276,16 @@ class SmallStrainStepping:
             remaining_solves: function that returns the number of linear systems that substeps may
                 still solve; None if the step is the whole increment.
         """
-        _, rigid = self._system_for(target.free_motions)
-        increment, kinematics = self._start_increment(state, target)
-        linearised = self._check_and_linearise_initial_kinematics(increment, kinematics, state, target)
+        _, rigid = self._cached_system_and_rigid_motions(target.free_motions)
+        increment, kinematics = self._make_equations_and_kinematics(state, target)
+        linearised = self._check_and_linearise_initial_kinematics(
+            increment, kinematics, state, target
+        )
         active = choose_first_active_set(
             self.interface,
             linearised,
             state,
-            rigid.describe_free_motions,
+            rigid.describe_free_rigid_motions,
             target.unloaded_free_surfaces,
         )
         max_iterations = self._max_iterations
@@ -278,7 +303,7 @@ class SmallStrainStepping:
             if is_late and (proof := find_proof()):
                 raise proof
 
-        def iterate(accuracy: Accuracy) -> NewtonState:
+        def iterate(accuracy: LinearSolveAccuracy) -> NewtonState:
             return solve_increment(
                 increment,
                 active,
@@ -292,8 +317,12 @@ class SmallStrainStepping:
             end = self._iterate_with_accuracy_fallback(increment, iterate)
         except (ContactFailed, NotConverged) as failure:
             if remaining_solves is None:
-                self._n_first_attempt_solves = self._cost(target.free_motions, cost_before)[0]
-                remaining_solves = self._make_remaining_solves_counter("springs", target.free_motions)
+                self._n_first_attempt_solves = self._measure_cost_since(
+                    target.free_motions, cost_before
+                )[0]
+                remaining_solves = self._make_remaining_solves_counter(
+                    "springs", target.free_motions
+                )
             springs = partial(
                 solve_with_softening_springs,
                 increment,
@@ -310,14 +339,14 @@ class SmallStrainStepping:
                 find_proof,
                 springs if "springs" in self._remedies else None,
                 state,
-                lambda: self._cost(target.free_motions, cost_before),
+                lambda: self._measure_cost_since(target.free_motions, cost_before),
             )
         reporter.violation = end.violation
         return self._check_iterate_and_make_state(increment, end, rigid, state, target, cost_before)
 
     @staticmethod
     def _iterate_with_accuracy_fallback(
-        increment: LinearIncrement, iterate: Callable[[Accuracy], NewtonState]
+        increment: LinearIncrementEquations, iterate: Callable[[LinearSolveAccuracy], NewtonState]
     ) -> NewtonState:
         """Return the solution of an increment, with accurate linear solutions only if necessary.
 
@@ -333,12 +362,12 @@ class SmallStrainStepping:
 
     def _check_iterate_and_make_state(
         self,
-        increment: LinearIncrement,
+        increment: LinearIncrementEquations,
         end: NewtonState,
         rigid: RigidMotions,
         state: ContactState,
         target: TargetLoadsAndMotions,
-        cost_before: Cost,
+        cost_before: SolveCountAndReport,
     ) -> ContactState:
         """Check the last iterate of an increment and return the verified state.
 
@@ -352,14 +381,21 @@ class SmallStrainStepping:
         """
         frame, gap = end.kinematics.frame, end.kinematics.gap
         self.interface.check_gaps_normals_and_supports(gap, frame[:, 0])
-        offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
+        offset, is_pressed = (
+            increment.equilibrium.prescribed_displacements,
+            end.nodes.trial_pressure > 0,
+        )
         self.interface.check_supports_move_both_sides_equally(offset, target.q, is_pressed)
         raise_if_body_is_loose(
-            increment, end, rigid, state, lambda: self._cost(target.free_motions, cost_before)
+            increment,
+            end,
+            rigid,
+            state,
+            lambda: self._measure_cost_since(target.free_motions, cost_before),
         )
         slides = rigid.can_slide_at_exhausted_friction(end.nodes, end.allowance)
         smallness = self._smallness_check.check_and_measure_smallness(increment, end, state)
-        iterations, report = self._cost(target.free_motions, cost_before)
+        iterations, report = self._measure_cost_since(target.free_motions, cost_before)
         sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
             increment,
@@ -371,9 +407,9 @@ class SmallStrainStepping:
             smallness=smallness,
             can_slide_at_same_forces=slides,
         )
-        return self._verify_state(solution, state, target, sizes)
+        return self._recompute_and_verify_residuals(solution, state, target, sizes)
 
-    def _verify_state(
+    def _recompute_and_verify_residuals(
         self,
         solution: ContactState,
         start_state: ContactState,
@@ -390,18 +426,27 @@ class SmallStrainStepping:
         assert target.load is not None
         unbalanced.axpy(-1.0, target.load)
         largest = PETSc.NormType.INFINITY
-        round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self._K.norm(largest) * solution.unknowns.norm(largest)
-        stiffness = self._system_for(target.free_motions)[0].law_scale
+        round_off = (
+            RELATIVE_DISPLACEMENT_ROUND_OFF
+            * self._K.norm(largest)
+            * solution.unknowns.norm(largest)
+        )
+        stiffness = self._cached_system_and_rigid_motions(target.free_motions)[0].law_scale
         return verify_state(
             solution,
-            measure_small_strain_kinematics(self.interface, start_state, solution, 1 - target.load_factor),
+            measure_small_strain_kinematics(
+                self.interface, start_state, solution, 1 - target.load_factor
+            ),
             unbalanced,
             self.interface,
             reduction=self._reduction,
             scales=VerificationScales(
-                force, length, stiffness, MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * target.load.norm(largest) + round_off
+                force,
+                length,
+                stiffness,
+                MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * target.load.norm(largest) + round_off,
             ),
-            free_motion_forces=target.totals,
+            free_motion_forces=target.free_motion_forces,
         )
 
     def _make_increment_with_springs(
@@ -411,7 +456,7 @@ class SmallStrainStepping:
         spring_to_law_stiffness_ratio: float,
         unstressed_unknowns: PETSc.Vec,
         unstressed_translations: Array,
-    ) -> LinearIncrement:
+    ) -> LinearIncrementEquations:
         """Return the increment with springs at the contact points and the free surfaces.
 
         Args:
@@ -424,7 +469,8 @@ class SmallStrainStepping:
         interface, free_motions, field = self.interface, target.free_motions, self.interface.field
         has_equation, stiffness = (
             interface.equation >= 0,
-            spring_to_law_stiffness_ratio * self._system_for(free_motions)[0].law_scale,
+            spring_to_law_stiffness_ratio
+            * self._cached_system_and_rigid_motions(free_motions)[0].law_scale,
         )
         node = interface.node - field.space.dofmap.index_map.local_range[0]
         diagonal, load = self._K.createVecs()
@@ -446,16 +492,17 @@ class SmallStrainStepping:
         )
         load.pointwiseMult(diagonal, unstressed_unknowns)
         load.axpy(1.0, target.load)
-        return LinearIncrement(
+        return LinearIncrementEquations(
             system,
             LinearEquilibrium.from_stiffness(system, K, load, target.load_factor),
             SmallStrainKinematics(interface, start, target.q, target.load_factor),
             start,
             prescribed=target.q,
-            totals=target.totals + system.springs * system.select_free_motions(unstressed_translations),
+            totals=target.free_motion_forces
+            + system.springs * system.select_free_motions(unstressed_translations),
         )
 
-    def linearise(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
+    def linearise_at_part_end(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         """Return the equations linearised at the end of a substep."""
         state, interface = part.part_end, self.interface
         target = make_target_in_equilibrium_with_state(state, self._K, interface).with_free_motions(
@@ -463,34 +510,38 @@ class SmallStrainStepping:
         )
         load_factor = 1.0 if part.increment_start.increment else part.fraction
         target = replace(target, load_factor=load_factor)
-        increment, kinematics = self._start_increment(part.part_start, target)
+        increment, kinematics = self._make_equations_and_kinematics(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
-        linearised = kinematics.linearise_with_all_translations_free(end.q, end.displacement, end.force)
-        solution = increment.solve(
+        linearised = kinematics.linearise_with_all_translations_free(
+            end.q, end.displacement, end.force
+        )
+        solution = increment.solve_linearised_system(
             recover_active_set_of_state(interface, linearised, state), linearised, "final"
         )
         slip_by_start = -linearised.frame[:, 1:]
-        return EquationsLinearisedAtEnd(increment, solution, self._K, self._reduction, slip_by_start)
+        return EquationsLinearisedAtEnd(
+            increment, solution, self._K, self._reduction, slip_by_start
+        )
 
-    def _start_increment(
+    def _make_equations_and_kinematics(
         self, state: ContactState, target: TargetLoadsAndMotions
-    ) -> tuple[LinearIncrement, SmallStrainKinematics]:
+    ) -> tuple[LinearIncrementEquations, SmallStrainKinematics]:
         """Return the equations of the step from a state to a target, and the kinematics."""
         start = make_increment_start(state, self.interface, state.translations)
         kinematics = SmallStrainKinematics(self.interface, start, target.q, target.load_factor)
-        increment = LinearIncrement(
-            self._system_for(target.free_motions)[0],
+        increment = LinearIncrementEquations(
+            self._cached_system_and_rigid_motions(target.free_motions)[0],
             self._make_equilibrium(target),
             kinematics,
             start,
             prescribed=target.q,
-            totals=target.totals,
+            totals=target.free_motion_forces,
         )
         return increment, kinematics
 
     def _check_and_linearise_initial_kinematics(
         self,
-        increment: LinearIncrement,
+        increment: LinearIncrementEquations,
         kinematics: SmallStrainKinematics,
         state: ContactState,
         target: TargetLoadsAndMotions,
@@ -512,15 +563,19 @@ class SmallStrainStepping:
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
     def _make_equilibrium(self, target: TargetLoadsAndMotions) -> LinearEquilibrium:
-        system = self._system_for(target.free_motions)[0]
+        system = self._cached_system_and_rigid_motions(target.free_motions)[0]
         return LinearEquilibrium.from_stiffness(system, self._K, target.load, target.load_factor)
 
-    def _make_active_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
-        return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
+    def _make_active_set_update(
+        self, rigid: RigidMotions, accuracy: LinearSolveAccuracy
+    ) -> ActiveSetUpdate:
+        return ActiveSetUpdate(rigid.describe_free_rigid_motions, self.interface, accuracy)
 
-    def _cost(self, free_motions: FreeMotionIndices, cost_before: Cost = NO_COST) -> Cost:
+    def _measure_cost_since(
+        self, free_motions: FreeMotionIndices, cost_before: SolveCountAndReport = NO_COST
+    ) -> SolveCountAndReport:
         """Return the total cost since `cost_before` of the systems with and without springs."""
-        system, _ = self._system_for(free_motions)
+        system, _ = self._cached_system_and_rigid_motions(free_motions)
         with_springs = self._system_with_springs
         systems = [system] if with_springs is None else [system, with_springs]
         return measure_cost(systems, cost_before)
@@ -531,7 +586,9 @@ class SmallStrainStepping:
             self._system[0].tangent.release()
             self._system = self._system_with_springs = None
 
-    def _system_for(self, free_motions: FreeMotionIndices) -> tuple[ContactSystem, RigidMotions]:
+    def _cached_system_and_rigid_motions(
+        self, free_motions: FreeMotionIndices
+    ) -> tuple[ContactSystem, RigidMotions]:
         """Return the contact system and rigid motions for given free motions of the surfaces.
 
         The result is cached for the next call with the same free motions.

@@ -27,7 +27,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.interface import (
     RELATIVE_COORDINATE_ROUND_OFF,
-    Interface,
+    ContactInterface,
     MortarMatrices,
     measure_gap_and_slip,
 )
@@ -85,7 +85,10 @@ class MeasuredKinematics:
 
 
 def measure_small_strain_kinematics(
-    interface: Interface, start_state: ContactState, state: ContactState, remaining_interference_fraction: float
+    interface: ContactInterface,
+    start_state: ContactState,
+    state: ContactState,
+    remaining_interference_fraction: float,
 ) -> MeasuredKinematics:
     """Return gaps, normals and slips to surfaces, linearised at the undeformed body.
 
@@ -103,11 +106,11 @@ def measure_small_strain_kinematics(
     shifts = [translation[interface.pair] for translation in translations]
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
-    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.extent or 1.0)
+    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.max_extent_of_points or 1.0)
     noise = np.abs(interface.evaluate_undeformed_normals(translations[1] + shift) - normal).max(
         axis=1, initial=0.0
     )
-    gap = gap + remaining_interference_fraction * interface.interference
+    gap = gap + remaining_interference_fraction * interface.initial_interference
     motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(shifts[1], axis=1)
     return MeasuredKinematics(
         gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
@@ -115,7 +118,10 @@ def measure_small_strain_kinematics(
 
 
 def measure_large_strain_kinematics(
-    interface: Interface, pairs: Sequence[ContactPair], start_state: ContactState, state: ContactState
+    interface: ContactInterface,
+    pairs: Sequence[ContactPair],
+    start_state: ContactState,
+    state: ContactState,
 ) -> MeasuredKinematics:
     """Return gaps, normals and slips of a deformed body to moving rigid surfaces or other bodies.
 
@@ -133,17 +139,19 @@ def measure_large_strain_kinematics(
     pivot, J = pivots[interface.pair], spins[interface.pair]
     in_surface_frame, rotations = [], []
     for motion, end in zip(motions, (start_state, state), strict=True):
-        placement = end.placements[interface.pair]
+        placement = end.translations_and_rotations[interface.pair]
         cos, sin = (function(placement[:, -1])[:, None, None] for function in (np.cos, np.sin))
         rotation = np.eye(dim) + sin * J + (1 - cos) * J @ J
         arm = interface.position + motion - placement[:, :-1] - pivot
         in_surface_frame.append(pivot + np.einsum("nba,nb->na", rotation, arm) - interface.position)
         rotations.append(rotation)
-    (gap_0, normal_0, _), (gap, normal, _) = (interface.find_closest(x) for x in in_surface_frame)
-    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.extent or 1.0)
-    noise = np.abs(interface.find_closest(in_surface_frame[1] + shift)[1] - normal).max(
-        axis=1, initial=0.0
+    (gap_0, normal_0, _), (gap, normal, _) = (
+        interface.evaluate_gaps_normals_and_curvatures(x) for x in in_surface_frame
     )
+    shift = _NOISE_PROBE_SHIFT_PER_EXTENT * (interface.max_extent_of_points or 1.0)
+    noise = np.abs(
+        interface.evaluate_gaps_normals_and_curvatures(in_surface_frame[1] + shift)[1] - normal
+    ).max(axis=1, initial=0.0)
     # a node that faces nothing either before or after the increment slips along the surface that it
     # faces at the other time
     is_faced = np.isfinite(gap_0) & np.isfinite(gap)
@@ -160,9 +168,13 @@ def measure_large_strain_kinematics(
             np.einsum("nab,nb->na", rotation, n)
             for rotation, n in zip(rotations, (normal_0, normal), strict=True)
         ]
-        surface_rotation = (state.placements - start_state.placements)[interface.pair, -1]
+        surface_rotation = (
+            state.translations_and_rotations - start_state.translations_and_rotations
+        )[interface.pair, -1]
         angle = np.where(
-            J.any(axis=(1, 2)), _angles_between_unit_vectors(*normals_in_space) - surface_rotation, angle
+            J.any(axis=(1, 2)),
+            _angles_between_unit_vectors(*normals_in_space) - surface_rotation,
+            angle,
         )
     is_curved = np.abs(np.sin(angle)) > _MIN_SINE_WHERE_ARC_EXCEEDS_CHORD
     # length of the arc divided by that of the chord's tangential part, which vanishes after half a
@@ -196,7 +208,10 @@ def _angles_between_unit_vectors(start: Array, end: Array) -> Array:
 
 
 def _measure_kinematics_of_sliding_bodies(
-    interface: Interface, start_state: ContactState, state: ContactState, kinematics_elsewhere: MeasuredKinematics
+    interface: ContactInterface,
+    start_state: ContactState,
+    state: ContactState,
+    kinematics_elsewhere: MeasuredKinematics,
 ) -> MeasuredKinematics:
     """Return kinematics with measured values for all nodes of pairs of sliding bodies.
 
@@ -221,8 +236,14 @@ def _measure_kinematics_of_sliding_bodies(
             x.append(mortar.x + displacement)
             parts.append(mortar.evaluate_for_verification(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
-        kinematics_elsewhere.gap[points], kinematics_elsewhere.slip[points] = gap[slave_number], slip[slave_number]
-        kinematics_elsewhere.normal[points], kinematics_elsewhere.noise[points] = parts[1].normals[slave_number], 0.0
+        kinematics_elsewhere.gap[points], kinematics_elsewhere.slip[points] = (
+            gap[slave_number],
+            slip[slave_number],
+        )
+        kinematics_elsewhere.normal[points], kinematics_elsewhere.noise[points] = (
+            parts[1].normals[slave_number],
+            0.0,
+        )
         kinematics_elsewhere.transfer_error[points] = parts[1].fraction_error[slave_number]
         master_parts = sp.coo_array(parts[1].master_fractions[slave_number])
         entries.append(
@@ -233,14 +254,16 @@ def _measure_kinematics_of_sliding_bodies(
             )
         )
     value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
-    shape = n_nodes, interface.field.sizes[1] // dim
+    shape = n_nodes, interface.field.local_and_global_size[1] // dim
     unit_forces = sp.csr_matrix((np.ones(n_nodes), (np.arange(n_nodes), interface.node)), shape)
     nodal_forces = unit_forces - sp.csr_matrix((value, (row, column)), shape)
-    rows = interface.assemble_rows(sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim))))
+    rows = interface.assemble_matrix_over_all_unknowns(
+        sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim)))
+    )
     return replace(kinematics_elsewhere, force_operator=rows.transpose(PETSc.Mat()))
 
 
-def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> None:
+def check_stiffness_sign(K: PETSc.Mat, interface: ContactInterface, remedy: str) -> None:
     """Raise ValueError, on all processes, if contact nodes have a negative mean stiffness.
 
     Args:
@@ -260,7 +283,7 @@ def check_stiffness_sign(K: PETSc.Mat, interface: Interface, remedy: str) -> Non
 
 
 def make_nodal_torque_function(
-    interface: Interface, pairs: Sequence[ContactPair], state: ContactState
+    interface: ContactInterface, pairs: Sequence[ContactPair], state: ContactState
 ) -> Callable[[Array], Array]:
     """Return a function that computes torques (m,) from forces (m, dim) at the contact nodes.
 
@@ -268,7 +291,7 @@ def make_nodal_torque_function(
     """
     motion = _contact_node_motions(interface, state.unknowns)
     pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
-    placement, pair = state.placements[interface.pair], interface.pair
+    placement, pair = state.translations_and_rotations[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[pair]
     velocity = np.einsum("nab,nb->na", np.array(spins)[pair], arm)
     return lambda force: np.asarray(np.sum(velocity * force, axis=1))
@@ -278,7 +301,7 @@ def verify_state(
     state: ContactState,
     kinematics: MeasuredKinematics,
     residual_without_contact: PETSc.Vec,
-    interface: Interface,
+    interface: ContactInterface,
     *,
     reduction: Reduction,
     scales: VerificationScales,
@@ -293,15 +316,15 @@ def verify_state(
         NotFound: on all processes, if a condition is violated by more than the tolerance plus its
             allowance.
     """
-    residuals, allowance = measure_residuals(
+    residuals, allowance = measure_residuals_and_allowances(
         state,
         kinematics,
         residual_without_contact,
         interface,
         reduction=reduction,
-        sizes=scales,
-        totals=free_motion_forces,
-        torque=compute_torques,
+        scales=scales,
+        free_motion_forces=free_motion_forces,
+        compute_torques=compute_torques,
     )
     for name, value in vars(residuals).items():
         limit = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE + getattr(allowance, name)
@@ -313,16 +336,16 @@ def verify_state(
     return replace(state, residuals=residuals, allowance=allowance)
 
 
-def measure_residuals(
+def measure_residuals_and_allowances(
     state: ContactState,
     kinematics: MeasuredKinematics,
     residual_without_contact: PETSc.Vec,
-    interface: Interface,
+    interface: ContactInterface,
     *,
     reduction: Reduction,
-    sizes: VerificationScales,
-    totals: Array,
-    torque: Callable[[Array], Array] | None = None,
+    scales: VerificationScales,
+    free_motion_forces: Array,
+    compute_torques: Callable[[Array], Array] | None = None,
 ) -> tuple[Residuals, Residuals]:
     """Return the residuals of a state, and the allowances for round-off and noise.
 
@@ -346,7 +369,7 @@ def measure_residuals(
     # a supported component of the residual is a reaction; friction there is known from the state
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
     values, allowances = _measure_law_residuals_and_allowances(
-        kinematics, force, has_equation | (state_force != 0), interface, sizes
+        kinematics, force, has_equation | (state_force != 0), interface, scales
     )
     unbalanced_elsewhere = _max_unbalanced_force(
         residual_without_contact,
@@ -355,25 +378,30 @@ def measure_residuals(
         displacements.ravel(),
         reduction,
     )
-    values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / sizes.force)
+    values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / scales.force)
     force_round_off = float(comm.allreduce(allowances["tension"].max(initial=0.0), MPI.MAX))
-    transfer_round_off = _max_over_ranks(
+    transfer_round_off = _max_over_ranks_or_inf_if_nan(
         comm, kinematics.transfer_error * np.linalg.norm(force, axis=1)
     )
     allowances["equilibrium"] = np.atleast_1d(
-        force_round_off + (sizes.equilibrium + transfer_round_off) / sizes.force
+        force_round_off + (scales.equilibrium + transfer_round_off) / scales.force
     )
     values["balance"], allowances["balance"] = _measure_balance_residuals_and_allowances(
         state,
         force,
         interface,
-        sizes,
-        free_motion_forces=totals,
-        compute_torques=torque,
+        scales,
+        free_motion_forces=free_motion_forces,
+        compute_torques=compute_torques,
         force_round_off=force_round_off,
     )
     residuals, allowance = (
-        Residuals(**{name: _max_over_ranks(comm, by_name[name]) for name in vars(Residuals())})
+        Residuals(
+            **{
+                name: _max_over_ranks_or_inf_if_nan(comm, by_name[name])
+                for name in vars(Residuals())
+            }
+        )
         for by_name in (values, allowances)
     )
     return residuals, allowance
@@ -383,7 +411,7 @@ def _measure_law_residuals_and_allowances(
     kinematics: MeasuredKinematics,
     force: Array,
     friction_acts: Mask,
-    interface: Interface,
+    interface: ContactInterface,
     scales: VerificationScales,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return residuals (m,) of contact and friction by name, and their allowances for round-off.
@@ -400,7 +428,7 @@ def _measure_law_residuals_and_allowances(
     friction = np.where(friction_acts, force - normal_force[:, None] * kinematics.normal, 0.0)
     slip = np.where(friction_acts, kinematics.slip, 0.0)
     friction_size, slip_size = np.linalg.norm(friction, axis=1), np.linalg.norm(slip, axis=1)
-    limit, slope = interface.cone.limit(np.maximum(0.0, normal_force))
+    limit, slope = interface.cone.friction_limits_and_slopes(np.maximum(0.0, normal_force))
     direction_error = np.linalg.norm(slip_size[:, None] * friction + limit[:, None] * slip, axis=1)
     values = {
         "penetration": np.maximum(0.0, -kinematics.gap) / L,
@@ -412,20 +440,30 @@ def _measure_law_residuals_and_allowances(
     }
     motion_size = kinematics.motion_size
     coordinate_size = np.linalg.norm(interface.position, axis=1)
-    length_round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * motion_size + RELATIVE_COORDINATE_ROUND_OFF * coordinate_size
+    length_round_off = (
+        RELATIVE_DISPLACEMENT_ROUND_OFF * motion_size
+        + RELATIVE_COORDINATE_ROUND_OFF * coordinate_size
+    )
     length_round_off = length_round_off + kinematics.noise * motion_size
     force_size = np.linalg.norm(force, axis=1)
     force_round_off = c * length_round_off + kinematics.noise * force_size
-    force_round_off = np.full(len(c), _max_over_ranks(interface.comm, force_round_off)) / F
+    force_round_off = (
+        np.full(len(c), _max_over_ranks_or_inf_if_nan(interface.comm, force_round_off)) / F
+    )
     # forces are exact to the tolerance; lengths, to the tolerance of forces divided by stiffness
     length_round_off = length_round_off / L + np.divide(
         MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * F, c * L, where=c > 0, out=0 * c
     )
     friction_round_off = (1 + slope) * force_round_off
     allowances = dict.fromkeys(("penetration", "complementarity", "stick"), length_round_off)
-    allowances |= {"tension": force_round_off, "cone": friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE}
+    allowances |= {
+        "tension": force_round_off,
+        "cone": friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
+    }
     allowances["complementarity"] = np.maximum(length_round_off, force_round_off)
-    allowances["stick"] = np.maximum(length_round_off, friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE)
+    allowances["stick"] = np.maximum(
+        length_round_off, friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
+    )
     slip_ratio = np.minimum(1.0, (slip_size + length_round_off * L) / L)
     allowances["direction"] = (
         2 * (friction_round_off + slope * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE) * slip_ratio
@@ -437,7 +475,7 @@ def _measure_law_residuals_and_allowances(
 def _measure_balance_residuals_and_allowances(
     state: ContactState,
     force: Array,
-    interface: Interface,
+    interface: ContactInterface,
     scales: VerificationScales,
     *,
     free_motion_forces: Array,
@@ -447,17 +485,21 @@ def _measure_balance_residuals_and_allowances(
     """Return residuals and allowances (free,) of the force and torque balances of free motions."""
     comm, dim = interface.comm, force.shape[1]
     values, allowances = np.zeros(len(state.free_motions)), np.zeros(len(state.free_motions))
-    for number, ((pair, axis), total) in enumerate(zip(state.free_motions, free_motion_forces, strict=True)):
+    for number, ((pair, axis), total) in enumerate(
+        zip(state.free_motions, free_motion_forces, strict=True)
+    ):
         in_pair = interface.pair == pair
         if axis < dim:
             forces, arms = force[in_pair, axis], np.ones(in_pair.sum())
         else:
             assert compute_torques is not None
             forces = compute_torques(force)[in_pair]
-            unit_torques = [compute_torques(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)]
+            unit_torques = [
+                compute_torques(np.tile(unit, (len(force), 1)))[in_pair] for unit in np.eye(dim)
+            ]
             arms = np.linalg.norm(unit_torques, axis=0)
         sum_of_forces = comm.allreduce(float(forces.sum()), MPI.SUM)
-        arm = max(_max_over_ranks(comm, arms), np.finfo(float).tiny)
+        arm = max(_max_over_ranks_or_inf_if_nan(comm, arms), np.finfo(float).tiny)
         n_nodes = comm.allreduce(int(np.sum(in_pair)), MPI.SUM)
         values[number] = abs(sum_of_forces - total) / (scales.force * arm)
         allowances[number] = force_round_off * np.sqrt(n_nodes)
@@ -492,11 +534,11 @@ def _max_unbalanced_force(
     return float(reduced.norm(PETSc.NormType.INFINITY))
 
 
-def _contact_node_motions(interface: Interface, unknowns: PETSc.Vec) -> Array:
+def _contact_node_motions(interface: ContactInterface, unknowns: PETSc.Vec) -> Array:
     """Return motions (m, dim) of the contact nodes, computed from the unknowns (n,)."""
     return np.array((interface.motion * unknowns).array_r.reshape(interface.position.shape))
 
 
-def _max_over_ranks(comm: MPI.Comm, values: Array) -> float:
+def _max_over_ranks_or_inf_if_nan(comm: MPI.Comm, values: Array) -> float:
     values = np.where(np.isnan(values), np.inf, values)
     return float(comm.allreduce(values.max(initial=0.0), MPI.MAX))

@@ -5,5 +5,10 @@ from pw_elements.contact.system.assembled import (
     extract_local_rows,
     make_map_from_free_motions_to_points,
 )
-from pw_elements.contact.system.solution import Accuracy, Solution
-from pw_elements.contact.system.system import NO_COST, ContactSystem, Cost, measure_cost
+from pw_elements.contact.system.solution import ContactSystemSolution, LinearSolveAccuracy
+from pw_elements.contact.system.system import (
+    NO_COST,
+    ContactSystem,
+    SolveCountAndReport,
+    measure_cost,
+)

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.nodes import LinearisedContactLaw
-from pw_elements.contact.system.solution import Accuracy, LocalTangentSolution
+from pw_elements.contact.system.solution import LinearSolveAccuracy, LocalTangentSolution
 from pw_elements.solvers import LinearSolver
 
 # Row pointers, columns and values of this process' rows in PETSc's compressed row format
@@ -146,7 +146,9 @@ def insert_empty_contact_rows(
     is_kept = np.repeat(~replaced, row_sizes)
     row_sizes[replaced] = np.diff(contact_rows.pointers)
     row_sizes = np.concatenate([row_sizes, np.diff(balance_rows.indptr)])
-    is_unchanged = np.repeat(np.append(~replaced, np.ones(balance_rows.shape[0], dtype=bool)), row_sizes)
+    is_unchanged = np.repeat(
+        np.append(~replaced, np.ones(balance_rows.shape[0], dtype=bool)), row_sizes
+    )
     indptr = np.concatenate([[0], np.cumsum(row_sizes)]).astype(PETSc.IntType)
     indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
     indices[is_unchanged] = np.concatenate([stiffness_rows.indices[is_kept], balance_rows.indices])
@@ -169,16 +171,20 @@ def make_map_from_free_motions_to_points(
         Matrix (m n_motions, free), with ones where a free motion moves a point.
     """
     rows_by_motion = [
-        np.flatnonzero(pair_of_point == number) * n_motions_per_surface + axis for number, axis in free_motions
+        np.flatnonzero(pair_of_point == number) * n_motions_per_surface + axis
+        for number, axis in free_motions
     ]
     rows = np.concatenate([np.empty(0, dtype=np.int64), *rows_by_motion])
     column = np.repeat(np.arange(len(free_motions)), [len(r) for r in rows_by_motion])
     return sp.csr_matrix(
-        (np.ones(len(rows)), (rows, column)), (len(pair_of_point) * n_motions_per_surface, len(free_motions))
+        (np.ones(len(rows)), (rows, column)),
+        (len(pair_of_point) * n_motions_per_surface, len(free_motions)),
     )
 
 
-def gather_balance_rows_on_last_rank(local_contributions: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
+def gather_balance_rows_on_last_rank(
+    local_contributions: sp.coo_matrix, springs: Array, comm: MPI.Comm
+) -> sp.csr_matrix:
     """Return the force-balance rows of the free motions on the last process, no rows elsewhere.
 
     Args:
@@ -186,11 +192,16 @@ def gather_balance_rows_on_last_rank(local_contributions: sp.coo_matrix, springs
         springs: stiffness (free,) of the spring of each free motion.
         comm: communicator of the matrix.
     """
-    parts = comm.gather((local_contributions.row, local_contributions.col, local_contributions.data), root=comm.size - 1)
+    parts = comm.gather(
+        (local_contributions.row, local_contributions.col, local_contributions.data),
+        root=comm.size - 1,
+    )
     if parts is None:
         return sp.csr_matrix((0, local_contributions.shape[1]))
     motion_number = np.arange(local_contributions.shape[0])
-    parts.append((motion_number, local_contributions.shape[1] - len(motion_number) + motion_number, springs))
+    parts.append(
+        (motion_number, local_contributions.shape[1] - len(motion_number) + motion_number, springs)
+    )
     # explicit zeros are kept, because the pattern must not depend on values
     row, column, data = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     balance = sp.csr_matrix((data, (row, column)), local_contributions.shape)
@@ -198,7 +209,9 @@ def gather_balance_rows_on_last_rank(local_contributions: sp.coo_matrix, springs
     return balance
 
 
-def split_force_operator_at_own_equations(transposed_force_operator: PETSc.Mat, own_equation: Indices) -> tuple[Array, PETSc.Mat | None]:
+def split_force_operator_at_own_equations(
+    transposed_force_operator: PETSc.Mat, own_equation: Indices
+) -> tuple[Array, PETSc.Mat | None]:
     """Split a force operator into the entries at the points' own equations and all other entries.
 
     Args:
@@ -223,7 +236,9 @@ def split_force_operator_at_own_equations(transposed_force_operator: PETSc.Mat, 
     if not transposed_force_operator.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
         return force_factor, None
     csr = (indptr, column, -value)
-    return force_factor, PETSc.Mat().createAIJ(transposed_force_operator.getSizes(), csr=csr, comm=transposed_force_operator.comm)
+    return force_factor, PETSc.Mat().createAIJ(
+        transposed_force_operator.getSizes(), csr=csr, comm=transposed_force_operator.comm
+    )
 
 
 def extract_entries_at_own_equations(matrix: sp.csr_matrix, own_equation: Indices) -> Array:
@@ -269,9 +284,12 @@ class AssembledTangent:
     ) -> None:
         self._comm: MPI.Comm = matrix.comm.tompi4py()
         self.matrix, self._points, self._n_borders = matrix, contact_rows, n_borders
-        self._first_row, self._row_pattern = first_row, contact_rows.petsc_sparsity_pattern(first_row)
+        self._first_row, self._row_pattern = (
+            first_row,
+            contact_rows.petsc_sparsity_pattern(first_row),
+        )
         self._solver, self.solver = solver, solver.prepare(matrix)
-        self.has_enclosed_pressure = is_constant_pressure_held_by_contact_only
+        self.is_constant_pressure_held_by_contact_only = is_constant_pressure_held_by_contact_only
         self._factorised: Array | None = None
         # stiffness of free motions that is added to the springs in the matrix
         self._springs: Array | None = None
@@ -279,7 +297,7 @@ class AssembledTangent:
     def set_initial_iterate(self, get_unknowns: Callable[[], Array], free_motions: Array) -> None:
         """Do nothing, because direct solvers do not need an initial iterate."""
 
-    def set_springs(self, springs: Array) -> None:
+    def set_free_motion_springs(self, springs: Array) -> None:
         if self._springs is None and not springs.any():
             return  # the matrix has no springs from support friction
         previous = np.zeros_like(springs) if self._springs is None else self._springs
@@ -295,7 +313,7 @@ class AssembledTangent:
         self.matrix.assemble()
         self._springs, self._factorised = springs.copy(), None
 
-    def determinant_signs(self) -> tuple[int, ...]:
+    def estimate_determinant_signs(self) -> tuple[int, ...]:
         return ()
 
     def release(self) -> None:
@@ -320,9 +338,16 @@ class AssembledTangent:
         set_matrix(self.matrix)
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+        self,
+        rhs: Array,
+        balance_rhs: Array,
+        law: LinearisedContactLaw,
+        accuracy: LinearSolveAccuracy,
     ) -> LocalTangentSolution:
-        coefficients, combined_rhs = self._write_law_into_matrix(law), self._combine_right_hand_sides(rhs, balance_rhs)
+        coefficients, combined_rhs = (
+            self._write_law_into_matrix(law),
+            self._combine_right_hand_sides(rhs, balance_rhs),
+        )
         if accuracy == "tightened":
             self._factorised = None
         solution = self._solve_by_correcting_last_factors(combined_rhs, coefficients)
@@ -340,7 +365,7 @@ class AssembledTangent:
             balance_rhs: right-hand side (free,) of the force balances of free motions.
             law: linearised law.
         """
-        self.set_springs(np.zeros_like(balance_rhs))
+        self.set_free_motion_springs(np.zeros_like(balance_rhs))
         self._write_law_into_matrix(law)
         solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
         weights = np.array(solver.solve(self._combine_right_hand_sides(rhs, balance_rhs)).array_r)
@@ -364,7 +389,9 @@ class AssembledTangent:
         combined_rhs.setArray(np.append(rhs, balance_rhs[: self._n_borders]))
         return combined_rhs
 
-    def _solve_by_correcting_last_factors(self, rhs: PETSc.Vec, law_coefficients: Array) -> PETSc.Vec | None:
+    def _solve_by_correcting_last_factors(
+        self, rhs: PETSc.Vec, law_coefficients: Array
+    ) -> PETSc.Vec | None:
         """Return the solution by the last factors, corrected for the rows that have changed.
 
         Args:
@@ -377,6 +404,8 @@ class AssembledTangent:
         if self._factorised is None:  # equal on all processes
             return None
         scale = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
-        has_changed = np.abs(law_coefficients - self._factorised) > _RELATIVE_ROW_CHANGE_TOLERANCE * scale
+        has_changed = (
+            np.abs(law_coefficients - self._factorised) > _RELATIVE_ROW_CHANGE_TOLERANCE * scale
+        )
         rows = self._points.equations[has_changed.any(axis=2)]
         return self.solver.solve_with_changed_rows(rhs, self._first_row + rows[rows >= 0])

@@ -25,7 +25,7 @@ from pw_elements.contact.system.preconditioners import (
     BorderedPreconditioner,
     SpringPreconditioner,
 )
-from pw_elements.contact.system.solution import Accuracy, LocalTangentSolution
+from pw_elements.contact.system.solution import LinearSolveAccuracy, LocalTangentSolution
 from pw_elements.contact.system.unassembled import (
     ContactPointOperators,
     MatrixFreeContactOperator,
@@ -119,7 +119,9 @@ class KrylovTangent:
         self._n_unknowns = n_local
         is_last_rank = self._comm.rank == self._comm.size - 1
         sizes = (n_local + points.n_translations * is_last_rank, n_global + points.n_translations)
-        self._operator = matrix_from_python_context((sizes, sizes), self._matrix_free_operator, K.comm)
+        self._operator = matrix_from_python_context(
+            (sizes, sizes), self._matrix_free_operator, K.comm
+        )
         inner = krylov.ksp.getPC()
         self._spring_preconditioner: SpringPreconditioner | None = None
         self._bordered_preconditioner: BorderedPreconditioner | None = None
@@ -141,7 +143,8 @@ class KrylovTangent:
                 inner = spring_pc
         if points.n_translations:
             balance_rows = [
-                self._make_force_balance_row(stiffness, supports, j) for j in range(points.n_translations)
+                self._make_force_balance_row(stiffness, supports, j)
+                for j in range(points.n_translations)
             ]
             self._bordered_preconditioner = BorderedPreconditioner(
                 inner, balance_rows, self._comm, K.createVecRight()
@@ -158,7 +161,9 @@ class KrylovTangent:
         )
         self._solution = self._operator.createVecRight()
         self._is_final = self._has_enclosed_pressure = False
-        self._final_tolerance = self._tolerance = min(krylov.tolerance, _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE)
+        self._final_tolerance = self._tolerance = min(
+            krylov.tolerance, _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE
+        )
         self._stiffness_changed = False
         self._solution_size = self._previous_residual = 0.0
         # floating-point operations to make multigrid levels, and operations wasted since then
@@ -177,7 +182,7 @@ class KrylovTangent:
         ]
         self._solution_size, self._previous_residual = self._solution.norm(), 0.0
 
-    def set_springs(self, springs: Array) -> None:
+    def set_free_motion_springs(self, springs: Array) -> None:
         self._matrix_free_operator.springs = springs
 
     def update_stiffness(self, *_: object, **__: object) -> None:
@@ -187,10 +192,10 @@ class KrylovTangent:
         """
         self._stiffness_changed = True
         if self._wasted_operations >= self._setup_operations:
-            self._krylov.preconditioner.refresh()
+            self._krylov.preconditioner.update_for_changed_matrix()
             self._operations_per_digit = None
 
-    def determinant_signs(self) -> tuple[int, ...]:
+    def estimate_determinant_signs(self) -> tuple[int, ...]:
         """Return estimated signs of the determinants of preconditioner and preconditioned tangent.
 
         The sign of the preconditioner is taken as 1. Most eigenvalues of the preconditioned tangent
@@ -219,11 +224,15 @@ class KrylovTangent:
                 break
         return 1, sign
 
-    def has_enclosed_pressure(self) -> bool:
+    def is_constant_pressure_held_by_contact_only(self) -> bool:
         return self._has_enclosed_pressure
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+        self,
+        rhs: Array,
+        balance_rhs: Array,
+        law: LinearisedContactLaw,
+        accuracy: LinearSolveAccuracy,
     ) -> LocalTangentSolution:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has no rotations
         tighten = accuracy == "tightened" and self._is_final
@@ -232,7 +241,9 @@ class KrylovTangent:
             if self._stiffness_changed
             else self._final_tolerance
         )
-        self._tolerance = self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
+        self._tolerance = (
+            self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
+        )
         law, forcing_term = self._scale_law_and_rhs_to_forces(law, rhs)
         self._matrix_free_operator.set_law(law)
         combined_rhs, x = self._operator.createVecLeft(), self._solution
@@ -267,9 +278,13 @@ class KrylovTangent:
         )
         self._free_krylov_vectors()
         collect_garbage(combined_rhs)
-        return LocalTangentSolution(np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final)
+        return LocalTangentSolution(
+            np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final
+        )
 
-    def _scale_law_and_rhs_to_forces(self, law: LinearisedContactLaw, rhs: Array) -> tuple[LinearisedContactLaw, float]:
+    def _scale_law_and_rhs_to_forces(
+        self, law: LinearisedContactLaw, rhs: Array
+    ) -> tuple[LinearisedContactLaw, float]:
         """Return the law between two bodies with rows that are scaled from lengths to forces.
 
         Lengths are multiplied by the stiffness of the springs in the `SpringPreconditioner`. The
@@ -282,7 +297,11 @@ class KrylovTangent:
         Returns:
             The scaled law, and the ratio by which one solution has to reduce the residual.
         """
-        forcing_term = _FORCING_TERM_FOR_CHANGING_TANGENT if self._stiffness_changed else _FORCING_TERM_FOR_CONSTANT_TANGENT
+        forcing_term = (
+            _FORCING_TERM_FOR_CHANGING_TANGENT
+            if self._stiffness_changed
+            else _FORCING_TERM_FOR_CONSTANT_TANGENT
+        )
         if self._spring_preconditioner is None:
             return law, forcing_term
         factors = self._spring_preconditioner.compute_length_to_force_factors(law)
@@ -312,9 +331,12 @@ class KrylovTangent:
         self._krylov.ksp.getPC().setUp()
         if self._bordered_preconditioner is not None:
             border_columns = [
-                self._make_free_translation_column(j, law.D) for j in range(self._points.n_translations)
+                self._make_free_translation_column(j, law.D)
+                for j in range(self._points.n_translations)
             ]
-            self._bordered_preconditioner.update(border_columns, self._matrix_free_operator.springs)
+            self._bordered_preconditioner.update_schur_complement(
+                border_columns, self._matrix_free_operator.springs
+            )
         if self._operations_per_digit is None:
             self._setup_operations = self._count_floating_point_operations() - operations_before
             self._wasted_operations = 0.0
@@ -357,7 +379,8 @@ class KrylovTangent:
             if operations_per_digit is not None:
                 n_digits = np.log10(initial_residual / target)
                 affordable_operations = (
-                    _MAX_EXCESS_COST_PER_LEVEL_SETUP * self._setup_operations + operations_per_digit * n_digits
+                    _MAX_EXCESS_COST_PER_LEVEL_SETUP * self._setup_operations
+                    + operations_per_digit * n_digits
                 )
                 max_iterations = min(
                     max_iterations, 1 + int(affordable_operations / self._operations_per_iteration)
@@ -376,7 +399,9 @@ class KrylovTangent:
             )
             self._solution_size = max(self._solution_size, x.norm())
             round_off = (
-                self._krylov.round_off(self._solution_size) + self._points.force_round_off + target
+                self._krylov.residual_round_off(self._solution_size)
+                + self._points.force_round_off
+                + target
             )
             # a residual of NaN, due to a failed factorisation, counts as stalled
             is_stalled = not residual_norm < (
@@ -450,11 +475,15 @@ class KrylovTangent:
         largest = self._largest_contact_force()
         # a solution so accurate that the next step would be the last is solved to final tolerance
         intermediate_target = (
-            intermediate_target if intermediate_target > MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest else 0.0
+            intermediate_target
+            if intermediate_target > MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest
+            else 0.0
         )
         return max(intermediate_target, self._tolerance * largest)
 
-    def _update_residual_and_return_norm(self, combined_rhs: PETSc.Vec, residual_vector: PETSc.Vec) -> float:
+    def _update_residual_and_return_norm(
+        self, combined_rhs: PETSc.Vec, residual_vector: PETSc.Vec
+    ) -> float:
         """Set `residual_vector` to the residual vector of the solution, and return its norm."""
         self._operator.mult(self._solution, residual_vector)
         residual_vector.aypx(-1.0, combined_rhs)
@@ -482,17 +511,24 @@ class KrylovTangent:
                 (singular_values < bound).astype(float),
                 left_vectors,
             )
-            for bound in (_MAX_SINGULAR_VALUE_OF_HELD_DIRECTION, _MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION)
+            for bound in (
+                _MAX_SINGULAR_VALUE_OF_HELD_DIRECTION,
+                _MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION,
+            )
         )
         anchored_projectors, points = held_projectors, self._points
         if self._anchor_nodes is not None:
             anchored_projectors = self._anchor_nodes.extend_projectors_at_anchors(held_projectors)
         springs = (
-            self._spring_preconditioner.factorise_law_and_assemble_springs(law, held_projectors, anchored_projectors)
+            self._spring_preconditioner.factorise_law_and_assemble_springs(
+                law, held_projectors, anchored_projectors
+            )
             if self._spring_preconditioner
             else None
         )
-        self._multigrid.constrain(points.node, anchored_projectors, points.law_scale, springs)
+        self._multigrid.set_constrained_directions(
+            points.node, anchored_projectors, points.law_scale, springs
+        )
         return fixed_projectors
 
     def _move_nodes_to_positions_fixed_by_law(
@@ -510,13 +546,16 @@ class KrylovTangent:
         points, has_equation = self._points, self._points.equations >= 0
         violation = np.where(
             has_equation,
-            combined_rhs.array_r[points.equations] - self._matrix_free_operator.evaluate_motion_terms_of_law(iterate),
+            combined_rhs.array_r[points.equations]
+            - self._matrix_free_operator.evaluate_motion_terms_of_law(iterate),
             0.0,
         )
         step = np.einsum("nab,nb->na", fixed_projectors, violation) / points.law_scale[:, None]
         iterate.array[points.equations[has_equation]] += step[has_equation]
 
-    def _make_force_balance_row(self, K: PETSc.Mat, supports: Supports, translation_number: int) -> Array:
+    def _make_force_balance_row(
+        self, K: PETSc.Mat, supports: Supports, translation_number: int
+    ) -> Array:
         """Return this process' part (n,) of the matrix row for a free translation's force balance.
 
         Args:

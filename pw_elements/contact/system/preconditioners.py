@@ -145,14 +145,16 @@ class BorderedPreconditioner:
         self._inner_columns: list[Array] = []
         self._schur = np.eye(len(balance_rows))
 
-    def update(self, border_columns: list[Array], springs: Array) -> None:
+    def update_schur_complement(self, border_columns: list[Array], springs: Array) -> None:
         """Compute the Schur complement of the free translations.
 
         Args:
             border_columns: this process' part (n,) of the matrix column of each free translation.
             springs: stiffness (translations,) of the spring of each free translation.
         """
-        self._inner_columns = [self._apply_inner_preconditioner(column) for column in border_columns]
+        self._inner_columns = [
+            self._apply_inner_preconditioner(column) for column in border_columns
+        ]
         self._schur = (
             np.diag(springs)
             - np.array([self._multiply_balance_rows(column) for column in self._inner_columns]).T
@@ -220,7 +222,9 @@ class AnchorNodes:
         sticks = np.einsum("naa->n", held_projectors) > dim - 0.5
         count = np.bincount(self._component[sticks], minlength=self._n_components)
         self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-        needs_anchor = self._is_anchor & (count < _MIN_STICKING_NODES_WITHOUT_ANCHORS)[self._component]
+        needs_anchor = (
+            self._is_anchor & (count < _MIN_STICKING_NODES_WITHOUT_ANCHORS)[self._component]
+        )
         return np.where(needs_anchor[:, None, None], np.eye(dim), held_projectors)
 
 

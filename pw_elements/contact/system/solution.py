@@ -10,7 +10,7 @@ from pw_elements.arrays import Array
 # Accuracy of a linear solution: "rough" for an intermediate iterate, "final" for an iterate that
 # may be the last of an increment, and "tightened" for the same system solved again with a smaller
 # residual
-Accuracy: TypeAlias = Literal["rough", "final", "tightened"]
+LinearSolveAccuracy: TypeAlias = Literal["rough", "final", "tightened"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class LocalTangentSolution:
 
 
 @dataclass(frozen=True)
-class Solution:
+class ContactSystemSolution:
     """Solution of one contact system.
 
     Args:

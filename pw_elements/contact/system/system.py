@@ -21,27 +21,31 @@ import scipy.sparse as sp
 from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.algebra import (
     Reduction,
-    matrix_free_constrained_operator,
     has_free_constant_pressure,
+    matrix_free_constrained_operator,
     reduce_matrix,
 )
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import EMPTY_SOLVER_REPORT, FreeMotionIndices
 from pw_elements.contact.nodes import LinearisedContactLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
     ContactLawRows,
     CsrArrays,
-    extract_local_rows,
     extract_entries_at_own_equations,
+    extract_local_rows,
     gather_balance_rows_on_last_rank,
     insert_empty_contact_rows,
     make_map_from_free_motions_to_points,
     split_force_operator_at_own_equations,
 )
 from pw_elements.contact.system.krylov import KrylovTangent
-from pw_elements.contact.system.solution import Accuracy, Solution, LocalTangentSolution
+from pw_elements.contact.system.solution import (
+    ContactSystemSolution,
+    LinearSolveAccuracy,
+    LocalTangentSolution,
+)
 from pw_elements.contact.system.unassembled import ContactPointOperators, masked_row_mean
 from pw_elements.solvers import (
     LinearSolver,
@@ -52,8 +56,8 @@ from pw_elements.solvers import (
 )
 
 # Number of linear systems solved, and the report of the linear solver
-Cost: TypeAlias = tuple[int, SolverReport]
-NO_COST: Cost = (0, EMPTY_SOLVER_REPORT)
+SolveCountAndReport: TypeAlias = tuple[int, SolverReport]
+NO_COST: SolveCountAndReport = (0, EMPTY_SOLVER_REPORT)
 
 
 class ContactTangent(Protocol):
@@ -75,7 +79,7 @@ class ContactTangent(Protocol):
             free_motions: free motions (free,) of the surfaces.
         """
 
-    def set_springs(self, springs: Array) -> None:
+    def set_free_motion_springs(self, springs: Array) -> None:
         """Set the stiffness (free,) that support friction adds to each free motion."""
 
     def update_stiffness(
@@ -90,7 +94,11 @@ class ContactTangent(Protocol):
         """
 
     def solve(
-        self, rhs: Array, balance_rhs: Array, law: LinearisedContactLaw, accuracy: Accuracy
+        self,
+        rhs: Array,
+        balance_rhs: Array,
+        law: LinearisedContactLaw,
+        accuracy: LinearSolveAccuracy,
     ) -> LocalTangentSolution:
         """Solve for the law of an active set.
 
@@ -105,13 +113,13 @@ class ContactTangent(Protocol):
             NotConverged: if an iterative solver fails.
         """
 
-    def determinant_signs(self) -> tuple[int, ...]:
+    def estimate_determinant_signs(self) -> tuple[int, ...]:
         """Return signs of determinants estimated without factors, the oldest first.
 
         The result is empty if the solver estimates none.
         """
 
-    def has_enclosed_pressure(self) -> bool:
+    def is_constant_pressure_held_by_contact_only(self) -> bool:
         """Return whether a constant pressure in an incompressible body acts on contact points only.
 
         In this case, the pressure does not follow from the displacements.
@@ -150,7 +158,7 @@ class ContactSystem:
         self,
         K: PETSc.Mat,
         reduction: Reduction,
-        interface: Interface,
+        interface: ContactInterface,
         free_motions: FreeMotionIndices,
         solver: LinearSolver,
         torque_map: TorqueMap,
@@ -161,7 +169,9 @@ class ContactSystem:
         self.comm: MPI.Comm = interface.comm
         self.n_solves = 0
         self.stiffness = (
-            matrix_free_constrained_operator(reduction, K) if is_matrix_free(solver) else reduction.matrix(K)
+            matrix_free_constrained_operator(reduction, K)
+            if is_matrix_free(solver)
+            else reduction.matrix(K)
         )
         self._motion_sizes = interface.motion.copy()
         motion_csr = interface.motion.getValuesCSR()
@@ -197,14 +207,17 @@ class ContactSystem:
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._reduced_motion = reduced_motion
-        borders = make_map_from_free_motions_to_points(free_motions, interface.pair, torque_map.V.shape[2])
+        borders = make_map_from_free_motions_to_points(
+            free_motions, interface.pair, torque_map.V.shape[2]
+        )
         empty_columns = sp.csr_matrix(
             (borders.shape[0], reduced_motion.shape[1] - len(free_motions))
         )
         self._borders = sp.hstack([empty_columns, borders], "csr")
         local_forces, contact_rows, csr = self._assemble_force_rows_contact_rows_and_matrix()
         self.law_scale = masked_row_mean(
-            extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal, has_equation
+            extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal,
+            has_equation,
         )
         sizes = len(csr[0]) - 1, local_forces.shape[1]
         matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
@@ -216,7 +229,9 @@ class ContactSystem:
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
         )
 
-    def _assemble_force_rows_contact_rows_and_matrix(self) -> tuple[sp.csr_matrix, ContactLawRows, CsrArrays]:
+    def _assemble_force_rows_contact_rows_and_matrix(
+        self,
+    ) -> tuple[sp.csr_matrix, ContactLawRows, CsrArrays]:
         """Return the force rows, the rows of the contact points, and arrays of the whole matrix.
 
         The force rows are the matrix (m dim, n) that gives the contact forces for displacements.
@@ -233,7 +248,9 @@ class ContactSystem:
             extract_local_rows(matrix, len(self.free_motions)) for matrix in (K, forces)
         )
         rows = ContactLawRows(local_forces, self._reduced_motion, self._borders, self._equations)
-        border = gather_balance_rows_on_last_rank(self._assemble_force_balance_contributions(local_forces), self.springs, self.comm)
+        border = gather_balance_rows_on_last_rank(
+            self._assemble_force_balance_contributions(local_forces), self.springs, self.comm
+        )
         return local_forces, rows, insert_empty_contact_rows(eliminated, rows, border)
 
     def _assemble_force_balance_contributions(self, force_rows: sp.csr_matrix) -> sp.coo_matrix:
@@ -273,7 +290,9 @@ class ContactSystem:
     def set_force_operator(self, force_operator: PETSc.Mat) -> None:
         """Set the force operator (n, m dim), which distributes contact forces to the equations."""
         self.force_operator = force_operator
-        self._reduced_force = force_operator.transposeMatMult(self.reduction.left)  # (m dim, equations)
+        self._reduced_force = force_operator.transposeMatMult(
+            self.reduction.left
+        )  # (m dim, equations)
         self._force_factor, self._opposite_force = split_force_operator_at_own_equations(
             self._reduced_force, self.interface.equation
         )
@@ -341,9 +360,9 @@ class ContactSystem:
         free_motion_loads: Array,
         *,
         torque_map: TorqueMap,
-        accuracy: Accuracy = "final",
+        accuracy: LinearSolveAccuracy = "final",
         friction_springs: Array | float = 0.0,
-    ) -> Solution:
+    ) -> ContactSystemSolution:
         """Solve equilibrium under a load, with the linearised law at every contact point.
 
         Args:
@@ -357,16 +376,24 @@ class ContactSystem:
         """
         self.n_solves += 1
         if self.free_motions:
-            self.tangent.set_springs(np.broadcast_to(friction_springs, len(self.free_motions)))
+            self.tangent.set_free_motion_springs(
+                np.broadcast_to(friction_springs, len(self.free_motions))
+            )
         rhs, balance_rhs = self.assemble_right_hand_sides(load, law, free_motion_loads, torque_map)
         solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
         reduced_unknowns = load.duplicate()
         reduced_unknowns.setArray(solution.unknowns[: len(rhs)])
         motions = self.comm.bcast(solution.unknowns[len(rhs) :], self.comm.size - 1)
-        return Solution(reduced_unknowns, np.array(motions), solution.is_exact, solution.is_final)
+        return ContactSystemSolution(
+            reduced_unknowns, np.array(motions), solution.is_exact, solution.is_final
+        )
 
     def assemble_right_hand_sides(
-        self, load: PETSc.Vec, law: LinearisedContactLaw, free_motion_loads: Array, torque_map: TorqueMap
+        self,
+        load: PETSc.Vec,
+        law: LinearisedContactLaw,
+        free_motion_loads: Array,
+        torque_map: TorqueMap,
     ) -> tuple[Array, Array]:
         """Return the right-hand sides of this process' equations (n,) and of all free motions.
 
@@ -376,13 +403,16 @@ class ContactSystem:
             free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
         """
-        point_load, rhs = self._extract_nodal_forces(load), self._eliminate_forces_at_opposite_nodes(load)
+        point_load, rhs = (
+            self._extract_nodal_forces(load),
+            self._eliminate_forces_at_opposite_nodes(load),
+        )
         has_equation = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
         rhs[self._equations[has_equation]] = law_right[has_equation]
         if not self.free_motions:
             return rhs, free_motion_loads
-        balance = torque_map.resultants(point_load)
+        balance = torque_map.compute_force_and_torque_of_each_point(point_load)
         balance[:, -1] -= np.sum(torque_map.w * torque_map.d0, axis=1)
         return rhs, free_motion_loads + self.sum_forces_by_free_motion(balance)
 
@@ -398,7 +428,7 @@ class ContactSystem:
         ]
         return weights
 
-    def extract_at_points(self, equation_values: Array) -> Array:
+    def extract_own_equation_values(self, equation_values: Array) -> Array:
         """Return the values (m, dim) at the contact points' own equations.
 
         `equation_values` (n,) has one value for each equation of this process. The result is 0 for
@@ -406,7 +436,9 @@ class ContactSystem:
         """
         return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
-    def split_residual_into_contact_and_unbalanced_forces(self, residual: PETSc.Vec) -> tuple[Array, Array]:
+    def split_residual_into_contact_and_unbalanced_forces(
+        self, residual: PETSc.Vec
+    ) -> tuple[Array, Array]:
         """Split the residual into contact forces and unbalanced forces.
 
         Args:
@@ -425,9 +457,7 @@ class ContactSystem:
 
         They are evaluated with the motion operator of the undeformed bodies for all unknowns (n,).
         """
-        return np.array(
-            (self.interface.motion * unknowns).array_r.reshape(self._equations.shape)
-        )
+        return np.array((self.interface.motion * unknowns).array_r.reshape(self._equations.shape))
 
     def evaluate_point_motions(self, unknowns: PETSc.Vec) -> Array:
         """Return the motions (m, p) of the contact points in the law, for all unknowns (n,)."""
@@ -455,7 +485,12 @@ class ContactSystem:
         return sums
 
     def compute_relative_balance_residuals(
-        self, point_forces: Array, q: Array, free_motion_loads: Array, torque_map: TorqueMap, reference_force: float
+        self,
+        point_forces: Array,
+        q: Array,
+        free_motion_loads: Array,
+        torque_map: TorqueMap,
+        reference_force: float,
     ) -> Array:
         """Return the unbalanced forces and torques (free,) of the free motions, divided by a force.
 
@@ -470,9 +505,16 @@ class ContactSystem:
         """
         if not self.free_motions:
             return np.zeros(0)
-        unbalanced = self.sum_forces_by_free_motion(torque_map.resultants(point_forces)) - free_motion_loads
+        unbalanced = (
+            self.sum_forces_by_free_motion(
+                torque_map.compute_force_and_torque_of_each_point(point_forces)
+            )
+            - free_motion_loads
+        )
         unbalanced += self.springs * self.select_free_motions(q)
-        return np.asarray(np.abs(unbalanced) / (reference_force * self._longest_lever_arms(torque_map)))
+        return np.asarray(
+            np.abs(unbalanced) / (reference_force * self._longest_lever_arms(torque_map))
+        )
 
     def _longest_lever_arms(self, torque_map: TorqueMap) -> Array:
         """Return the longest lever arm of each free motion (free,), 1 for translations."""
@@ -489,7 +531,7 @@ class ContactSystem:
 
         The result is 0 for components without an equation.
         """
-        return self.extract_at_points(equation_values.array_r) * self._force_factor
+        return self.extract_own_equation_values(equation_values.array_r) * self._force_factor
 
     def _eliminate_forces_at_opposite_nodes(self, equation_values: PETSc.Vec) -> Array:
         """Return the values (n,) of this process' equations without contact forces.
@@ -509,7 +551,9 @@ class ContactSystem:
         return local + opposite.array_r
 
 
-def measure_cost(systems: Sequence[ContactSystem], before: Cost = NO_COST) -> Cost:
+def measure_cost(
+    systems: Sequence[ContactSystem], before: SolveCountAndReport = NO_COST
+) -> SolveCountAndReport:
     """Return the cost of all solutions with some contact systems since an earlier cost.
 
     The report names the method of the last system.

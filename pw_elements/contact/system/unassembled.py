@@ -16,7 +16,11 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, DEFORMABLE, Interface
+from pw_elements.contact.interface import (
+    DEFORMABLE,
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
+)
 from pw_elements.contact.model import FreeMotionIndices
 from pw_elements.contact.nodes import LinearisedContactLaw
 from pw_elements.spaces import SubSpace
@@ -47,7 +51,7 @@ class ContactPointOperators:
     @classmethod
     def from_interface(
         cls,
-        interface: Interface,
+        interface: ContactInterface,
         force: PETSc.Mat,
         opposite_force: PETSc.Mat | None,
         equations: Indices,
@@ -94,7 +98,7 @@ class ContactPointOperators:
         """
         number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # number[-1] stays -1
         number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
-        columns = field.selection_matrix().transpose(PETSc.Mat())
+        columns = field.extraction_matrix().transpose(PETSc.Mat())
         motion, force = (operator.matMult(columns) for operator in (self.motion, self.force))
         return replace(
             self, motion=motion, force=force, equations=number[self.equations], n_translations=0

@@ -257,7 +257,9 @@ def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str
     u = as_function(U, a)
     piecewise_linear = u
     if element == "composite-T6":  # its own gradient is an assumed one
-        piecewise_linear = as_function(fem.functionspace(mesh, piecewise_linear_element("triangle", (2,))), a)
+        piecewise_linear = as_function(
+            fem.functionspace(mesh, piecewise_linear_element("triangle", (2,))), a
+        )
     errors = solution.errors(u, piecewise_linear)
 
     # f also has the traction on the support: reactions are integrals of it times test functions

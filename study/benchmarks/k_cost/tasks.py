@@ -376,7 +376,7 @@ def _two_blocks(
 
     from dolfinx.mesh import CellType, compute_midpoints, create_box, create_mesh
 
-    from pw_elements._compat import cell_nodes
+    from pw_elements._compat import cell_geometry_nodes
 
     comm = MPI.COMM_WORLD
     low, high = UPPER_ENDS
@@ -389,7 +389,9 @@ def _two_blocks(
         regular, widened = [0, 1 / sizes[0], 1 - 1 / sizes[0], 1], [-rim, 0, 1, 1 + rim]
         lower.geometry.x[:, :2] = np.interp(lower.geometry.x[:, :2], regular, widened)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])
-    cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(lower.geometry.x)])
+    cells = np.concatenate(
+        [cell_geometry_nodes(lower), cell_geometry_nodes(upper) + len(lower.geometry.x)]
+    )
     if comm.rank:
         cells, x = cells[:0], x[:0]
     element = lower.ufl_domain().ufl_coordinate_element()
@@ -430,7 +432,7 @@ def measure_pieces(row: Row) -> dict[str, float]:
     from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
 
     import pw_elements as pw
-    from pw_elements._compat import cell_nodes
+    from pw_elements._compat import cell_geometry_nodes
     from pw_elements.contact import ContactPair, Plane, solve_contact
     from pw_elements.elasticity import StressState
     from study.model.discretisation import spaces
@@ -445,7 +447,7 @@ def measure_pieces(row: Row) -> dict[str, float]:
     n_nodes, numbers = len(piece.geometry.x), np.arange(row.cells)
     shifts = np.column_stack([2.0 * numbers, *np.zeros((dim - 1, row.cells))])
     x = (piece.geometry.x[:, :dim] + shifts[:, None]).reshape(-1, dim)
-    cells = cell_nodes(piece) + n_nodes * numbers[:, None, None]
+    cells = cell_geometry_nodes(piece) + n_nodes * numbers[:, None, None]
     cells = cells.reshape(-1, dim + 1).astype(np.int64)
     if comm.rank:
         cells, x = cells[:0], x[:0]

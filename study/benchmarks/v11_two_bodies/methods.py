@@ -37,10 +37,10 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.interface import Overlap, Trace, gather_boundary_facets
+from pw_elements.contact.interface import BoundaryFacets, OverlapQuadrature, gather_boundary_facets
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.spaces import Part
+from pw_elements.spaces import EntitySelection
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -118,7 +118,7 @@ class TwoBodies:
         """Positions (nodes, dim)."""
         return np.asarray(self.space.tabulate_dof_coordinates()[:, : self.space.mesh.geometry.dim])
 
-    def load(self, traction: Array | Sequence[float], part: Part) -> PETSc.Vec:
+    def load(self, traction: Array | Sequence[float], part: EntitySelection) -> PETSc.Vec:
         """Return the load vector of a traction on a part of the boundary."""
         surface = boundary_measure(self.space.mesh, part)
         return assemble_vector(self.body.surface_load(np.asarray(traction, dtype=float), surface))
@@ -148,9 +148,13 @@ class TwoBodies:
     def _library_solution(self, states: list[ContactState]) -> "Solution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
-        slave, master = (gather_boundary_facets(self.space, face) for face in (self.slave, self.master))
-        overlap = Overlap.from_slave_and_master(slave, master, pair.node, revolved=False)
-        covered = overlap.integrate_with_weight_functions(np.ones(len(overlap.measure)), len(pair.node))
+        slave, master = (
+            gather_boundary_facets(self.space, face) for face in (self.slave, self.master)
+        )
+        overlap = OverlapQuadrature.from_slave_and_master(slave, master, pair.node, revolved=False)
+        covered = overlap.integrate_with_weight_functions(
+            np.ones(len(overlap.measure)), len(pair.node)
+        )
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
         force[pair.opposite_node] = pair.opposite_force
@@ -294,7 +298,7 @@ def _solve_saddle_point(
     else:
         if two.method == "p2-p1":  # linear along each edge
             node = np.searchsorted(slave.nodes, slave.facet_nodes)
-            for middle, ends in _facet_edges(slave.dim):
+            for middle, ends in _facet_edges(slave.space_dim):
                 multiplier[node[:, middle]] = multiplier[node[:, ends]].mean(axis=1)
                 has_row[node[:, middle]] = has_row[node[:, ends]].all(axis=1)
         pressure = np.where(has_row, multiplier, np.nan)[order]
@@ -327,7 +331,7 @@ def _solve_by_mumps(matrix: sp.csr_array, right: Array) -> Array:
 
 
 def couple_by_multipliers(
-    method: str, slave: Trace, master: Trace, n_nodes: int, sign: float
+    method: str, slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
 ) -> Coupling:
     """Return the coupling by multipliers, integrated over the common segments of both faces.
 
@@ -338,13 +342,13 @@ def couple_by_multipliers(
         n_nodes: number of all nodes.
         sign: of the slave's inward normal along the last coordinate.
     """
-    overlap = Overlap.from_slave_and_master(slave, master, slave.nodes, revolved=False)
+    overlap = OverlapQuadrature.from_slave_and_master(slave, master, slave.nodes, revolved=False)
     (slave_node, N_slave), (master_node, N_master), (weight_node, w_master) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
         "p2-p2": lambda: N_slave,
-        "p2-p1": lambda: _linear_functions(N_slave, slave.dim),
-        "p2-dual": lambda: dual_functions(slave_node, N_slave, overlap.measure, slave.dim),
+        "p2-p1": lambda: _linear_functions(N_slave, slave.space_dim),
+        "p2-dual": lambda: dual_functions(slave_node, N_slave, overlap.measure, slave.space_dim),
     }
     phi = functions[method]()
     m = len(slave.nodes)
@@ -408,7 +412,9 @@ def dual_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
     return np.asarray(np.einsum("qa,qab->qb", N, A[facet.ravel()]))
 
 
-def _couple_nodes_to_segments(slave: Trace, master: Trace, n_nodes: int, sign: float) -> Coupling:
+def _couple_nodes_to_segments(
+    slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
+) -> Coupling:
     """Return the coupling of the slave's nodes with the master's face below or above them."""
     x = slave.node_positions()
     _, corners, _ = master.sub_facet_nodes_corners_and_normals

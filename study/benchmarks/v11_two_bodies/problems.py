@@ -16,7 +16,11 @@ from scipy.spatial import cKDTree
 
 from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
-from pw_elements.contact.interface import Trace, compute_cell_lengths_or_areas, gather_boundary_facets
+from pw_elements.contact.interface import (
+    BoundaryFacets,
+    compute_cell_lengths_or_areas,
+    gather_boundary_facets,
+)
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import locate_exterior_facets
@@ -107,7 +111,7 @@ def _two_blocks(method: str, dim: int, width: float) -> TwoBodies:
 
 
 def _integrate_weights_beyond(
-    trace: Trace, end: float, linear: bool
+    trace: BoundaryFacets, end: float, linear: bool
 ) -> tuple[npt.NDArray[np.int64], Array]:
     """Integrate test functions over the part x > end of a flat face.
 
@@ -123,14 +127,14 @@ def _integrate_weights_beyond(
     """
     sub_facet_nodes, corners, _ = trace.sub_facet_nodes_corners_and_normals
     points, weights = basix.make_quadrature(
-        {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.dim], 2
+        {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.space_dim], 2
     )
     weights = weights / weights.sum()
     barycentric_points = np.column_stack([1 - points.sum(axis=1), points])
     nodes, integrals = [], []
     for sub_facet in range(len(corners)):
         corner: Array = corners[sub_facet]
-        for piece in _cut_simplex(corner, end, trace.dim):
+        for piece in _cut_simplex(corner, end, trace.space_dim):
             size = compute_cell_lengths_or_areas((piece @ corner)[None])[0]
             position = barycentric_points @ piece
             if linear:
@@ -558,7 +562,7 @@ def r0094(way: str) -> Result:
 def _restrict_slave(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
     """Keep the facets of the slave's face all of whose nodes (n, dim) are near."""
     trace = gather_boundary_facets(two.space, two.slave)
-    is_near = near(trace.facet_x.reshape(-1, trace.dim))
+    is_near = near(trace.facet_x.reshape(-1, trace.space_dim))
     kept = is_near.reshape(trace.facet_nodes.shape).all(axis=1)
     return TwoBodies(two.method, two.body, two.K, two.slave[kept], two.master)
 

@@ -321,8 +321,8 @@ def identity(element: str) -> Result:
     K, K_standard = (assemble_matrix(body.stiffness()) for body in bodies)
     W = bodies[1].spaces.trial
     displacements = SubSpace.displacements(W)
-    select_equilibrium = displacements.selection_matrix()
-    select_volume = SubSpace.pressure(W).selection_matrix()
+    select_equilibrium = displacements.extraction_matrix()
+    select_volume = SubSpace.pressure(W).extraction_matrix()
     T = force_transfer(displacements.space)
     scalars = {}
     for name, select, expected in (

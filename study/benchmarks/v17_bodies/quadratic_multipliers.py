@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, AutoDiffArray, Indices, stack_values_and_derivatives
 from pw_elements.contact import ContactPair
-from pw_elements.contact.interface import MortarMatrices, SlidingMortar, Trace
+from pw_elements.contact.interface import BoundaryFacets, MortarMatrices, SlidingMortar
 from pw_elements.contact.interface.sliding import LinearisedMortar, sum_into_matrix
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
@@ -79,7 +79,7 @@ def _find_root(
 class DualQuadratic(SlidingMortar):
     """Mortar integrals of two sides in the plane, as `SlidingMortar`, of quadratic functions."""
 
-    def __init__(self, slave: Trace, master: Trace) -> None:
+    def __init__(self, slave: BoundaryFacets, master: BoundaryFacets) -> None:
         super().__init__(slave, master, False)
         self._slave_nodes = _join_halves(self._slave_facets)
         self._master_nodes = _join_halves(self._master_facets)
@@ -87,7 +87,7 @@ class DualQuadratic(SlidingMortar):
     def linearise(self, x: Array) -> LinearisedMortar:
         """Return gaps and their derivatives at positions (n, 2) of the nodes."""
         n, m = len(x), self.n_slave_nodes
-        halves = self._find_near_facets(x)
+        halves = self._find_near_facing_facet_pairs(x)
         slave_facet, master_facet = np.unique(np.stack(halves) // 2, axis=1)
         nodes = np.column_stack(
             [self._nodes_with_neighbours(slave_facet), self._master_nodes[master_facet]]
@@ -165,7 +165,7 @@ class DualQuadratic(SlidingMortar):
             )
 
         d_distance = differentiate_rows(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._average_normals(x)
+        normals, angles = self._average_slave_normals_and_angle_derivatives(x)
         return LinearisedMortar(
             is_facing,
             normals,
@@ -315,7 +315,7 @@ class DualQuadraticProblem:
         u: Any,  # noqa: ANN401
         supports: Any,  # noqa: ANN401
         pair: ContactPair,
-        sides: tuple[Trace, Trace],
+        sides: tuple[BoundaryFacets, BoundaryFacets],
         callback: Callable[[Any], None],
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, supports, Direct())

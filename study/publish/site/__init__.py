@@ -11,7 +11,7 @@ from pathlib import Path
 
 from study.publish.site import evidence, gallery, reference
 from study.publish.texts import HERE, load_figures
-from study.run.files import replacing_folder
+from study.run.files import open_folder_replacement
 from study.run.store import Results, StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -37,7 +37,7 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
     results.claims()  # what is missing is to be known now, not after the gallery
     load_figures(results)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing_folder(out, KIND) as made:
+    with open_folder_replacement(out, KIND) as made:
         source = made.scratch / "source"
         missing = write_sources(results, source, jobs)
         missing += _sphinx(source, made.folder)
