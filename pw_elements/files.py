@@ -261,7 +261,8 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
         )
     if foreign := sorted(content - {*mark["entries"]}):
         raise ForeignFileOrFolder(
-            f"{path} is not replaced: it holds {_format_first_names(foreign)}, not written with it. Move "
+            f"{path} is not replaced: it holds {_format_first_names(foreign)}, not written with "
+            "it. Move "
             "that away, or give another name"
         )
 
@@ -274,8 +275,8 @@ def create_or_claim_folder(
     Args:
         path: Path of the folder. Missing parent folders are created.
         kind: Description of the folder, which is stored in its mark.
-        may_mark_existing: Function that returns whether an existing folder without a mark may be marked.
-            Empty folders always are.
+        may_mark_existing: Function that returns whether an existing folder without a mark may be
+            marked. Empty folders always are.
 
     Raises:
         ForeignEntry: If the path holds something else.

@@ -539,7 +539,8 @@ class AbaqusDeck:
                 chunk = start + np.flatnonzero((existing_keys[start:end] - range_start) % step == 0)
             if not len(chunk):
                 raise ValueError(
-                    f"{definition.location}: GENERATE from {self.format_instance_and_number(range_start)} to "
+                    f"{definition.location}: GENERATE from "
+                    f"{self.format_instance_and_number(range_start)} to "
                     f"{self.format_instance_and_number(range_end)} names nothing that is there"
                 )
             if len(chunk) < count:

@@ -181,8 +181,8 @@ class _LineReaderWithIncludes:
         """Continue with the lines of another file.
 
         Args:
-            file_name: path of the file, relative to the folder of the including file or, if there is no
-                such file, relative to the folder of the main file.
+            file_name: path of the file, relative to the folder of the including file or, if there
+                is no such file, relative to the folder of the main file.
             location: file and line of the include, used in error messages.
         """
         if not file_name.strip('" \t'):
@@ -255,7 +255,8 @@ class _TextFileReader:
             raise ErrorWithFileAndLine(f"{self.path}, line {self.number}: this is no text")
         if len(text) >= MAX_CHARACTERS_PER_LINE and not text.endswith("\n"):
             raise ErrorWithFileAndLine(
-                f"{self.path}, line {self.number}: the line is longer than {MAX_CHARACTERS_PER_LINE} "
+                f"{self.path}, line {self.number}: the line is longer than "
+                f"{MAX_CHARACTERS_PER_LINE} "
                 "characters"
             )
         return text.strip(" \t\n")
@@ -319,7 +320,8 @@ def parse_comma_separated_integers(text: str, minimum: int = 1) -> list[int]:
     """Parse a row of numbers of nodes or elements; commas at the end are ignored.
 
     Raises:
-        ValueError: for an entry that is not an integer from `minimum` to `MAX_NODE_OR_ELEMENT_NUMBER`.
+        ValueError: for an entry that is not an integer from `minimum` to
+            `MAX_NODE_OR_ELEMENT_NUMBER`.
     """
     if not _INTEGER_ROW_PATTERN.fullmatch(text):
         wrong_entry = next(
@@ -337,7 +339,8 @@ def parse_comma_separated_integers(text: str, minimum: int = 1) -> list[int]:
         ) from error
     if min(numbers) < minimum or max(numbers) > MAX_NODE_OR_ELEMENT_NUMBER:
         raise ValueError(
-            f"{quote_shortened(text)}: numbers have to be from {minimum} to {MAX_NODE_OR_ELEMENT_NUMBER}"
+            f"{quote_shortened(text)}: numbers have to be from {minimum} to "
+            f"{MAX_NODE_OR_ELEMENT_NUMBER}"
         )
     return numbers
 

@@ -272,7 +272,8 @@ class _AbaqusCellTable:
         if len(cell):
             node = self._node_label_in_file(rows[cell[0], column[0]])
             raise ValueError(
-                f"{path}: element {self._element_label_in_file(cell[0])} has the node {node} twice: "
+                f"{path}: element {self._element_label_in_file(cell[0])} has the node {node} "
+                "twice: "
                 "collapsed cells are not read"
             )
         rows = np.sort(self.nodes[:, :corners], axis=1)
@@ -282,7 +283,8 @@ class _AbaqusCellTable:
             first_cell, second_cell = sorted(ordering[equal_rows[0] : equal_rows[0] + 2])
             raise ValueError(
                 f"{path}: elements {self._element_label_in_file(first_cell)} and "
-                f"{self._element_label_in_file(second_cell)} have the same corners: one cell is given twice"
+                f"{self._element_label_in_file(second_cell)} have the same corners: one cell is "
+                "given twice"
             )
         if self.degree == 1:
             return
@@ -290,7 +292,8 @@ class _AbaqusCellTable:
         contradictory = np.intersect1d(middles, self.nodes[:, :corners])
         if len(contradictory):
             raise ValueError(
-                f"{path}: node {self._node_label_in_file(contradictory[0])} is a corner of one element and "
+                f"{path}: node {self._node_label_in_file(contradictory[0])} is a corner of one "
+                "element and "
                 "in the middle of another's edge"
             )
         edge_ends = np.array([[int(c) for c in edge] for edge in ABAQUS_EDGE_CORNERS[self.cell]])
@@ -561,7 +564,8 @@ class _NamedCellAndFacetSets:
                 self._sets_with_shell_sides.setdefault(label)
             else:
                 raise ValueError(
-                    f"{self._deck.path}: a surface has faces {surface_members.face}; a {self._cells.cell} "
+                    f"{self._deck.path}: a surface has faces {surface_members.face}; a "
+                    f"{self._cells.cell} "
                     f"has {[*face_numbers]}"
                 )
         return np.concatenate(chunks)

@@ -345,15 +345,18 @@ def _check_prestress_ratios(
     too_large = prestress_ratios > MAX_PRESTRESS_OVER_STIFFNESS
     if too_large.any():
         raise NoModes(
-            f"only {np.sum(~too_large)} of {len(buckling_factors)} factors are of buckling: at the factor "
-            f"{buckling_factors[too_large][0]:.4g} the prestress is {prestress_ratios[too_large][0]:.3g} times the "
+            f"only {np.sum(~too_large)} of {len(buckling_factors)} factors are of buckling: at "
+            "the factor "
+            f"{buckling_factors[too_large][0]:.4g} the prestress is "
+            f"{prestress_ratios[too_large][0]:.3g} times the "
             "stiffness, and no body is elastic there. Either the load pulls where it should press "
             "(then reverse it), or fewer modes have to be asked for"
         )
     if prestress_ratios.max() > WARNING_PRESTRESS_OVER_STIFFNESS:
         worst = int(np.argmax(prestress_ratios))
         warning = (
-            f"at the buckling factor {buckling_factors[worst]:.4g} the prestress is {prestress_ratios[worst]:.2g} "
+            f"at the buckling factor {buckling_factors[worst]:.4g} the prestress is "
+            f"{prestress_ratios[worst]:.2g} "
             "times the stiffness: strains are far from small, and the factor means little. Look "
             "at the sign of the load"
         )
@@ -430,7 +433,8 @@ def _compute_modes_of_largest_eigenvalues(
         reduction: reduction of both matrices.
         request: number of modes, and whether the matrices are symmetrised.
         solver: solver of systems with B.
-        is_B_shifted: whether B contains a shift, so that it is regular even if rigid motions are free.
+        is_B_shifted: whether B contains a shift, so that it is regular even if rigid motions are
+            free.
 
     Returns:
         The eigenvalues mu (count,); the modes d as vectors of all unknowns; the relative residuals
@@ -515,7 +519,8 @@ def _is_nearly_symmetric(
 def _require_positive_definite(factorisation: PreparedSolver) -> None:
     if factorisation.negative_pivots is None:
         raise ValueError(
-            f"{factorisation.report.method} does not count negative pivots, without which a symmetrised "
+            f"{factorisation.report.method} does not count negative pivots, without which a "
+            "symmetrised "
             "pair is not known to be positive definite: use Direct() with MUMPS"
         )
     if factorisation.negative_pivots > 0:

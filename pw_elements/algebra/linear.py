@@ -126,7 +126,8 @@ def has_free_constant_pressure(
     Such a matrix is singular: the pressure of a hybrid body is determined up to a constant.
 
     Args:
-        reduced_matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r unknowns.
+        reduced_matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r
+            unknowns.
         reduction: reduction of the matrix.
         ignored_rows: local numbers of rows that need not be zero.
     """

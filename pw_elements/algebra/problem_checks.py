@@ -114,7 +114,8 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
 def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  # noqa: ANN401
     if None not in (K_record.mesh, mesh) and mesh is not K_record.mesh:
         raise ValueError(
-            f"{name} belongs to another mesh than {_STIFFNESS_NAME_IN_MESSAGES}: their nodes have other "
+            f"{name} belongs to another mesh than {_STIFFNESS_NAME_IN_MESSAGES}: their nodes have "
+            "other "
             "numbers, even where there are as many"
         )
 
@@ -133,14 +134,16 @@ def _check_same_weights_and_stress_state(
         return
     if (K_record.sibling is None) != (record.sibling is None):
         raise ValueError(
-            f"one of {name} and {_STIFFNESS_NAME_IN_MESSAGES} belongs to the symmetric sibling, whose unknowns "
+            f"one of {name} and {_STIFFNESS_NAME_IN_MESSAGES} belongs to the symmetric sibling, "
+            "whose unknowns "
             "are coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
     test, trial = K_record.form.function_spaces
     if not _have_same_element(record.test_space, test):
         constructor = "galerkin" if _have_same_element(test, trial) else "petrov_galerkin"
         raise ValueError(
-            f"{name} was made with other weight functions than {_STIFFNESS_NAME_IN_MESSAGES}: nodal forces "
+            f"{name} was made with other weight functions than {_STIFFNESS_NAME_IN_MESSAGES}: "
+            "nodal forces "
             f"differ by some per cent; use the test space of Spaces.{constructor} in both"
         )
 
@@ -178,7 +181,8 @@ def check_solver_type(solver: object) -> None:
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(
-            f"the solver is {arguments.describe_value_or_type(solver)}: give a LinearSolver such as Direct() or "
+            f"the solver is {arguments.describe_value_or_type(solver)}: give a LinearSolver such "
+            "as Direct() or "
             'Iterative(), or "auto"'
         )
 

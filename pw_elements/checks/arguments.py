@@ -160,7 +160,8 @@ def check_function_values(
     array = np.asarray(values)
     if array.shape != shape or array.dtype.kind not in ("b" if value_type is bool else "iuf"):
         raise ValueError(
-            f"{name} gave {array.dtype} of the shape {array.shape} for {shape[0]} points: {layout_description}"
+            f"{name} gave {array.dtype} of the shape {array.shape} for {shape[0]} points: "
+            f"{layout_description}"
         )
     return array.astype(value_type)
 
@@ -236,8 +237,8 @@ def check_petsc_vector(
         name: name of the vector, used in error messages.
         value: object to be checked.
         other_name: name of `required_space_or_size`, used in error messages.
-        required_space_or_size: function space to which the vector has to belong, or its required local and global
-            size; by default any size is accepted.
+        required_space_or_size: function space to which the vector has to belong, or its required
+            local and global size; by default any size is accepted.
     """
     check_type(
         name, value, PETSc.Vec, "assemble_vector(form) makes one; float(s) * vector scales it"

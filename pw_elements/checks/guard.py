@@ -2,7 +2,8 @@
 
 If an error were raised on one process only, or if processes had different arguments, they would
 wait for each other forever in their next communication. Therefore public functions that communicate
-are decorated with `check_same_arguments_on_all_processes`, and users' functions are called in a block
+are decorated with `check_same_arguments_on_all_processes`, and users' functions are called in a
+block
 
     with raise_errors_on_all_processes(mesh.comm):
         marked = call_user_function(mesh.comm, "the marker", where, x)

@@ -166,8 +166,8 @@ class _CellChecks:
         """Check that there are no folds and no facets with more than two cells; collective.
 
         Args:
-            side_cofactors: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints of
-                the sides.
+            side_cofactors: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints
+                of the sides.
         """
         topology, dim = self.mesh.topology, self.dim
         topology.create_connectivity(dim, dim - 1)

@@ -437,8 +437,8 @@ class Body:
 
         Args:
             integrand: integrand of the form.
-            galerkin_simplex_degree: degree of the integrand on straight simplices with quadratic test
-                functions. With piecewise-linear test functions it is one less.
+            galerkin_simplex_degree: degree of the integrand on straight simplices with quadratic
+                test functions. With piecewise-linear test functions it is one less.
             parallelepiped_degree: degree of quadrature on parallelograms and parallelepipeds with
                 piecewise-linear test functions.
         """

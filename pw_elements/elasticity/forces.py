@@ -124,8 +124,10 @@ def _force_transfer_of_cell(
 
     Args:
         element: quadratic Lagrange element.
-        midside_fraction_kept: on an interval, part of the middle node's force that stays at this node.
-        midside_fraction_to_vertex: on an interval, part of the middle node's force that goes to each vertex.
+        midside_fraction_kept: on an interval, part of the middle node's force that stays at this
+            node.
+        midside_fraction_to_vertex: on an interval, part of the middle node's force that goes to
+            each vertex.
     """
     counts = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
     dimension_of_node = np.repeat(np.arange(len(counts)), counts)  # of the entity of each node

@@ -79,7 +79,8 @@ def check_consistent_nodes_of_cells(
         if is_wrong.any():
             row, side = np.argwhere(is_wrong)[0]
             raise ValueError(
-                f"element {element_numbers[row]} has the node {node_numbers[middle_nodes[row, side]]} in the "
+                f"element {element_numbers[row]} has the node "
+                f"{node_numbers[middle_nodes[row, side]]} in the "
                 "middle of an edge or face where a neighbour has another one, or has it elsewhere"
             )
         next_code = int(entity_code.max()) + 1

@@ -296,7 +296,8 @@ class GmshMesh:
                 unnamed = [group for group in groups if (dim, group) not in self._names]
                 if unnamed or next_tag > _MAX_INT32_TAG:
                     raise ValueError(
-                        f"{entity_kind} are in the physical groups {', '.join(map(str, groups[:6]))} "
+                        f"{entity_kind} are in the physical groups "
+                        f"{', '.join(map(str, groups[:6]))} "
                         "at once: give all of these names and smaller numbers, or let none overlap"
                     )
                 tag, next_tag = next_tag, next_tag + 1

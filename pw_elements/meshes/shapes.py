@@ -129,7 +129,8 @@ def _evaluate_point_map(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
     with raise_errors_on_all_processes(mesh.comm):
         if callable(point_map) and not arguments.is_user_function(point_map):
             raise TypeError(
-                f"the image is {arguments.describe_value_or_type(point_map)}: give a function of points"
+                f"the image is {arguments.describe_value_or_type(point_map)}: give a function of "
+                "points"
             )
         returned = np.asarray(
             call_user_function(mesh.comm, "the image of the mesh", point_map, x.copy())

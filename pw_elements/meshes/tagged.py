@@ -66,7 +66,8 @@ class TaggedMesh(NamedTuple):
         set_tags = tags_of_name.get(set_name, tags_of_name.get(to_upper_ascii(set_name), ()))
         if not set_tags:
             raise ValueError(
-                f"no set of {entity_kind} is called {set_name}; known are {', '.join(tags_of_name) or 'none'}"
+                f"no set of {entity_kind} is called {set_name}; known are "
+                f"{', '.join(tags_of_name) or 'none'}"
             )
         return tags.indices[np.isin(tags.values, set_tags)]
 

@@ -40,8 +40,8 @@ _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE = {
 class BlockTriangularPreconditioner:
     """Preconditioner for one matrix of a hybrid space, used in place of a `Multigrid`.
 
-    The diagonal matrix s of `pressure_equilibration_scales` scales pressures to lengths, and the projection
-    Pi sets prescribed unknowns to zero.
+    The diagonal matrix s of `pressure_equilibration_scales` scales pressures to lengths, and the
+    projection Pi sets prescribed unknowns to zero.
 
     Args:
         K: matrix (n, n) of displacements and pressures, without supports.
@@ -87,7 +87,8 @@ class BlockTriangularPreconditioner:
         """Extract the blocks of K, set up the pressure solver and return the displacement block.
 
         Args:
-            reused_displacement_block: matrix to overwrite with the block of the displacements; None creates a new matrix.
+            reused_displacement_block: matrix to overwrite with the block of the displacements; None
+                creates a new matrix.
         """
         space = self.displacements.space
         u, p = (field.global_numbers() for field in (self.displacements, self._pressure))

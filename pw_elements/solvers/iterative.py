@@ -279,7 +279,8 @@ class KrylovSolver:
             f"{self.report.method} left the relative residual {relative_residual:.1e} after "
             f"{sum(self._counted)} iterations in all: Poisson's ratio near 1/2, flat cells or "
             "supports that hardly hold make it slow; use Direct() "
-            f"(some {estimate_factor_memory_in_bytes(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
+            f"(some {estimate_factor_memory_in_bytes(dofs) / 1e9:.2g} GB in space), or raise "
+            "ksp_max_it"
         )
 
     def solve_with_changed_rows(self, rhs: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002

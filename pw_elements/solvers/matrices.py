@@ -232,8 +232,8 @@ def null_space_basis(
 
     Args:
         parts: matrices (n, modes), all dense or all sparse, whose entries are of the order of one.
-        singular_value_tolerance: singular value, divided by the square root of the number of modes, below which it
-            counts as zero.
+        singular_value_tolerance: singular value, divided by the square root of the number of modes,
+            below which it counts as zero.
     """
     are_dense = isinstance(parts[0], np.ndarray)
     rows = np.vstack(parts) if are_dense else sp.vstack(parts, "csr")

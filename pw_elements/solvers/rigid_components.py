@@ -71,7 +71,8 @@ class ComponentRigidModes:
         """Return a matrix with one column for each mode of each component.
 
         Args:
-            values_in_modes: values (owned nodes, block, k) at each node in the k modes of its component.
+            values_in_modes: values (owned nodes, block, k) at each node in the k modes of its
+                component.
             n_empty_columns: number of empty columns to append.
 
         Returns:

@@ -121,7 +121,8 @@ def _refuse_unsuitable_quadrature_points(
     Args:
         derivative_order: order of the derivatives to be tabulated.
         points: quadrature points (n, 3).
-        least_barycentric: least barycentric coordinate (12, n) of each point with respect to each sub-cell.
+        least_barycentric: least barycentric coordinate (12, n) of each point with respect to each
+            sub-cell.
     """
     is_inside = _is_inside_reference_tetrahedron(points)
     # values may be tabulated at any points, for interpolation for example, except at the points of

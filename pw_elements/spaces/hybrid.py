@@ -31,8 +31,9 @@ def displacement_pressure_element(
 
     Args:
         displacement_element: vector element of the displacements.
-        discontinuous_pressure: whether the pressure is discontinuous between cells; `pressure_continuity_matrix` makes such a
-            pressure continuous within each part of a body.
+        discontinuous_pressure: whether the pressure is discontinuous between cells;
+            `pressure_continuity_matrix` makes such a pressure continuous within each part of a
+            body.
     """
     cell = displacement_element.cell_type.name
     pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=discontinuous_pressure)

@@ -85,7 +85,8 @@ def selected_local_numbers(
     )
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
         raise ValueError(
-            f"{entity_name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
+            f"{entity_name} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, "
+            "local "
             f"numbers (integers), or a mask of all of them, {available}"
         )
     if numbers.dtype == bool:

@@ -144,9 +144,9 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Create the piecewise-linear test space of a quadratic Lagrange space.
 
     Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
-    assembled matrix then belongs to the same node as column i. For tetrahedra see `piecewise_linear_element`.
-    For a mixed space of displacements and a pressure (Taylor and Hood's), only the displacements
-    get piecewise-linear test functions.
+    assembled matrix then belongs to the same node as column i. For tetrahedra see
+    `piecewise_linear_element`. For a mixed space of displacements and a pressure (Taylor and
+    Hood's), only the displacements get piecewise-linear test functions.
 
     Args:
         trial: quadratic Lagrange space on any type of cell, scalar or with components; or a mixed

@@ -63,11 +63,11 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Composite triangle: four linear triangles with one linear gradient over all of them.
 
-    Values are those of `piecewise_linear_element("triangle")`. Wherever a form takes a gradient, it gets the
-    L2 projection of the piecewise constant one onto linear functions of the macro triangle: with a
-    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A. Repetto,
-    "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
-    strains. Projecting on the reference triangle is right for straight sides.
+    Values are those of `piecewise_linear_element("triangle")`. Wherever a form takes a gradient, it
+    gets the L2 projection of the piecewise constant one onto linear functions of the macro
+    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
+    Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for
+    small strains. Projecting on the reference triangle is right for straight sides.
     """
     return _blocked(
         _AssumedGradientElement(piecewise_linear_element("triangle")._quadratic_facet_element),

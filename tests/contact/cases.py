@@ -55,7 +55,8 @@ def list_states_and_substates(states):
 def neo_hookean_piola_stress(F, shear_modulus=1.0, lame_lambda=1.5):
     """Return the first Piola stress of a compressible neo-Hookean material.
 
-    F is the deformation gradient, `shear_modulus` the shear modulus, and `lame_lambda` Lame's constant lambda.
+    F is the deformation gradient, `shear_modulus` the shear modulus, and `lame_lambda` Lame's
+    constant lambda.
     """
     inverse_transpose = ufl.inv(F).T
     return (

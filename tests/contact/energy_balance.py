@@ -53,8 +53,8 @@ def measure_energy_balance(
 ) -> EnergyBalance:
     """Follow the path with an element, and return the energies at its end.
 
-    The mesh has squares of size 1 / cells_per_radius, each halved into triangles. `increments_per_leg` is
-    the number of equal increments per leg of the path.
+    The mesh has squares of size 1 / cells_per_radius, each halved into triangles.
+    `increments_per_leg` is the number of equal increments per leg of the path.
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")

@@ -60,7 +60,9 @@ def solve_history(problem, step_arguments):
 
 
 def resume_history(problem, step_arguments, state, n_done_steps=INCREMENTS_BEFORE_RESUME):
-    """Return the states of the increments after the first `n_done_steps`, computed from a given state."""
+    """Return the states of the increments after the first `n_done_steps`, computed from a given
+    state.
+    """
     states = []
     for step in step_arguments[n_done_steps:]:
         state = problem.step(state, *step)

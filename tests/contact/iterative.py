@@ -45,8 +45,8 @@ class SolidBlock(ElasticBody):
 def nearly_sliding_contact_arguments(solid, push_over_pressure=0.588):
     """Return the arguments of a block that is pressed on a floor, pushed, and pushed less.
 
-    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates. `push_over_pressure`
-    is the push divided by the pressure; friction can carry a ratio of 0.6.
+    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates.
+    `push_over_pressure` is the push divided by the pressure; friction can carry a ratio of 0.6.
     """
     pressure_load, side_load = (
         solid.traction_load((0.0, 0.0, -1.0), on_plane(2, 1.0)),

@@ -238,10 +238,10 @@ def _contact_law_residuals(
 ):
     """Return the mask of nodes that face the surface, violations there, and friction on supports.
 
-    Friction on supports acts in the components (n, dim) marked by `has_support_friction`. Two vectors (dim,)
-    describe it: its sum, and the amount by which the sum may differ because friction is not
-    determined at nodes without slip. `allowed_penetration` (n,) is the depth by which nodes may be inside
-    the surface while interference is resolved in substeps.
+    Friction on supports acts in the components (n, dim) marked by `has_support_friction`. Two
+    vectors (dim,) describe it: its sum, and the amount by which the sum may differ because friction
+    is not determined at nodes without slip. `allowed_penetration` (n,) is the depth by which nodes
+    may be inside the surface while interference is resolved in substeps.
     """
     gap, normal = (
         surface.gap(positions_in_surface_frame) + allowed_penetration,

@@ -18,7 +18,9 @@ from tests.contact.two_bodies import join_meshes
 
 
 def mesh_of_two_rectangles(lower_corners, upper_corners, divisions, map_nodes, comm=MPI.COMM_SELF):
-    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by `map_nodes`."""
+    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by
+    `map_nodes`.
+    """
     meshes = []
     for body, (box, n) in enumerate(zip((lower_corners, upper_corners), divisions, strict=True)):
         mesh = create_rectangle(MPI.COMM_SELF, box, n, CellType.triangle)
@@ -81,7 +83,9 @@ def slide_along_path(bodies, path=DIE_TOP_TRANSLATIONS, start_state=None):
 
 
 def yield_states_along_path(bodies, path, start_state=None):
-    """Yield the state at the end of each increment; `start_state` is a state on `DIE_TOP_TRANSLATIONS`."""
+    """Yield the state at the end of each increment; `start_state` is a state on
+    `DIE_TOP_TRANSLATIONS`.
+    """
     state, previous = start_state or bodies.problem.undeformed, (0.0, 0.0)
     if start_state is not None:
         previous = DIE_TOP_TRANSLATIONS[start_state.increment - 1]
@@ -130,8 +134,8 @@ def make_die_on_block(
 def compare_mortar_with_verification(mortar, start_positions, end_positions):
     """Return the largest differences between mortar integrals of verification and iteration.
 
-    The nodes move from the positions `start_positions` (n, 2) to `end_positions`. Gaps and slips are divided by the
-    length of the longest facet.
+    The nodes move from the positions `start_positions` (n, 2) to `end_positions`. Gaps and slips
+    are divided by the length of the longest facet.
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
     slip, _ = projected.measure_slip_and_position_derivatives(

@@ -41,7 +41,8 @@ KRYLOV_METHOD_NAME_BY_IS_HYBRID = {
 def assert_same_states(states, expected, relative_displacement_tolerance=1e-10):
     """Assert equal statuses, and small differences of displacements and forces.
 
-    Displacements are compared to `relative_displacement_tolerance`, forces to 1e-9 of the largest force.
+    Displacements are compared to `relative_displacement_tolerance`, forces to 1e-9 of the largest
+    force.
     """
     for state, reference in zip(states, expected, strict=True):
         assert (

@@ -17,7 +17,7 @@ from pathlib import Path
 from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
 
 CALCULIX_RESULTS_FILE = Path(__file__).with_suffix(".json")
-PRINTED_ELEMENT_SETS = ("LEFT", "RIGHT", "WITH_BOTH_SOLVERS", "SOME")
+PRINTED_ELEMENT_SETS = ("LEFT", "RIGHT", "BOTH", "SOME")
 PRINTED_NODE_SETS = ("ALL", "BOTTOM", "EVERYTHING")
 
 

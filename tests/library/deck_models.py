@@ -1,7 +1,7 @@
 """Abaqus input files (decks) of all supported element types, each in another notation.
 
-`DECKS_BY_ELEMENT_TYPE` maps element types such as "C3D20R" to the text of a deck up to *STEP. The meshes are
-images of a lattice, so that edges of second-order elements are curved.
+`DECKS_BY_ELEMENT_TYPE` maps element types such as "C3D20R" to the text of a deck up to *STEP. The
+meshes are images of a lattice, so that edges of second-order elements are curved.
 """
 
 from itertools import combinations, permutations, product
@@ -140,7 +140,7 @@ def make_deck_text(element_type):
 
     # CalculiX calls the edges of shells S3, S4 ...
     face = "S3" if element_type.startswith(("S", "M3D")) else "S2"
-    lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"WITH_BOTH_SOLVERS , {face}"]
+    lines += [f"*SURFACE, NAME=front, {case('type=element')}", f"BOTH , {face}"]
     lines += [f"{element_numbers[0]}, {'S5' if face == 'S3' else 'S3'}"]
     bottom = [int(n) for n, point in zip(node_numbers, lattice, strict=True) if point[1] == 0]
     lines += ["*NSET,NSET=bottom"]

@@ -180,7 +180,8 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
     Args:
         mesh_data: nodes, blocks and group names of the mesh.
         file_format: version, then optionally " binary", " >" (big-endian) and " 4" (short counts).
-        false_counts: false counts of "nodes", "elements" (all), "node block", "element block" or "names".
+        false_counts: false counts of "nodes", "elements" (all), "node block", "element block" or
+            "names".
         groups_by_entity: groups by (dimension, entity), which replace those of the blocks.
     """
     version, *words = file_format.split()

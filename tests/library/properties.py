@@ -168,8 +168,8 @@ class PlacedElasticBody:
 def eigenvalue_and_error_bound(A, B, select_index, error_norm_A, error_norm_B):
     """Return an eigenvalue of A d = mu B d, and a bound of its error.
 
-    The errors of A and B have the norms `error_norm_A` and `error_norm_B`. To first order, the error is
-    |y|(|dA| + |mu||dB|)|x| / |y B x|, with the left and right eigenvectors y and x.
+    The errors of A and B have the norms `error_norm_A` and `error_norm_B`. To first order, the
+    error is |y|(|dA| + |mu||dB|)|x| / |y B x|, with the left and right eigenvectors y and x.
     """
     mu, left, right = scipy.linalg.eig(A, B, left=True)
     k = select_index(mu)

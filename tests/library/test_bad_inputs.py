@@ -1,7 +1,7 @@
 """Bad input to the whole public API raises an error of the library that names the argument.
 
-`REFUSED_CALLS_WITH_MESSAGES` lists the beginnings of error messages with calls that raise them. `REFUSED_VALUES_BY_MESSAGE`
-lists values of one argument that raise the same error.
+`REFUSED_CALLS_WITH_MESSAGES` lists the beginnings of error messages with calls that raise them.
+`REFUSED_VALUES_BY_MESSAGE` lists values of one argument that raise the same error.
 """
 
 # ruff: noqa: ARG005 (make_valid_collective_calls are functions of what they do not need)

@@ -192,11 +192,11 @@ def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
         assert assemble_scalar(1.0 * measure) == pytest.approx(length, abs=1e-4), name
     middles = rounded_facet_midpoints(part.mesh)
     assert middles[part.facets("TOP")].tolist() == [[0.5, 1.0]]
-    assert part.names["cells"] == {"LOWER": (1,), "UPPER": (2,), "WITH_BOTH_SOLVERS": (1, 2)}
+    assert part.names["cells"] == {"LOWER": (1,), "UPPER": (2,), "BOTH": (1, 2)}
     assert len(part.cells("both")) == 2
     assert part.cell_tags.find(1).tolist() == part.cells("LOWER").tolist()
     with pytest.raises(
-        ValueError, match="no set of cells is called TOP; known are LOWER, UPPER, WITH_BOTH_SOLVERS"
+        ValueError, match="no set of cells is called TOP; known are LOWER, UPPER, BOTH"
     ):
         part.cells("TOP")
 

@@ -209,8 +209,8 @@ def test_new_stiffness_of_an_interval_is_transferred():
 def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
     """The new load vector is T times the standard one for uniform loads and forces at vertices.
 
-    Tractions are covered by `test_weights_and_transferred_shape_functions_have_equal_moments`. The relation does not hold for linear body loads and
-    for forces at mid-side nodes.
+    Tractions are covered by `test_weights_and_transferred_shape_functions_have_equal_moments`. The
+    relation does not hold for linear body loads and for forces at mid-side nodes.
     """
     assert force_transfer_matrix(2)[:, :3] == sp.eye(6)[:, :3]
     assert not is_transfer_exact(

@@ -75,7 +75,8 @@ def solve_increments(
 ) -> list[IncrementSolution]:
     """Return the states at the ends of all increments, by the method of this module.
 
-    The springs of the method have `spring_over_mean_stiffness` times a mean stiffness of the contact nodes.
+    The springs of the method have `spring_over_mean_stiffness` times a mean stiffness of the
+    contact nodes.
     """
     n_contact = sum(len(pair.nodes) for pair in pairs)
     previous_motion, translations = (
@@ -110,7 +111,8 @@ def relative_law_violation(
 ) -> float:
     """Return the largest violation of the law's conditions, divided by the largest force.
 
-    The forces `forces` and the gaps and slips `scaled_gaps_and_slips`, times a stiffness, have the normal component first.
+    The forces `forces` and the gaps and slips `scaled_gaps_and_slips`, times a stiffness, have the
+    normal component first.
     """
     largest = np.abs(forces).max() or 1.0
     (r_n, r_t), (g, v) = (
@@ -282,9 +284,10 @@ class _ContactLawSolver:
     def violation_over_tolerance(self, gaps_and_slips, forces):
         """Return the violation of the law, divided by its tolerance.
 
-        Gaps and slips are multiplied by a stiffness. The tolerance is `LAW_TOLERANCE_OVER_LARGEST_FORCE` plus the
-        bounded round-off of these products. It is larger only where slips are long compared with
-        the body's deformation, as for a wedge on soft springs.
+        Gaps and slips are multiplied by a stiffness. The tolerance is
+        `LAW_TOLERANCE_OVER_LARGEST_FORCE` plus the bounded round-off of these products. It is
+        larger only where slips are long compared with the body's deformation, as for a wedge on
+        soft springs.
         """
         as_forces = self.node_stiffness[:, None] * gaps_and_slips
         round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(forces).max() or 1.0)

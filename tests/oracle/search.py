@@ -73,8 +73,8 @@ def find_state_by_status_search(
 ) -> np.ndarray | None:
     """Return the motions z (k,) of a state that obeys the law, or None.
 
-    The search ends after `max_programs_times_nodes_squared`, which is the number of linear programs times the squared
-    number of nodes.
+    The search ends after `max_programs_times_nodes_squared`, which is the number of linear programs
+    times the squared number of nodes.
     """
     conditions = _BranchConditions(increment)
     max_programs = max_programs_times_nodes_squared / max(1, len(conditions.faced)) ** 2
@@ -108,7 +108,9 @@ def find_state_by_status_search(
 
 
 def _split_status_set_at_node(status_sets: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    """Yield the sets of statuses `status_sets` of the two branches into which a node's set is split."""
+    """Yield the sets of statuses `status_sets` of the two branches into which a node's set is
+    split.
+    """
     for code in STATUS_SET_SPLITS[int(status_sets[node])]:
         child = status_sets.copy()
         child[node] = code

@@ -84,7 +84,9 @@ class CircleProblem:
         return states, None
 
     def oracle_contact(self, linear_weights=None):
-        """Return the oracle's model of the problem; `accepted_states_and_error` has to be computed before."""
+        """Return the oracle's model of the problem; `accepted_states_and_error` has to be
+        computed before.
+        """
         oracle_weights = self.linear_weights if linear_weights is None else linear_weights
         body = NeoHookeanBody(
             self.nodes, self.cells, oracle_weights, self.lame, TRIANGLE_QUADRATURE_RULE

@@ -61,9 +61,9 @@ class ToolContact:
     ) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        `support_displacements` are the displacements (n, 2) at supports. Forces and lengths are divided by the
-        largest ones of the history. For nodes whose tangential motion a support prescribes, names
-        have the prefix "held".
+        `support_displacements` are the displacements (n, 2) at supports. Forces and lengths are
+        divided by the largest ones of the history. For nodes whose tangential motion a support
+        prescribes, names have the prefix "held".
         """
         last_state = history[-1]
         force = max(np.abs(self.body.nodal_forces(state.displacement)).max() for state in history)

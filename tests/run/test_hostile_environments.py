@@ -75,7 +75,8 @@ def run_study(
 ):
     """Run the study of two cases, and return the process.
 
-    The keyword arguments `environment_changes` are environment variables; a variable given as None is unset.
+    The keyword arguments `environment_changes` are environment variables; a variable given as None
+    is unset.
     """
     environment = {k: v for k, v in {**os.environ, **environment_changes}.items() if v is not None}
 

@@ -291,12 +291,14 @@ def _is_axisymmetric(
     axisymmetric = StressState.AXISYMMETRIC.value in assembly.stress_states
     if dim == 2 and not assembly.stress_states and master.revolved is None:
         raise ValueError(
-            f"contact pair {pair_index}: the stiffness has no record of whether it is axisymmetric, "
+            f"contact pair {pair_index}: the stiffness has no record of whether it is "
+            "axisymmetric, "
             "unlike that of a Body; give DeformableSurface(..., revolved=True or False)"
         )
     if assembly.stress_states and master.revolved not in (None, axisymmetric):
         raise ValueError(
-            f"contact pair {pair_index}: its surface has revolved={master.revolved}, but the stiffness "
+            f"contact pair {pair_index}: its surface has revolved={master.revolved}, but the "
+            "stiffness "
             f"is one in {' and '.join(sorted(assembly.stress_states))}"
         )
     return bool(axisymmetric or master.revolved)

@@ -98,7 +98,8 @@ class BoundaryFacets:
 
         Args:
             sub_facet: (q,), index of the sub-facet that contains each point.
-            corner_shape_functions: (q, k), shape functions of the corners of the sub-facet at each point.
+            corner_shape_functions: (q, k), shape functions of the corners of the sub-facet at each
+                point.
 
         Returns:
             Nodes (q, n) of the facet that contains each point, and the values (q, n) of their trial
@@ -244,8 +245,8 @@ class OverlapQuadrature:
         Args:
             slave: trace of the slave.
             master: trace of the master.
-            owned_slave_nodes: (m,), global numbers of the slave's nodes that are contact points of this
-                process.
+            owned_slave_nodes: (m,), global numbers of the slave's nodes that are contact points of
+                this process.
             revolved: whether areas are those of the whole circumference.
         """
         slave_nodes, slave_corners, _ = slave.sub_facet_nodes_corners_and_normals
@@ -314,8 +315,8 @@ class OverlapQuadrature:
     def average_edge_length(self, sub_facet_sizes: Array, comm: MPI.Comm) -> float:
         """Return a mean edge length, weighted with `measure`, for the overlaps of all processes.
 
-        `sub_facet_sizes` (q,) are lengths in the plane, and areas in space, of which square roots are taken.
-        For ratios of sizes the result is a mean ratio of edge lengths.
+        `sub_facet_sizes` (q,) are lengths in the plane, and areas in space, of which square roots
+        are taken. For ratios of sizes the result is a mean ratio of edge lengths.
         """
         edges = sub_facet_sizes ** (1 / (self.separation.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)

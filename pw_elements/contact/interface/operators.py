@@ -6,13 +6,13 @@ and f the load. The motion operator G and the force operator H are defined by
     motion of the points  = G a,          G (m dim, n),
     K a - f               = H r,          H (n, m dim).
 
-`build_interface` makes the `ContactPairPoints` of each pair. Contact law, kinematics and iteration deal
-with points only.
+`build_interface` makes the `ContactPairPoints` of each pair. Contact law, kinematics and iteration
+deal with points only.
 
 The module guarantees operators, and values of surfaces, at the points of each process, and the same
 errors on all processes. It assumes that each force component appears alone in the equation that
-`ContactPairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per force,
-since the factor c of the contact law is a force per length.
+`ContactPairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per
+force, since the factor c of the contact law is a force per length.
 """
 
 from collections.abc import Mapping, Sequence
@@ -210,8 +210,8 @@ class ContactInterface:
         """Raise the collected errors of users' friction laws on all processes; collective.
 
         Args:
-            normal_force: normal forces (m,) at which limits and slopes are checked. None if only collected
-                errors are raised.
+            normal_force: normal forces (m,) at which limits and slopes are checked. None if only
+                collected errors are raised.
 
         Raises:
             ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
@@ -239,7 +239,8 @@ class ContactInterface:
                 raise ValueError(
                     f"the law of friction of contact pair {self.pair[k]} has a coefficient, the "
                     f"limit over the normal force, that rises at or below the normal force "
-                    f"{normal_force[k]:.6g} of the node at {format_points(self.position[[k]])}: it must "
+                    f"{normal_force[k]:.6g} of the node at {format_points(self.position[[k]])}: "
+                    "it must "
                     "not rise, so that the slope of the limit at zero bounds it"
                 )
 
@@ -399,8 +400,8 @@ class ContactInterface:
     def assemble_matrix_over_all_unknowns(self, displacement_rows: sp.csr_matrix) -> PETSc.Mat:
         """Return the distributed matrix with these rows, extended to all unknowns.
 
-        Each process contributes its own `displacement_rows`. Their columns are displacements, whereas the matrix
-        has a column for each of the n unknowns.
+        Each process contributes its own `displacement_rows`. Their columns are displacements,
+        whereas the matrix has a column for each of the n unknowns.
         """
         csr = (
             displacement_rows.indptr.astype(PETSc.IntType),
@@ -426,7 +427,9 @@ class ContactInterface:
 
     @cached_property
     def _local_point_indices_in_position_order(self) -> list[Indices]:
-        """Indices of this process' points of each pair in the results of `gather_pair_in_position_order`."""
+        """Indices of this process' points of each pair in the results of
+        `gather_pair_in_position_order`.
+        """
         rows = []
         for k, order in enumerate(self._position_order_of_each_pair):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -547,7 +550,8 @@ class ContactInterface:
         surface faces a point. In pairs of two bodies all values are zero.
 
         Args:
-            motion_in_surface_frame: (m, dim), motions of the points in the frames of their surfaces.
+            motion_in_surface_frame: (m, dim), motions of the points in the frames of their
+                surfaces.
 
         Raises:
             NotFound: if there is no point of the surface that is closest to a contact point.
@@ -584,7 +588,8 @@ class ContactInterface:
     def _call_method_of_all_surfaces(
         self, x: Array, output_arrays: Mapping[str, Sequence[Array]]
     ) -> None:
-        """Call methods of all surfaces at points x (m, dim) and write their values to `output_arrays`.
+        """Call methods of all surfaces at points x (m, dim) and write their values to
+        `output_arrays`.
 
         A user's surface is called on each process with the points of all processes. All processes
         then call the surface equally often, so that it may communicate between processes, or
@@ -592,8 +597,8 @@ class ContactInterface:
 
         Args:
             x: positions of the points in the frames of their surfaces, (m, dim).
-            output_arrays: arrays (m, ...), one for each array that a method returns, by the name of the
-                method: "gap", "normal" or "closest".
+            output_arrays: arrays (m, ...), one for each array that a method returns, by the name of
+                the method: "gap", "normal" or "closest".
 
         Raises:
             ValueError: on all processes, if a user's surface raises an error or returns arrays of

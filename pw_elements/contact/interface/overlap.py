@@ -89,8 +89,8 @@ def find_overlap_simplices(
     Args:
         slave_sub_facets: (s, k, dim), corners of the slave's sub-facets.
         master_sub_facets: (m, k, dim), corners of the master's sub-facets.
-        projection_directions: (s, dim), unit vectors out of the slave's body, along which the master is
-            projected onto each sub-facet of the slave.
+        projection_directions: (s, dim), unit vectors out of the slave's body, along which the
+            master is projected onto each sub-facet of the slave.
         master_normals: (m, dim), outward unit normals of the master's sub-facets.
     """
     slave_index, master_index = _find_sub_facet_pairs_with_intersecting_boxes(
@@ -177,8 +177,8 @@ def compute_jacobian_factors(corners: Array, corner_shape_functions: Array | Non
 
     Args:
         corners: (q, k, dim), corners of the cells.
-        corner_shape_functions: (q, k), shape functions of the corners at the point. They are needed on
-            quadrilaterals only, since the factor is constant on simplices.
+        corner_shape_functions: (q, k), shape functions of the corners at the point. They are needed
+            on quadrilaterals only, since the factor is constant on simplices.
     """
     edges = corners[:, 1:3] - corners[:, :1]
     if corners.shape[1] == 2:

@@ -1,8 +1,8 @@
 """Contact points of one pair: against rigid surfaces, with matching nodes, and by mortars.
 
 The module guarantees points whose equations and opposite sides exist and are unique. It assumes
-pairs that `build_interface` has checked. All functions except `find_reduced_column_of_each_unknown` are
-collective.
+pairs that `build_interface` has checked. All functions except `find_reduced_column_of_each_unknown`
+are collective.
 """
 
 import logging
@@ -240,8 +240,9 @@ def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace) -> Array:
 def find_reduced_column_of_each_unknown(right_reduction_matrix: PETSc.Mat) -> Indices:
     """Return the reduced unknown, or column, to which each owned unknown is equal.
 
-    The rows of `right_reduction_matrix` express all unknowns by the reduced ones. The column is -1 for rows without
-    entries, which are prescribed values, and -2 for other rows that are not rows of the identity.
+    The rows of `right_reduction_matrix` express all unknowns by the reduced ones. The column is -1
+    for rows without entries, which are prescribed values, and -2 for other rows that are not rows
+    of the identity.
     """
     indptr, indices, data = right_reduction_matrix.getValuesCSR()
     count = np.diff(indptr)
@@ -261,8 +262,8 @@ def make_contact_points_at_nodes(
         body: nodes of the body.
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
-        opposite_nodes: (m,), global numbers of the opposite nodes that the nodes face. None if there are
-            no matching opposite nodes.
+        opposite_nodes: (m,), global numbers of the opposite nodes that the nodes face. None if
+            there are no matching opposite nodes.
     """
     dim = body.x.shape[1]
     number = (nodes + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -481,7 +482,8 @@ def make_small_sliding_mortar_points(
         cone: friction laws of the points.
         body: nodes of both bodies.
         revolved: whether areas are those of the whole circumference.
-        nominal_interference: (m,), nominal interference if both sides coincide, None for other pairs.
+        nominal_interference: (m,), nominal interference if both sides coincide, None for other
+            pairs.
     """
     comm = body.space.mesh.comm
     owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
@@ -491,7 +493,8 @@ def make_small_sliding_mortar_points(
     edge_ratio = overlap.average_edge_length(overlap.size_ratio, comm)
     if edge_ratio > _MAX_SLAVE_TO_MASTER_EDGE_RATIO:
         words = (
-            f"contact pair {pair_index}: its facets are {edge_ratio:.1f} times as large as those they "
+            f"contact pair {pair_index}: its facets are {edge_ratio:.1f} times as large as those "
+            "they "
             "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
             "sign"
         )
@@ -591,8 +594,8 @@ def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask
     """Return unit normals (n, dim) in which small components along supports are set to zero.
 
     The normal at a node on a symmetry plane is a mean of facets on one side of the plane only, and
-    may therefore point out of the plane slightly. `is_free_component` (n, dim) is a mask of the components that
-    supports do not prescribe.
+    may therefore point out of the plane slightly. `is_free_component` (n, dim) is a mask of the
+    components that supports do not prescribe.
     """
     inside = np.where(is_free_component, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)

@@ -359,7 +359,8 @@ class SlidingMortar:
         return MortarSlipReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
     def integrate_slip_along_path(self, start_positions: Array, end_positions: Array) -> Array:
-        """Return the slip (m, 2) along the straight path from positions `start_positions` to `end_positions` (n, 2).
+        """Return the slip (m, 2) along the straight path from positions `start_positions` to
+        `end_positions` (n, 2).
 
         On each piece of the path, the slip of a slave node j is measured relative to the point p of
         the master that is closest to j at the end of the piece. With the tangent t, it is the
@@ -385,9 +386,10 @@ class SlidingMortar:
     ) -> Array:
         """Return the largest depth (m,) to which slave nodes penetrate the master on their path.
 
-        The path from positions `start_positions` to `end_positions` (n, 2) is straight, and is sampled in
-        `2 N_SLIP_PATH_PIECES` pieces. The depth is zero for nodes that start inside the master by more
-        than the length of a facet, and wherever the closest point is an end of the master.
+        The path from positions `start_positions` to `end_positions` (n, 2) is straight, and is
+        sampled in `2 N_SLIP_PATH_PIECES` pieces. The depth is zero for nodes that start inside the
+        master by more than the length of a facet, and wherever the closest point is an end of the
+        master.
         """
         end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
         depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
@@ -434,7 +436,9 @@ class SlidingMortar:
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
     def _normalise_allowed_components(self, vector: PlaneVector, slave_node: Any) -> PlaneVector:  # noqa: ANN401
-        """Return the unit vector along the allowed components of a vector at slave nodes `slave_node`."""
+        """Return the unit vector along the allowed components of a vector at slave nodes
+        `slave_node`.
+        """
         x, y = (
             vector[0] * self.allowed_components[slave_node, 0],
             vector[1] * self.allowed_components[slave_node, 1],
@@ -540,8 +544,8 @@ class SlidingMortar:
         Args:
             node_positions: positions of the six nodes of each segment, with derivatives.
             segment_nodes: (q, 6), the six nodes of each segment.
-            reaches_facet_end: two masks (q,), for the lower and the upper limit of a segment. They tell
-                whether the segment extends to this end of the slave's facet.
+            reaches_facet_end: two masks (q,), for the lower and the upper limit of a segment. They
+                tell whether the segment extends to this end of the slave's facet.
         """
         q, ends = len(segment_nodes), list[Any]()
         x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(

@@ -208,7 +208,8 @@ class LargeStrainEquilibrium:
         round-off is that of volumes.
 
         Args:
-            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations
+                of this process.
             tolerance_from_contact_forces: not used here.
             unknowns: not used here.
         """

@@ -92,8 +92,10 @@ class Equilibrium(Protocol):
         """Return the largest ratio of an unbalanced force to its tolerance on this process.
 
         Args:
-            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
-            tolerance_from_contact_forces: part of the tolerance that follows from the contact forces, a force.
+            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations
+                of this process.
+            tolerance_from_contact_forces: part of the tolerance that follows from the contact
+                forces, a force.
             unknowns: all unknowns (n,).
         """
 
@@ -492,8 +494,8 @@ class IncrementEquations:
         Args:
             state: iterate.
             force_tolerance: tolerance of the residuals, a force.
-            coordinate_round_off_force: force that corresponds to the round-off of coordinates. It is
-                added to the tolerances of gaps and force balances. For friction, the additional
+            coordinate_round_off_force: force that corresponds to the round-off of coordinates. It
+                is added to the tolerances of gaps and force balances. For friction, the additional
                 tolerance follows from `ContactNodes.friction_round_off`.
         """
         nodes = state.nodes

@@ -141,8 +141,8 @@ def make_pair_states(
         surface_motions: motions (pairs, k) of the surfaces.
         contact_forces: forces (m, dim) of the surfaces on the points of this process.
         force_operator: matrix (n, m dim) that distributes contact forces to the equations.
-        nodal_values: other attributes of `PairState` at the points of this process, arrays (m, ...). An
-            omitted attribute is zero, except the status, which is open.
+        nodal_values: other attributes of `PairState` at the points of this process, arrays (m,
+            ...). An omitted attribute is zero, except the status, which is open.
     """
     no_vector, dim = np.zeros_like(contact_forces), contact_forces.shape[1]
     values = {"position": interface.position, "node": interface.node}

@@ -84,8 +84,8 @@ class ActiveSetHistory:
 
         Args:
             active: active set of the iteration.
-            relative_displacement_change: largest change of a displacement in the iteration, divided by the largest
-                displacement.
+            relative_displacement_change: largest change of a displacement in the iteration, divided
+                by the largest displacement.
         """
         key = _hash_arrays_of_all_ranks(self._comm, active.status, np.round(active.direction))
         if key != self._last_key:
@@ -405,10 +405,11 @@ def choose_first_active_set(
         interface: contact points of all pairs.
         kinematics: kinematics linearised at the initial iterate.
         start_state: contact state at the start of the increment.
-        describe_free_rigid_motions: function that returns the names of the rigid motions that remain free for an
-            active set.
-        unloaded_free_surfaces: mask (pairs,) of surfaces that are free to move and have no prescribed force. In
-            these pairs the touching nodes are closed, whatever the previous state.
+        describe_free_rigid_motions: function that returns the names of the rigid motions that
+            remain free for an active set.
+        unloaded_free_surfaces: mask (pairs,) of surfaces that are free to move and have no
+            prescribed force. In these pairs the touching nodes are closed, whatever the previous
+            state.
 
     Raises:
         FreeBody: if the body is not held even if all nodes that face a surface stick.

@@ -119,7 +119,8 @@ class MatchingNodes:
         _check_part_selects_nodes_or_facets("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
-                f"the shape of matching nodes is {arguments.describe_value_or_type(self.shape)}: it has to be a "
+                f"the shape of matching nodes is {arguments.describe_value_or_type(self.shape)}: "
+                "it has to be a "
                 "surface, with a gap and a normal"
             )
         if self.offset is not None:
@@ -226,7 +227,8 @@ class ContactPair:
             raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
-                f"the surface of a contact pair is {arguments.describe_value_or_type(self.surface)}: it has to "
+                "the surface of a contact pair is "
+                f"{arguments.describe_value_or_type(self.surface)}: it has to "
                 "have a gap and a normal, or to be a DeformableSurface or MatchingNodes"
             )
         mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
@@ -302,5 +304,6 @@ def _check_part_selects_nodes_or_facets(
     is_sequence = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if not (arguments.is_user_function(part) or is_sequence):
         raise TypeError(
-            f"the {expected_kind} are {arguments.describe_value_or_type(part)}: give a marker, numbers or a mask"
+            f"the {expected_kind} are {arguments.describe_value_or_type(part)}: give a marker, "
+            "numbers or a mask"
         )

@@ -33,7 +33,8 @@ from pw_elements.contact.nodes.undeformed import IncrementStart
 _MAX_HALF_NORMAL_CHANGE_FOR_SERIES = 1e-3
 # Smallest divisor when vectors are normalised and rotated
 _MIN_NORMALISATION_DIVISOR = 1e-3
-# s of perpendicular normals, above which a point has jumped; largest argument of `_arc_to_chord_ratios_and_slopes`
+# s of perpendicular normals, above which a point has jumped; largest argument of
+# `_arc_to_chord_ratios_and_slopes`
 _HALF_NORMAL_CHANGE_AT_RIGHT_ANGLE, _MAX_HALF_NORMAL_CHANGE = np.sqrt(0.5), 0.99
 # Fractions of a point's path at which penetration of the surface is checked
 _PENETRATION_CHECK_PATH_FRACTIONS = np.linspace(0.05, 0.95, 19)
@@ -354,8 +355,8 @@ class LargeStrainKinematics:
     def _normals_at_start_where_faced(self, current_normal: Array, current_gap: Array) -> Array:
         """Return normals (m, dim) at the start of the increment.
 
-        The current `current_normal` is returned for points that no surface faces at the start or now. The
-        current `current_gap` of a point is infinite if no surface faces it.
+        The current `current_normal` is returned for points that no surface faces at the start or
+        now. The current `current_gap` of a point is infinite if no surface faces it.
         """
         return np.where(
             (self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal

@@ -84,8 +84,8 @@ def linearise_friction_limits(
     Args:
         trial_pressure: (m,), trial pressures p, with zero in place of negative values.
         limits_and_slopes: friction limits l(p) and slopes l'(p), (m,) each.
-        friction_direction: (m, dim - 1), directions of friction in the active set, zero at nodes that do not
-            slip.
+        friction_direction: (m, dim - 1), directions of friction in the active set, zero at nodes
+            that do not slip.
     """
     (limit, slope), slips = limits_and_slopes, np.any(friction_direction != 0, axis=1)
     return np.where(slips, slope, 0.0), np.where(slips, limit - slope * trial_pressure, 0.0)
@@ -296,8 +296,8 @@ class ContactNodes:
         """Return the round-off (m,) of friction that the round-off of coordinates causes.
 
         Slips do not depend on coordinates, but the friction limit depends on the gap. At nodes
-        whose normal force exceeds `coordinate_round_off_force`, the result is the effect of the gap on
-        the limit. At other nodes it is `coordinate_round_off_force`.
+        whose normal force exceeds `coordinate_round_off_force`, the result is the effect of the gap
+        on the limit. At other nodes it is `coordinate_round_off_force`.
 
         Args:
             coordinate_round_off_force: round-off of coordinates, converted to a force.

@@ -6,8 +6,8 @@ the force operator H turns contact forces r into nodal forces. Both are assemble
 iterate. See the theory page ("Large strains").
 
 The module guarantees G and H at the current positions, and the derivative of H r. It assumes plane
-or axisymmetric bodies. It also assumes that `linearise_mortars_and_assemble_force_operator` is called before any other
-evaluation at an iterate.
+or axisymmetric bodies. It also assumes that `linearise_mortars_and_assemble_force_operator` is
+called before any other evaluation at an iterate.
 """
 
 from dataclasses import replace

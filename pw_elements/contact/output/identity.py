@@ -139,8 +139,8 @@ class ProblemFingerprint:
     Args:
         parts: values that do not depend on the constants and functions of a residual, by the names
             of the parts.
-        residual_fingerprint: probe that evaluates the residual, with its constants and functions; None if
-            the problem is defined by a stiffness matrix.
+        residual_fingerprint: probe that evaluates the residual, with its constants and functions;
+            None if the problem is defined by a stiffness matrix.
     """
 
     parts: FingerprintValues
@@ -163,9 +163,10 @@ class ProblemFingerprint:
 
         Args:
             path: path of the file.
-            stored_values: values that `evaluate` returned when the file was written, the same on all
-                processes.
-            changed_parts: parts that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
+            stored_values: values that `evaluate` returned when the file was written, the same on
+                all processes.
+            changed_parts: parts that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`,
+                constants and functions.
         """
         values, ignored = (
             dict(self.parts),
@@ -295,8 +296,8 @@ def fingerprint_mesh_supports_and_pairs(
         interface: the contact nodes of all pairs.
         pairs: contact pairs as given by the user.
         states: states of the pairs on the undeformed body.
-        column_of_unknown: number (n,) of each unknown of this process among the free unknowns. It is -1 for a
-            prescribed unknown, and -2 for an unknown that follows from other unknowns.
+        column_of_unknown: number (n,) of each unknown of this process among the free unknowns. It
+            is -1 for a prescribed unknown, and -2 for an unknown that follows from other unknowns.
         space: space of the unknowns.
     """
     probes, topology = _SmoothProbes(space), space.mesh.topology
@@ -396,9 +397,9 @@ class ResidualFingerprint:
         """Return sums of smooth weights times the residual at smooth unknowns; collective.
 
         Args:
-            coefficient_values: result of `evaluate_coefficients` for this problem, or from a file. While the
-                residual is evaluated, constants are set to these values and functions to these
-                means.
+            coefficient_values: result of `evaluate_coefficients` for this problem, or from a file.
+                While the residual is evaluated, constants are set to these values and functions to
+                these means.
         """
         coefficients, u, probes = self._coefficients, self._system.u, _SmoothProbes(self._space)
         constants = [

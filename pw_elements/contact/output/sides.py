@@ -295,7 +295,8 @@ def _make_pair_surface(
     if not np.array_equal(surface.node, pair.node):
         isolated = pair.position[~np.isin(pair.node, surface.node)]
         raise ValueError(
-            f"contact pair {pair_number}: its nodes at {format_points(isolated)} belong to no facet "
+            f"contact pair {pair_number}: its nodes at {format_points(isolated)} belong to no "
+            "facet "
             "that has all of its nodes in the pair, so that they have no pressure: let the pair "
             "end at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
         )

@@ -163,8 +163,8 @@ def read_state(
         undeformed_state: the problem's undeformed state.
         contact_pairs: the problem's contact pairs.
         stiffness: stiffness (n, n), from which the largest plausible force is computed.
-        changed_parts: parts of the problem that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`, constants and
-            functions.
+        changed_parts: parts of the problem that may differ: names from
+            `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
 
     Raises:
         OSError: if the file cannot be read.
@@ -276,7 +276,8 @@ def _read_and_check_state_file(
         header = json.loads(str(arrays["state"]))
         if header["format"] != _FILE_FORMAT_AND_VERSION:
             raise ValueError(
-                f"its format is {header['format']!r}, not {_FILE_FORMAT_AND_VERSION!r}: compute the state again"
+                f"its format is {header['format']!r}, not {_FILE_FORMAT_AND_VERSION!r}: compute "
+                "the state again"
             )
         if digest is None or digest.tobytes() != _compute_digest(arrays).tobytes():
             raise ValueError("it has been changed since it was written")

@@ -60,8 +60,8 @@ def raise_if_tools_reach_or_pass_supports(
         positions: undeformed positions (n, dim) of the nodes of this process.
         is_supported: mask (n, dim) of displacement components that supports prescribe.
         piece_of_node: number (n,) of the connected piece of the body to which each node belongs.
-        surface_placements: translations and angles (samples, pairs, dim + 1) of the surfaces, NaN where a
-            motion is free.
+        surface_placements: translations and angles (samples, pairs, dim + 1) of the surfaces, NaN
+            where a motion is free.
         support_paths: prescribed displacements (samples, n, dim).
 
     Raises:

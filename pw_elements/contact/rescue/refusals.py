@@ -203,9 +203,10 @@ def does_motion_prove_no_equilibrium(
 
     The result is evaluated directly, without the linear program. If the motion violates the
     condition of a friction cone by round-off, large contact forces could balance the work of the
-    loads. The work therefore has to exceed the work of contact forces that are `_MAX_CONTACT_FORCE_TO_LOAD_RATIO`
-    times as large as the loads. `load_power` and `absolute_power` (k,) are the work of the loads in each motion
-    and the sum of the magnitudes of its parts.
+    loads. The work therefore has to exceed the work of contact forces that are
+    `_MAX_CONTACT_FORCE_TO_LOAD_RATIO` times as large as the loads. `load_power` and
+    `absolute_power` (k,) are the work of the loads in each motion and the sum of the magnitudes of
+    its parts.
     """
     violation = float(np.max(-nodes.friction_cone_margins(motion), initial=0.0))
     min_work = max(
@@ -273,7 +274,8 @@ def gather_node_velocities(
     Args:
         increment: equations of the increment.
         kinematics: linearised kinematics, with the frames of the contact nodes.
-        work_velocities: velocities (m, dim, k) of this process' nodes with which contact forces do work.
+        work_velocities: velocities (m, dim, k) of this process' nodes with which contact forces do
+            work.
     """
     interface, is_free = increment.interface, np.isnan(increment.prescribed)
     is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
@@ -401,8 +403,8 @@ def rescue_increment(
         failure: error of the iteration.
         increment: equations of the increment.
         try_proof: function that returns an error if it proves that there is no equilibrium.
-        solve_otherwise: function that solves the increment by another method and returns None if it fails;
-            None if no other method is available.
+        solve_otherwise: function that solves the increment by another method and returns None if it
+            fails; None if no other method is available.
         start_state: contact state at the start of the increment.
         measure_cost: function that returns the number of iterations and the solver report of the
             increment so far.
@@ -560,7 +562,8 @@ def solve_with_softening_springs(
 
     Args:
         increment: equations of the increment without springs.
-        make_increment_with_springs: function that returns the increment with springs of a given stiffness.
+        make_increment_with_springs: function that returns the increment with springs of a given
+            stiffness.
         kinematics: kinematics of the contact points.
         start: active set, linearised kinematics and all unknowns (n,) of the initial iterate.
         make_update: function that returns the rule for the next active set without springs.

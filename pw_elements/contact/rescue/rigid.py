@@ -70,8 +70,8 @@ class RigidMotionBasis:
 class RigidModes:
     """Modes of rigid motion of the connected pieces of a body and of free surfaces.
 
-    A motion (modes,) contains the amplitudes of one piece after another, as in `ComponentRigidModes`,
-    followed by the free translations of the surfaces.
+    A motion (modes,) contains the amplitudes of one piece after another, as in
+    `ComponentRigidModes`, followed by the free translations of the surfaces.
 
     Attributes:
         centre: mean position (pieces, dim) of the nodes of each piece.
@@ -224,8 +224,8 @@ class RigidMotions:
     def can_slide_at_exhausted_friction(self, nodes: ContactNodes, force_tolerance: float) -> bool:
         """Return whether a body may keep sliding because friction has reached its limit.
 
-        Friction that is below its limit by no more than the force `force_tolerance` counts as friction at
-        the limit.
+        Friction that is below its limit by no more than the force `force_tolerance` counts as
+        friction at the limit.
         """
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits_and_slopes[0]
@@ -261,9 +261,9 @@ class RigidMotions:
     ) -> list[str]:
         """Return a text for a motion of loose pieces that no surface stops.
 
-        A loose piece has no contact forces; forces up to `force_tolerance` count as zero. A node that
-        touches a surface without force stops only motions into this surface. The list is empty if
-        all motions are stopped.
+        A loose piece has no contact forces; forces up to `force_tolerance` count as zero. A node
+        that touches a surface without force stops only motions into this surface. The list is empty
+        if all motions are stopped.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
         is_pressed = nodes.force[:, 0] > force_tolerance
@@ -379,8 +379,9 @@ class RigidMotions:
 
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
-            with_transposed_stiffness: whether to use the transposed stiffness. It gives the motions in which no
-                state of strain does work, which may be fewer if the stiffness is unsymmetric.
+            with_transposed_stiffness: whether to use the transposed stiffness. It gives the motions
+                in which no state of strain does work, which may be fewer if the stiffness is
+                unsymmetric.
 
         Returns:
             Matrix (owned displacements, modes), in whose null space the free motions are.
@@ -401,8 +402,8 @@ class RigidMotions:
 
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
-            conjugate_to_forces: whether to return the motions with which contact forces do work. They follow
-                from the transposed force operator, all others from the motion operator.
+            conjugate_to_forces: whether to return the motions with which contact forces do work.
+                They follow from the transposed force operator, all others from the motion operator.
         """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field

@@ -37,11 +37,11 @@ def solve_in_substeps(
     """Solve an increment in substeps, which are halved after a failure and grow after a success.
 
     Args:
-        solve_to_load_factor: function that solves for the state at a fraction of the increment's loads and motions,
-            between 0 and 1, starting from a given state.
+        solve_to_load_factor: function that solves for the state at a fraction of the increment's
+            loads and motions, between 0 and 1, starting from a given state.
         state: state at the start of the increment.
-        first_size_min_size_and_growth: size of the first substep, which is the largest; size of the smallest
-            substep; and factor by which substeps grow.
+        first_size_min_size_and_growth: size of the first substep, which is the largest; size of the
+            smallest substep; and factor by which substeps grow.
         may_continue: function that returns whether another substep may be tried.
 
     Returns:
@@ -95,8 +95,8 @@ def round_up_to_power_of_two(number: float) -> int:
 def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
     """Return the number of equal segments in which the paths of all nodes are nearly straight.
 
-    In each segment, the path of a node is at most `_MAX_PATH_TO_CHORD_RATIO` times as long as its chord. The
-    number of segments is a power of two.
+    In each segment, the path of a node is at most `_MAX_PATH_TO_CHORD_RATIO` times as long as its
+    chord. The number of segments is a power of two.
 
     Args:
         path: displacements (samples + 1, nodes, dim) of the nodes of this process.

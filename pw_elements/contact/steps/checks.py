@@ -119,7 +119,8 @@ def list_remedy_max_cost_ratios(remedies: RemedyNamesOrCostRatios) -> dict[Remed
     has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not has_names or any(remedy not in REMEDIES_FOR_FAILED_ITERATION for remedy in remedies):
         raise ValueError(
-            f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES_FOR_FAILED_ITERATION))}"
+            f"remedies {remedies!r}: give some of "
+            f"{', '.join(map(repr, REMEDIES_FOR_FAILED_ITERATION))}"
         )
     ratios = (
         remedies
@@ -484,7 +485,8 @@ def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, is_residual_prob
     for k, load in enumerate(loads):
         if not (load is None or arguments.is_user_function(load)):
             raise TypeError(
-                f"the load of step {k} is {arguments.describe_value_or_type(load)}: give the function of the "
+                f"the load of step {k} is {arguments.describe_value_or_type(load)}: give the "
+                "function of the "
                 "share (0, 1] of the increment that `step` had, or None"
             )
 

@@ -106,14 +106,15 @@ def solve_nodal_contact_of_step(
     Friction follows Coulomb's law.
 
     Args:
-        contact_free_displacement: displacements (m, dim) of the nodes in the step if there were no contact.
+        contact_free_displacement: displacements (m, dim) of the nodes in the step if there were no
+            contact.
         gap: gaps (m,) between the nodes at the start of the step and the surfaces at its end.
         normal: unit normals (m, dim) of the surfaces.
         surface_displacement: displacements (m, dim) of the surfaces in the step.
         is_supported: mask (m, dim) of components that supports prescribe; friction does not change
             the slip in these components.
-        friction_opposes_support: mask (m, dim) of components that supports prescribe and in which friction
-            opposes the prescribed slip.
+        friction_opposes_support: mask (m, dim) of components that supports prescribe and in which
+            friction opposes the prescribed slip.
         mass: masses (m,) of the nodes.
         cone: friction laws of the nodes.
         time_step: the time step.

@@ -414,7 +414,8 @@ class OutputDerivatives:
         """Return the gradient of a weighted sum of all outputs, computed in the adjoint mode.
 
         Args:
-            output_weights: weights (increments, outputs) of the outputs at the end of each increment.
+            output_weights: weights (increments, outputs) of the outputs at the end of each
+                increment.
 
         Returns:
             Derivatives (parameters,) of the weighted sum.

@@ -355,7 +355,8 @@ class SmallDisplacementAndPassingCheck:
         positions = self._interface.gather_values(self._interface.position[is_wrong])
         if len(positions):
             raise SurfacePassed(
-                f"the surface of contact pair {pair_number} {problem} {format_points(positions)}; contact is "
+                f"the surface of contact pair {pair_number} {problem} {format_points(positions)}; "
+                "contact is "
                 "stated for small displacements and surfaces that come from outside: move it less "
                 "far, or around the body in increments without contact"
             )
@@ -427,7 +428,8 @@ def log_slip_differences(
             words = (
                 f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
                 f"of the path by up to {difference[is_wrong].max():.3g}, more than "
-                f"{MAX_RELATIVE_PATH_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
+                f"{MAX_RELATIVE_PATH_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact "
+                "nodes first at "
                 f"{format_points(pair.position[is_wrong])}, where friction may be wrong: make "
                 "smaller increments and compare `PairState.slip` with `path_slip`"
             )

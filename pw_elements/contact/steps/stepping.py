@@ -107,7 +107,8 @@ from pw_elements.spaces import read_record
 _MIN_SUBSTEP_FRACTION_OF_INCREMENT = 1 / 16
 
 # Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
-# remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first attempt. The first
+# remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first
+# attempt. The first
 # attempt counts as at least _MIN_ATTEMPT_SOLVES systems, fewer if there are more than
 # _SMALL_PROBLEM_DOFS unknowns
 RemedyName: TypeAlias = Literal["springs", "cutback"]
@@ -462,9 +463,12 @@ class SmallStrainStepping:
         Args:
             target: loads and motions at the end of the increment.
             start: state at the start of the increment.
-            spring_to_law_stiffness_ratio: stiffness of the springs, divided by the stiffness of the contact law.
-            unstressed_unknowns: unknowns (n,) at which the springs of the contact points are unstressed.
-            unstressed_translations: translations (pairs, dim) at which the springs of the surfaces are unstressed.
+            spring_to_law_stiffness_ratio: stiffness of the springs, divided by the stiffness of the
+                contact law.
+            unstressed_unknowns: unknowns (n,) at which the springs of the contact points are
+                unstressed.
+            unstressed_translations: translations (pairs, dim) at which the springs of the surfaces
+                are unstressed.
         """
         interface, free_motions, field = self.interface, target.free_motions, self.interface.field
         has_equation, stiffness = (

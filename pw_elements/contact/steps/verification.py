@@ -352,8 +352,8 @@ def measure_residuals_and_allowances(
     Args:
         state: state that the iteration has found.
         kinematics: kinematics of the state's contact nodes, measured anew.
-        residual_without_contact: residual forces (n,) of all unknowns without contact: the stiffness times the
-            displacements minus the load, or the residual.
+        residual_without_contact: residual forces (n,) of all unknowns without contact: the
+            stiffness times the displacements minus the load, or the residual.
         interface: the contact nodes.
         reduction: supports and condensation.
         sizes: scales of forces and lengths.

@@ -215,7 +215,8 @@ def split_force_operator_at_own_equations(
     """Split a force operator into the entries at the points' own equations and all other entries.
 
     Args:
-        transposed_force_operator: transposed force operator (m dim, n), which distributes contact forces to equations.
+        transposed_force_operator: transposed force operator (m dim, n), which distributes contact
+            forces to equations.
         own_equation: global number (m, dim) of the own equation of each force component, -1 for a
             component without an equation.
 

@@ -1,7 +1,7 @@
 """The linear system of one active set as a matrix-free operator, solved by a Krylov method.
 
-The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness, in
-which directions that the active set fixes are held like supports. For two bodies the
+The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness,
+in which directions that the active set fixes are held like supports. For two bodies the
 `SpringPreconditioner` replaces it (docs/theory.md, "Large systems"). The few free translations of
 surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only
 displacements, the first block of the `BlockTriangularPreconditioner`, are held.
@@ -48,13 +48,16 @@ from pw_elements.solvers import (
 # another branch of solutions
 _FORCING_TERM_FOR_CONSTANT_TANGENT = 0.1
 _FORCING_TERM_FOR_CHANGING_TANGENT = 0.02
-# Inverse of the smallest value of `SpringPreconditioner.compute_length_to_force_factors` for bodies of equal
+# Inverse of the smallest value of `SpringPreconditioner.compute_length_to_force_factors` for bodies
+# of equal
 # stiffness. The values are smaller if one body is softer. Forces then depend less on gaps, and the
 # residual has to be smaller
 _FORCING_FACTOR_FOR_EQUALLY_STIFF_BODIES = 5.0
 # The final residual, divided by the largest nodal contact force, is limited to the solver's
-# tolerance and to _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) the limit
-# _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE is added. The accuracy "tightened" multiplies the limit by
+# tolerance and to _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) the
+# limit
+# _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE is added. The accuracy "tightened" multiplies the
+# limit by
 # _TOLERANCE_TIGHTENING_FACTOR
 _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE / 10
 _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE = 1e-13
@@ -63,8 +66,10 @@ _TOLERANCE_TIGHTENING_FACTOR = 0.1
 _RELATIVE_RESIDUAL_FOR_EIGENVALUES = 1e-4
 # Smallest ratio of contact forces to residual at which the contact forces are meaningful
 _MIN_MEANINGFUL_FORCE_PER_RESIDUAL = 1e-3
-# A solution whose residual is near round-off has stalled if the residual is not below _MIN_STALLED_RESIDUAL_PER_TARGET
-# times its target. Another solution has stalled if the residual is not below _MIN_STALLED_RESIDUAL_PER_PREVIOUS times
+# A solution whose residual is near round-off has stalled if the residual is not below
+# _MIN_STALLED_RESIDUAL_PER_TARGET
+# times its target. Another solution has stalled if the residual is not below
+# _MIN_STALLED_RESIDUAL_PER_PREVIOUS times
 # the previous one
 _MIN_STALLED_RESIDUAL_PER_TARGET = 2.0
 _MIN_STALLED_RESIDUAL_PER_PREVIOUS = 0.1

@@ -147,7 +147,8 @@ class ContactSystem:
     Attributes:
         law_scale: stiffness (m,) that converts lengths into forces in the law. It is the mean
             diagonal stiffness of a point's free components, 1 if there are none.
-        springs: stiffness (free,) of the springs of the free motions, see `solve_with_softening_springs`.
+        springs: stiffness (free,) of the springs of the free motions, see
+            `solve_with_softening_springs`.
         stiffness: reduced stiffness.
         force_operator: matrix (n, m dim) that distributes contact forces to the equations.
         n_solves: number of linear systems solved.
@@ -315,8 +316,8 @@ class ContactSystem:
     ) -> None:
         """Update the matrix for a new stiffness (n, n), torque map and motion operator.
 
-        `motion_operator` is the motion operator (m p, n), with p motions per contact point. Its sparsity
-        pattern may change.
+        `motion_operator` is the motion operator (m p, n), with p motions per contact point. Its
+        sparsity pattern may change.
         """
         self._torque_map = torque_map
 
@@ -477,7 +478,8 @@ class ContactSystem:
     def sum_forces_by_free_motion(self, point_forces: Array) -> Array:
         """Return the sum of the contact points' forces for each free motion (free,); collective.
 
-        `point_forces` (m, k) are the forces of this process' points along the motions of their surfaces.
+        `point_forces` (m, k) are the forces of this process' points along the motions of their
+        surfaces.
         """
         pair = self.interface.pair
         sums = np.array([point_forces[pair == k, axis].sum() for k, axis in self.free_motions])
