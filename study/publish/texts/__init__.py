@@ -1,6 +1,7 @@
 """Texts with numbers out of stored results; layouts make pages of their blocks.
 
-The text of a section stands on its page, in Markdown (see `BLOCKS`), or here in HTML.
+The text of a section stands on its page (see `BLOCKS`), chapters and layouts are files here: texts
+in Markdown, layouts in HTML.
 
 The report's layout takes of a section's text the blocks `problem`, `result` and `findings`; the
 site's sheet adds `setting`, `method`, `details`, `further` and `limits`.
@@ -180,8 +181,9 @@ class Texts:
             raise StudyError(f"{template}: {error}") from error
 
     def text(self, name: str) -> Markup:
-        """Return a text: of a section, what the layout takes of it."""
-        return self.render(f"{name}.html", layout=self.layout, section=name)
+        """Return a text in one piece: of a section, what the layout takes of it."""
+        text = self.render(f"{name}.html", layout=self.layout, section=name)
+        return _without_blank_lines(text)
 
     def curves(self, key: str) -> dict[str, np.ndarray]:
         """Return the curves of a case."""
@@ -257,7 +259,8 @@ class Texts:
 
     def statements(self, *homes: str) -> Markup:
         """Return a table of the paper's statements in some sections; without any, of the others."""
-        return self.render("statements.html", groups=by_fact(self._of_paper(homes)))
+        table = self.render("statements.html", groups=by_fact(self._of_paper(homes)))
+        return _without_blank_lines(table)
 
     def graded(self, *homes: str) -> Markup:
         """Return how many statements of some sections have which grade, in words."""
