@@ -1,4 +1,4 @@
-"""Linear elements by SNES, the cells cut so that there are as many unknowns."""
+"""Linear elements by SNES, the cells cut to have as many unknowns as quadratic elements."""
 
 from dataclasses import replace
 
@@ -7,21 +7,21 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
+from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
 from study.meshes.line_mesh import on_lines
 from study.meshes.solid_meshes import box
-from study.rivals.problem import Answer, Problem, function
-from study.rivals.snes_vi import displacements
+from study.solutions.hertz_problem import Answer, Problem, make_function
 
 
 def solve(problem: Problem) -> Answer:
-    """Corners of the cut cells are the nodes of the quadratic elements."""
-    places = problem.mesh.geometry.x[:, : problem.up + 1]
-    lines = [np.unique(x.round(12)) for x in places.T]
+    """Solve with linear elements whose corners are the nodes of the quadratic elements."""
+    coordinates = problem.mesh.geometry.x[:, : problem.up + 1]
+    lines = [np.unique(x.round(12)) for x in coordinates.T]
     x, y, *z = [np.interp(np.arange(0, len(x) - 0.5, 0.5), np.arange(len(x)), x) for x in lines]
     mesh = box("tetrahedron", x, y, *z) if z else on_lines(MPI.COMM_SELF, x, y, "triangle")
     cut = replace(problem, mesh=mesh)
-    u, count = displacements(cut, degree=1)
+    u, count = solve_displacements(cut, degree=1)
     V, forces = u.function_space, cut.forces(u, u.function_space)[:, cut.up]
     Q = fem.functionspace(cut.mesh, ("Lagrange", 1))
-    pressure = function(Q, cut.over_weights(forces, V))
+    pressure = make_function(Q, cut.divide_by_weights(forces, V))
     return Answer(u, pressure, u.x.array.size, count, V)

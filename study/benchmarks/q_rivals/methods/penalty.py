@@ -1,15 +1,15 @@
-"""Penalty: springs that only press, at integration points."""
+"""Penalty: springs that act in compression only, at integration points."""
 
 import ufl
 from dolfinx import fem
 
-from study.rivals.problem import Answer, E, Problem, newton
+from study.solutions.hertz_problem import Answer, E, Problem, newton
 
 SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # stiffness times h / E
 
 
 def solve(problem: Problem, parameter: float) -> Answer:
-    """Pressure is stiffness times penetration."""
+    """Solve with a pressure that is stiffness times penetration."""
     V = problem.space()
     u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
     stiffness = fem.Constant(problem.mesh, parameter * E / problem.size)

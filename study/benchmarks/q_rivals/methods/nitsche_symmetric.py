@@ -3,19 +3,19 @@
 import ufl
 from dolfinx import fem
 
-from study.rivals.problem import Answer, E, Problem, newton
+from study.solutions.hertz_problem import Answer, E, Problem, newton
 
 SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # gamma h / E
 
 
 def solve(problem: Problem, parameter: float, theta: float = 1.0) -> Answer:
-    """Contact at integration points, by the stress of the body; theta -1 is the skew form."""
+    """Solve with contact at integration points; theta = -1 is the skew-symmetric form."""
     V = problem.space()
     u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
     gamma = fem.Constant(problem.mesh, parameter * E / problem.size)
     sign = fem.Constant(problem.mesh, theta)
-    of_u, of_v = (problem.stress(w)[y, y] for w in (u, v))
-    pressure = ufl.max_value(0, gamma * (u[y] - problem.gap) - of_u)
-    terms = pressure * (gamma * v[y] - sign * of_v) - sign * of_u * of_v
+    stress_u, stress_v = (problem.stress(w)[y, y] for w in (u, v))
+    pressure = ufl.max_value(0, gamma * (u[y] - problem.gap) - stress_u)
+    terms = pressure * (gamma * v[y] - sign * stress_v) - sign * stress_u * stress_v
     count = newton(problem.work(u, v) + terms / gamma * problem.surface, u, problem.supports(V))
     return Answer(u, pressure, u.x.array.size, count, V)

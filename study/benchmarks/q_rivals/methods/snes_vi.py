@@ -6,20 +6,20 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import apply_lifting, assemble_matrix, set_bc
 
-from study.rivals.problem import Answer, Problem, direct, function
+from study.solutions.hertz_problem import Answer, Problem, make_function, use_lu
 
 
-def displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function, int]:
-    """No surface node's displacement exceeds its gap: u, and how many factorisations."""
+def solve_displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function, int]:
+    """Return displacements that nowhere exceed the gap, and the number of factorisations."""
     V = problem.space(degree)
     u, v, supports = ufl.TrialFunction(V), ufl.TestFunction(V), problem.supports(V)
     form = fem.form(problem.work(u, v))
-    K, held = assemble_matrix(form, supports), fem.Function(V)
+    K, load = assemble_matrix(form, supports), fem.Function(V)
     K.assemble()
-    apply_lifting(f := held.x.petsc_vec, [form], [supports])
+    apply_lifting(f := load.x.petsc_vec, [form], [supports])
     set_bc(f, supports)
-    lower, upper = function(V, -PETSc.INFINITY), function(V, PETSc.INFINITY)
-    normal = problem.normal(V)
+    lower, upper = make_function(V, -PETSc.INFINITY), make_function(V, PETSc.INFINITY)
+    normal = problem.normal_dofs(V)
     upper.x.array[normal] = problem.gap_at(V.tabulate_dof_coordinates())[normal // V.dofmap.bs]
     snes = PETSc.SNES().create(K.comm)
     snes.setType("vinewtonrsls")
@@ -27,14 +27,14 @@ def displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function, int]
     snes.setJacobian(lambda *_: None, K)
     snes.setVariableBounds(lower.x.petsc_vec, upper.x.petsc_vec)
     snes.setTolerances(atol=0.0, rtol=1e-12, stol=0.0)
-    direct(snes.ksp)
-    found = fem.Function(V)
-    snes.solve(None, found.x.petsc_vec)
-    return found, snes.getLinearSolveIterations()
+    use_lu(snes.ksp)
+    solution = fem.Function(V)
+    snes.solve(None, solution.x.petsc_vec)
+    return solution, snes.getLinearSolveIterations()
 
 
 def solve(problem: Problem) -> Answer:
-    """Each nodal force is read over the integral of its own shape function."""
-    u, count = displacements(problem)
-    pressure = problem.over_own_weights(u, u.function_space)
+    """Solve, and divide each nodal force by the integral of its own shape function."""
+    u, count = solve_displacements(problem)
+    pressure = problem.nodal_pressure(u, u.function_space)
     return Answer(u, pressure, u.x.array.size, count, u.function_space)
