@@ -29,7 +29,7 @@ from pw_elements.solvers import (
     compute_with_fallback,
     is_matrix_free,
 )
-from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, AssemblyRecord, SubSpace, is_hybrid
+from pw_elements.spaces import PRESSURE_MODE_TOLERANCE, SubSpace, is_hybrid, read_record
 
 
 @check_same_arguments
@@ -80,9 +80,7 @@ def _solve_with(
         collect_garbage(K)
     full = reduction.expand(solution)
     full.setAttr("report", report)
-    full.setAttr(
-        "mesh", AssemblyRecord.read(K).mesh
-    )  # copies of the vector need the mesh's communicator
+    full.setAttr("mesh", read_record(K).mesh)  # copies of the vector need the mesh's communicator
     return full
 
 
@@ -134,7 +132,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     """Return (A + A^T) / 2 of the matrix (n, n) A, the part that a symmetric solver would use."""
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
-    return AssemblyRecord.read(matrix).attach(part)
+    return read_record(matrix).attach(part)
 
 
 def factorise(

@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.checks import arguments, collective_errors
-from pw_elements.spaces import AssemblyRecord, SubSpace
+from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
 _STIFFNESS_NAME = "the stiffness"
 _FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
@@ -57,7 +57,7 @@ def check_problem(
         for name, vector in all_vectors.items():
             arguments.check_petsc_vector(name, vector)
         check_solver(solver)
-        tensors, spaces = {**matrices, **all_vectors}, {}
+        tensors, spaces, K_record = {**matrices, **all_vectors}, {}, read_record(K)
         for reduction in reductions:
             check_reduction(reduction)
             tensors["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
@@ -67,15 +67,15 @@ def check_problem(
                 raise ValueError(f"{name} lives on other processes than {K_name}")
             sizes = tensor.getSizes()[0] if name in matrices else tensor.getSizes()
             arguments.check_vector_sizes(name, sizes, K_name, K.getSizes()[0])
-            _check_same_mesh(name, AssemblyRecord.read(tensor).mesh, K)
+            _check_same_mesh(name, read_record(tensor).mesh, K_record)
         if space is not None:
             arguments.check_space(space)
             arguments.check_vector_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, V in spaces.items():
-            _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K)
+            _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K_record)
         for name, tensor in {**matrices, **loads}.items():
-            _check_same_weights(name, tensor, K)
+            _check_same_weights(name, read_record(tensor), K_record)
     for name, matrix in matrices.items():
         # a sum of squares is NaN if any process has NaN; a largest value may lose it
         frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
@@ -100,25 +100,24 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """
     with collective_errors(K.comm.tompi4py()):
         arguments.check_petsc_vector(name, load, _STIFFNESS_NAME, K.getSizes()[0])
-        _check_same_mesh(name, AssemblyRecord.read(load).mesh, K)
-        _check_same_weights(name, load, K)
+        record, K_record = read_record(load), read_record(K)
+        _check_same_mesh(name, record.mesh, K_record)
+        _check_same_weights(name, record, K_record)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
     arguments.check_magnitude(name, load.norm(_INFINITY))
 
 
-def _check_same_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
-    K_mesh = AssemblyRecord.read(K).mesh
-    if None not in (K_mesh, mesh) and mesh is not K_mesh:
+def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  # noqa: ANN401
+    if None not in (K_record.mesh, mesh) and mesh is not K_record.mesh:
         raise ValueError(
             f"{name} belongs to another mesh than {_STIFFNESS_NAME}: their nodes have other "
             "numbers, even where there are as many"
         )
 
 
-def _check_same_weights(name: str, tensor: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
+def _check_same_weights(name: str, record: AssemblyRecord, K_record: AssemblyRecord) -> None:
     """Raise ValueError, on this process, if weight functions or state of stress differ from K's."""
-    K_record, record = AssemblyRecord.read(K), AssemblyRecord.read(tensor)
     states, K_states = record.stress_states, K_record.stress_states
     if states and K_states and states != K_states:
         state_names, K_state_names = (" and ".join(sorted(names)) for names in (states, K_states))

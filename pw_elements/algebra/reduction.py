@@ -33,13 +33,13 @@ from pw_elements.solvers import (
     to_aij,
 )
 from pw_elements.spaces import (
-    AssemblyRecord,
     Spaces,
     equilibration_scale,
     has_split_pressure,
     is_hybrid,
     list_fields,
     local_numbers,
+    read_record,
     tie_pressures,
 )
 
@@ -369,7 +369,7 @@ def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
         K: matrix (n, n) that is known to match the reduction.
     """
     reduced = reduction.left.transposeMatMult(to_aij(K).matMult(reduction.right))
-    return AssemblyRecord.read(K).attach(reduced)
+    return read_record(K).attach(reduced)
 
 
 def reduce_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> tuple[Reduction, PETSc.Vec]:

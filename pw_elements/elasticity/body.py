@@ -39,11 +39,11 @@ from pw_elements.elasticity.material import Material, Scalar
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     STRESS_STATE_KEY,
-    AssemblyRecord,
     Spaces,
     add_sub_cell_rules,
     check_part_tags,
     is_hybrid,
+    read_record,
 )
 
 Vector: TypeAlias = Sequence[float] | Array | Expr
@@ -514,7 +514,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
     lumped.assemble()
-    return replace(AssemblyRecord.read(M), lumped=True).attach(lumped)
+    return replace(read_record(M), lumped=True).attach(lumped)
 
 
 def _is_constant(value: Scalar) -> bool:

@@ -23,7 +23,7 @@ from pw_elements.checks import (
 )
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import to_aij
-from pw_elements.spaces import AssemblyRecord
+from pw_elements.spaces import read_record
 
 # Largest round-off in the sum of the weights with which unprescribed nodes enter a coefficient
 _COEFFICIENT_ROUND_OFF = 1e-9
@@ -92,7 +92,7 @@ class Sibling:
         with collective_errors(self.space.mesh.comm):
             arguments.check_matrix("the matrix", standard, "the space", vector_sizes(self.space))
             self._check_standard("the matrix", standard)
-        record = replace(AssemblyRecord.read(standard), sibling=self)
+        record = replace(read_record(standard), sibling=self)
         return record.attach(to_aij(standard).ptap(self.basis))
 
     @check_same_arguments
@@ -111,7 +111,7 @@ class Sibling:
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard, load)
-        return replace(AssemblyRecord.read(standard), sibling=self).attach(load)
+        return replace(read_record(standard), sibling=self).attach(load)
 
     @check_same_arguments
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
@@ -185,7 +185,7 @@ class Sibling:
             name: name of the object, used in error messages.
             tensor: matrix or vector to be checked.
         """
-        record, element = AssemblyRecord.read(tensor), self.space._cpp_object.element
+        record, element = read_record(tensor), self.space._cpp_object.element
         if record.test_space is not None and record.test_space.element != element:
             raise ValueError(
                 f"{name} was made with other weight functions than the standard element's: the "

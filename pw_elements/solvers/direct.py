@@ -93,18 +93,6 @@ class SolverReport:
             earlier.krylov_iterations + self.krylov_iterations,
         )
 
-    def since(self, earlier: "SolverReport") -> "SolverReport":
-        """Return the work done since an earlier report of the same solver.
-
-        Args:
-            earlier: earlier report of the solver.
-        """
-        return SolverReport(
-            self.method,
-            self.factorisations - earlier.factorisations,
-            self.krylov_iterations - earlier.krylov_iterations,
-        )
-
 
 class PreparedSolver(Protocol):
     """Solver of systems with one matrix, whose entries may change between solutions.

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pw_elements._compat import single_entry_matrix
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.spaces import AssemblyRecord
+from pw_elements.spaces import read_record
 
 # Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
 # any block size. And largest number of parts to convert, since their products have to be added
@@ -174,7 +174,7 @@ def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
     """
     if not is_blocked(matrix):
         return matrix
-    return AssemblyRecord.read(matrix).attach(matrix.convert("aij", PETSc.Mat()))
+    return read_record(matrix).attach(matrix.convert("aij", PETSc.Mat()))
 
 
 def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
@@ -219,14 +219,16 @@ def _to_dense(rows: sp.csr_array | Array) -> Array:
     return rows if isinstance(rows, np.ndarray) else rows.toarray()
 
 
-def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
-    """Return an orthonormal basis (k, modes) of the null space of a matrix.
+def null_space(parts: Sequence[sp.csr_array | Array], tolerance: float) -> Array:
+    """Return an orthonormal basis (k, modes) of the common null space of some matrices.
 
     Args:
-        rows: matrix (n, modes), whose entries are of the order of one.
+        parts: matrices (n, modes), all dense or all sparse, whose entries are of the order of one.
         tolerance: singular value, divided by the square root of the number of modes, below which it
             counts as zero.
     """
+    are_dense = isinstance(parts[0], np.ndarray)
+    rows = np.vstack(parts) if are_dense else sp.vstack(parts, "csr")
     n = rows.shape[1]
     bases = [np.zeros((0, n))]
     is_dense = n <= _MAX_DENSE_MODES

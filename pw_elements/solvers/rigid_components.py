@@ -163,4 +163,4 @@ def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
     """
     components = RigidComponents.from_space(supports.space)
     resistance = qr_triangle(components.resistance(K, supports.free), components.comm)
-    return len(null_space(resistance, _FREE_STIFFNESS)) > 0
+    return len(null_space([resistance], _FREE_STIFFNESS)) > 0

@@ -10,6 +10,7 @@ from pw_elements.spaces.assembly import (
     assemble_vector,
     cell_measure,
     compile_form,
+    read_record,
 )
 from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import (

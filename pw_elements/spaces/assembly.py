@@ -10,6 +10,7 @@ cell wherever a test or trial function is piecewise linear.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 from mpi4py import MPI
@@ -66,25 +67,28 @@ class AssemblyRecord:
         stress_states = {part.metadata().get(STRESS_STATE_KEY) for part in form.integrals()}
         return cls(compiled, stress_states=frozenset(stress_states - {None}))
 
-    @classmethod
-    def read(cls, tensor: PETSc.Mat | PETSc.Vec) -> "AssemblyRecord":
-        """Return the record attached to a matrix or vector, or an empty record if it has none."""
-        return tensor.getAttr("assembled") or cls()
-
     def attach(self, tensor: T) -> T:
         """Attach the record, which contains the form, to a matrix or vector, and return it."""
         tensor.setAttr("assembled", self)
         return tensor
 
-    @property
+    @cached_property
     def mesh(self) -> Any:  # noqa: ANN401
         """C++ mesh of the form; None if the form is not known."""
         return None if self.form is None else self.form.function_spaces[0].mesh
 
-    @property
+    @cached_property
     def test_space(self) -> Any:  # noqa: ANN401
         """C++ space of the test functions; None for unknown forms and for lumped masses."""
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
+
+
+_EMPTY_RECORD = AssemblyRecord()
+
+
+def read_record(tensor: PETSc.Mat | PETSc.Vec) -> AssemblyRecord:
+    """Return the record attached to a matrix or vector, or an empty record if it has none."""
+    return tensor.getAttr("assembled") or _EMPTY_RECORD
 
 
 @check_same_arguments

@@ -79,7 +79,7 @@ PAPER_DIVISIONS, PAPER_PATTERN = (5, 2), "crossed"
 
 SYMMETRIC, ANTISYMMETRIC = 1, 2
 Form = Literal["G", "J"]
-"""Geometric stiffness: of the paper's Eqs (25) and (26), or with an objective stress rate."""
+"""Geometric stiffness: of Eq. (25) and Eq. (26), or with an objective stress rate."""
 SupportedPart = Literal["centre", "face"]
 
 

@@ -33,8 +33,8 @@ class Case:
         parameters: Keyword arguments, of types that JSON has.
         implied: What else is stored as a parameter, because the name or an argument implies it:
             the element of a named quantity, the material of a named setting.
-        costly: Whether the result is read from the record of `study.run.records`, if it is there,
-            because it takes more than about three CPU seconds.
+        costly: Whether the case may take more than three CPU seconds; its result is then read from
+            the record of `study.run.records`, if it is there.
         record: Tracked file from which the result is read, relative to the project's folder; empty
             if the result is computed.
         recomputed: Case of the same key that computes a recorded result; None if there is none.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from study.run.store import Results
 
 STUDY = Path(__file__).parents[1]
-_SECTION = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
+SECTION_LINE = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
 _GROUPS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
 """Letters of sections in the order of the report; the paper's own sections have none."""
 
@@ -52,7 +52,7 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
     modules = {}
     for folder in folders:
         for path in sorted((STUDY / folder).rglob("*.py")):
-            if match := _SECTION.search(path.read_text(encoding="utf-8")):
+            if match := SECTION_LINE.search(path.read_text(encoding="utf-8")):
                 parts = path.relative_to(STUDY.parent).with_suffix("").parts
                 modules[match[1]] = ".".join(parts)
     return {section: modules[section] for section in sorted(modules, key=section_order)}

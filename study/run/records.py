@@ -28,6 +28,9 @@ RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
 
 COSTLY_SECONDS = 3.0
 """CPU seconds from which on a case is worth a record."""
+SHARED_REFERENCES = ("W",)
+"""Sections whose cases share references from fine meshes, which take longer than this. The seconds
+of a row are without them if an earlier row of the same run has computed them."""
 
 Row = dict[str, Any]
 """Section, case, parameters, scalars, units other than 1, dofs, and CPU seconds."""
@@ -53,6 +56,11 @@ def read_rows() -> dict[str, Row]:
 def _read(path: Path) -> dict[str, Row]:
     rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
     return {f"{row['section']}/{row['case']}": row for row in rows}
+
+
+def is_costly(row: Row) -> bool:
+    """Return whether a row is worth its place in the record."""
+    return row["seconds"] > COSTLY_SECONDS or row["section"] in SHARED_REFERENCES
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -98,8 +106,8 @@ def _compute(case: "Case") -> Row:
 
 
 def _write(rows: dict[str, Row], keys: list[str]) -> None:
-    """Write the record in the order of the keys, without rows of other cases."""
-    kept = [rows[key] for key in keys if key in rows]
+    """Write the record in the order of the keys, without rows of other or of short cases."""
+    kept = [rows[key] for key in keys if key in rows and is_costly(rows[key])]
     write_json(RECORD, {"versions": versions(), "rows": kept})
     _read.cache_clear()
 

@@ -8,6 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from study.run.pages import SECTION_LINE
+
 
 def source(module: str) -> Path | None:
     """Return the source file of a module or package, or None if there is none."""
@@ -72,8 +74,9 @@ def reached_sources(
 ) -> dict[str, str]:
     """Return digests of the code that a definition of a module leads to.
 
-    Of the module itself, only statements count that bind a name which the definition, or what it
-    leads to, uses; of modules that these import from the same package, all code.
+    Of the module itself, and of pages of sections from which it takes definitions, only statements
+    count that bind a name which the definition, or what it leads to, uses; of other modules that
+    these import from the same package, all code.
 
     Args:
         module: full name of the module.
@@ -88,13 +91,25 @@ def reached_sources(
         return {}
     statements = _reached_statements(path.read_bytes(), name)
     digest = hashlib.sha256("".join(one.code for one in statements).encode()).hexdigest()
+    digests = {module: digest}
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     top = f"{module.partition('.')[0]}."
-    imports = [one.node for one in statements if isinstance(one.node, ast.Import | ast.ImportFrom)]
-    names = sorted(set(_named(ast.Module([*imports], []), package)))
-    starts = [name for name in names if f"{name}.".startswith(top)]
-    found = closure(*starts, without=without | {module})
-    return {module: digest} | {other: code_digest(file) for other, file in found.items()}
+    starts: set[str] = set()
+    for node in (one.node for one in statements):
+        if isinstance(node, ast.ImportFrom) and node.module and _is_page(node.module):
+            for alias in node.names:
+                part = reached_sources(node.module, alias.name, without | {module})
+                digests |= {f"{one}:{alias.name}": value for one, value in part.items()}
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            starts |= set(_named(node, package))
+    own = sorted(name for name in starts if f"{name}.".startswith(top))
+    found = closure(*own, without=without | {module})
+    return digests | {other: code_digest(file) for other, file in found.items()}
+
+
+def _is_page(module: str) -> bool:
+    path = source(module)
+    return path is not None and SECTION_LINE.search(path.read_text(encoding="utf-8")) is not None
 
 
 class _Statement(NamedTuple):

@@ -35,7 +35,7 @@ from dolfinx import fem
 
 from pw_elements.contact import ContactPair, Motion
 from pw_elements.contact.model import ContactState
-from pw_elements.spaces import AssemblyRecord
+from pw_elements.spaces import read_record
 
 Array = npt.NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def measure_residuals(
     contacts = [contact_nodes_and_friction(pair, space) for pair in problem.pairs]
     # friction has no radial component on an axis of revolution
     on_axis_component = np.array(
-        ["axisymmetric" in AssemblyRecord.read(problem.K).stress_states, *[False] * (dim - 1)]
+        ["axisymmetric" in read_record(problem.K).stress_states, *[False] * (dim - 1)]
     )
     force, length = 0.0, 0.0
     previous = StepMotion(np.zeros_like(x), np.zeros((len(contacts), dim)))

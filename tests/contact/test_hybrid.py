@@ -146,7 +146,7 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
         problem := ContactProblem.of_residual(residual, w, conditions, pair)
     )._large_strain_stepping
     zero_motion = [Motion((0.0, 0.0))]
-    target = IncrementTarget.from_motions(None, zero_motion, stepping.interface, with_angles=True)
+    target = IncrementTarget.from_motions(None, zero_motion, n_motions=3)
     state, system = problem.undeformed, stepping._system_for(target.free_motions)
     increment, kinematics = stepping._start_increment(state, target, system, state.unknowns)
     equilibrium, start = increment.equilibrium, increment.start

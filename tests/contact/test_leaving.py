@@ -1,5 +1,7 @@
 """Bodies and tools that separate in one step, and tools that leave no space for a body."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,34 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     expected = end_positions @ np.array([[c, s], [-s, c]]) - x
     assert np.abs(separate_state.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
+
+
+# Largest number of linear systems in an increment of a die with sharp corners. Without an early end
+# of iterations there are 237, 664 and 231
+MAX_SYSTEMS = 140
+
+
+@pytest.mark.parametrize(
+    ("upper_is_slave", "ends"), [(True, (1.0,)), (False, (1.0,)), (False, (0.5, 1.0))]
+)
+def test_a_sharp_die_is_solved_or_refused_after_few_linear_systems(upper_is_slave, ends):
+    """A sharp die that slides over a block is solved or refused after few linear systems.
+
+    In the cases that are refused, the corners of the die are the ends of the master.
+    """
+    reports = []
+    bodies = make_die_on_block(
+        friction=0.8, upper_is_slave=upper_is_slave, curvature=0.0, callback=reports.append
+    )
+    path = [PRESSED_POSITION, *((end, -0.12) for end in ends)]
+    if upper_is_slave:
+        slide_along_path(bodies, path)
+    else:
+        with pytest.raises(NotFound, match="which cannot be halved further"):
+            slide_along_path(bodies, path)
+    n_systems = Counter(report.increment for report in reports if report.state is None)
+    assert sorted(n_systems) == list(range(len(path)))
+    assert max(n_systems.values()) <= MAX_SYSTEMS
 
 
 @pytest.mark.parametrize("moving_part", ["tool", "supports"])
@@ -106,11 +136,11 @@ def separates_along(problem, ends, unknowns):
             for fraction in fractions
         ]
     )
-    displacements = np.zeros((len(fractions), *stepping._node_positions.shape))
+    displacements = np.zeros((len(fractions), *stepping._supports.node_positions.shape))
     pieces = SupportedPieces.fit(
-        stepping._node_positions,
-        stepping._is_supported,
-        stepping._node_component,
+        stepping._supports.node_positions,
+        stepping._supports.is_supported,
+        stepping._supports.node_component,
         displacements,
         stepping.interface.comm,
     )
@@ -169,9 +199,9 @@ def test_supports_behind_a_gap_may_be_reached():
     problem = ContactProblem.of_residual(bodies.residual, bodies.u, bodies.conditions, pair)
     stepping = problem._large_strain_stepping
     node_data = (
-        stepping._node_positions,
-        stepping._is_supported,
-        0 * stepping._node_component,
+        stepping._supports.node_positions,
+        stepping._supports.is_supported,
+        0 * stepping._supports.node_component,
     )  # positions and supports of one connected body
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)

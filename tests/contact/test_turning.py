@@ -258,7 +258,7 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
         assert not caplog.records
         monkeypatch.setattr(finite, "MAX_SUBSTEP_ROTATION", np.inf)
         # the verification would refuse the state, since its slip includes whole turns
-        monkeypatch.setattr(finite, "verify_state", lambda found, *_: found)
+        monkeypatch.setattr(finite, "verify_state", lambda found, *_, **__: found)
         (pair,) = rotate_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
     is_closed = pair.status != OPEN
     path_lengths = np.linalg.norm(pair.path_slip[is_closed], axis=1)

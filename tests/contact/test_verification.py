@@ -168,9 +168,9 @@ def test_residuals_agree_with_plain_arithmetic():
         measure_undeformed(interface, problem.undeformed, disturbed_state, 0.0),
         unbalanced,
         interface,
-        body.make_supports(),
-        ReferenceSizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
-        np.empty(0),
+        reduction=body.make_supports(),
+        sizes=ReferenceSizes(2.0, 0.5, np.ones(len(interface.pair)), 0.0),
+        totals=np.empty(0),
     )
     is_contact_node = np.isclose(body.x[:, 1], 0.0)
     r, u = unbalanced.array_r.reshape(-1, 2), unknowns.array_r.reshape(-1, 2)

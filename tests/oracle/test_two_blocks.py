@@ -84,7 +84,7 @@ class LooseBlocks:
         force = np.linalg.solve(equations, right_sides)[n:].reshape(-1, 2, m + 1)
         motions, previous = np.eye(m, m + 1).reshape(-1, 2, m + 1), np.zeros((m, m + 1))
         previous[:, -1] = G @ state.displacement.array_r[free_dofs]
-        normal, gap = interface.evaluate_normals(None), interface.evaluate_gaps(None)
+        gap, normal = interface.evaluate_surfaces(None)
         tangent = normal[:, ::-1] * [-1.0, 1.0]
 
         def component_along(axes, vectors):

@@ -172,3 +172,17 @@ def test_commit_of_the_entry_script_is_taken_over(monkeypatch, tmp_path, commit,
     assert origin["time"].endswith("+00:00")
     assert set(origin["versions"]) == {"dolfinx", "basix", "ffcx", "ufl", "petsc", "slepc", "numpy"}
     assert "absent" not in origin["versions"].values()
+
+
+def test_texts_of_a_page_that_lends_a_definition_do_not_invalidate(toy):
+    lender = toy / "lender.py"
+    lender.write_text('SECTION = "3"\nPROBLEM = "old"\n\n\ndef shared():\n    return 1\n')
+    add(toy / "two.py", "from toy.lender import shared\n")
+    path = toy / "two.py"
+    path.write_text(path.read_text().replace('{"z": 7.0}', '{"z": 7.0 * shared()}'))
+    case = load_section("2").cases[0]
+    before = fingerprint(case)
+    lender.write_text(lender.read_text().replace("old", "new"))
+    assert fingerprint(case) == before
+    lender.write_text(lender.read_text().replace("return 1", "return 2"))
+    assert fingerprint(case) != before

@@ -13,8 +13,10 @@ from study.judge.measures.stored_cases import like, matching
 from study.model.units import KN_M, N_MM, NONE, SI, UNSTATED
 from study.model.vocabulary import ELEMENTS
 from study.publish import texts
+from study.publish.texts import BLOCKS
 from study.run.cases import SECTIONS, load_section, page_source
 from study.run.expected import expected_table
+from study.run.pages import read_constants
 from study.run.store import Stored
 
 CASES = {case.key: case for section in SECTIONS for case in load_section(section).cases}
@@ -129,9 +131,17 @@ def test_figures_need_cases(name):
     assert set(load_script(name).needs) <= set(CASES)
 
 
+def _read_text(path):
+    """Return a text in HTML, or all texts of a page."""
+    if path.suffix != ".py":
+        return path.read_text(encoding="utf-8")
+    constants = read_constants(path)
+    return "\n".join(constants.get(name, "") for name in ("MACROS", *BLOCKS))
+
+
 @pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)
 def test_texts_show_cases_and_figures(text):
-    content = text.read_text()
+    content = _read_text(text)
     assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(scripts())
     for key, beginning in LITERAL.findall(content):
         assert key in CASES or (beginning and any(case.startswith(key) for case in CASES)), key

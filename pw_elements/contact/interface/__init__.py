@@ -28,6 +28,7 @@ from pw_elements.contact.interface.pair_points import (
     find_reduced_columns,
 )
 from pw_elements.contact.interface.probes import (
+    check_closest_points,
     probe_friction,
     probe_interference,
     probe_surface,

@@ -17,7 +17,7 @@ since the factor c of the contact law is a force per length.
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -38,15 +38,12 @@ from pw_elements.contact.interface.pair_points import (
 )
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
-    BUILT_IN_CLOSEST_POINTS,
     CLOSED_FORM_SURFACES,
     SURFACES_DEFINED_EVERYWHERE,
-    ClosestPointSurface,
     FrictionCone,
     NotFound,
     PairState,
     Surface,
-    describe_wrong_derivatives,
 )
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_from_owners
@@ -57,8 +54,6 @@ COORDINATE_ROUND_OFF = 4 * float(np.finfo(float).eps)
 _MAX_INITIAL_PENETRATION = 1e-6
 # Largest cosine between the normal and a direction in which a support prescribes the displacement
 _MAX_PRESCRIBED_NORMAL_COSINE = 1e-8
-# Step of finite differences of closest points, relative to the extent of the contact nodes
-_DIFFERENCE_STEP = 1e-6
 # Largest relative difference between prescribed displacements that count as equal
 _MAX_SUPPORT_DIFFERENCE = 1e-9
 # Largest difference between the length of a unit normal and one
@@ -72,6 +67,16 @@ MIN_OUTWARD_COSINE = 0.1
 # evaluation cannot fail
 _LOCALLY_EVALUATED_SURFACES = (*CLOSED_FORM_SURFACES, KnownGapSurface)
 _UNGUARDED_SURFACES = (*SURFACES_DEFINED_EVERYWHERE, KnownGapSurface)
+# For each method of a surface, its result and the layout of valid points and results, both used in
+# error messages
+_SURFACE_METHODS = {
+    "gap": ("gap", "it takes points as rows (n, dim) and gives (n,)"),
+    "normal": ("normal", "it takes points as rows (n, dim) and gives (n, dim)"),
+    "closest": (
+        "closest points",
+        "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)",
+    ),
+}
 
 
 class InvalidContactNodes(ValueError):
@@ -173,8 +178,8 @@ class Interface:
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it must not rise, so that the slope of the limit at zero bounds it",
         )
-        self.check_supports(self.evaluate_normals(None), self.evaluate_gaps(None))
-        gap = self._evaluate_surfaces("gap", None)
+        self.check_supports(*self.evaluate_surfaces(None))
+        (gap,) = self._evaluate_at_undeformed_points(None, "gap")
         cut = ~(gap >= -_MAX_INITIAL_PENETRATION * body_diagonal) & ~self._allows_interference
         deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
@@ -223,12 +228,11 @@ class Interface:
     @cached_property
     def interference(self) -> Array:
         """Initial depth (m,) of points inside their surface; zero in pairs without interference."""
-        return np.where(
-            self._allows_interference, np.maximum(0.0, -self._evaluate_surfaces("gap", None)), 0.0
-        )
+        (gap,) = self._evaluate_at_undeformed_points(None, "gap")
+        return np.where(self._allows_interference, np.maximum(0.0, -gap), 0.0)
 
-    def check_supports(self, normal: Array, gap: Array) -> None:
-        """Check normals (m, dim) and gaps (m,), and that points can move along their normals.
+    def check_supports(self, gap: Array, normal: Array) -> None:
+        """Check gaps (m,) and normals (m, dim), and that points can move along their normals.
 
         Raises:
             InvalidContactNodes: if the gap or normal of a node is invalid, or if a support
@@ -289,9 +293,10 @@ class Interface:
             )
 
     def _check_surface_sides(self) -> None:
-        pushed = np.sum(self.evaluate_normals(None) * self.outward, axis=1)
+        gap, normal = self.evaluate_surfaces(None)
+        pushed = np.sum(normal * self.outward, axis=1)
         is_outwards = pushed > MIN_OUTWARD_COSINE * np.linalg.norm(self.outward, axis=1)
-        is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(self.evaluate_gaps(None))
+        is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(gap)
         for k in range(self.pairs):
             is_inwards = self.gather_values(~is_outwards[is_checked & (self.pair == k)])
             if len(is_inwards) and not is_inwards.any():
@@ -434,17 +439,46 @@ class Interface:
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_from_owners(self.field.space, nodes, values)
 
-    def evaluate_gaps(self, translations: Array | None) -> Array:
-        """Return the gaps (m,) between the undeformed body and translated surfaces; collective.
+    def evaluate_surfaces(self, translations: Array | None) -> tuple[Array, Array]:
+        """Return gaps (m,) and normals (m, dim) of translated surfaces; collective.
 
-        `translations` (pairs, dim) are zero if None. For the symmetric sibling element, gaps are
-        transformed to its basis like displacements. A node keeps its own gap if its coefficient
-        depends on another node that no surface faces.
+        They are evaluated at the undeformed points. `translations` (pairs, dim) are zero if None.
+        For the symmetric sibling element, gaps are transformed to its basis like displacements.
         """
-        gap, inverse = self._evaluate_surfaces("gap", translations), self._sibling_inverse
-        if inverse is None:
-            return gap
-        normal = self.evaluate_normals(translations)
+        normal, gap = self._evaluate_at_undeformed_points(translations, "normal", "gap")
+        if self._sibling_inverse is not None:
+            gap = self._transform_gaps_to_sibling(self._sibling_inverse, gap, normal)
+        return gap, normal
+
+    def evaluate_normals(self, translations: Array | None) -> Array:
+        """Return the normals (m, dim) of translated surfaces at the undeformed points; collective.
+
+        `translations` (pairs, dim) are zero if None.
+        """
+        (normal,) = self._evaluate_at_undeformed_points(translations, "normal")
+        return normal
+
+    def _evaluate_at_undeformed_points(
+        self, translations: Array | None, *methods: str
+    ) -> list[Array]:
+        """Return the values (m, ...) of methods of translated surfaces; collective."""
+        shapes = {"gap": self.position[:, 0], "normal": self.position}
+        values = [np.empty_like(shapes[method]) for method in methods]
+        translation = 0.0 if translations is None else translations[self.pair]
+        results = {method: [array] for method, array in zip(methods, values, strict=True)}
+        self._call_surfaces(self.position - translation, results)
+        return values
+
+    def _transform_gaps_to_sibling(self, inverse: PETSc.Mat, gap: Array, normal: Array) -> Array:
+        """Return gaps (m,), transformed to the basis of the symmetric sibling element; collective.
+
+        A node keeps its own gap if its coefficient depends on another node that no surface faces.
+
+        Args:
+            inverse: matrix (n, n) that turns displacements into coefficients of the sibling.
+            gap: gaps (m,) at the nodes.
+            normal: normals (m, dim) at the nodes.
+        """
         faced = np.isfinite(gap)
         begin, end = inverse.getOwnershipRange()
         dim = normal.shape[1]
@@ -461,13 +495,6 @@ class Interface:
         depends_on_faced_nodes = np.abs(row_sums - 1) < _UNIT_TOLERANCE
         gap_vector = apply_inverse(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(depends_on_faced_nodes, np.sum(gap_vector * normal, axis=1), gap)
-
-    def evaluate_normals(self, translations: Array | None) -> Array:
-        """Return the normals (m, dim) of translated surfaces at the undeformed points; collective.
-
-        `translations` (pairs, dim) are zero if None.
-        """
-        return self._evaluate_surfaces("normal", translations)
 
     def find_closest(self, motion: Array) -> tuple[Array, Array, Array]:
         """Return gaps (m,), normals (m, dim) and derivatives (m, dim, dim) of normals; collective.
@@ -492,10 +519,9 @@ class Interface:
     def find_closest_or_nan(self, motion: Array) -> tuple[Array, Array, Array]:
         """Return results of `find_closest`, NaN where there is no closest point; collective."""
         dim = motion.shape[1]
-        layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         results = [np.zeros((len(motion), *shape)) for shape in ((), (dim,), (dim, dim))]
         # it has been checked that all surfaces have a method `closest`
-        self._call_surfaces("closest", self.position + motion, results, layout)
+        self._call_surfaces(self.position + motion, {"closest": results})
         gap, normal, curvature = results
         is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
         is_valid = (is_finite | np.isposinf(gap)) & np.isfinite(normal).all(axis=1)
@@ -503,59 +529,17 @@ class Interface:
             values[~is_valid] = np.nan
         return gap, normal, curvature
 
-    def check_closest(self, motion: Array, pressed: Mask) -> None:
-        """Check the derivatives of users' surfaces by finite differences; collective.
-
-        Args:
-            motion: (m, dim), motions of the points in the frames of their surfaces.
-            pressed: (m,), mask of the points at which the surfaces are checked.
-
-        Raises:
-            ValueError: if a surface gives wrong derivatives.
-        """
-        x, step = self.position + motion, _DIFFERENCE_STEP * (self.extent or 1.0)
-        users = [
-            (k, surface, self.gather_values(x[(self.pair == k) & pressed]))
-            for k, surface in enumerate(self.surfaces)
-            if k not in self.mortars and type(surface) not in BUILT_IN_CLOSEST_POINTS
-        ]
-        with collective_errors(self.comm):
-            for k, surface, points in users:
-                if not isinstance(surface, ClosestPointSurface) or not len(points):
-                    continue
-                subject = f"the closest points of the surface of contact pair {k}"
-                fault = call_user_function(
-                    self.comm, subject, describe_wrong_derivatives, surface, points, step
-                )
-                if fault:
-                    raise ValueError(f"{subject} have the {fault}: correct it")
-
-    def _evaluate_surfaces(
-        self, quantity: Literal["gap", "normal"], translations: Array | None
-    ) -> Array:
-        """Return gaps (m,) or normals (m, dim) of translated surfaces; collective.
-
-        `translations` (pairs, dim) are zero if None.
-        """
-        values = np.empty_like(self.position if quantity == "normal" else self.position[:, 0])
-        shape = "(n, dim)" if quantity == "normal" else "(n,)"
-        translation = 0.0 if translations is None else translations[self.pair]
-        layout = f"it takes points as rows (n, dim) and gives {shape}"
-        self._call_surfaces(quantity, self.position - translation, [values], layout)
-        return values
-
-    def _call_surfaces(self, method: str, x: Array, results: Sequence[Array], layout: str) -> None:
-        """Call a method of all surfaces at points x (m, dim) and write its values to `results`.
+    def _call_surfaces(self, x: Array, results: Mapping[str, Sequence[Array]]) -> None:
+        """Call methods of all surfaces at points x (m, dim) and write their values to `results`.
 
         A user's surface is called on each process with the points of all processes. All processes
         then call the surface equally often, so that it may communicate between processes, or
         iterate until all points converge.
 
         Args:
-            method: "gap", "normal" or "closest".
             x: positions of the points in the frames of their surfaces, (m, dim).
-            results: arrays (m, ...), one for each array that the method returns.
-            layout: description of valid arguments and results for error messages.
+            results: arrays (m, ...), one for each array that a method returns, by the name of the
+                method: "gap", "normal" or "closest".
 
         Raises:
             ValueError: on all processes, if a user's surface raises an error or returns arrays of
@@ -564,15 +548,16 @@ class Interface:
         calls = [
             (k, surface, self.pair == k)
             for k, surface in enumerate(self.surfaces)
-            if not (method == "closest" and k in self.mortars)
+            if not ("closest" in results and k in self.mortars)
         ]
         if self._needs_no_guard:
             for _, surface, in_pair in calls:
-                arrays = _as_tuple(getattr(surface, method)(x[in_pair]), results)
-                for result, values in zip(results, arrays, strict=True):
-                    result[in_pair] = values
+                points = x[in_pair]
+                values = [getattr(surface, method)(points) for method in results]
+                for (method, arrays), value in zip(results.items(), values, strict=True):
+                    for array, part in zip(arrays, _as_tuple(method, value), strict=True):
+                        array[in_pair] = part
             return
-        name = "closest points" if method == "closest" else method
         calls_with_points = []
         for k, surface, in_pair in calls:
             if type(surface) in _LOCALLY_EVALUATED_SURFACES:
@@ -581,18 +566,19 @@ class Interface:
                 points, local_part = gather_points(self.comm, x[in_pair])
             if len(points):
                 calls_with_points.append((k, in_pair, points, local_part))
-        with collective_errors(self.comm):
-            for k, in_pair, points, local_part in calls_with_points:
-                subject = f"the {name} of the surface of contact pair {k}"
-                value = call_user_function(
-                    self.comm, subject, getattr(self.surfaces[k], method), points
-                )
-                for result, values in zip(results, _as_tuple(value, results), strict=True):
-                    shape = (len(points), *result.shape[1:])
-                    values = arguments.check_function_values(subject, values, shape, layout)
-                    result[in_pair] = values[local_part]
+        for method, arrays in results.items():
+            quantity, layout = _SURFACE_METHODS[method]
+            with collective_errors(self.comm):
+                for k, in_pair, points, local_part in calls_with_points:
+                    subject = f"the {quantity} of the surface of contact pair {k}"
+                    function = getattr(self.surfaces[k], method)
+                    value = call_user_function(self.comm, subject, function, points.copy())
+                    for array, part in zip(arrays, _as_tuple(method, value), strict=True):
+                        shape = (len(points), *array.shape[1:])
+                        part = arguments.check_function_values(subject, part, shape, layout)
+                        array[in_pair] = part[local_part]
 
 
-def _as_tuple(value: Any, results: Sequence[Array]) -> Sequence[Any]:  # noqa: ANN401
-    """Return `value` as a sequence of arrays; a single result is put into a tuple."""
-    return value if len(results) > 1 else (value,)
+def _as_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401
+    """Return the result of a surface's method as a sequence of arrays."""
+    return value if method == "closest" else (value,)

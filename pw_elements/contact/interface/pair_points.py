@@ -45,6 +45,7 @@ from pw_elements.spaces import (
     is_hybrid,
     locate_exterior_facets,
     locate_nodes,
+    read_record,
 )
 
 # Values of `faced` for points that do not face a single node, but a rigid surface, or a deformable
@@ -336,7 +337,7 @@ def check_piecewise_linear_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> No
     A stiffness without a record of its assembly is accepted. Weight functions are recognised by
     their values at a quarter of an edge, where quadratic functions are as low as -1/8.
     """
-    assembled = AssemblyRecord.read(K)
+    assembled = read_record(K)
     if (test := assembled.test_space) is None:
         return
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element

@@ -1,8 +1,9 @@
-"""Values of the user's surfaces and laws at selected points, to compare contact problems.
+"""Values of the user's surfaces and laws at selected points, to compare and to check them.
 
 Functions of the user can be compared by their values only. The values are compared between
-processes, and identify a problem. The points follow from the positions of the contact nodes and are
-independent of the partition of the mesh, so that values are equal on all processes.
+processes, and identify a problem. Derivatives are compared with finite differences. The selected
+points follow from the positions of the contact nodes and are independent of the partition of the
+mesh, so that values are equal on all processes.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import (
     RANK_DIFFERENCE_TOLERANCE,
     arguments,
@@ -22,7 +23,13 @@ from pw_elements.checks import (
     evenly_spaced_rows,
 )
 from pw_elements.contact.interface.operators import Interface, KnownGapSurface
-from pw_elements.contact.model import ClosestPointSurface, ContactPair, Surface
+from pw_elements.contact.model import (
+    BUILT_IN_CLOSEST_POINTS,
+    ClosestPointSurface,
+    ContactPair,
+    Surface,
+    describe_wrong_derivatives,
+)
 
 # Number of points in a box around a pair's nodes at which a surface is evaluated; and margin of the
 # box around the nodes, relative to its diagonal
@@ -31,6 +38,8 @@ _N_SURFACE_POINTS, _BOX_MARGIN = 32, 0.5
 # which friction laws are evaluated
 _N_PROBE_NODES = 32
 _PROBE_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
+# Step of finite differences of closest points, relative to the extent of the contact nodes
+_DIFFERENCE_STEP = 1e-6
 
 
 def compare_pairs_between_processes(
@@ -152,3 +161,32 @@ def _spread_points(nodes: Array) -> Array:
     steps = root ** -np.arange(1.0, dim + 1)
     fractions = np.outer(np.arange(1.0, _N_SURFACE_POINTS + 1), steps) % 1.0
     return lower - margin + fractions * (upper - lower + 2 * margin)
+
+
+def check_closest_points(interface: Interface, motion: Array, pressed: Mask) -> None:
+    """Check the derivatives of users' surfaces by finite differences; collective.
+
+    Args:
+        interface: all contact points.
+        motion: (m, dim), motions of the points in the frames of their surfaces.
+        pressed: (m,), mask of the points at which the surfaces are checked.
+
+    Raises:
+        ValueError: if a surface gives wrong derivatives.
+    """
+    x, step = interface.position + motion, _DIFFERENCE_STEP * (interface.extent or 1.0)
+    users = [
+        (k, surface, interface.gather_values(x[(interface.pair == k) & pressed]))
+        for k, surface in enumerate(interface.surfaces)
+        if k not in interface.mortars and type(surface) not in BUILT_IN_CLOSEST_POINTS
+    ]
+    with collective_errors(interface.comm):
+        for k, surface, points in users:
+            if not isinstance(surface, ClosestPointSurface) or not len(points):
+                continue
+            subject = f"the closest points of the surface of contact pair {k}"
+            fault = call_user_function(
+                interface.comm, subject, describe_wrong_derivatives, surface, points, step
+            )
+            if fault:
+                raise ValueError(f"{subject} have the {fault}: correct it")

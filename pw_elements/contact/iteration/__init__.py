@@ -10,7 +10,6 @@ from pw_elements.contact.iteration.increment import (
 )
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
-    compute_reference_sizes,
     make_contact_state,
     make_pair_states,
     make_undeformed_state,
@@ -22,7 +21,9 @@ from pw_elements.contact.iteration.target import (
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
+    CycleKeepingSetUpdate,
     DeformedSetUpdate,
     choose_first_set,
+    report_no_free_motions,
     resume_active_set,
 )

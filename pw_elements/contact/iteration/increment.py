@@ -21,7 +21,7 @@ from pw_elements.algebra import reduce_load
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import COORDINATE_ROUND_OFF, Interface
 from pw_elements.contact.iteration.support_friction import SupportFriction
-from pw_elements.contact.model import NotFound, NotUnique
+from pw_elements.contact.model import NotFound, NotUnique, Residuals, ResidualScale
 from pw_elements.contact.nodes import (
     FORCE_TOLERANCE,
     ActiveSet,
@@ -179,6 +179,7 @@ class NewtonState:
             accuracy.
         is_exact: whether solving the linear system again would not improve the accuracy.
         is_final: whether the linear system was solved to the final accuracy.
+        step_length: fraction of the step to the linear solution that led to this iterate.
     """
 
     reduced: PETSc.Vec
@@ -196,6 +197,7 @@ class NewtonState:
     is_solution: bool
     is_exact: bool
     is_final: bool
+    step_length: float = 1.0
 
 
 class Increment:
@@ -256,14 +258,14 @@ class Increment:
             NotConverged: if an iterative solver fails.
         """
         system, equilibrium = self.system, self.equilibrium
+        load = equilibrium.linearise(kinematics.torque_map)
         known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
-        torque_map = kinematics.torque_map.eliminate_known_motions(
-            known_q, self._support_displacement
-        )
-        load = equilibrium.linearise(torque_map)
         known_v = system.point_motions(equilibrium.offset)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
+        torque_map = kinematics.torque_map.eliminate_known_motions(
+            known_q, self._support_displacement
+        )
         totals: Array = self.totals
         springs: Array = np.zeros(len(system.free_motions))
         if self.interface.holds_friction and system.free_motions:
@@ -276,14 +278,15 @@ class Increment:
             accuracy=accuracy,
             friction_springs=springs,
         )
-        q = system.fill_free_motions(self.prescribed, solution.free_motions)
+        q = self.prescribed.copy()
+        q[np.isnan(q)] = solution.free_motions
         step_length = equilibrium.line_search_to(solution.reduced_unknowns)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
             system.set_initial_iterate(
                 lambda: equilibrium.displacements(solution.reduced_unknowns), q
             )
-        return self.evaluate(
+        state = self.evaluate(
             solution.reduced_unknowns,
             q,
             kinematics,
@@ -291,6 +294,7 @@ class Increment:
             is_exact=solution.is_exact,
             is_final=solution.is_final or not equilibrium.needs_final_solution,
         )
+        return replace(state, step_length=step_length)
 
     def evaluate(
         self,
@@ -391,12 +395,53 @@ class Increment:
         The keys are the fields of `Residuals`. Forces are divided by `reference_force`. Lengths are
         divided by `reference_length`, which is a number or one length (m,) per contact node.
         """
+        balance = self.system.balance_residuals(
+            state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
+        )
         return state.nodes.residuals(reference_force, reference_length) | {
             "equilibrium": np.asarray(state.unbalanced / reference_force, dtype=float),
-            "balance": self.system.balance_residuals(
-                state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
-            ),
+            "balance": balance,
         }
+
+    def largest_residuals(
+        self, state: NewtonState, reference_force: float, reference_length: float
+    ) -> Residuals:
+        """Return the largest relative residuals on all processes; collective.
+
+        The arguments are those of `residuals`.
+        """
+        residuals = self.residuals(state, reference_force, reference_length)
+        largest = self.max_over_ranks(*residuals.values())
+        return Residuals(**dict(zip(residuals, largest, strict=True)))
+
+    def reference_sizes(
+        self, state: NewtonState, before: ResidualScale
+    ) -> tuple[ResidualScale, float, float]:
+        """Return the scale of the load history, and the reference force and length of residuals.
+
+        The call is collective.
+
+        Args:
+            state: iterate at the end of the increment.
+            before: scale at the start of the increment.
+        """
+        shifts = np.einsum(
+            "nak,nk->na", state.kinematics.torque_map.V, state.q[self.interface.pair]
+        )
+        displacements = np.concatenate([state.displacement_size, shifts])
+        force, length, extent, stiffness = self.max_over_ranks(
+            np.linalg.norm(state.force, axis=1),
+            np.linalg.norm(displacements, axis=1),
+            np.abs(self.interface.position),
+            self.system.law_scale,
+        )
+        scale = before
+        if force > state.round_off:
+            scale = ResidualScale(max(force, before.force), max(length, before.length))
+        length = max(length, scale.length)
+        length = length if length > COORDINATE_ROUND_OFF * extent else extent
+        force = scale.force or stiffness * length
+        return scale, force, length
 
     def max_over_ranks(self, *arrays: Array) -> list[float]:
         """Return the largest value of each array on all processes, or 0 if it is negative.

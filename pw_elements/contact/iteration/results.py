@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, DEFORMABLE, Interface
+from pw_elements.contact.interface import DEFORMABLE, Interface
 from pw_elements.contact.iteration.increment import Increment, NewtonState
-from pw_elements.contact.model import ContactState, PairState, Residuals, ResidualScale, Smallness
+from pw_elements.contact.model import ContactState, PairState, ResidualScale, Smallness
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
 from pw_elements.solvers import SolverReport
 
@@ -22,24 +22,22 @@ def make_contact_state(
     state: NewtonState,
     before: ContactState,
     *,
-    sizes: tuple[ResidualScale, float, float],
+    scale: ResidualScale,
     iterations: int,
     report: SolverReport,
     smallness: Smallness | None,
-    converged: bool = True,
     slides: bool = False,
 ) -> ContactState:
-    """Return the contact state of an iterate; collective.
+    """Return the contact state of an iterate, without its residuals; collective.
 
     Args:
         increment: equations of the increment.
         state: iterate.
         before: contact state at the start of the increment.
-        sizes: scale, reference force and reference length, from `compute_reference_sizes`.
+        scale: scale of the load history at the end, from `Increment.reference_sizes`.
         iterations: number of linear systems solved.
         report: report of the linear solver.
         smallness: check of the small-strain assumption; None at large strains.
-        converged: whether the iterate is a solution.
         slides: whether the body may slide by any distance at the same forces.
     """
     system = increment.system
@@ -48,9 +46,6 @@ def make_contact_state(
         signs | before.determinant_signs if before.free_motions == system.free_motions else signs
     )
     is_unique = len(all_signs) <= 1 if signs else None
-    scale, force, length = sizes
-    residuals = increment.residuals(state, force, length)
-    largest = increment.max_over_ranks(*residuals.values())
     if increment.interface.cone.has_user_law:
         increment.interface.check_laws()
     return ContactState(
@@ -58,14 +53,12 @@ def make_contact_state(
         pairs=_pair_states_of_iterate(increment, state),
         iterations=iterations,
         unique=False if slides else is_unique,
-        residuals=Residuals(**dict(zip(residuals, largest, strict=True))),
         report=report,
         increment=before.increment + 1,
         free_motions=system.free_motions,
         determinant_signs=all_signs,
         scale=scale,
         smallness=smallness,
-        converged=converged,
         unknowns=state.unknowns,
     )
 
@@ -73,13 +66,14 @@ def make_contact_state(
 def make_undeformed_state(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     """Return the state of the undeformed body; `unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
+    gap, normal = interface.evaluate_surfaces(None)
     pairs = make_pair_states(
         interface,
         np.zeros((interface.pairs, no_vector.shape[1])),
         no_vector,
         interface.force,
-        normal=interface.evaluate_normals(None),
-        gap=interface.evaluate_gaps(None),
+        normal=normal,
+        gap=gap,
         friction=interface.cone.max_coefficient,
     )
     return ContactState(interface.field.extract(unknowns), pairs, unknowns=unknowns)
@@ -100,6 +94,8 @@ def _pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[P
 
     path_slip = increment.kinematics.integrate_slip(state.q, state.displacement, normal)
     held_slip = remove_normal_part(motion, normal)
+    resultants = state.kinematics.torque_map.resultants(state.force)
+    friction = interface.cone.coefficient(nodes.force[:, 0])
     slip = np.where((status == HELD)[:, None], held_slip, to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
@@ -110,11 +106,11 @@ def _pair_states_of_iterate(increment: Increment, state: NewtonState) -> tuple[P
         normal=normal,
         force_normal=nodes.force[:, 0],
         force_tangential=to_global(nodes.force[:, 1:]),
-        torque=state.kinematics.torque_map.resultants(state.force)[:, dim:].sum(axis=1),
+        torque=resultants[:, dim:].sum(axis=1),
         gap=nodes.gap,
         slip=slip * is_closed,
         path_slip=path_slip * is_closed,
-        friction=interface.cone.coefficient(nodes.force[:, 0]),
+        friction=friction,
         status=status,
         displacement=state.displacement,
         direction=to_global(active.direction),
@@ -161,31 +157,3 @@ def make_pair_states(
         )
         for k, arrays in enumerate(pair_values)
     )
-
-
-def compute_reference_sizes(
-    increment: Increment, state: NewtonState, before: ResidualScale
-) -> tuple[ResidualScale, float, float]:
-    """Return the scale of the load history, and the reference force and length of residuals.
-
-    Args:
-        increment: equations of the increment.
-        state: iterate at the end of the increment.
-        before: scale at the start of the increment.
-    """
-    pair, V = increment.interface.pair, state.kinematics.torque_map.V
-    shifts = np.einsum("nak,nk->na", V, state.q[pair])
-    displacements = np.concatenate([state.displacement_size, shifts])
-    force, length, extent, stiffness = increment.max_over_ranks(
-        np.linalg.norm(state.force, axis=1),
-        np.linalg.norm(displacements, axis=1),
-        np.abs(increment.interface.position),
-        increment.system.law_scale,
-    )
-    scale = before
-    if force > state.round_off:
-        scale = ResidualScale(max(force, before.force), max(length, before.length))
-    length = max(length, scale.length)
-    length = length if length > COORDINATE_ROUND_OFF * extent else extent
-    force = scale.force or stiffness * length
-    return scale, force, length

@@ -44,19 +44,17 @@ class IncrementTarget:
         cls,
         load: PETSc.Vec | None,
         motions: Sequence[Motion | None],
-        interface: Interface,
-        with_angles: bool = False,
+        n_motions: int,
     ) -> "IncrementTarget":
         """Return the target for the user's loads and motions.
 
         Args:
             load: total load vector (n,), or None if the residual includes the loads.
             motions: motion of each pair's surface; None for a surface that does not move.
-            interface: contact points of all pairs.
-            with_angles: whether motions of surfaces include a rotation angle.
+            n_motions: number of motions of each surface, which are its translations and, if
+                surfaces may rotate, its angle.
         """
-        n_motions = interface.position.shape[1] + with_angles
-        q, forces = np.zeros((2, interface.pairs, n_motions))
+        q, forces = np.zeros((2, len(motions), n_motions))
         for k, motion in enumerate(motions):
             if motion is not None:
                 q[k], forces[k] = (
@@ -67,10 +65,12 @@ class IncrementTarget:
 
     @classmethod
     def from_state(
-        cls, state: ContactState, load: PETSc.Vec | None = None, with_angles: bool = False
+        cls, state: ContactState, q: Array, load: PETSc.Vec | None = None
     ) -> "IncrementTarget":
-        """Return the target that a state satisfies already, in which all motions are prescribed."""
-        q = state.placements if with_angles else state.translations
+        """Return the target that a state satisfies already, in which all motions are prescribed.
+
+        The motions are q (pairs, k).
+        """
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
         load_factor = 1.0 if state.increment else 0.0
         return cls(load, q, forces[:, : q.shape[1]], load_factor)
@@ -89,13 +89,13 @@ class IncrementTarget:
             (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
         )
 
-    @property
+    @cached_property
     def unloaded_free_surfaces(self) -> Mask:
         """Mask (pairs,) of surfaces that are free to move and have no prescribed force."""
         is_free = np.isnan(self.q)
         return is_free.any(axis=1) & ~(is_free & (self.forces != 0)).any(axis=1)
 
-    @property
+    @cached_property
     def totals(self) -> Array:
         """Prescribed forces and torques (free,) of the free motions."""
         return np.array([self.forces[index] for index in self.free_motions])
@@ -115,7 +115,7 @@ def make_balanced_target(
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
     load.axpy(-1.0, interface.force * points)
-    return IncrementTarget.from_state(state, load)
+    return IncrementTarget.from_state(state, state.translations, load)
 
 
 def interpolate_targets(

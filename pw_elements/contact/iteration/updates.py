@@ -49,8 +49,11 @@ _COMPARED_DECIMALS = 10
 _MIN_RETURNS_OF_CYCLE = 4
 _MAX_CHANGE_OF_SOLVED_SET = 1e-6
 _MAX_ITERATIONS_PER_SET = 6
+# Number of shortened Newton steps after which an iteration between two bodies ends
+_MAX_SHORTENED_STEPS = 3
 # Number of recent active sets that are searched for a cycle
 _N_RECENT_SETS = 8
+_NO_SET_MESSAGE = "no active set satisfies the contact conditions"
 # Fraction of the largest violation above which the violation of a node counts as the largest
 _WORST_NODE_FRACTION = 1 - 1e-6
 # Largest gap that counts as closed in the first active set, relative to the extent of the contact
@@ -58,17 +61,86 @@ _WORST_NODE_FRACTION = 1 - 1e-6
 _MAX_RELATIVE_TOUCHING_GAP = 1e-9
 
 
-class CycleGuard:
-    """Record of visited active sets, which detects cycles and ends them.
+class ActiveSetHistory:
+    """Record of active sets at large strains, for the detection of cycles.
 
-    Of the nodes that have taken part in a cycle, only one changes its status in each iteration.
-    These nodes are called limited.
+    At large strains the equations of an active set are nonlinear. If the active set changes in each
+    iteration, Newton's method may cycle through a few sets although one of them has a solution,
+    because it leaves each set before the equations are solved.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm
+        self._visited: set[bytes] = set()
+        self._last_key, self._n_returns, self._n_kept = b"", 0, 0
+        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS)
+
+    def record_and_decide_to_keep(self, active: ActiveSet, change: float) -> bool:
+        """Record the active set of an iteration; return whether the next iteration keeps it.
+
+        Args:
+            active: active set of the iteration.
+            change: largest change of a displacement in the iteration, divided by the largest
+                displacement.
+        """
+        key = _digest_arrays(self._comm, active.status, np.round(active.direction))
+        if key != self._last_key:
+            self._recent.append((key, active))
+            self._n_returns += key in self._visited
+            self._visited.add(key)
+            self._last_key, self._n_kept = key, 0
+        self._n_kept += 1
+        is_solved = change <= _MAX_CHANGE_OF_SOLVED_SET
+        return self.is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
+
+    @property
+    def is_cycle(self) -> bool:
+        """Whether visited active sets have come back often enough to count as a cycle."""
+        return self._n_returns >= _MIN_RETURNS_OF_CYCLE
+
+    def make_error(self, message: str, interface: Interface) -> NotFound:
+        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
+        if not self.is_cycle:
+            return NotFound(message)
+        changing = np.zeros(len(interface.pair), dtype=bool)
+        latest = self._recent[-1][1]
+        for _, active in self._recent:
+            changing |= active.status != latest.status
+            changing |= (np.round(active.direction) != np.round(latest.direction)).any(axis=1)
+        positions = interface.gather_values(interface.position[changing])
+        n_sets = len({key for key, _ in self._recent})
+        return Cycling.with_positions(
+            f"{message}: {n_sets} active sets recur, which differ at {len(positions)} of the "
+            "nodes, at {}, and the law holds in none of them",
+            positions,
+        )
+
+
+class ActiveSetUpdate:
+    """Rule that chooses the next active set from the contact law.
+
+    The rule prevents singular tangents, and detects and ends cycles. Of the nodes that have taken
+    part in a cycle, only one changes its status in each iteration. These nodes are called limited.
+
+    Args:
+        free_motions: function that returns the names of the rigid motions that remain free for an
+            active set.
+        interface: contact points of all pairs.
+        accuracy: accuracy of all linear solutions except the last one.
+    """
+
+    def __init__(
+        self, free_motions: FreeMotionFinder, interface: Interface, accuracy: Accuracy = "rough"
+    ) -> None:
+        self._interface, self._comm = interface, interface.comm
+        self._free_motions, self.accuracy = free_motions, accuracy
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
+
+    def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
+        """Clear the record of visited sets and record the first active set of an increment."""
+        self._visited, self._limited = [], None
+        self.record_and_detect_cycle(active)
 
     def record_and_detect_cycle(self, active: ActiveSet) -> bool:
         """Record an active set; return whether it was visited before.
@@ -117,85 +189,6 @@ class CycleGuard:
             self._limited & (violation < worst * _WORST_NODE_FRACTION), active, proposed
         )
 
-
-class ActiveSetHistory:
-    """Record of active sets at large strains, for the detection of cycles.
-
-    At large strains the equations of an active set are nonlinear. If the active set changes in each
-    iteration, Newton's method may cycle through a few sets although one of them has a solution,
-    because it leaves each set before the equations are solved.
-    """
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        self._comm = comm
-        self._visited: set[bytes] = set()
-        self._last_key, self._n_returns, self._n_kept = b"", 0, 0
-        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS)
-
-    def record_and_decide_to_keep(self, active: ActiveSet, change: float) -> bool:
-        """Record the active set of an iteration; return whether the next iteration keeps it.
-
-        Args:
-            active: active set of the iteration.
-            change: largest change of a displacement in the iteration, divided by the largest
-                displacement.
-        """
-        key = _digest_arrays(self._comm, active.status, np.round(active.direction))
-        if key != self._last_key:
-            self._recent.append((key, active))
-            self._n_returns += key in self._visited
-            self._visited.add(key)
-            self._last_key, self._n_kept = key, 0
-        self._n_kept += 1
-        is_solved = change <= _MAX_CHANGE_OF_SOLVED_SET
-        return self._is_cycle and not is_solved and self._n_kept < _MAX_ITERATIONS_PER_SET
-
-    @property
-    def _is_cycle(self) -> bool:
-        return self._n_returns >= _MIN_RETURNS_OF_CYCLE
-
-    def make_error(self, message: str, interface: Interface) -> NotFound:
-        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
-        if not self._is_cycle:
-            return NotFound(message)
-        changing = np.zeros(len(interface.pair), dtype=bool)
-        latest = self._recent[-1][1]
-        for _, active in self._recent:
-            changing |= active.status != latest.status
-            changing |= (np.round(active.direction) != np.round(latest.direction)).any(axis=1)
-        positions = interface.gather_values(interface.position[changing])
-        n_sets = len({key for key, _ in self._recent})
-        return Cycling.with_positions(
-            f"{message}: {n_sets} active sets recur, which differ at {len(positions)} of the "
-            "nodes, at {}, and the law holds in none of them",
-            positions,
-        )
-
-
-class ActiveSetUpdate:
-    """Rule that chooses the next active set from the contact law.
-
-    The rule prevents cycles and singular tangents.
-
-    Args:
-        free_motions: function that returns the names of the rigid motions that remain free for an
-            active set.
-        interface: contact points of all pairs.
-        accuracy: accuracy of all linear solutions except the last one.
-    """
-
-    def __init__(
-        self, free_motions: FreeMotionFinder, interface: Interface, accuracy: Accuracy = "rough"
-    ) -> None:
-        self._interface, self._comm = interface, interface.comm
-        self._free_motions, self.accuracy = free_motions, accuracy
-        self._cycles = CycleGuard(self._comm)
-
-    def start(self, active: ActiveSet, increment: Increment) -> None:  # noqa: ARG002
-        """Clear the record of visited sets and record the first active set of an increment."""
-        self._cycles = CycleGuard(self._comm)
-        self._cycles.record_and_detect_cycle(active)
-
     def choose_next_set(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
     ) -> tuple[ActiveSet, Accuracy]:
@@ -228,7 +221,7 @@ class ActiveSetUpdate:
         """
         if state.kinematics is kinematics:
             return active
-        self._cycles = CycleGuard(self._comm)
+        self._visited, self._limited = [], None
         return rotate_active_set(active, kinematics.frame, state.kinematics.frame)
 
     def _propose_next_set(
@@ -237,12 +230,12 @@ class ActiveSetUpdate:
         proposed = self._propose_holding_set(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
-        if self._cycles.record_and_detect_cycle(proposed):
+        if self.record_and_detect_cycle(proposed):
             proposed = self._propose_holding_set(active, state.nodes)
         return proposed, self.accuracy
 
     def _propose_holding_set(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._prevent_release(self._cycles.propose_active_set(active, nodes), active, nodes)
+        return self._prevent_release(self.propose_active_set(active, nodes), active, nodes)
 
     def _prevent_release(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
@@ -290,21 +283,24 @@ class ActiveSetUpdate:
 class DeformedSetUpdate(ActiveSetUpdate):
     """Rule that chooses the next active set at large strains.
 
-    Each iteration has new linearised kinematics.
+    Each iteration has new linearised kinematics. For two bodies, an iteration ends early if its
+    active sets cycle, or if several Newton steps had to be shortened because they inverted cells:
+    smaller substeps then cost less than further iterations.
 
     Args:
         interface: contact points of all pairs.
-        keep_cycling_sets: whether an active set of a cycle is kept until its equations are solved.
     """
 
-    def __init__(self, interface: Interface, keep_cycling_sets: bool) -> None:
-        super().__init__(_report_no_free_motions, interface)
-        self._keeps_cycling_sets = keep_cycling_sets
+    keeps_cycling_sets = False
+
+    def __init__(self, interface: Interface) -> None:
+        super().__init__(report_no_free_motions, interface)
+        self._ends_early = bool(interface.mortars)
 
     def start(self, active: ActiveSet, increment: Increment) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
         super().start(active, increment)
-        self._history = ActiveSetHistory(self._comm)
+        self._history, self._n_shortened_steps = ActiveSetHistory(self._comm), 0
         self._displacement = increment.start.displacement
 
     def make_error(self, max_iterations: int) -> NotFound:
@@ -318,24 +314,43 @@ class DeformedSetUpdate(ActiveSetUpdate):
         self._displacement = state.displacement
         relative_change = change / (self._max_over_ranks(np.abs(state.displacement)) or 1.0)
         is_kept = self._history.record_and_decide_to_keep(active, relative_change)
-        if self._keeps_cycling_sets and is_kept:
+        if self._ends_early:
+            self._refuse_hopeless_iteration(state)
+        if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
         return super()._propose_next_set(active, state)
+
+    def _refuse_hopeless_iteration(self, state: NewtonState) -> None:
+        """Raise NotFound if active sets cycle or too many Newton steps have been shortened."""
+        self._n_shortened_steps += state.step_length < 1
+        if self._n_shortened_steps >= _MAX_SHORTENED_STEPS:
+            raise NotFound(
+                f"{self._n_shortened_steps} Newton steps would have inverted cells and were "
+                "shortened"
+            )
+        if self._history.is_cycle and not self.keeps_cycling_sets:
+            raise self._history.make_error(_NO_SET_MESSAGE, self._interface)
 
     def _max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-def _report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list, because free rigid motions are not determined at large strains."""
+class CycleKeepingSetUpdate(DeformedSetUpdate):
+    """Rule that keeps an active set of a cycle until the equations of the set are solved."""
+
+    keeps_cycling_sets = True
+
+
+def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
+    """Return an empty list.
+
+    Free rigid motions are not determined at large strains, and springs hold all rigid motions.
+    """
     return []
 
 
 def _format_not_found_message(max_iterations: int) -> str:
-    return (
-        f"no active set satisfies the contact conditions after {max_iterations} iterations "
-        "(max_iterations)"
-    )
+    return f"{_NO_SET_MESSAGE} after {max_iterations} iterations (max_iterations)"
 
 
 def _digest_arrays(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:
@@ -373,11 +388,13 @@ def choose_first_set(
     Raises:
         FreeBody: if the body is not held even if all nodes that face a surface stick.
     """
-    touching = _find_touching_set(interface, kinematics)
-    candidates = [touching]
     if before.increment:
-        resumed = resume_active_set(interface, kinematics, before)
-        is_unloaded = unloaded[interface.pair]
+        candidates = [resume_active_set(interface, kinematics, before)]
+    else:
+        candidates = [_find_touching_set(interface, kinematics)]
+    if before.increment and unloaded.any():
+        (resumed,), is_unloaded = candidates, unloaded[interface.pair]
+        touching = _find_touching_set(interface, kinematics)
         slipping_status = np.where(touching.status == STICK, SLIP, touching.status)
         slipping = replace(touching, status=slipping_status.astype(np.int8))
         candidates = [

@@ -68,8 +68,9 @@ class ContactFailed(RuntimeError):
         state: the iterate of the failed increment that is nearest to a solution, or None. It shows
             where the iteration failed, but is not a solution: its `converged` is False, and its
             `residuals` tell how large the errors are.
-        last_substate: load factor and state at the end of the last substep that was solved, or
-            None if there is none. The state is a solution from which other increments can start.
+        last_substate: fraction of the increment and state at the end of the last substep that was
+            solved, or None if there is none. The state is a solution from which other increments
+            can start.
     """
 
     states: Sequence[ContactState] = ()

@@ -211,10 +211,10 @@ class ContactState:
         scale: force and length by which `residuals` are divided.
         smallness: largest strain, rotation and slip. A warning is logged when they leave the range
             of small displacements. None for `ContactProblem.of_residual`, where they may be large.
-        substates: load factor and state at the end of each substep except the last, if the
-            increment was cut (see `ContactProblem`). The factor is 0 for the loads and motions
-            before the increment, and 1 for those of the increment. `slip` and `iterations` of this
-            state are sums over all substeps. Files do not include substates.
+        substates: fraction of the increment and state at the end of each substep except the last,
+            if the increment was cut (see `ContactProblem`). The fraction is 0 for the loads and
+            motions before the increment, and 1 for those of the increment. `slip` and `iterations`
+            of this state are sums over all substeps. Files do not include substates.
         converged: False for the `state` of an error, which is not a solution and from which no
             increment can start.
         unknowns: full vector (n,) in the numbering of the trial space. `split` returns displacement

@@ -11,7 +11,13 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import N_PATH_PIECES, RIGID, Interface, SlidingReference
+from pw_elements.contact.interface import (
+    N_PATH_PIECES,
+    RIGID,
+    Interface,
+    SlidingReference,
+    check_closest_points,
+)
 from pw_elements.contact.model import ContactPair
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
@@ -252,7 +258,7 @@ class DeformedKinematics:
 
         They are compared at the points of the mask `pressed` (m,).
         """
-        self._interface.check_closest(self._surface_frame_motion(kinematics), pressed)
+        check_closest_points(self._interface, self._surface_frame_motion(kinematics), pressed)
 
     def slip_by_start_motion(self, kinematics: LinearisedKinematics) -> Array:
         """Return derivatives (m, dim - 1, dim) of slips with respect to displacements at the start.

@@ -76,8 +76,8 @@ class Kinematics(Protocol):
         """Return kinematics that are linearised at a solution.
 
         The arguments are those of `kinematics_at_iterate`. At small strains the kinematics are
-        linearised anew. At large strains `previous` is returned, which has already been linearised
-        at the solution.
+        linearised anew if a surface is free to move, or if there is support friction. Otherwise,
+        and at large strains, `previous` is returned, which is already valid at the solution.
         """
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
@@ -93,7 +93,8 @@ class Kinematics(Protocol):
 class UndeformedKinematics:
     """Kinematics at small strains.
 
-    They are linearised again only when an iterate satisfies the contact law.
+    They are linearised again only when an iterate satisfies the contact law and may have changed
+    them.
 
     Args:
         interface: contact points (m) of all pairs.
@@ -119,11 +120,13 @@ class UndeformedKinematics:
 
     def kinematics_at_solution(
         self,
-        previous: LinearisedKinematics,  # noqa: ARG002
+        previous: LinearisedKinematics,
         q: Array,
         displacement: Array,
         force: Array,
     ) -> LinearisedKinematics:
+        if not (self._free.any() or self._interface.holds_friction):
+            return previous
         return self.linearise(q, displacement, force)
 
     def integrate_slip(self, q: Array, displacement: Array, normal: Array) -> Array:
@@ -163,10 +166,7 @@ class UndeformedKinematics:
         interface, held_components = self._interface, self._interface.held_components
         force = np.where(held_components, 0.0, force)
         step = _DIFFERENCE_STEP * (interface.extent or 1.0)
-        normal, gap = (
-            interface.evaluate_normals(translations),
-            interface.evaluate_gaps(translations),
-        )
+        gap, normal = interface.evaluate_surfaces(translations)
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
@@ -178,13 +178,12 @@ class UndeformedKinematics:
             forward[free[:, axis], axis] += step
             backward[free[:, axis], axis] -= step
             is_moved = free[interface.pair, axis]
-            change = (
-                interface.evaluate_normals(forward) - interface.evaluate_normals(backward)
-            ) / (2 * step)
+            (forward_gap, forward_normal), (backward_gap, backward_normal) = (
+                interface.evaluate_surfaces(moved) for moved in (forward, backward)
+            )
+            change = (forward_normal - backward_normal) / (2 * step)
             with np.errstate(invalid="ignore"):  # gaps may be infinite
-                loss = (interface.evaluate_gaps(backward) - interface.evaluate_gaps(forward)) / (
-                    2 * step
-                )
+                loss = (backward_gap - forward_gap) / (2 * step)
             smooth = is_moved & np.isfinite(loss)
             normal_by_q[smooth, :, axis] = change[smooth]
             gap_loss[smooth, axis] = loss[smooth] - np.sum(change * displacement, axis=1)[smooth]

@@ -9,31 +9,22 @@ state was computed on the same mesh, with the same space and the same number of 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 import ufl
 from dolfinx import fem
 
-from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.arrays import Indices, LocalIndices
 from pw_elements.checks import (
     arguments,
     check_same_arguments,
     collective_errors,
-    format_points,
     vector_sizes,
 )
-from pw_elements.contact.interface import (
-    Overlap,
-    SlidingMortar,
-    Trace,
-    compute_tributary_areas,
-    gather_trace,
-)
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.nodes import HELD, OPEN
+from pw_elements.contact.output.sides import OppositeSurface, make_pair_results, make_pair_sides
 from pw_elements.elasticity import (
     Body,
     StressState,
@@ -45,7 +36,6 @@ from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
-    gather_from_owners,
     is_hybrid,
     scalar_space,
     split,
@@ -58,285 +48,6 @@ _MAX_NODE_DISTANCE = 1e-9
 # Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
 _INDICATOR_DEGREE = 2
 STATE_REMEDY = "solve_contact gives a list of states, ContactProblem.step one of them"
-# Least fraction of a node's area that has to face the other side; below it the node has no
-# pressure. For a linear pressure, the error of nodal values is up to 0.3 % at a fraction of 1/4,
-# 1 % at 1/20, and 10 % at 1/200
-_MIN_COVERED_FRACTION = 0.1
-
-
-@dataclass(frozen=True)
-class SideResults:
-    """Results at the k nodes of one side of a contact pair.
-
-    Pressures and tractions are NaN if no body is given.
-
-    Args:
-        normal: unit normals (k, dim) that point into the body of this side; zero at nodes that
-            face nothing.
-        gap: gaps (k,).
-        slip: slips (k, dim) of the nodes on the pair's own side.
-        friction: friction coefficients (k,).
-        status: contact status (k,) of each node, as in `ContactFields`.
-        normal_force: normal nodal forces (k,), compression positive.
-        pressure: pressures (k,); NaN where the pair is closed and too little of a node's area faces
-            the other side.
-        traction: tangential tractions (k, dim); NaN where the pressure is NaN.
-    """
-
-    normal: Array
-    gap: Array
-    slip: Array
-    friction: Array
-    status: npt.NDArray[np.int8]
-    normal_force: Array
-    pressure: Array
-    traction: Array
-
-    @property
-    def tension_ratio(self) -> float:
-        """Ratio of the largest tensile to the largest compressive nodal force.
-
-        The ratio is zero if no nodal force is compressive.
-        """
-        max_compression = self.normal_force.max(initial=0.0)
-        return (
-            float(max(0.0, -self.normal_force.min(initial=0.0)) / max_compression)
-            if max_compression > 0
-            else 0.0
-        )
-
-
-@dataclass(frozen=True)
-class OppositeSurface:
-    """The deformable surface with k nodes that the m nodes of a contact pair face.
-
-    All processes hold the same values. The pair's nodal areas are transferred to the nodes of this
-    surface in the same way as the nodal forces: see the guide's page on theory ("Two bodies"). A
-    mean of nodal values of the pair at a node of this surface is weighted with the integrals of the
-    node's weight function times those of the pair's nodes.
-
-    Args:
-        node: global numbers (k,) of the surface's nodes.
-        facing_area: integrals (k,) of the nodes' weight functions over the part of the surface that
-            faces the pair.
-        means: matrix (k, m) that takes nodal values of the pair to their means at the nodes of the
-            surface; the rows of nodes that do not face the pair are zero.
-        force_transfer: matrix (k, m) with the part of each nodal force of the pair that each node
-            of the surface receives.
-        pair_fraction: fraction (m,) of the area of each node of the pair that faces the surface.
-        opposite_fraction: fraction (k,) of the area of each node of the surface that faces the
-            pair; zero if no body is given.
-        weight_area: areas (m,) of the pair's nodes.
-        surface: nodes of the surface; None if no body is given.
-    """
-
-    node: Indices
-    facing_area: Array
-    means: sp.csr_array
-    force_transfer: sp.csr_array
-    pair_fraction: Array
-    opposite_fraction: Array
-    weight_area: Array
-    surface: SurfaceNodes | None
-
-    def results(self, pair: PairState, weight_area: Array | None = None) -> SideResults:
-        """Return the results at the nodes of the surface.
-
-        Args:
-            pair: state of the contact pair.
-            weight_area: areas (m,) of the pair's nodes in the deformed body, which give true
-                pressures. By default, areas in the undeformed body are used.
-        """
-        area = self.weight_area if weight_area is None else weight_area
-        area_vectors = -np.asarray(
-            self.force_transfer @ ((area * self.pair_fraction)[:, None] * pair.normal)
-        )
-        area_of_node = np.linalg.norm(area_vectors, axis=1)
-        normal = (area_vectors.T / np.where(area_of_node > 0, area_of_node, 1.0)).T
-        normal_force = np.sum(pair.opposite_force * normal, axis=1)
-        status_weights = self.means @ np.eye(HELD + 1)[pair.status]
-        is_closed = np.delete(status_weights, OPEN, axis=1).any(axis=1)
-        divisor = np.where(
-            is_closed,
-            np.where(self.opposite_fraction < _MIN_COVERED_FRACTION, np.nan, area_of_node),
-            np.inf,
-        )
-        return SideResults(
-            normal,
-            self.means @ np.where(np.isfinite(pair.gap), pair.gap, 0.0),
-            self.means @ pair.slip,
-            self.means @ pair.friction,
-            status_weights.argmax(axis=1).astype(np.int8),
-            normal_force,
-            normal_force / divisor,
-            ((pair.opposite_force - normal_force[:, None] * normal).T / divisor).T,
-        )
-
-
-def make_pair_sides(
-    number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
-) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
-    """Return the nodes of a pair's own surface and the deformable surface that the pair faces.
-
-    The first value is None if no body is given, the second one if the pair faces no deformable
-    surface. A node's area on the own surface is the area that faces the opposite surface, and NaN
-    where it is too small for a pressure. Nodes that face nothing keep their whole areas and have
-    no forces. At large sliding all nodes of the own surface keep their whole areas.
-
-    Args:
-        number: number of the pair.
-        state: state that contains the pair.
-        body: the body, or None if no pressures are needed.
-        space: space of the displacements.
-
-    Raises:
-        ValueError: if a node of the pair belongs to no facet whose nodes are all in the pair, or if
-            two nodes of the opposite surface coincide.
-    """
-    pair, is_deformed = state.pairs[number], state.smallness is None
-    surface = None if body is None else _make_pair_surface(number, pair, body, space)
-    if not len(pair.opposite_node):
-        return surface, None
-    nodes = pair.node, pair.opposite_node
-    slave_trace, master_trace = (
-        gather_trace(space, facets_with_all_nodes(space, side)) for side in nodes
-    )
-    is_axisymmetric = body is not None and body.state is StressState.AXISYMMETRIC
-    if not is_deformed:
-        means, dual_integrals = _integrate_undeformed_sides(
-            space, pair, slave_trace, master_trace, is_axisymmetric
-        )
-        covered_area = np.asarray(dual_integrals.sum(axis=0))
-        force_transfer = dual_integrals @ sp.diags_array(
-            1 / np.where(covered_area > 0, covered_area, 1.0)
-        )
-    else:
-        mortar = SlidingMortar(slave_trace, master_trace, is_axisymmetric)
-        displacement = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
-        x = mortar.x + gather_from_owners(space, mortar.nodes, displacement)
-        x[mortar.n_slave_nodes :] += pair.translation
-        slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
-        mortar.allowed_components[slaves] = pair.normal != 0
-        mortar_state = mortar.linearise(x)
-        covered_area = mortar_state.areas[slaves]
-        force_transfer = mortar_state.master_fractions[slaves][:, masters].T
-        rows = mortar_state.distance_rows[slaves][:, mortar.n_slave_nodes + masters]
-        means = -rows.T @ sp.diags_array(covered_area)
-        slave_trace = slave_trace.with_positions(x[: mortar.n_slave_nodes])
-        master_trace = master_trace.with_positions(x[mortar.n_slave_nodes :])
-    facing = np.asarray(means.sum(axis=1))
-    means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
-    if surface is None or body is None:
-        no_fractions = np.zeros(len(pair.opposite_node))
-        return None, OppositeSurface(
-            nodes[1],
-            facing,
-            means,
-            force_transfer,
-            covered_area,
-            no_fractions,
-            0 * covered_area,
-            None,
-        )
-    whole_areas_of_pair, opposite_whole_areas = (
-        compute_tributary_areas(trace, is_axisymmetric)[np.searchsorted(trace.nodes, side)]
-        for trace, side in zip((slave_trace, master_trace), nodes, strict=True)
-    )
-    opposite = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.opposite_node))
-    if not np.array_equal(opposite.node, pair.opposite_node):
-        raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
-    pair_fraction = covered_area / whole_areas_of_pair
-    opposite_fraction = (force_transfer @ covered_area) / opposite_whole_areas
-    opposite_side = OppositeSurface(
-        nodes[1],
-        facing,
-        means,
-        force_transfer,
-        pair_fraction,
-        opposite_fraction,
-        surface.weight_area,
-        opposite,
-    )
-    if not is_deformed:
-        area_factor = np.where(
-            covered_area > 0,
-            np.where(pair_fraction < _MIN_COVERED_FRACTION, np.nan, pair_fraction),
-            1.0,
-        )
-        areas = surface.weight_area * area_factor, surface.tributary_area * area_factor
-        surface = replace(surface, weight_area=areas[0], tributary_area=areas[1])
-    return surface, opposite_side
-
-
-def _integrate_undeformed_sides(
-    space: fem.FunctionSpace,
-    pair: PairState,
-    slave_trace: Trace,
-    master_trace: Trace,
-    is_axisymmetric: bool,
-) -> tuple[sp.csr_array, sp.csr_array]:
-    """Return two matrices (k, m) of integrals over the contact surface.
-
-    The first one has integrals of the weight functions of the k opposite nodes times those of the
-    pair's m nodes, the second one times the dual functions of the pair's weights.
-
-    Args:
-        space: space of the displacements.
-        pair: state of the pair, with its m nodes and the k opposite ones.
-        slave_trace: trace of the pair's side.
-        master_trace: trace of the opposite side.
-        is_axisymmetric: whether the body is axisymmetric.
-    """
-    first_node, end_node = space.dofmap.index_map.local_range
-    owned = np.flatnonzero((pair.node >= first_node) & (pair.node < end_node))
-    overlap, n_opposite = (
-        Overlap.from_traces(slave_trace, master_trace, pair.node[owned], is_axisymmetric),
-        len(pair.opposite_node),
-    )
-    node, weight = overlap.functions[2]
-    order = np.argsort(pair.opposite_node)
-    node = order[np.searchsorted(pair.opposite_node, node, sorter=order)]
-
-    def gather_integrals(tested_functions: Array) -> sp.csr_array:
-        integrals = overlap.assemble_integrals(
-            tested_functions, node, weight, (len(owned), n_opposite)
-        ).tocoo()
-        parts_of_ranks = space.mesh.comm.allgather(
-            (integrals.col, owned[integrals.row], integrals.data)
-        )
-        row, column, value = (np.concatenate(parts) for parts in zip(*parts_of_ranks, strict=True))
-        return sp.csr_array((value, (row, column)), shape=(n_opposite, len(pair.node)))
-
-    return gather_integrals(overlap.weight), gather_integrals(overlap.dual)
-
-
-def _make_pair_surface(
-    number: int, pair: PairState, body: Body, space: fem.FunctionSpace
-) -> SurfaceNodes:
-    """Return the surface nodes of a pair, or raise ValueError if a node belongs to no facet."""
-    surface = SurfaceNodes.from_body(body, facets_with_all_nodes(space, pair.node))
-    if not np.array_equal(surface.node, pair.node):
-        isolated = pair.position[~np.isin(pair.node, surface.node)]
-        raise ValueError(
-            f"contact pair {number}: its nodes at {format_points(isolated)} belong to no facet "
-            "that has all of its nodes in the pair, so that they have no pressure: let the pair "
-            "end at vertices, or give it the nodes of whole facets, fem.locate_dofs_topological"
-        )
-    return surface
-
-
-def make_pair_results(surface: SurfaceNodes, pair: PairState) -> SideResults:
-    """Return the results at a pair's own nodes.
-
-    Pressures and tractions are zero at open nodes whose area is NaN.
-    """
-    has_no_pressure = np.isnan(surface.weight_area) & (pair.status == OPEN)
-    pressure, traction = (
-        np.where(has_no_pressure, 0.0, surface.pressure(force).T).T
-        for force in (pair.force_normal, pair.force_tangential)
-    )
-    nodal_values = pair.normal, pair.gap, pair.slip, pair.friction, pair.status, pair.force_normal
-    return SideResults(*nodal_values, pressure, traction)
 
 
 @dataclass(frozen=True)

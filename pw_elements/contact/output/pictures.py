@@ -22,12 +22,8 @@ from pw_elements.arrays import Indices
 from pw_elements.checks import arguments, check_same_arguments, collective_errors
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.output.fields import (
-    SideResults,
-    check_state,
-    make_pair_results,
-    make_pair_sides,
-)
+from pw_elements.contact.output.fields import check_state
+from pw_elements.contact.output.sides import SideResults, make_pair_results, make_pair_sides
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES, check_axes
 

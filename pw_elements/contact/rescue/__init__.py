@@ -1,7 +1,7 @@
 """Other methods of solution after a failed iteration, and proofs that there is no solution."""
 
 from pw_elements.contact.rescue.passing import (
-    find_passed_nodes,
+    refuse_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
     sample_placements,
@@ -19,4 +19,9 @@ from pw_elements.contact.rescue.substeps import (
     count_straight_segments,
     round_up_to_power_of_two,
     solve_in_substeps,
+)
+from pw_elements.contact.rescue.support_path import (
+    BodySupports,
+    LoadFunction,
+    find_contact_free_start,
 )

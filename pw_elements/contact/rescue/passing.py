@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective_errors, format_points
 from pw_elements.contact.interface import Interface, SlidingReference
-from pw_elements.contact.model import SurfacePassed
+from pw_elements.contact.model import NotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import SupportedPieces
 
@@ -243,22 +243,27 @@ def refuse_supports_through_each_other(
                 )
 
 
-def find_passed_nodes(interface: Interface, pair: int, start: Array, end: Array) -> Array:
-    """Return the undeformed positions (p, dim) of slave nodes that pass through the master.
+def refuse_passed_nodes(
+    interface: Interface, sides: Mapping[int, tuple[SlidingReference, Array]]
+) -> None:
+    """Raise NotFound if slave nodes pass through the master on straight paths; collective.
 
-    The nodes move on straight paths. A node counts if it gets deeper into the master than a
-    fraction of the extent of the smaller side.
+    A node counts if it gets deeper into the master than a fraction of the extent of the smaller
+    side.
 
     Args:
         interface: contact nodes of all pairs.
-        pair: number of the pair.
-        start: positions (n, dim) of the nodes of both sides at the start.
-        end: positions (n, dim) of the nodes of both sides at the end.
+        sides: reference state and node positions (nodes, dim) of each pair of two bodies.
     """
-    mortar = interface.mortars[pair]
-    depth = mortar.measure_penetration(start, end)
-    is_passed = depth > _MAX_SLAVE_DEPTH * _smallest_extent(interface, pair)
-    return np.asarray(mortar.x[: mortar.n_slave_nodes][is_passed])
+    for k, (reference, x) in sides.items():
+        mortar = interface.mortars[k]
+        depth = mortar.measure_penetration(reference.x, x)
+        is_passed = depth > _MAX_SLAVE_DEPTH * _smallest_extent(interface, k)
+        positions = mortar.x[: mortar.n_slave_nodes][is_passed]
+        if len(positions):
+            raise NotFound.with_positions(
+                "contact nodes first at {} pass through the other side", positions
+            )
 
 
 def _smallest_extent(interface: Interface, pair: int) -> float:
@@ -287,9 +292,9 @@ def sample_placements(
     Returns:
         Placements (samples + 1, pairs, dim + 1), and values (samples + 1, ...) of the path.
     """
-    load_factors: Array = np.linspace(0, 1, samples + 1, dtype=float)
-    placements = np.array([(1 - factor) * q_start + factor * q_end for factor in load_factors])
-    return placements, _interpolate(path, load_factors)
+    fractions: Array = np.linspace(0, 1, samples + 1, dtype=float)
+    placements = np.array([(1 - fraction) * q_start + fraction * q_end for fraction in fractions])
+    return placements, _interpolate(path, fractions)
 
 
 def _interpolate(path: Array, ratios: Array) -> Array:

@@ -31,8 +31,8 @@ from pw_elements.contact.iteration import (
     Increment,
     LinearIncrement,
     NewtonState,
-    compute_reference_sizes,
     make_contact_state,
+    report_no_free_motions,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -61,8 +61,9 @@ from pw_elements.contact.rescue.rigid import (
     RigidMotions,
     format_direction,
 )
+from pw_elements.contact.system import Cost
 from pw_elements.progress import log_on_root
-from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, group_connected_nodes
+from pw_elements.solvers import NotConverged, SingularSystem, group_connected_nodes
 
 # Stiffness of the first and of the softest springs, relative to the diagonal stiffness of the nodes
 _FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
@@ -324,7 +325,7 @@ def refuse_loose_body(
     end: NewtonState,
     rigid: RigidMotions,
     before: ContactState,
-    measure_cost: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], Cost],
 ) -> None:
     """Raise NotUnique if a body is loose, without any contact force, in the solution `end`."""
     if not (motions := rigid.describe_loose_motions(end.nodes, end.allowance)):
@@ -335,20 +336,22 @@ def refuse_loose_body(
 
 
 def _make_unsolved_state(
-    increment: Increment, state: NewtonState, before: ContactState, cost: tuple[int, SolverReport]
+    increment: Increment, state: NewtonState, before: ContactState, cost: Cost
 ) -> ContactState:
     """Return the contact state of an iterate that is not a solution, with the cost so far."""
     iterations, report = cost
-    return make_contact_state(
+    scale, force, length = increment.reference_sizes(state, before.scale)
+    residuals = increment.largest_residuals(state, force, length)
+    unsolved = make_contact_state(
         increment,
         state,
         before,
-        sizes=compute_reference_sizes(increment, state, before.scale),
+        scale=scale,
         iterations=iterations,
         report=report,
         smallness=Smallness(np.nan, np.nan, np.nan),
-        converged=False,
     )
+    return replace(unsolved, residuals=residuals, converged=False)
 
 
 def rescue_increment(
@@ -357,7 +360,7 @@ def rescue_increment(
     prove: Callable[[], NoEquilibrium | None],
     remedy: Callable[[], NewtonState | None] | None,
     before: ContactState,
-    measure_cost: Callable[[], tuple[int, SolverReport]],
+    measure_cost: Callable[[], Cost],
 ) -> NewtonState:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
 
@@ -535,7 +538,7 @@ def solve_with_springs(
     log_on_root(comm, logging.INFO, words, ".contact")
     while stiffness > _MIN_STIFFNESS and n_failures < _MAX_FAILURES and remaining_systems() > 0:
         spring_increment = with_springs(stiffness, unknowns, q)
-        update = ActiveSetUpdate(_no_free_motions, increment.interface)
+        update = ActiveSetUpdate(report_no_free_motions, increment.interface)
         try:
             spring_state = solve_increment(
                 spring_increment,
@@ -588,11 +591,6 @@ def solve_with_springs(
                     return state  # the iteration has left this solution because of round-off
         previous, stiffness = active, stiffness / softening
     return None
-
-
-def _no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list, because springs hold all rigid motions."""
-    return []
 
 
 def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:

@@ -7,7 +7,6 @@ The module guarantees the same motions and descriptions on all processes. It ass
 strains: rotations are linearised about the undeformed positions.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -264,7 +263,7 @@ class RigidMotions:
         held_rows = np.eye(self.modes.n_modes)[is_held]
         is_dense = isinstance(self._support_rows, np.ndarray)
         free = null_space(
-            _stack_rows([self._support_rows, held_rows if is_dense else sp.csr_array(held_rows)]),
+            [self._support_rows, held_rows if is_dense else sp.csr_array(held_rows)],
             _FREE_STIFFNESS,
         )
         if not len(free):
@@ -290,7 +289,7 @@ class RigidMotions:
         by_mover = [
             resistance @ sp.diags_array((mover == k).astype(float)) for k in np.unique(mover)
         ]
-        free = null_space(_stack_rows([resistance[:0], *by_mover]), _ZERO_STIFFNESS)
+        free = null_space([resistance[:0], *by_mover], _ZERO_STIFFNESS)
         basis = self.modes.make_simplest_basis(free)
         works = self._assemble_relative_motions(pieces, for_work=True) @ basis.motions.T
         return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
@@ -328,8 +327,8 @@ class RigidMotions:
         else:
             blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(blocks @ motions)
-        all_rows = _stack_rows([self._support_rows, qr_triangle(rows, self._system.comm)])
-        return null_space(all_rows, _FREE_STIFFNESS)
+        contact_rows = qr_triangle(rows, self._system.comm)
+        return null_space([self._support_rows, contact_rows], _FREE_STIFFNESS)
 
     def _reduced_columns(self) -> Indices:
         """Return the number of the reduced unknown of each displacement.
@@ -399,8 +398,3 @@ def find_unstopped_motion(opening: Array) -> Array | None:
         if best.success and best.x @ direction > NEGLIGIBLE_PART:
             return np.asarray(best.x, dtype=float)
     return None
-
-
-def _stack_rows(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:
-    is_dense = isinstance(parts[0], np.ndarray)
-    return np.vstack(parts) if is_dense else sp.vstack(parts, "csr")

@@ -37,32 +37,34 @@ def solve_in_substeps(
     """Solve an increment in substeps, which are halved after a failure and grow after a success.
 
     Args:
-        step: function that solves for the state at a load factor, starting from a given state. The
-            load factor, between 0 and 1, is the fraction of the increment's loads and motions.
+        step: function that solves for the state at a fraction of the increment's loads and motions,
+            between 0 and 1, starting from a given state.
         state: state at the start of the increment.
         substep_sizes: size of the first substep, which is the largest; size of the smallest
             substep; and factor by which substeps grow.
         may_continue: function that returns whether another substep may be tried.
 
     Returns:
-        Load factor and state at the end of each substep; and load factor and error of the last
-        failure, or None if the last substep has succeeded.
+        Fraction and state at the end of each substep; and fraction and error of the last failure,
+        or None if the last substep has succeeded.
     """
     max_size, min_size, growth = substep_sizes
     size = max_size
-    load_factor, current_state, failure = 0.0, state, None
+    fraction, current_state, failure = 0.0, state, None
     substeps: list[tuple[float, ContactState]] = []
-    while load_factor < 1 and size >= min_size and may_continue():
-        next_factor = min(1.0, load_factor + size)
+    while fraction < 1 and size >= min_size and may_continue():
+        next_fraction = min(1.0, fraction + size)
         try:
-            current_state = replace(step(current_state, next_factor), increment=state.increment + 1)
+            current_state = replace(
+                step(current_state, next_fraction), increment=state.increment + 1
+            )
         except (ContactFailed, InvalidContactNodes, SingularSystem) as error:
-            words = f"not from {load_factor:.4g} to {next_factor:.4g} of the increment: {error}"
+            words = f"not from {fraction:.4g} to {next_fraction:.4g} of the increment: {error}"
             log_on_root(state.displacement.comm, logging.INFO, words, ".contact")
-            size, failure = (next_factor - load_factor) / 2, (next_factor, error)
+            size, failure = (next_fraction - fraction) / 2, (next_fraction, error)
             continue
-        load_factor, size, failure = next_factor, min(growth * size, max_size), None
-        substeps.append((next_factor, current_state))
+        fraction, size, failure = next_fraction, min(growth * size, max_size), None
+        substeps.append((next_fraction, current_state))
     return substeps, failure
 
 

@@ -9,23 +9,33 @@ import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeAlias
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_load, check_problem
+from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
+from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective_errors
 from pw_elements.contact.interface import check_piecewise_linear_weights
 from pw_elements.contact.model import (
     ClosestPointSurface,
     ContactPair,
     ContactState,
+    Coulomb,
     DeformableSurface,
     MatchingNodes,
     Motion,
 )
 from pw_elements.contact.output import Callback
+from pw_elements.contact.steps.sensitivity import (
+    Output,
+    Parameter,
+    ParametricResidual,
+    parameter_object,
+)
 from pw_elements.contact.steps.stepping import MAX_COST_RATIO, REMEDIES, Remedy
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import Solver
@@ -39,6 +49,11 @@ PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 # Largest difference between positions of identical nodes, relative to the largest coordinate
 _POSITION_TOLERANCE = 1e-9
+
+_NEEDS_RESIDUAL_MESSAGE = (
+    "a stiffness K has no known constants and no u: give vectors of weights and of loads, or state "
+    "the problem by its residual"
+)
 
 
 def check_contact_arguments(
@@ -201,6 +216,35 @@ def check_function(name: str, function: object, remedy: str) -> None:
         raise TypeError(f"{name} is {arguments.describe(function)}: {remedy}")
 
 
+def check_start_state(state: ContactState, undeformed: ContactState) -> None:
+    """Raise an error unless an increment can start from a state.
+
+    Args:
+        state: state that the user has passed.
+        undeformed: undeformed state of the problem.
+    """
+    check_state_of_problem(state, undeformed, "the state")
+    if not state.converged:
+        raise ValueError(
+            "the state at the start has not converged: continue from the last converged state"
+        )
+
+
+def list_motions(
+    motions: Motion | Sequence[Motion | None] | None, pairs: Sequence[ContactPair], dim: int
+) -> list[Motion | None]:
+    """Return the motion of each pair's surface, or raise an error if one is invalid.
+
+    Args:
+        motions: motions that the user has passed; None or an empty list if no surface moves.
+        pairs: contact pairs.
+        dim: dimension of the mesh.
+    """
+    motion_list = list_per_pair("motions", () if motions is None else motions, len(pairs))
+    check_motions(motion_list, pairs, dim)
+    return motion_list
+
+
 def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int) -> None:
     """Raise an error for invalid motions.
 
@@ -215,6 +259,49 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
             raise ValueError(f"contact pair {k} has a rotation without a pivot: give it a pivot")
+
+
+def list_history_functions(
+    history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
+) -> list[fem.Function]:
+    """Return the functions of a residual's history; raise an error if they are invalid.
+
+    Args:
+        history: functions in the residual that belong to the state.
+        update: function of the user that sets them.
+        comm: communicator of the mesh.
+    """
+    check_function("update", update, "it has to be a function")
+    with collective_errors(comm) as same:
+        same["the history"] = [
+            getattr(function, "function_space", None) for function in arguments.as_list(history)
+        ]
+        functions = list_of_type(history, fem.Function, "a function of the history")
+        if not all(np.isfinite(function.x.array).all() for function in functions):
+            raise ValueError("a function of the history has values that are not finite")
+    return functions
+
+
+def list_successive_states(
+    states: Sequence[ContactState], undeformed: ContactState
+) -> list[ContactState]:
+    """Return the states at the start and at the ends of one or several steps of a problem.
+
+    Args:
+        states: states that the user has passed.
+        undeformed: undeformed state of the problem.
+
+    Raises:
+        TypeError, ValueError: for states of another problem, or fewer than two states.
+    """
+    state_list = list_of_type(states, ContactState, "a state")
+    for state in state_list:
+        check_state_of_problem(state, undeformed, "a state")
+    if len(state_list) < 2:
+        raise ValueError(
+            f"{len(state_list)} states: give the states at the start and at the end of each step"
+        )
+    return state_list
 
 
 def check_load_history(
@@ -253,3 +340,155 @@ def check_load_history(
     for increment_motions in motions_by_increment:
         check_motions(increment_motions, pairs, dim)
     return load_list, motions_by_increment
+
+
+def check_outputs(
+    outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
+) -> list[Output]:
+    """Return the outputs as a list, or raise an error if one is invalid.
+
+    Args:
+        outputs: outputs given by the user.
+        n_pairs: number of contact pairs.
+        space: trial space.
+        allow_forms: whether outputs may be UFL functionals, which need a residual.
+    """
+    for output in outputs:
+        match output:
+            case ("force" | "translation", pair, axis):
+                _check_number(pair, n_pairs, "contact pairs")
+                _check_number(axis, space.mesh.geometry.dim, "components")
+            case ufl.Form() if allow_forms:
+                pass
+            case ufl.Form():
+                raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
+            case PETSc.Vec():
+                _check_vector("the output, a vector of weights,", output, space)
+            case _:
+                raise ValueError(
+                    f"the output {output!r} is not valid: give a functional, a vector of weights, "
+                    '("force", pair, axis) or ("translation", pair, axis), in a list'
+                )
+    return list(outputs)
+
+
+def check_parameters(
+    parameters: Sequence[Any],
+    n_states: int,
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    allow_forms: bool,
+) -> list[tuple[Parameter, Array]]:
+    """Return the parameters with their rates (states, ...), or raise an error if one is invalid.
+
+    The rates are derivatives of the data of each state with respect to the parameter.
+
+    Args:
+        parameters: parameters given by the user.
+        n_states: number of states.
+        pairs: contact pairs.
+        space: trial space.
+        allow_forms: whether parameters may be constants, which need a residual.
+    """
+    with_rates: list[tuple[Parameter, Array]] = []
+    for parameter in parameters:
+        rates: Any = np.ones(n_states)
+        shape: tuple[int, ...] = (n_states,)
+        if isinstance(parameter_object(parameter), fem.Constant) and not allow_forms:
+            raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
+        match parameter:
+            case fem.Constant():
+                if parameter.value.shape:
+                    raise ValueError("a constant with components needs rates: (constant, rates)")
+            case (fem.Constant() as constant, rates):
+                shape += constant.value.shape
+            case (PETSc.Vec() as load, rates):
+                _check_vector("the load that is a parameter", load, space)
+            case ("friction", pair):
+                law = pairs[_check_number(pair, len(pairs), "contact pairs")].law
+                if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
+                    raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
+            case ("motion", pair, rates):
+                _check_number(pair, len(pairs), "contact pairs")
+                shape += (space.mesh.geometry.dim,)
+            case _:
+                raise ValueError(
+                    f"the parameter {parameter!r} is not valid: give a constant, "
+                    '("friction", pair), ("motion", pair, rates), (constant, rates) or '
+                    "(vector, rates), in a list"
+                )
+        with_rates.append((parameter, arguments.check_real_array("rates", rates, shape)))
+    return with_rates
+
+
+def check_constants(
+    parameters: Sequence[tuple[Parameter, Array]],
+    outputs: Sequence[Output],
+    residual: ParametricResidual,
+) -> None:
+    """Raise ValueError if neither the residual nor an output depends on a constant parameter.
+
+    Args:
+        parameters: parameters with their rates.
+        outputs: the outputs.
+        residual: residual of the body.
+    """
+    in_outputs = [
+        constant
+        for output in outputs
+        if isinstance(output, ufl.Form)
+        for constant in output.constants()
+    ]
+    for parameter, _ in parameters:
+        constant = parameter_object(parameter)
+        if not isinstance(constant, fem.Constant) or residual.depends_on(constant):
+            continue
+        if not any(constant is output_constant for output_constant in in_outputs):
+            raise ValueError(
+                f"the constant of value {constant.value.tolist()} is no parameter: neither the "
+                "residual, nor a Dirichlet condition, nor a functional among the outputs contains "
+                "it. Give the fem.Constant with which the forms were made"
+            )
+
+
+def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
+    """Raise TypeError or ValueError unless the loads fit the problem.
+
+    The list may be empty. Otherwise the problem must be defined by a residual, and the list must
+    have one load per step.
+    """
+    remedy = "give a list of functions of the share (0, 1], or nothing"
+    arguments.check_type("loads", loads, (list, tuple), remedy)
+    if not of_residual and len(loads):
+        raise ValueError(
+            "`loads` belong to a residual; a problem with a stiffness K needs none, as its loads "
+            "follow from states and contact forces: leave `loads` out"
+        )
+    if len(loads) not in (0, n_steps):
+        raise ValueError(f"{len(loads)} loads for {n_steps} steps: give the load of each, or none")
+    for k, load in enumerate(loads):
+        if not (load is None or arguments.is_user_function(load)):
+            raise TypeError(
+                f"the load of step {k} is {arguments.describe(load)}: give the function of the "
+                "share (0, 1] of the increment that `step` had, or None"
+            )
+
+
+def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
+    """Raise an error unless a vector belongs to the space and is finite.
+
+    Args:
+        name: name of the vector, used in error messages.
+        vector: vector (n,) to check.
+        space: trial space.
+    """
+    arguments.check_petsc_vector(name, vector, "the space", space)
+    if not is_finite(vector):
+        raise ValueError(f"{name} is not finite")
+
+
+def _check_number(number: Any, count: int, things: str) -> int:  # noqa: ANN401
+    """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
+    if arguments.check_integer("a number", number, 0) >= count:
+        raise ValueError(f"number {number} of {count} {things}: they count from 0")
+    return int(number)

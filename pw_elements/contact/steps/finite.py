@@ -14,9 +14,8 @@ verified. It assumes arguments that have been checked by `steps.checks`.
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from time import perf_counter
-from typing import TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -27,27 +26,21 @@ from dolfinx import fem
 from pw_elements.algebra import (
     PetrovGalerkinProblem,
     Reduction,
-    evaluate_conditions,
     full_size_reduction,
     scale_pressures,
 )
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import (
-    arguments,
-    call_user_function,
-    collective_errors,
-    connected_components,
-)
-from pw_elements.contact.interface import COORDINATE_ROUND_OFF, build_interface
+from pw_elements.checks import arguments, call_user_function, collective_errors
+from pw_elements.contact.interface import COORDINATE_ROUND_OFF, Interface, build_interface
 from pw_elements.contact.iteration import (
     CellGuard,
+    CycleKeepingSetUpdate,
     DeformedSetUpdate,
     FiniteEquilibrium,
     Increment,
     IncrementTarget,
     NewtonState,
     SlidingEquilibrium,
-    compute_reference_sizes,
     interpolate_targets,
     make_contact_state,
     solve_increment,
@@ -79,11 +72,12 @@ from pw_elements.contact.output import (
     ResidualProbe,
 )
 from pw_elements.contact.rescue import (
-    SupportedPieces,
+    BodySupports,
+    LoadFunction,
     combine_substeps,
     count_straight_segments,
-    ends_all_contact,
-    find_passed_nodes,
+    find_contact_free_start,
+    refuse_passed_nodes,
     refuse_supports_through_each_other,
     refuse_tools_through_supports,
     round_up_to_power_of_two,
@@ -91,7 +85,7 @@ from pw_elements.contact.rescue import (
     solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
-from pw_elements.contact.steps.smallness import SlipCheck
+from pw_elements.contact.steps.smallness import log_slip_differences
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
     check_stiffness_sign,
@@ -99,24 +93,19 @@ from pw_elements.contact.steps.verification import (
     measure_deformed,
     verify_state,
 )
-from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.system import ContactSystem, measure_cost
 from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentRatioMonitor
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 from pw_elements.spaces import is_hybrid
-
-LoadFunction: TypeAlias = Callable[[float], None]
 
 # Smallest substep, as a fraction of the first substep
 _MIN_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
 # the surface would be mistaken for a node that has jumped to another place
 MAX_SUBSTEP_ROTATION = np.pi / 4
-# Initial and largest number of samples of the support path per increment
-_PATH_SAMPLES, _MAX_PATH_SAMPLES = 16, 256
-# Smallest number of samples in the check that supports and surfaces do not pass each other, and
-# number of samples in the check that a motion separates them
-_MIN_PASSING_SAMPLES, _SEPARATION_SAMPLES = 64, 128
+# Smallest number of samples in the check that supports and surfaces do not pass each other
+_MIN_PASSING_SAMPLES = 64
 # Largest number of linear systems solved for a state without contact
 _MAX_CLEAR_ITERATIONS = 10
 
@@ -146,6 +135,7 @@ class LargeStrainStepping:
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         reduction: Reduction,
         pairs: Sequence[ContactPair],
+        *,
         max_iterations: int,
         callback: Callback | None,
         solver: LinearSolver,
@@ -169,10 +159,13 @@ class LargeStrainStepping:
                 "its pattern: use Direct()"
             )
         self.space = self.interface.field.space
+        self._supports = BodySupports(
+            self.interface, self._whole_space, conditions, self._apply_load
+        )
         self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
         self._cell_guard = CellGuard(problem.u, problem.form)
-        self._slip_check = SlipCheck(self.interface)
+        self._pairs_with_slip_warning: set[int] = set()
         self.history, self._history_update = list(history), update
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
@@ -187,8 +180,8 @@ class LargeStrainStepping:
     ) -> ContactState:
         """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
-        start = IncrementTarget.from_state(state, with_angles=True)
-        end = IncrementTarget.from_motions(None, motions, interface, with_angles=True)
+        start = IncrementTarget.from_state(state, state.placements)
+        end = IncrementTarget.from_motions(None, motions, n_motions=start.q.shape[1])
         if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
                 "the surface of a deformed body cannot have free motions in addition to its "
@@ -197,14 +190,24 @@ class LargeStrainStepping:
         with report_activity(interface.comm, f"contact increment {state.increment}"):
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
             system = self._system_for(end.free_motions)
-            cost_before = system.n_solves, system.report
+            cost_before = measure_cost([system])
             # for later states, the tangent has been checked at the end of the increment before
             if self._ratio_monitor is not None and not state.increment:
                 self._restore_state(state)
                 self._ratio_monitor.is_beyond_limit()
-            support_path = self._trace_support_path(state, load)
+            support_path = self._supports.trace_path(state, load)
             self._refuse_passing_surfaces(state, start, end, support_path)
-            start_unknowns = self._find_contact_free_start(state, load, start, end, support_path)
+            start_unknowns = None
+            if not (self.history or self._history_update):
+                start_unknowns = find_contact_free_start(
+                    interface,
+                    self._surfaces,
+                    self._supports,
+                    state,
+                    load,
+                    q_ends=(start.q, end.q),
+                    support_path=support_path,
+                )
             n_initial_substeps = self._count_initial_substeps(start, end, support_path)
             if n_initial_substeps > 1:
                 message = (
@@ -216,7 +219,7 @@ class LargeStrainStepping:
             def solve_substep(
                 current: ContactState,
                 fraction: float,
-                keep_cycling_sets: bool = False,
+                make_update: Callable[[Interface], DeformedSetUpdate] = DeformedSetUpdate,
                 start_unknowns: PETSc.Vec | None = None,
             ) -> ContactState:
                 self._restore_state(current)
@@ -228,7 +231,7 @@ class LargeStrainStepping:
                 try:
                     target = interpolate_targets(start, end, fraction)
                     solution = self._solve_substep(
-                        current, target, system, reporter, keep_cycling_sets, start_unknowns
+                        current, target, system, reporter, make_update, start_unknowns
                     )
                 except NotConverged as error:
                     raise NotFound(str(error)) from error
@@ -242,9 +245,9 @@ class LargeStrainStepping:
             sizes = (1 / n_initial_substeps, _MIN_SUBSTEP / n_initial_substeps, 2.0)
             if not substeps:
                 substeps, failure = solve_in_substeps(solve_substep, state, sizes)
-            if failure is not None and isinstance(failure[1], Cycling):
+            if failure is not None and isinstance(failure[1], Cycling) and not interface.mortars:
                 # repeat from the start: a state after a snap-through may require large substeps
-                solve_with_kept_sets = partial(solve_substep, keep_cycling_sets=True)
+                solve_with_kept_sets = partial(solve_substep, make_update=CycleKeepingSetUpdate)
                 retried_substeps, retry_failure = solve_in_substeps(
                     solve_with_kept_sets, state, sizes
                 )
@@ -259,15 +262,17 @@ class LargeStrainStepping:
                 message = f"{error}; {interval}, which cannot be halved further"
                 if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
                     message += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
-                friction_may_fail = bool(end.free_motions) or not self._supported_axes().all()
+                friction_may_fail = (
+                    bool(end.free_motions) or not self._supports.supported_axes().all()
+                )
                 if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
                     message += f". {friction_message}"
                 not_found = NotFound(message)
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
-        n_solves, report = system.n_solves - cost_before[0], system.report.since(cost_before[1])
+        n_solves, report = measure_cost([system], cost_before)
         solution = replace(combine_substeps(substeps), iterations=n_solves, report=report)
-        self._slip_check.log_differences(solution)
+        log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -280,23 +285,6 @@ class LargeStrainStepping:
         n_straight = count_straight_segments(support_path, self.interface.comm)
         return max(round_up_to_power_of_two(rotations), n_straight)
 
-    def _trace_support_path(self, state: ContactState, load: LoadFunction | None) -> Array:
-        """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
-
-        The samples are equally spaced. There are enough samples to find nearly straight segments.
-        """
-        if load is None:
-            return self._sample_support_path(state, None, 1)
-        n_samples = _PATH_SAMPLES
-        path = self._sample_support_path(state, load, n_samples)
-        while (
-            2 * count_straight_segments(path, self.interface.comm) > n_samples
-            and n_samples < _MAX_PATH_SAMPLES
-        ):
-            n_samples *= 4
-            path = self._sample_support_path(state, load, n_samples)
-        return path
-
     def _refuse_passing_surfaces(
         self, state: ContactState, start: IncrementTarget, end: IncrementTarget, support_path: Array
     ) -> None:
@@ -308,8 +296,8 @@ class LargeStrainStepping:
             end: motions at the end of the increment.
             support_path: prescribed displacements (samples + 1, nodes, dim).
         """
-        interface, q = self.interface, state.placements
-        node_data = self._node_positions, self._is_supported, self._node_component
+        interface, supports, q = self.interface, self._supports, state.placements
+        node_data = supports.node_positions, supports.is_supported, supports.node_component
         surface_path, support_path = sample_placements(
             start.q, end.q, support_path, max(len(support_path) - 1, _MIN_PASSING_SAMPLES)
         )
@@ -322,85 +310,6 @@ class LargeStrainStepping:
                 interface, mortars.references, *node_data[:2], support_path
             )
 
-    def _find_contact_free_start(
-        self,
-        state: ContactState,
-        load: LoadFunction | None,
-        start: IncrementTarget,
-        end: IncrementTarget,
-        support_path: Array,
-    ) -> PETSc.Vec | None:
-        """Return unknowns (n,) of a body that has moved rigidly with its supports out of contact.
-
-        The result is None if no node is in contact at the start, if the motion may not end all
-        contact, or if the problem has history functions.
-        """
-        interface, comm = self.interface, self.interface.comm
-        is_closed = interface.extract_local_values(state.pairs, "status")[0] != OPEN
-        has_contact = comm.allreduce(bool(is_closed.any()), MPI.LOR)
-        if self.history or self._history_update or not has_contact:
-            return None
-        positions = self._node_positions
-        node_data = positions, self._is_supported, self._node_component
-        support_path = support_path[[0, -1]]
-        for n_samples in (1, _SEPARATION_SAMPLES):  # the two ends exclude most cases cheaply
-            if n_samples > 1:
-                support_path = self._sample_support_path(state, load, n_samples)
-            surface_path, _ = sample_placements(start.q, end.q, support_path, n_samples)
-            pieces = SupportedPieces.fit(*node_data, support_path, comm)
-            if not ends_all_contact(
-                interface, self._surfaces, pieces, surface_path, state.unknowns
-            ):
-                return None
-        start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
-        displacement = pieces.move(positions, self._node_component)[-1] - positions
-        start_unknowns.setArray(interface.field.embed(displacement.ravel()))
-        start_unknowns.array[owned] = np.where(
-            self._is_supported, support_path[-1], start_unknowns.array_r[owned]
-        )
-        return start_unknowns
-
-    def _sample_support_path(
-        self, state: ContactState, load: LoadFunction | None, n_samples: int
-    ) -> Array:
-        """Return prescribed displacements (samples + 1, nodes, dim), zero for free components."""
-        field, dim = self.interface.field, self.interface.position.shape[1]
-        free, _ = evaluate_conditions(self._whole_space, self._conditions)
-        start_unknowns = state.unknowns.copy()
-        start_unknowns.array[free] = 0.0
-        path = [start_unknowns]
-        for k in range(1, n_samples + 1):
-            self._apply_load(load, k / n_samples)
-            path.append(self.prescribed_displacements())
-        return np.array(
-            [field.extract(unknowns).array_r.reshape(-1, dim).copy() for unknowns in path]
-        )
-
-    def _supported_axes(self) -> Mask:
-        """Return a mask (dim,) of the axes along which supports hold at least one node."""
-        is_supported: Mask = np.any(self._is_supported, axis=0)
-        self.interface.comm.Allreduce(MPI.IN_PLACE, is_supported, MPI.LOR)
-        return is_supported
-
-    @property
-    def _is_supported(self) -> Mask:
-        """Mask (owned nodes, dim) of displacement components that supports prescribe."""
-        free, _ = evaluate_conditions(self._whole_space, self._conditions)
-        return np.asarray(~free[self.interface.field.owned_unknowns])
-
-    @property
-    def _node_positions(self) -> Array:
-        """Undeformed positions (owned nodes, dim) of the nodes of this process."""
-        owned, dim = self.interface.field.owned_unknowns.shape
-        return np.asarray(self.space.tabulate_dof_coordinates()[:owned, :dim])
-
-    @cached_property
-    def _node_component(self) -> Indices:
-        """Number (owned nodes,) of the connected component of the mesh that contains each node."""
-        dofmap = self.space.dofmap
-        number, _ = connected_components(self.interface.comm, dofmap.index_map, dofmap.list)
-        return number[: len(self._node_positions)]
-
     def release(self) -> None:
         if self._system is not None:
             self._system.tangent.release()
@@ -412,7 +321,7 @@ class LargeStrainStepping:
         target: IncrementTarget,
         system: ContactSystem,
         reporter: ProgressReporter,
-        keep_cycling_sets: bool,
+        make_update: Callable[[Interface], DeformedSetUpdate],
         start_unknowns: PETSc.Vec | None = None,
     ) -> ContactState:
         """Solve from a state to a target in one step and return the state at the target.
@@ -422,8 +331,7 @@ class LargeStrainStepping:
             target: loads and motions at the end.
             system: contact system for the free motions of the target.
             reporter: reporter of progress.
-            keep_cycling_sets: whether an active set of a cycle is kept until its equations are
-                solved.
+            make_update: function that returns the rule for the next active set.
             start_unknowns: initial iterate (n,), if no node is in contact at the end. By default
                 the iteration starts from the state.
         """
@@ -451,57 +359,60 @@ class LargeStrainStepping:
             increment,
             make_sticking_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
             linearised,
-            DeformedSetUpdate(interface, keep_cycling_sets),
+            make_update(interface),
             max_iterations=max_iterations,
             after_iteration=reporter.report_iteration,
         )
         reporter.violation = end.violation
-        self._check_solution(
-            increment, kinematics, end, target, starts_clear=start_unknowns is not None
-        )
+        is_pressed = end.nodes.trial_pressure > 0
+        kinematics.check_surface_derivatives(end.kinematics, is_pressed)
+        interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
+        if start_unknowns is None:
+            self._refuse_jumped_nodes(kinematics, end, is_pressed)
+        else:
+            self._refuse_contact(is_pressed)
+        refuse_passed_nodes(interface, kinematics.sides)
+        self._refuse_large_turns(start.q, end.q, target.q)
         signs = self._check_stability(system, n_signs, state)
-        sizes = compute_reference_sizes(increment, end, state.scale)
+        sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
-            increment, end, state, sizes=sizes, iterations=0, report=system.report, smallness=None
+            increment,
+            end,
+            state,
+            scale=sizes[0],
+            iterations=0,
+            report=system.tangent.solver.report,
+            smallness=None,
         )
         solution = self._verify_state(solution, state, target, sizes)
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
-    def _check_solution(
-        self,
-        increment: Increment,
-        kinematics: DeformedKinematics,
-        end: NewtonState,
-        target: IncrementTarget,
-        *,
-        starts_clear: bool,
+    def _refuse_jumped_nodes(
+        self, kinematics: DeformedKinematics, end: NewtonState, is_pressed: Mask
     ) -> None:
-        """Raise NotFound if nodes or surfaces have jumped to another place in a solution.
-
-        If the initial iterate was without contact (`starts_clear`), nodes may have jumped, but no
-        node may be in contact.
-        """
-        interface, is_pressed = self.interface, end.nodes.trial_pressure > 0
-        kinematics.check_surface_derivatives(end.kinematics, is_pressed)
-        interface.check_supports_between(increment.equilibrium.offset, target.q, is_pressed)
-        if starts_clear and len(interface.gather_values(interface.position[is_pressed])):
-            raise NotFound("the body is in contact after supports have moved it out of contact")
-        jumped_positions = interface.gather_values(
-            interface.position[kinematics.find_jumped_points(end.kinematics, is_pressed)]
-        )
-        if len(jumped_positions) and not starts_clear:
+        """Raise NotFound if pressed nodes have jumped to another place in a solution."""
+        is_jumped = kinematics.find_jumped_points(end.kinematics, is_pressed)
+        positions = self.interface.gather_values(self.interface.position[is_jumped])
+        if len(positions):
             message = "jumped to another sheet of their surface, or slid round by a right angle"
-            raise NotFound.with_positions(
-                f"contact nodes first at {{}} have {message}", jumped_positions
-            )
-        for k, (reference, x) in kinematics.sides.items():
-            passed_positions = find_passed_nodes(interface, k, reference.x, x)
-            if len(passed_positions):
-                raise NotFound.with_positions(
-                    "contact nodes first at {} pass through the other side", passed_positions
-                )
-        angle = np.abs(end.q - increment.start.q)[:, -1]
-        if (angle[np.isnan(target.q[:, -1])] > MAX_SUBSTEP_ROTATION).any():
+            raise NotFound.with_positions(f"contact nodes first at {{}} have {message}", positions)
+
+    def _refuse_contact(self, is_pressed: Mask) -> None:
+        """Raise NotFound if any node is in contact."""
+        if len(self.interface.gather_values(self.interface.position[is_pressed])):
+            raise NotFound("the body is in contact after supports have moved it out of contact")
+
+    @staticmethod
+    def _refuse_large_turns(start_q: Array, end_q: Array, target_q: Array) -> None:
+        """Raise NotFound if a surface that is free to turn has turned too far.
+
+        Args:
+            start_q: motions (pairs, dim + 1) of the surfaces at the start.
+            end_q: motions of the surfaces in the solution.
+            target_q: prescribed motions of the surfaces, NaN where they are free.
+        """
+        angle = np.abs(end_q - start_q)[:, -1]
+        if (angle[np.isnan(target_q[:, -1])] > MAX_SUBSTEP_ROTATION).any():
             raise NotFound(
                 f"a surface that is free to turn has turned by {angle.max():.3g}: slip is resolved "
                 f"up to {MAX_SUBSTEP_ROTATION:.3g}, an eighth of a turn, in one substep"
@@ -558,10 +469,10 @@ class LargeStrainStepping:
             measure_deformed(self.interface, self._pairs, start_state, solution),
             unbalanced,
             self.interface,
-            self._reduction,
-            ReferenceSizes(force, length, law_scale, round_off),
-            target.totals,
-            make_torque_function(self.interface, self._pairs, solution),
+            reduction=self._reduction,
+            sizes=ReferenceSizes(force, length, law_scale, round_off),
+            totals=target.totals,
+            torque=make_torque_function(self.interface, self._pairs, solution),
         )
 
     def _start_increment(
@@ -574,7 +485,7 @@ class LargeStrainStepping:
         """Return equations and kinematics of a step; `unknowns` (n,) are its initial iterate."""
         interface = self.interface
         start = make_increment_start(state, interface, state.placements)
-        reduction = replace(self._reduction, offset=self.prescribed_displacements())
+        reduction = replace(self._reduction, offset=self._supports.prescribed_displacements())
         body_data = self._residual_system, system, reduction, self._cell_guard, unknowns
         if interface.mortars:
             mortars = MortarKinematics(interface, state.unknowns, start.q, target.q)
@@ -595,7 +506,7 @@ class LargeStrainStepping:
             Array (n,) of this process, -1 for prescribed unknowns and 0 for all others; and the
             residual with its unknowns and coefficients.
         """
-        free, _ = evaluate_conditions(self._whole_space, self._conditions)
+        free = self._supports.free_unknowns
         return np.where(free, 0, -1), ResidualProbe(self._residual_system, self.coefficients)
 
     @property
@@ -604,7 +515,7 @@ class LargeStrainStepping:
         return self._residual_system.tangent
 
     def prescribed_displacements(self) -> PETSc.Vec:
-        return evaluate_conditions(self._whole_space, self._conditions)[1]
+        return self._supports.prescribed_displacements()
 
     def depends_on(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
@@ -624,12 +535,11 @@ class LargeStrainStepping:
         The unknown function, constants and conditions are set to their values at the end of the
         substep.
         """
-        self._apply_load(part.load, part.load_factor)
+        self._apply_load(part.load, part.fraction)
         free_motions = part.part_end.free_motions
         system = self._system_for(free_motions)
-        target = IncrementTarget.from_state(part.part_end, with_angles=True).with_free_motions(
-            free_motions
-        )
+        target = IncrementTarget.from_state(part.part_end, part.part_end.placements)
+        target = target.with_free_motions(free_motions)
         unknowns = part.part_end.unknowns
         increment, kinematics = self._start_increment(part.part_start, target, system, unknowns)
         states, dim = (part.part_start, part.part_end), self.interface.position.shape[1]

@@ -43,7 +43,7 @@ from pw_elements.contact.steps.smallness import (
 )
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_blocked
-from pw_elements.spaces import AssemblyRecord
+from pw_elements.spaces import read_record
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
@@ -328,8 +328,8 @@ def solve_impact(
             f"duration = {duration:.6g} takes {n_steps:.3g} steps of {step:.3g}, more than "
             f"max_steps = {max_steps}: about {hours:.2g} hours"
         )
-    n_steps, sibling = int(n_steps), AssemblyRecord.read(K).sibling
-    interface = build_interface(contact_pairs, space, reduction, AssemblyRecord.read(K))
+    n_steps, sibling = int(n_steps), read_record(K).sibling
+    interface = build_interface(contact_pairs, space, reduction, read_record(K))
     is_free = _find_free_unknowns(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(is_free, velocity.array_r, 0.0))
@@ -539,9 +539,8 @@ class _TimeIntegration:
     def _evaluate_surfaces(self) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
         translations = self.translations[-1]
-        normal = self._interface.evaluate_normals(translations)
-        gap = self._interface.evaluate_gaps(translations)
-        self._interface.check_supports(normal, gap)
+        gap, normal = self._interface.evaluate_surfaces(translations)
+        self._interface.check_supports(gap, normal)
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:

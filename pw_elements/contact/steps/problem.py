@@ -12,22 +12,16 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, check_mesh, check_same_arguments, collective_errors
+from pw_elements.checks import arguments, check_mesh, check_same_arguments
 from pw_elements.contact.interface import find_reduced_columns
 from pw_elements.contact.iteration import make_undeformed_state
-from pw_elements.contact.model import (
-    ContactFailed,
-    ContactPair,
-    ContactState,
-    Motion,
-)
+from pw_elements.contact.model import ContactFailed, ContactPair, ContactState, Motion
 from pw_elements.contact.output import (
     Callback,
     Fingerprint,
@@ -37,27 +31,29 @@ from pw_elements.contact.output import (
     read_state,
     write_state,
 )
+from pw_elements.contact.rescue import LoadFunction
 from pw_elements.contact.steps.checks import (
     Remedies,
+    check_constants,
     check_contact_arguments,
     check_function,
     check_large_strain_surfaces,
     check_load_history,
-    check_motions,
+    check_loads,
+    check_outputs,
+    check_parameters,
+    check_start_state,
     check_state_of_problem,
-    list_of_type,
-    list_per_pair,
+    list_history_functions,
+    list_motions,
     list_remedy_cost_ratios,
+    list_successive_states,
 )
-from pw_elements.contact.steps.finite import LargeStrainStepping, LoadFunction
+from pw_elements.contact.steps.finite import LargeStrainStepping
 from pw_elements.contact.steps.sensitivity import (
     Derivatives,
     Output,
     Parameter,
-    check_constants,
-    check_loads,
-    check_outputs,
-    check_parameters,
     iterate_history_parts,
 )
 from pw_elements.contact.steps.stepping import REMEDIES, SmallStrainStepping
@@ -110,9 +106,8 @@ class ContactProblem:
     """
 
     _has_residual = False
-    _history_spaces: Sequence[
-        fem.FunctionSpace
-    ] = ()  # spaces of the history functions, which belong to a state
+    # spaces of the history functions, which belong to a state
+    _history_spaces: Sequence[fem.FunctionSpace] = ()
 
     @check_same_arguments
     def __init__(
@@ -255,14 +250,9 @@ class ContactProblem:
                 solver "auto" first switches to a direct solver if there is enough memory. With a
                 residual, smaller substeps are tried, and finally `NotFound` is raised instead.
         """
-        check_state_of_problem(state, self.undeformed, "the state")
-        if not state.converged:
-            raise ValueError(
-                "the state at the start has not converged: continue from the last converged state"
-            )
-        motion_list = list_per_pair("motions", () if motions is None else motions, len(self.pairs))
-        check_motions(motion_list, self.pairs, self._space.mesh.geometry.dim)
-        return self._solve_step(state, load, motion_list)
+        check_start_state(state, self.undeformed)
+        dim = self._space.mesh.geometry.dim
+        return self._solve_step(state, load, list_motions(motions, self.pairs, dim))
 
     def _solve_step(
         self,
@@ -351,14 +341,8 @@ class ContactProblem:
                 "the residual has a history, and the derivatives of `update` are unknown: "
                 "sensitivities need a problem without `history`"
             )
-        states = list_of_type(states, ContactState, "a state")
-        for state in states:
-            check_state_of_problem(state, self.undeformed, "a state")
+        states = list_successive_states(states, self.undeformed)
         n_steps = len(states) - 1
-        if n_steps < 1:
-            raise ValueError(
-                f"{len(states)} states: give the states at the start and at the end of each step"
-            )
         check_loads(loads, n_steps, self._has_residual)
         self._rebuild_if_stiffness_changed()
         stepping, space_and_kind = self._current_stepping, (self._space, self._has_residual)
@@ -369,12 +353,8 @@ class ContactProblem:
             )
         output_list = check_outputs(outputs, len(self.pairs), *space_and_kind)
         parameter_list = check_parameters(parameters, len(states), self.pairs, *space_and_kind)
-        self._check_constants(parameter_list, output_list)
-        weight_array = None
-        if weights is not None:
-            weight_array = arguments.check_real_array(
-                "weights", weights, (n_steps, len(output_list))
-            )
+        if self._residual_stepping is not None:
+            check_constants(parameter_list, output_list, self._residual_stepping)
         parts = list(iterate_history_parts(states, loads or [None] * n_steps))
         derivatives = Derivatives(
             stepping.interface,
@@ -384,9 +364,12 @@ class ContactProblem:
             output_list,
             parameter_list,
         )
-        if weight_array is None:
+        if weights is None:
             return derivatives.compute_direct()
-        return derivatives.compute_adjoint(weight_array)
+        weight_shape = n_steps, len(output_list)
+        return derivatives.compute_adjoint(
+            arguments.check_real_array("weights", weights, weight_shape)
+        )
 
     @check_same_arguments
     def release(self) -> None:
@@ -407,12 +390,6 @@ class ContactProblem:
     @property
     def _stiffness(self) -> PETSc.Mat:
         return self._K
-
-    def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        """Raise ValueError for constants on which neither the residual nor a functional depends.
-
-        In a problem with a stiffness, constants are not known and nothing is checked.
-        """
 
     def _identify(self) -> Fingerprint:
         """Return data that identify the problem; collective.
@@ -475,16 +452,9 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         check_changed_parts(changed)
-        histories, identity = self._history_spaces, self._identify()
+        spaces, identity = (self._space, self._history_spaces), self._identify()
         return read_state(
-            path,
-            self._space,
-            histories,
-            identity,
-            self.undeformed,
-            self.pairs,
-            self._stiffness,
-            changed,
+            path, *spaces, identity, self.undeformed, self.pairs, self._stiffness, changed
         )
 
 
@@ -508,14 +478,7 @@ class _ResidualProblem(ContactProblem):
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
-        check_function("update", update, "it has to be a function")
-        with collective_errors(space.mesh.comm) as same:
-            same["the history"] = [
-                getattr(function, "function_space", None) for function in arguments.as_list(history)
-            ]
-            functions = list_of_type(history, fem.Function, "a function of the history")
-            if not all(np.isfinite(function.x.array).all() for function in functions):
-                raise ValueError("a function of the history has values that are not finite")
+        functions = list_history_functions(history, update, space.mesh.comm)
         reduction = Reduction.dirichlet(space, conditions)
         chosen_solver = choose_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = is_matrix_free(chosen_solver)
@@ -534,11 +497,11 @@ class _ResidualProblem(ContactProblem):
             conditions,
             reduction,
             self.pairs,
-            max_iterations,
-            callback,
-            chosen_solver,
-            functions,
-            update,
+            max_iterations=max_iterations,
+            callback=callback,
+            solver=chosen_solver,
+            history=functions,
+            update=update,
         )
         start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)
@@ -571,9 +534,6 @@ class _ResidualProblem(ContactProblem):
     @property
     def _stiffness(self) -> PETSc.Mat:
         return self._large_strain_stepping.stiffness
-
-    def _check_constants(self, parameters: Sequence[Any], outputs: Sequence[Any]) -> None:
-        check_constants(parameters, outputs, self._large_strain_stepping)
 
     def _identify(self) -> Fingerprint:
         column, residual = self._large_strain_stepping.identify_residual()

@@ -24,12 +24,12 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from pw_elements.algebra import Reduction, is_finite
+from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, format_points
+from pw_elements.checks import format_points
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import Increment, NewtonState
-from pw_elements.contact.model import ContactPair, ContactState, Coulomb
+from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import (
     LinearisedLaw,
     assemble_node_equations,
@@ -62,7 +62,7 @@ class HistoryPart:
         increment_start: state at the start of the increment.
         part_start: state at the start of the part.
         part_end: state at the end of the part.
-        load_factor: fraction of the increment's loads and motions that is applied at the end of the
+        fraction: fraction of the increment's loads and motions that is applied at the end of the
             part.
         load: load of the increment, as it was given to `step`.
     """
@@ -71,7 +71,7 @@ class HistoryPart:
     increment_start: ContactState
     part_start: ContactState
     part_end: ContactState
-    load_factor: float
+    fraction: float
     load: Any
 
 
@@ -91,8 +91,8 @@ def iterate_history_parts(
                 "rates of its motion in the parts are not known. Make smaller increments"
             )
         part_start = start
-        for load_factor, state in (*end.substates, (1.0, end)):
-            yield HistoryPart(k, start, part_start, state, load_factor, load)
+        for fraction, state in (*end.substates, (1.0, end)):
+            yield HistoryPart(k, start, part_start, state, fraction, load)
             part_start = state
 
 
@@ -341,9 +341,10 @@ class Derivatives:
             leaves the unknown function, the constants and the conditions at their values there.
         residual: residual of the body; None if the problem is defined by a stiffness matrix.
         parts: parts of the load history.
-        outputs: outputs, checked by `check_outputs`.
-        parameters: parameters with their rates (states, ...), checked by `check_parameters`. A rate
-            is the derivative of the data of each state with respect to the parameter.
+        outputs: outputs, checked by `checks.check_outputs`.
+        parameters: parameters with their rates (states, ...), checked by
+            `checks.check_parameters`. A rate is the derivative of the data of each state with
+            respect to the parameter.
     """
 
     interface: Interface
@@ -363,7 +364,7 @@ class Derivatives:
                 linearised.propagate_change(rate, start_change)
                 for rate, start_change in zip(rates, changes, strict=True)
             ]
-            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+            for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
                 weights = self._output_weights(output)
                 derivatives[part.increment, i] = [
                     weights.weighted_sum(change) for change in changes
@@ -383,7 +384,7 @@ class Derivatives:
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_change()
         for part in reversed(self.parts):
             linearised, rates = self._linearise(part), self._evaluate_rates(part)
-            for i, output in enumerate(self.outputs if part.load_factor == 1 else ()):
+            for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
                 weight = weights[part.increment, i]
                 adjoint_weights = adjoint_weights.add_multiple(weight, self._output_weights(output))
                 gradient += weight * self._explicit_derivatives(output, part)
@@ -395,9 +396,7 @@ class Derivatives:
         try:
             return self.linearise_end(part)
         except ValueError as error:
-            location = (
-                "" if part.load_factor == 1 else f", at {part.load_factor:.4g} of its increment,"
-            )
+            location = "" if part.fraction == 1 else f", at {part.fraction:.4g} of its increment,"
             raise ValueError(f"state {part.increment + 1}{location} {error}") from error
 
     def _zero_vector(self) -> PETSc.Vec:
@@ -413,13 +412,13 @@ class Derivatives:
 
     def _evaluate_rates(self, part: HistoryPart) -> list[DataRates]:
         """Return derivatives of the data at the end of a part with respect to each parameter."""
-        rates_of_parameters, number, load_factor = [], part.increment, part.load_factor
+        rates_of_parameters, number, fraction = [], part.increment, part.fraction
         for parameter, rates in self.parameters:
-            rate = (1 - load_factor) * rates[number] + load_factor * rates[number + 1]
+            rate = (1 - fraction) * rates[number] + fraction * rates[number + 1]
             load, offset = self._zero_vector(), self._zero_vector()
             motions = np.zeros_like(part.part_end.translations)
             friction = np.zeros(len(motions))
-            match _parameter_object(parameter):
+            match parameter_object(parameter):
                 case fem.Constant() as constant:
                     load, offset = self._constant_rates(constant, rate)
                 case PETSc.Vec() as vector:
@@ -480,171 +479,13 @@ class Derivatives:
         derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
-                if isinstance(constant := _parameter_object(parameter), fem.Constant):
+                if isinstance(constant := parameter_object(parameter), fem.Constant):
                     change = _differentiate_by_constant(output, constant, rates[part.increment + 1])
                     derivatives[i] = 0.0 if change.empty() else assemble_scalar(change)
         return derivatives
 
 
-_NEEDS_RESIDUAL_MESSAGE = (
-    "a stiffness K has no known constants and no u: give vectors of weights and of loads, or state "
-    "the problem by its residual"
-)
-
-
-def check_outputs(
-    outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
-) -> list[Output]:
-    """Return the outputs as a list, or raise an error if one is invalid.
-
-    Args:
-        outputs: outputs given by the user.
-        n_pairs: number of contact pairs.
-        space: trial space.
-        allow_forms: whether outputs may be UFL functionals, which need a residual.
-    """
-    for output in outputs:
-        match output:
-            case ("force" | "translation", pair, axis):
-                _check_number(pair, n_pairs, "contact pairs")
-                _check_number(axis, space.mesh.geometry.dim, "components")
-            case ufl.Form() if allow_forms:
-                pass
-            case ufl.Form():
-                raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
-            case PETSc.Vec():
-                _check_vector("the output, a vector of weights,", output, space)
-            case _:
-                raise ValueError(
-                    f"the output {output!r} is not valid: give a functional, a vector of weights, "
-                    '("force", pair, axis) or ("translation", pair, axis), in a list'
-                )
-    return list(outputs)
-
-
-def check_parameters(
-    parameters: Sequence[Any],
-    n_states: int,
-    pairs: Sequence[ContactPair],
-    space: fem.FunctionSpace,
-    allow_forms: bool,
-) -> list[tuple[Parameter, Array]]:
-    """Return the parameters with their rates (states, ...), or raise an error if one is invalid.
-
-    The rates are derivatives of the data of each state with respect to the parameter.
-
-    Args:
-        parameters: parameters given by the user.
-        n_states: number of states.
-        pairs: contact pairs.
-        space: trial space.
-        allow_forms: whether parameters may be constants, which need a residual.
-    """
-    with_rates: list[tuple[Parameter, Array]] = []
-    for parameter in parameters:
-        rates: Any = np.ones(n_states)
-        shape: tuple[int, ...] = (n_states,)
-        if isinstance(_parameter_object(parameter), fem.Constant) and not allow_forms:
-            raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
-        match parameter:
-            case fem.Constant():
-                if parameter.value.shape:
-                    raise ValueError("a constant with components needs rates: (constant, rates)")
-            case (fem.Constant() as constant, rates):
-                shape += constant.value.shape
-            case (PETSc.Vec() as load, rates):
-                _check_vector("the load that is a parameter", load, space)
-            case ("friction", pair):
-                law = pairs[_check_number(pair, len(pairs), "contact pairs")].law
-                if not (isinstance(law, Coulomb) and type(law).limit is Coulomb.limit):
-                    raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
-            case ("motion", pair, rates):
-                _check_number(pair, len(pairs), "contact pairs")
-                shape += (space.mesh.geometry.dim,)
-            case _:
-                raise ValueError(
-                    f"the parameter {parameter!r} is not valid: give a constant, "
-                    '("friction", pair), ("motion", pair, rates), (constant, rates) or '
-                    "(vector, rates), in a list"
-                )
-        with_rates.append((parameter, arguments.check_real_array("rates", rates, shape)))
-    return with_rates
-
-
-def check_constants(
-    parameters: Sequence[tuple[Parameter, Array]],
-    outputs: Sequence[Output],
-    residual: ParametricResidual,
-) -> None:
-    """Raise ValueError if neither the residual nor an output depends on a constant parameter.
-
-    Args:
-        parameters: parameters with their rates.
-        outputs: the outputs.
-        residual: residual of the body.
-    """
-    in_outputs = [
-        constant
-        for output in outputs
-        if isinstance(output, ufl.Form)
-        for constant in output.constants()
-    ]
-    for parameter, _ in parameters:
-        constant = _parameter_object(parameter)
-        if not isinstance(constant, fem.Constant) or residual.depends_on(constant):
-            continue
-        if not any(constant is output_constant for output_constant in in_outputs):
-            raise ValueError(
-                f"the constant of value {constant.value.tolist()} is no parameter: neither the "
-                "residual, nor a Dirichlet condition, nor a functional among the outputs contains "
-                "it. Give the fem.Constant with which the forms were made"
-            )
-
-
-def check_loads(loads: Sequence[Any], n_steps: int, of_residual: bool) -> None:
-    """Raise TypeError or ValueError unless the loads fit the problem.
-
-    The list may be empty. Otherwise the problem must be defined by a residual, and the list must
-    have one load per step.
-    """
-    remedy = "give a list of functions of the share (0, 1], or nothing"
-    arguments.check_type("loads", loads, (list, tuple), remedy)
-    if not of_residual and len(loads):
-        raise ValueError(
-            "`loads` belong to a residual; a problem with a stiffness K needs none, as its loads "
-            "follow from states and contact forces: leave `loads` out"
-        )
-    if len(loads) not in (0, n_steps):
-        raise ValueError(f"{len(loads)} loads for {n_steps} steps: give the load of each, or none")
-    for k, load in enumerate(loads):
-        if not (load is None or arguments.is_user_function(load)):
-            raise TypeError(
-                f"the load of step {k} is {arguments.describe(load)}: give the function of the "
-                "share (0, 1] of the increment that `step` had, or None"
-            )
-
-
-def _check_vector(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
-    """Raise an error unless a vector belongs to the space and is finite.
-
-    Args:
-        name: name of the vector, used in error messages.
-        vector: vector (n,) to check.
-        space: trial space.
-    """
-    arguments.check_petsc_vector(name, vector, "the space", space)
-    if not is_finite(vector):
-        raise ValueError(f"{name} is not finite")
-
-
-def _check_number(number: Any, count: int, things: str) -> int:  # noqa: ANN401
-    """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
-    if arguments.check_integer("a number", number, 0) >= count:
-        raise ValueError(f"number {number} of {count} {things}: they count from 0")
-    return int(number)
-
-
-def _parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
+def parameter_object(parameter: Parameter) -> Any:  # noqa: ANN401
     """Return the constant or vector of a parameter, or "friction" or "motion"."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 

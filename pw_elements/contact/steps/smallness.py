@@ -339,46 +339,39 @@ def _find_adjacent_facets(node: Indices, space: fem.FunctionSpace) -> tuple[Indi
     return node_number, outward[is_own], size[is_own]
 
 
-class SlipCheck:
-    """Warn, once for each pair, where the two measures of slip of `PairState` differ.
+def log_slip_differences(state: ContactState, interface: Interface, warned_pairs: set[int]) -> None:
+    """Log a warning, once for each pair, if the two measures of slip of `PairState` differ.
 
     The friction law uses `PairState.slip`; `PairState.path_slip` is the slip along the path of
-    material points.
+    material points. They are compared at nodes with friction.
 
     Args:
+        state: state at the end of an increment.
         interface: the contact nodes.
+        warned_pairs: numbers of the pairs with a warning, to which the function adds pairs.
     """
-
-    def __init__(self, interface: Interface) -> None:
-        self._comm, self._warned_pairs = interface.comm, set[int]()
-        self._nodes_and_facet_lengths = {
-            k: (mortar.nodes[: mortar.n_slave_nodes], mortar.measure_shortest_facets())
-            for k, mortar in interface.mortars.items()
-        }
-
-    def log_differences(self, state: ContactState) -> None:
-        """Log a warning if the two measures of slip differ too much at a node with friction."""
-        for k, pair in enumerate(state.pairs):
-            difference = measure_slip_difference(pair)
-            allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
-            if k in self._nodes_and_facet_lengths:
-                nodes, lengths = self._nodes_and_facet_lengths[k]
-                allowed = _ALLOWED_PER_FACET * lengths[np.searchsorted(nodes, pair.node)]
-            slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
-            has_friction = (pair.status != OPEN) & (pair.friction > 0)
-            is_wrong = has_friction & (
-                difference > np.maximum(MAX_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
+    for k, pair in enumerate(state.pairs):
+        difference = measure_slip_difference(pair)
+        allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
+        if k in interface.mortars:
+            mortar = interface.mortars[k]
+            slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)
+            allowed = _ALLOWED_PER_FACET * mortar.measure_shortest_facets()[slave_number]
+        slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
+        has_friction = (pair.status != OPEN) & (pair.friction > 0)
+        is_wrong = has_friction & (
+            difference > np.maximum(MAX_SLIP_DIFFERENCE * np.maximum(*slip_sizes), allowed)
+        )
+        if is_wrong.any() and k not in warned_pairs:
+            warned_pairs.add(k)
+            words = (
+                f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
+                f"of the path by up to {difference[is_wrong].max():.3g}, more than "
+                f"{MAX_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
+                f"{format_points(pair.position[is_wrong])}, where friction may be wrong: make "
+                "smaller increments and compare `PairState.slip` with `path_slip`"
             )
-            if is_wrong.any() and k not in self._warned_pairs:
-                self._warned_pairs.add(k)
-                words = (
-                    f"increment {state.increment - 1}, contact pair {k}: slip differs from that "
-                    f"of the path by up to {difference[is_wrong].max():.3g}, more than "
-                    f"{MAX_SLIP_DIFFERENCE:.0%} of it, at {is_wrong.sum()} contact nodes first at "
-                    f"{format_points(pair.position[is_wrong])}, where friction may be wrong: make "
-                    "smaller increments and compare `PairState.slip` with `path_slip`"
-                )
-                log_on_root(self._comm, logging.WARNING, words, ".contact")
+            log_on_root(interface.comm, logging.WARNING, words, ".contact")
 
 
 def measure_slip_difference(pair: PairState) -> Array:

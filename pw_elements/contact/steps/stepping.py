@@ -36,7 +36,6 @@ from pw_elements.contact.iteration import (
     LinearIncrement,
     NewtonState,
     choose_first_set,
-    compute_reference_sizes,
     interpolate_targets,
     make_balanced_target,
     make_contact_state,
@@ -44,7 +43,6 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import (
-    NO_SOLVER_REPORT,
     ContactFailed,
     ContactPair,
     ContactState,
@@ -74,24 +72,23 @@ from pw_elements.contact.rescue import (
     solve_with_springs,
 )
 from pw_elements.contact.steps.sensitivity import HistoryPart, LinearisedEnd
-from pw_elements.contact.steps.smallness import SlipCheck, SmallnessCheck
+from pw_elements.contact.steps.smallness import SmallnessCheck, log_slip_differences
 from pw_elements.contact.steps.verification import (
     ReferenceSizes,
     check_stiffness_sign,
     measure_undeformed,
     verify_state,
 )
-from pw_elements.contact.system import Accuracy, ContactSystem
+from pw_elements.contact.system import NO_COST, Accuracy, ContactSystem, Cost, measure_cost
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
-    SolverReport,
     add_scaled,
     is_matrix_free,
     to_aij,
 )
-from pw_elements.spaces import AssemblyRecord
+from pw_elements.spaces import read_record
 
 # Smallest substep, as a fraction of the increment
 _MIN_SUBSTEP = 1 / 16
@@ -107,9 +104,6 @@ _MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
 # Number of iterations after which a proof is attempted that there is no equilibrium. Most
 # increments take fewer iterations
 _ITERATIONS_BEFORE_PROOF = 12
-
-# Number of linear systems solved, and the report of the linear solver
-Cost: TypeAlias = tuple[int, SolverReport]
 
 
 class SmallStrainStepping:
@@ -149,11 +143,11 @@ class SmallStrainStepping:
         # springs require an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
         self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
-        self.interface = build_interface(pairs, space, self._reduction, AssemblyRecord.read(K))
+        self.interface = build_interface(pairs, space, self._reduction, read_record(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
         self._smallness_check = SmallnessCheck(self.interface, self.space)
-        self._slip_check = SlipCheck(self.interface)
+        self._pairs_with_slip_warning: set[int] = set()
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._system_with_springs: ContactSystem | None = None
 
@@ -165,18 +159,21 @@ class SmallStrainStepping:
         Arguments and errors are the same as those of `ContactProblem.step`.
         """
         start_time = perf_counter()
-        end = IncrementTarget.from_motions(load, motions, self.interface)
+        end = IncrementTarget.from_motions(
+            load, motions, n_motions=self.interface.position.shape[1]
+        )
+        free_motions = end.free_motions
         comm = self.interface.comm
         with report_activity(comm, f"contact increment {state.increment}"):
             reporter = ProgressReporter(comm, state.increment, self._callback)
-            cost_before = self._cost(end.free_motions)
+            cost_before = self._cost(free_motions)
             try:
                 solution = self._solve_substep(state, end, reporter, cost_before)
             except NotFound as failure:
                 substeps = self._solve_in_substeps(state, end, reporter)
                 if not substeps:
                     raise
-                iterations, report = self._cost(end.free_motions, cost_before)
+                iterations, report = self._cost(free_motions, cost_before)
                 solution = replace(combine_substeps(substeps), iterations=iterations, report=report)
                 reached_fraction, _ = substeps[-1]
                 if reached_fraction < 1:
@@ -185,7 +182,7 @@ class SmallStrainStepping:
                         f"{failure}. Substeps reached {reached_fraction:.3g} of the increment",
                     )
                     raise
-        self._slip_check.log_differences(solution)
+        log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -256,9 +253,9 @@ class SmallStrainStepping:
             remaining_solves: function that returns the number of linear systems that substeps may
                 still solve; None if the step is the whole increment.
         """
+        _, rigid = self._system_for(target.free_motions)
         increment, kinematics = self._start_increment(state, target)
         linearised = self._linearise_start(increment, kinematics, state, target)
-        rigid = self._system_for(target.free_motions)[1]
         active = choose_first_set(
             self.interface,
             linearised,
@@ -316,7 +313,7 @@ class SmallStrainStepping:
                 lambda: self._cost(target.free_motions, cost_before),
             )
         reporter.violation = end.violation
-        return self._check_and_make_state(increment, end, state, target, cost_before)
+        return self._check_and_make_state(increment, end, rigid, state, target, cost_before)
 
     @staticmethod
     def _iterate_with_accuracy_fallback(
@@ -338,6 +335,7 @@ class SmallStrainStepping:
         self,
         increment: LinearIncrement,
         end: NewtonState,
+        rigid: RigidMotions,
         state: ContactState,
         target: IncrementTarget,
         cost_before: Cost,
@@ -347,30 +345,31 @@ class SmallStrainStepping:
         Args:
             increment: equations of the increment.
             end: last iterate.
+            rigid: rigid motions of the body and of free surfaces.
             state: state at the start of the increment.
             target: loads and motions at the end of the increment.
             cost_before: cost at the start of the increment.
         """
         frame, gap = end.kinematics.frame, end.kinematics.gap
-        self.interface.check_supports(frame[:, 0], gap)
+        self.interface.check_supports(gap, frame[:, 0])
         offset, is_pressed = increment.equilibrium.offset, end.nodes.trial_pressure > 0
         self.interface.check_supports_between(offset, target.q, is_pressed)
-        rigid = self._system_for(target.free_motions)[1]
         refuse_loose_body(
             increment, end, rigid, state, lambda: self._cost(target.free_motions, cost_before)
         )
+        slides = rigid.is_friction_exhausted(end.nodes, end.allowance)
         smallness = self._smallness_check.check_solution(increment, end, state)
         iterations, report = self._cost(target.free_motions, cost_before)
-        sizes = compute_reference_sizes(increment, end, state.scale)
+        sizes = increment.reference_sizes(end, state.scale)
         solution = make_contact_state(
             increment,
             end,
             state,
-            sizes=sizes,
+            scale=sizes[0],
             iterations=iterations,
             report=report,
             smallness=smallness,
-            slides=rigid.is_friction_exhausted(end.nodes, end.allowance),
+            slides=slides,
         )
         return self._verify_state(solution, state, target, sizes)
 
@@ -398,11 +397,11 @@ class SmallStrainStepping:
             measure_undeformed(self.interface, start_state, solution, 1 - target.load_factor),
             unbalanced,
             self.interface,
-            self._reduction,
-            ReferenceSizes(
+            reduction=self._reduction,
+            sizes=ReferenceSizes(
                 force, length, stiffness, FORCE_TOLERANCE * target.load.norm(largest) + round_off
             ),
-            target.totals,
+            totals=target.totals,
         )
 
     def _make_increment_with_springs(
@@ -462,7 +461,7 @@ class SmallStrainStepping:
         target = make_balanced_target(state, self._K, interface).with_free_motions(
             state.free_motions
         )
-        load_factor = 1.0 if part.increment_start.increment else part.load_factor
+        load_factor = 1.0 if part.increment_start.increment else part.fraction
         target = replace(target, load_factor=load_factor)
         increment, kinematics = self._start_increment(part.part_start, target)
         end = make_increment_start(state, interface, state.translations)
@@ -508,9 +507,7 @@ class SmallStrainStepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
-        self.interface.check_supports(
-            self.interface.evaluate_normals(q), self.interface.evaluate_gaps(q)
-        )
+        self.interface.check_supports(*self.interface.evaluate_surfaces(q))
         self._smallness_check.refuse_prescribed_passing(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 
@@ -521,14 +518,12 @@ class SmallStrainStepping:
     def _make_set_update(self, rigid: RigidMotions, accuracy: Accuracy) -> ActiveSetUpdate:
         return ActiveSetUpdate(rigid.describe_free_motions, self.interface, accuracy)
 
-    def _cost(self, free_motions: FreeMotions, cost_before: Cost = (0, NO_SOLVER_REPORT)) -> Cost:
+    def _cost(self, free_motions: FreeMotions, cost_before: Cost = NO_COST) -> Cost:
         """Return the total cost since `cost_before` of the systems with and without springs."""
         system, _ = self._system_for(free_motions)
-        n_solves, report = system.n_solves, system.report
-        if self._system_with_springs is not None:
-            n_solves += self._system_with_springs.n_solves
-            report = self._system_with_springs.report.plus(report)
-        return n_solves - cost_before[0], report.since(cost_before[1])
+        with_springs = self._system_with_springs
+        systems = [system] if with_springs is None else [system, with_springs]
+        return measure_cost(systems, cost_before)
 
     def release(self) -> None:
         """Free the memory of the solver."""

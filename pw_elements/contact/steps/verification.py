@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Mask
+from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.interface import (
     COORDINATE_ROUND_OFF,
     Interface,
@@ -67,6 +67,7 @@ class MeasuredKinematics:
         gap: gaps (m,); infinite at nodes that face nothing.
         normal: unit normals (m, dim) of the surfaces.
         slip: slips (m, dim) along the surface since the start of the increment.
+        motion_size: magnitudes (m,) of the motions of node and surface, added up.
         noise: errors (m,) of the normals that are due to noise in a surface's function.
         force_operator: matrix H (n, m dim) that takes forces on the contact nodes to forces on all
             unknowns.
@@ -77,6 +78,7 @@ class MeasuredKinematics:
     gap: Array
     normal: Array
     slip: Array
+    motion_size: Array
     noise: Array
     force_operator: PETSc.Mat
     transfer_error: Array
@@ -93,20 +95,23 @@ def measure_undeformed(
         state: state at the end of the increment.
         remaining_interference: fraction of the interference fit that is not applied yet.
     """
-    pair, translations = interface.pair, state.translations
+    translations = [end.translations for end in (before, state)]
     motions = [_node_motions(interface, end.unknowns) for end in (before, state)]
-    shifts = [end.translations[pair] for end in (before, state)]
-    normal = interface.evaluate_normals(translations)
+    gap, normal = interface.evaluate_surfaces(translations[1])
     with np.errstate(invalid="ignore"):  # gaps may be infinite
-        gap = interface.evaluate_gaps(translations) + np.sum(normal * motions[1], axis=1)
+        gap = gap + np.sum(normal * motions[1], axis=1)
+    shifts = [translation[interface.pair] for translation in translations]
     relative_motion = (motions[1] - shifts[1]) - (motions[0] - shifts[0])
     slip = relative_motion - np.sum(relative_motion * normal, axis=1)[:, None] * normal
     shift = _NOISE_SHIFT * (interface.extent or 1.0)
-    noise = np.abs(interface.evaluate_normals(translations + shift) - normal).max(
+    noise = np.abs(interface.evaluate_normals(translations[1] + shift) - normal).max(
         axis=1, initial=0.0
     )
     gap = gap + remaining_interference * interface.interference
-    return MeasuredKinematics(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
+    motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(shifts[1], axis=1)
+    return MeasuredKinematics(
+        gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
+    )
 
 
 def measure_deformed(
@@ -166,7 +171,11 @@ def measure_deformed(
     arc_ratio = np.where(is_curved, angle / np.where(is_curved, np.sin(angle), 1.0), ratio_of_chord)
     slip = arc_ratio[:, None] * (chord - np.sum(chord * normal, axis=1)[:, None] * normal)
     slip, normal = (np.einsum("nab,nb->na", rotations[1], part) for part in (slip, normal))
-    measured = MeasuredKinematics(gap, normal, slip, noise, interface.force, np.zeros(len(gap)))
+    surface_motion = state.translations[interface.pair]
+    motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(surface_motion, axis=1)
+    measured = MeasuredKinematics(
+        gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
+    )
     return (
         _measure_sliding_bodies(interface, before, state, measured)
         if interface.mortars
@@ -270,6 +279,7 @@ def verify_state(
     kinematics: MeasuredKinematics,
     unbalanced: PETSc.Vec,
     interface: Interface,
+    *,
     reduction: Reduction,
     sizes: ReferenceSizes,
     totals: Array,
@@ -284,7 +294,14 @@ def verify_state(
             allowance.
     """
     residuals, allowance = measure_residuals(
-        state, kinematics, unbalanced, interface, reduction, sizes, totals, torque
+        state,
+        kinematics,
+        unbalanced,
+        interface,
+        reduction=reduction,
+        sizes=sizes,
+        totals=totals,
+        torque=torque,
     )
     for name, value in vars(residuals).items():
         limit = FORCE_TOLERANCE + getattr(allowance, name)
@@ -301,6 +318,7 @@ def measure_residuals(
     kinematics: MeasuredKinematics,
     unbalanced: PETSc.Vec,
     interface: Interface,
+    *,
     reduction: Reduction,
     sizes: ReferenceSizes,
     totals: Array,
@@ -322,18 +340,19 @@ def measure_residuals(
     comm = interface.comm
     has_equation = interface.equation >= 0
     (state_force,) = interface.extract_local_values(state.pairs, "force_vector")
-    nodal_force = interface.field.extract(unbalanced).array_r.reshape(-1, state_force.shape[1])
+    displacements = interface.field.owned_unknowns
+    nodal_force = unbalanced.array_r[displacements]
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of the residual is a reaction; friction there is known from the state
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
     values, allowances = _measure_law(
-        state, kinematics, force, has_equation | (state_force != 0), interface, sizes
+        kinematics, force, has_equation | (state_force != 0), interface, sizes
     )
     unbalanced_elsewhere = _max_unbalanced_force(
         unbalanced,
         kinematics.force_operator,
         np.where(has_equation, force, 0.0),
-        interface,
+        displacements.ravel(),
         reduction,
     )
     values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / sizes.force)
@@ -345,7 +364,13 @@ def measure_residuals(
         force_round_off + (sizes.equilibrium + transfer_round_off) / sizes.force
     )
     values["balance"], allowances["balance"] = _measure_balance(
-        state, force, interface, sizes, totals, torque, force_round_off
+        state,
+        force,
+        interface,
+        sizes,
+        totals=totals,
+        torque=torque,
+        force_round_off=force_round_off,
     )
     residuals, allowance = (
         Residuals(**{name: _max_over_ranks(comm, by_name[name]) for name in vars(Residuals())})
@@ -355,7 +380,6 @@ def measure_residuals(
 
 
 def _measure_law(
-    state: ContactState,
     kinematics: MeasuredKinematics,
     force: Array,
     friction_acts: Mask,
@@ -365,8 +389,7 @@ def _measure_law(
     """Return residuals (m,) of contact and friction by name, and their allowances for round-off.
 
     Args:
-        state: state that the iteration has found.
-        kinematics: kinematics of the state's contact nodes.
+        kinematics: kinematics of the contact nodes.
         force: forces (m, dim) on the contact nodes.
         friction_acts: mask (m, dim) of components in which friction acts.
         interface: the contact nodes.
@@ -387,9 +410,7 @@ def _measure_law(
         "stick": np.maximum(0.0, np.minimum((limit - friction_size) / F, slip_size / L)),
         "direction": direction_error / F / np.maximum(L, slip_size),
     }
-    motion_size = np.linalg.norm(_node_motions(interface, state.unknowns), axis=1)
-    pair = interface.pair
-    motion_size = motion_size + np.linalg.norm(state.translations, axis=1)[pair]
+    motion_size = kinematics.motion_size
     coordinate_size = np.linalg.norm(interface.position, axis=1)
     length_round_off = DISPLACEMENT_ROUND_OFF * motion_size + COORDINATE_ROUND_OFF * coordinate_size
     length_round_off = length_round_off + kinematics.noise * motion_size
@@ -418,6 +439,7 @@ def _measure_balance(
     force: Array,
     interface: Interface,
     sizes: ReferenceSizes,
+    *,
     totals: Array,
     torque: Callable[[Array], Array] | None,
     force_round_off: float,
@@ -446,7 +468,7 @@ def _max_unbalanced_force(
     unbalanced: PETSc.Vec,
     operator: PETSc.Mat,
     force: Array,
-    interface: Interface,
+    displacements: LocalIndices,
     reduction: Reduction,
 ) -> float:
     """Return the largest force in a free equation that contact forces do not balance.
@@ -455,19 +477,18 @@ def _max_unbalanced_force(
         unbalanced: residual forces (n,) without contact.
         operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
         force: contact forces (m, dim).
-        interface: the contact nodes.
+        displacements: numbers of the displacements among the unknowns of this process.
         reduction: supports and condensation.
     """
     node_forces = operator.createVecRight()
     node_forces.setArray(force.ravel())
     remainder = unbalanced.copy()
     remainder.axpy(-1.0, operator * node_forces)
-    displacements = remainder.duplicate()
-    displacements.setArray(0.0)
-    owned = interface.field.owned_unknowns.ravel()
-    displacements.array[owned] = remainder.array_r[owned]
+    node_remainder = remainder.duplicate()
+    node_remainder.setArray(0.0)
+    node_remainder.array[displacements] = remainder.array_r[displacements]
     reduced = reduction.left.createVecRight()
-    reduction.left.multTranspose(displacements, reduced)
+    reduction.left.multTranspose(node_remainder, reduced)
     return float(reduced.norm(PETSc.NormType.INFINITY))
 
 

@@ -6,4 +6,4 @@ from pw_elements.contact.system.assembled import (
     make_border_columns,
 )
 from pw_elements.contact.system.solution import Accuracy, Solution
-from pw_elements.contact.system.system import ContactSystem
+from pw_elements.contact.system.system import NO_COST, ContactSystem, Cost, measure_cost

@@ -41,6 +41,12 @@ class ContactRows:
             row of a free motion has an entry of one, all other rows are zero.
         equations: local row numbers (m, dim) of the points in the matrix, -1 for components without
             an equation.
+
+    Attributes:
+        rows: local numbers of the rows, ascending.
+        pointers, columns: pattern of the rows in compressed row format.
+        entries_by_law: matrix that takes E, C and D (m, dim, ...), side by side, to the values of
+            all entries.
     """
 
     def __init__(
@@ -86,14 +92,7 @@ class ContactRows:
             + coefficient_column[selected]
         )
         shape = (len(self.columns), m * dim * width)
-        self._entries_by_law = sp.csr_matrix((value[selected], (row, coefficient)), shape)
-
-    def evaluate(self, coefficients: Array) -> Array:
-        """Return the values of all entries.
-
-        `coefficients` (m, dim, ...) are the matrices E, C and D of the law, side by side.
-        """
-        return np.asarray(self._entries_by_law @ coefficients.ravel())
+        self.entries_by_law = sp.csr_matrix((value[selected], (row, coefficient)), shape)
 
     def petsc_pattern(self, first_row: int) -> list[npt.NDArray]:
         """Return row pointers, columns and row numbers in PETSc's compressed row format.
@@ -355,7 +354,7 @@ class AssembledTangent:
         """
         coefficients = np.concatenate([law.E, law.C, law.D], axis=2)
         pointers, columns, rows = self._row_pattern
-        values = self._points.evaluate(coefficients)
+        values = self._points.entries_by_law @ coefficients.ravel()
         self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
         self.matrix.assemble()
         return coefficients

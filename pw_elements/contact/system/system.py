@@ -8,9 +8,9 @@ which is built once before the iteration. `KrylovTangent` assembles no matrix. T
 that each equation contains the force of at most one component of one contact point.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -27,7 +27,7 @@ from pw_elements.algebra import (
 )
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.model import FreeMotions
+from pw_elements.contact.model import NO_SOLVER_REPORT, FreeMotions
 from pw_elements.contact.nodes import LinearisedLaw, TorqueMap
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
@@ -50,6 +50,10 @@ from pw_elements.solvers import (
     add_scaled,
     is_matrix_free,
 )
+
+# Number of linear systems solved, and the report of the linear solver
+Cost: TypeAlias = tuple[int, SolverReport]
+NO_COST: Cost = (0, NO_SOLVER_REPORT)
 
 
 class ContactTangent(Protocol):
@@ -330,16 +334,6 @@ class ContactSystem:
         """Return the free components (free,) of the surfaces' motions q (pairs, k)."""
         return np.array([q[index] for index in self.free_motions])
 
-    def fill_free_motions(self, q: Array, free_motions: Array) -> Array:
-        """Return a copy of motions q (pairs, k) with NaN replaced by the free motions (free,)."""
-        q = q.copy()
-        q[np.isnan(q)] = free_motions
-        return q
-
-    @property
-    def report(self) -> SolverReport:
-        return self.tangent.solver.report
-
     def solve(
         self,
         load: PETSc.Vec,
@@ -513,3 +507,22 @@ class ContactSystem:
         forces.setArray(self._extract_forces(equation_values))
         self._opposite_force.multTranspose(forces, opposite)
         return local + opposite.array_r
+
+
+def measure_cost(systems: Sequence[ContactSystem], before: Cost = NO_COST) -> Cost:
+    """Return the cost of all solutions with some contact systems since an earlier cost.
+
+    The report names the method of the last system.
+    """
+    n_solves, factorisations, krylov_iterations = 0, 0, 0
+    for system in systems:
+        report = system.tangent.solver.report
+        n_solves += system.n_solves
+        factorisations += report.factorisations
+        krylov_iterations += report.krylov_iterations
+    n_solves_before, earlier = before
+    return n_solves - n_solves_before, SolverReport(
+        report.method,
+        factorisations - earlier.factorisations,
+        krylov_iterations - earlier.krylov_iterations,
+    )

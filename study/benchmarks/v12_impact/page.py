@@ -337,7 +337,7 @@ CASES += [
         {"scheme": scheme, "cells": 4},
         {"element": f"{SCHEMES[scheme]}-T10"},
     )
-    for scheme in ("hrz", "sibling", "sibling-pwmass")
+    for scheme in ("sibling", "sibling-pwmass")
 ]
 CASES = mark_costly(CASES, "*-3d-*-7", "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
 

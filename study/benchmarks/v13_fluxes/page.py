@@ -334,8 +334,8 @@ CASES += mark_costly(
     [
         *_make_cases(square, "T6", (64, 128)),
         *_make_cases(cube, "T10", (8, 16, 24)),
-        *_make_cases(graded, "T6", (128, 256, 512), ("own", "pw")),
-        *_make_cases(sourced, "T6", (128,), ("own", "pw")),
+        *_make_cases(graded, "T6", (128, 256, 512), ("pw",)),
+        *_make_cases(sourced, "T6", (128,), ("pw",)),
         *(_make_quadrilaterals(n) for n in (32, 64, 128, 256)),
     ]
 )

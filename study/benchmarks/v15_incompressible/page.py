@@ -148,8 +148,10 @@ def _cases_by_level(
 
 
 CASES = [
-    *_cases_by_ratio(square, (*ONE_FIELD, *HYBRID, *HYBRID_Q9), (8, 16, 32)),
-    *_cases_by_ratio(cube, (*T10, *HYBRID_T10), (3, 6)),
+    *_cases_by_ratio(square, ONE_FIELD, (8, 16, 32), (0.4999,)),
+    *_cases_by_ratio(square, (*HYBRID, *HYBRID_Q9), (8, 16, 32)),
+    *_cases_by_ratio(cube, T10[1:], (6,), (0.4999,)),
+    *_cases_by_ratio(cube, HYBRID_T10, (3, 6)),
     *_cases_by_ratio(enclosed, HYBRID_H27, (4,), (0.4999,)),
     Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
     *_cases_by_level(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
@@ -158,11 +160,12 @@ CASES = [
         Case("V15", f"layers-{element}", layers, {"element": element})
         for element in (*HYBRID, *HYBRID_Q9, *HYBRID_T10, *HYBRID_H27)
     ),
-    *_cases_by_level(cook, (*ONE_FIELD, *HYBRID), (4, 8, 16, 32)),
-    *_cases_by_level(hertz, (*ONE_FIELD, *HYBRID), (8, 16, 32)),
+    *_cases_by_level(cook, (*ONE_FIELD, *HYBRID), (4, 32)),
+    *_cases_by_level(hertz, ONE_FIELD, (8, 32)),
+    *_cases_by_level(hertz, HYBRID, (8, 16, 32)),
     *_cases_by_level(presses, ONE_FIELD, (8, 16, 32)),
     *_cases_by_level(presses, HYBRID, (8, 16, 32, 64)),
-    *_cases_by_level(pushed, ("pw-T6", *HYBRID), (30,)),
+    *_cases_by_level(pushed, ("pw-T6", "pw-hybrid-T6"), (30,)),
     *_cases_by_level(sphere, T10, (3,)),
     *_cases_by_level(sphere, (*HYBRID_T10, *HYBRID_H27), (3,)),
     *_cases_by_level(sphere, HYBRID_T10, (6,)),

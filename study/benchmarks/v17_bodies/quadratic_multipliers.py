@@ -323,7 +323,13 @@ class DualQuadraticProblem:
         problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, supports)
         self._steps = LargeStrainStepping(
-            problem, supports, reduction, [pair], 25, callback, Direct()
+            problem,
+            supports,
+            reduction,
+            [pair],
+            max_iterations=25,
+            callback=callback,
+            solver=Direct(),
         )
         interface = self._steps.interface
         interface.mortars = {0: DualQuadratic(*sides)}
