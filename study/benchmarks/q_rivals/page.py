@@ -61,7 +61,7 @@ FACTS = {
     ".375 or .875 of an edge, and at eight places",
     "material": "linear elastic, plane strain and solid; E = 1, ν = 0.3",
     "supports": "exact displacements on the far sides, symmetry",
-    "load": "the indenter moved to its exact depth, R = 1000 a; friction 0.3 in one record",
+    "load": "the indenter moved to its exact depth, R = 1000 a; friction 0.3 in one comparison",
     "reference": "H. Hertz (1882)",
     "uncertainty": "none in the plane but of 64 points an edge, at which errors are integrated",
 }
@@ -388,7 +388,7 @@ DETAILS = r"""
 {% endfor %}
 {% endcall %}
 
-<p class="note">Both are tracked records of <code>./run python3 -m study.run.records</code>, which computes and, with <code>--check</code>, compares them. On tetrahedra the sweep of parameters is within a factor of ten of the plane's best. The standard element has no reading over own weights at corners.</p>
+<p class="note">Results that take longer than three CPU seconds come from a tracked record, which <code>./run python3 -m study.run.records</code> computes and, with <code>--check</code>, compares. On tetrahedra the sweep of parameters is within a factor of ten of the plane's best. The standard element has no reading over own weights at corners.</p>
 """
 
 METHOD_LOOK: dict[str, dict[str, Any]] = {
