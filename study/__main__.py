@@ -4,7 +4,7 @@ from study.run.supervisor import run_supervised
 
 
 def _run() -> int:
-    from study.run.command import main  # slow to import, which a signal may interrupt, too
+    from study.publish.command import main  # slow to import, which a signal may interrupt, too
 
     return main()
 

@@ -1,1 +1,1 @@
-"""What readers get: texts, the report and the site."""
+"""What readers get: texts, report and site, and the command line that makes them."""

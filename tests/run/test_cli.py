@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+import study.publish.command
 import study.publish.report
-import study.run.command
-from study.run.command import main
+from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
 from study.run.supervisor import KEPT
 from tests.run.processes import SpawnedCommand
@@ -410,9 +410,9 @@ def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_s
 def test_failing_figures_give_status_1_but_do_not_prevent_the_report(
     run_study, results_folder, monkeypatch
 ):
-    draw_figures = study.run.command.draw_figures
+    draw_figures = study.publish.command.draw_figures
     monkeypatch.setattr(
-        study.run.command, "draw_figures", lambda *arguments: not draw_figures(*arguments)
+        study.publish.command, "draw_figures", lambda *arguments: not draw_figures(*arguments)
     )
     assert run_study("1") == 1
     assert (results_folder / "report.html").exists()
@@ -420,7 +420,7 @@ def test_failing_figures_give_status_1_but_do_not_prevent_the_report(
 
 def test_figures_are_drawn_in_the_results_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert study.run.command.draw_figures(Path("some/results"), complete=False)
+    assert study.publish.command.draw_figures(Path("some/results"), complete=False)
     assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
 
 
@@ -527,7 +527,7 @@ def test_an_interrupt_during_imports_gives_one_line(tmp_path):
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
     (tmp_path / "toy" / "__init__.py").write_text(slow)
     code = "import sys; from study.run.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
-    code += "from study.run.supervisor import supervise; from study.run.command import main\n"
+    code += "from study.run.supervisor import supervise; from study.publish.command import main\n"
     code += "sys.exit(supervise(lambda: main(['1', '--out', 'OUT']), 'study'))"
     code = code.replace("OUT", str(tmp_path / "results"))
     command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"

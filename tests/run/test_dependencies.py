@@ -331,7 +331,6 @@ def test_modules_that_only_read_results_import_no_solver(module):
 
 def test_the_core_of_the_study_imports_no_mechanics():
     core = [name for name in list_module_names("study") if name.startswith("study.run.")]
-    core.remove("study.run.command")  # the command line, which calls judge, report and figures
     assert len(core) > 4
     for name in core:
         project_imports = {

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from study.run.command import main
+from study.publish.command import main
 from study.run.jit import unblocked
 from study.run.pool import _work
 from study.run.store import Results, sweep

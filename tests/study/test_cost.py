@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-import study.run.command
+import study.publish.command
 from study.benchmarks.k_cost import measure
 from study.benchmarks.k_cost.measure import RECORD, TASKS, Row, list_rows
 from study.run.cases import load_section
@@ -55,7 +55,7 @@ def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
     monkeypatch.setattr(measure, "measure_row", measure_row)
     monkeypatch.setattr(measure, "list_rows", lambda: own_rows)
     tracked = load_section("K").cases
-    anew = study.run.command._recomputed(tracked, tmp_path)
+    anew = study.publish.command._recomputed(tracked, tmp_path)
     assert [case.name for case in anew] == [case.name for case in tracked]
     assert len(measured_names) == len({*measured_names}) > 100
     for case, before in zip(anew, tracked, strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-import study.run.command
+import study.publish.command
 from study.benchmarks.k_cost import measure
 from study.run import records
 from study.run.cases import load_section
@@ -90,6 +90,6 @@ def test_the_documents_say_how_long_the_recorded_results_take():
     repeats = [1 if seconds > measure.LONG_RUN else measure.N_RUNS for seconds in whole]
     cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
     page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
-    for text in (page, study.run.command.USAGE):
+    for text in (page, study.publish.command.USAGE):
         assert f"{minutes} CPU minutes more" in text
         assert re.search(rf"\b{cost_minutes} minutes (more|for the times of section K)", text)

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-import study.run.command
+import study.publish.command
 from study.judge import claims, facts
 from study.publish.report import build
 from study.run.cases import SECTIONS
@@ -135,7 +135,7 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], MEASURED))
-    monkeypatch.setattr(study.run.command, "draw_figures", lambda out, *_: _draw_nothing(out))
+    monkeypatch.setattr(study.publish.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):
