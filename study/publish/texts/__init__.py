@@ -42,13 +42,6 @@ from study.run.pages import read_constants
 from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
 
 HERE = Path(__file__).parent
-# What each section starts from and is judged by, in words
-HEADS: dict[str, dict[str, str]] = tomllib.loads((HERE / "heads.toml").read_text("utf-8"))
-# The same, with references and their errors in the words that the report's appendix has room for
-SHORT_HEADS: dict[str, dict[str, str]] = {
-    section: HEADS[section] | words
-    for section, words in tomllib.loads((HERE / "appendix_heads.toml").read_text("utf-8")).items()
-}
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 for _section in SECTIONS:  # a page may bring its own
     REFERENCES |= read_constants(page_source(_section)).get("REFERENCES", {})
@@ -324,13 +317,12 @@ def _without_blank_lines(html: Markup) -> Markup:
 def section_facts(section: str) -> dict[str, str]:
     """Return geometry, mesh, material and so on of a section, as its page says."""
     facts: dict[str, str] = read_constants(page_source(section)).get("FACTS", {})
-    return facts or HEADS.get(section, {})
+    return facts
 
 
 def short_section_facts(section: str) -> dict[str, str]:
     """Return the same in words for which the report's appendix has room."""
-    constants = read_constants(page_source(section))
-    short: dict[str, str] = constants.get("SHORT_FACTS", {}) or SHORT_HEADS.get(section, {})
+    short: dict[str, str] = read_constants(page_source(section)).get("SHORT_FACTS", {})
     return section_facts(section) | short
 
 
