@@ -135,7 +135,7 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
         path: Where to write, without the ending.
 
     Raises:
-        ForeignEntry: If a file is there that this has not drawn.
+        ForeignFileOrFolder: If a file is there that this has not drawn.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     written = exports(path)
@@ -163,7 +163,7 @@ def check_exports(path: Path) -> None:
     """Refuse to export to a place where files are that this has not drawn.
 
     Raises:
-        ForeignEntry: Says which.
+        ForeignFileOrFolder: Says which.
     """
     for file in exports(path):
         files.check_file_replaceable(file, _is_export)

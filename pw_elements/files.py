@@ -64,7 +64,7 @@ def open_replacement_file(
             default any regular file may be replaced.
 
     Raises:
-        ForeignEntry: If the path holds something that must not be replaced.
+        ForeignFileOrFolder: If the path holds something that must not be replaced.
         OSError: If the file cannot be written. The old file is unchanged in this case.
     """
     path = path.resolve()
@@ -103,7 +103,7 @@ class FolderReplacement:
     """Creation of a folder at a path, or replacement of the existing folder by a new one.
 
     Call `start`, write files into `folder`, and call `commit`, all on one process. `abandon`
-    removes a new folder that has not been committed. The context manager `replacing_folder` makes
+    removes a new folder that has not been committed. The context manager `open_folder_replacement` makes
     these calls.
 
     Args:
@@ -125,7 +125,7 @@ class FolderReplacement:
         """Create `folder` and `scratch`.
 
         Raises:
-            ForeignEntry: If the path holds something that must not be replaced.
+            ForeignFileOrFolder: If the path holds something that must not be replaced.
             OSError: If the folders cannot be created.
         """
         check_folder_replaceable(self.path, self.kind)
@@ -145,7 +145,7 @@ class FolderReplacement:
         """Move the new folder to the path, and delete the old folder.
 
         Raises:
-            ForeignEntry: If the path now holds something that must not be replaced.
+            ForeignFileOrFolder: If the path now holds something that must not be replaced.
             OSError: If the new folder cannot be moved. The old folder is unchanged in this case.
         """
         with _name_final_path_in_errors(self.path):
@@ -206,7 +206,7 @@ def open_folder_replacement(path: Path, kind: str) -> Iterator[FolderReplacement
     """Yield a `FolderReplacement`; when the block ends, its folder replaces the one at the path.
 
     Raises:
-        ForeignEntry: If the path holds something that must not be replaced.
+        ForeignFileOrFolder: If the path holds something that must not be replaced.
         OSError: If the new folder cannot be written. The old folder is unchanged in this case.
     """
     replacement = FolderReplacement(path, kind)
@@ -222,7 +222,7 @@ def check_file_replaceable(path: Path, may_replace: Callable[[Path], bool] | Non
     """Check that a path is free or holds a regular file that may be replaced.
 
     Raises:
-        ForeignEntry: If the path holds anything else; the message names it.
+        ForeignFileOrFolder: If the path holds anything else; the message names it.
     """
     path = path.resolve()
     if not os.path.lexists(path):
@@ -243,7 +243,7 @@ def check_folder_replaceable(path: Path, kind: str) -> None:
     only the entries listed in its mark.
 
     Raises:
-        ForeignEntry: If the path holds anything else; the message names it.
+        ForeignFileOrFolder: If the path holds anything else; the message names it.
     """
     path = path.resolve()
     if not os.path.lexists(path):
@@ -279,7 +279,7 @@ def create_or_claim_folder(
             marked. Empty folders always are.
 
     Raises:
-        ForeignEntry: If the path holds something else.
+        ForeignFileOrFolder: If the path holds something else.
         OSError: If the folder cannot be created.
     """
     path.mkdir(parents=True, exist_ok=True)

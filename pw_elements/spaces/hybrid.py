@@ -37,7 +37,7 @@ def displacement_pressure_element(
     """
     cell = displacement_element.cell_type.name
     pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=discontinuous_pressure)
-    return basix.ufl.displacement_pressure_element([displacement_element, pressure])
+    return basix.ufl.mixed_element([displacement_element, pressure])
 
 
 def is_hybrid(space: fem.FunctionSpace) -> bool:

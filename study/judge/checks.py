@@ -7,7 +7,6 @@ from importlib import import_module
 from typing import Literal
 
 from study.run.cases import SECTIONS
-from study.run.pages import find_pages
 from study.run.store import Results, StudyError
 
 Relation = Literal["=", "<", "<=", ">", ">="]
@@ -78,8 +77,3 @@ def check(
 def load_checks(section: str) -> list[Check]:
     """Import the page of a section and return its checks."""
     return list(getattr(import_module(SECTIONS[section]), "CHECKS", ()))
-
-
-def sections_with_checks() -> list[str]:
-    """Return the sections whose pages may have checks, without importing them."""
-    return [section for section in find_pages() if section in SECTIONS]

@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 import jsonschema
 
-from study.judge.checks import RELATIONS, Check, load_checks, sections_with_checks
+from study.judge.checks import RELATIONS, Check, load_checks
 from study.judge.pins import Pin, load_pins
+from study.run.cases import SECTIONS
 from study.run.store import (
     CorruptResult,
     MissingResult,
@@ -27,7 +28,7 @@ from study.run.store import (
 
 NO_REFERENCE: Literal["not judged: no reference"] = "not judged: no reference"
 HERE = Path(__file__).parent
-FILES = tuple(HERE / name for name in ("paper_claims.toml", "findings.toml"))
+FILE = HERE / "paper_claims.toml"
 SCHEMA = HERE / "claims.schema.json"
 
 EXPECTED: dict[str, "Outcome"] = {
@@ -169,21 +170,17 @@ def load_claims() -> list[Claim]:
 
     The pages are imported, and with them the solver.
     """
-    checks = [
-        claim
-        for section in sections_with_checks()
-        for claim in claims_of_checks(load_checks(section), f"This study, section {section}")
-    ]
-    on_pages = {claim.id for claim in checks}
-    claims = [claim for claim in read_claims(FILES) if claim.id not in on_pages]
-    claims += checks + claims_of_pins(load_pins())
+    claims = read_claims([FILE])
+    for section in SECTIONS:
+        claims += claims_of_checks(load_checks(section), f"This study, section {section}")
+    claims += claims_of_pins(load_pins())
     _refuse_repeated(claims)
     return claims
 
 
 def load_paper_claims() -> list[Claim]:
     """Return the paper's statements; no page is imported."""
-    return [claim for claim in read_claims(FILES) if claim.kind in PAPER]
+    return read_claims([FILE])
 
 
 def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> list[Claim]:

@@ -43,7 +43,7 @@ def render_rows(text: str) -> Markup:
 @cache
 def _converter() -> MarkdownIt:
     converter = MarkdownIt("commonmark", {"html": True}).enable("table")
-    converter.use(dollarmath_plugin, allow_digits=False, double_inline=False, renderer=_formula)
+    converter.use(dollarmath_plugin, double_inline=False, renderer=_formula)
     converter.add_render_rule("math_inline", lambda _, tokens, i, *__: _formula(tokens[i].content))
     converter.add_render_rule("math_block", _render_display)
     return converter

@@ -18,7 +18,7 @@ from study.run.records import RECORD_NAME, read_rows, recorded
 from study.run.sources import code_digest, package_sources, reached_sources, source
 from study.run.store import Result, StudyError
 
-SECTIONS = find_pages(("paper", "benchmarks", "verification", "rivals", "engineering", "peers"))
+SECTIONS = find_pages()
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
 
 

@@ -28,10 +28,10 @@ def _load() -> ModuleType:
 
 
 _files = _load()
-ForeignEntry = _files.ForeignEntry
+ForeignFileOrFolder = _files.ForeignFileOrFolder
 check_file_replaceable = _files.check_file_replaceable
-claim_folder = _files.claim_folder
-remove_file = _files.remove_file
-replace_file = _files.replace_file
-replacing_folder = _files.replacing_folder
-remove_unfinished = _files.remove_unfinished
+create_or_claim_folder = _files.create_or_claim_folder
+remove_file_if_present = _files.remove_file_if_present
+replace_file_atomically = _files.replace_file_atomically
+open_folder_replacement = _files.open_folder_replacement
+remove_files_of_killed_processes = _files.remove_files_of_killed_processes

@@ -18,7 +18,7 @@ def source(module: str) -> Path | None:
     if spec is None:
         return None
     if not rest:
-        return Path(spec.origin) if spec.origin else None
+        return Path(spec.origin) if spec.origin and spec.has_location else None  # or built in
     for folder in spec.submodule_search_locations or ():
         base = Path(folder, *rest)
         for path in (base.with_name(f"{base.name}.py"), base / "__init__.py"):

@@ -218,9 +218,9 @@ def test_claimed_folders_keep_their_mark_and_kind(tmp_path):
 UNFINISHED_WRITER_SCRIPT = """
 import sys
 from pathlib import Path
-from pw_elements.files import open_replacement_file, replacing_folder
+from pw_elements.files import open_replacement_file, open_folder_replacement
 folder = Path(sys.argv[1])
-with open_replacement_file(folder / "file") as stream, replacing_folder(folder / "made", "K") as made:
+with open_replacement_file(folder / "file") as stream, open_folder_replacement(folder / "made", "K") as made:
     stream.write(b"begun")
     (made.folder / "one").write_text("begun")
     print("begun", flush=True)

@@ -155,8 +155,8 @@ def test_fields_of_a_file_of_results():
 @pytest.mark.parametrize("problem", ["two-triangles", "statics-C3D10"])
 def test_a_file_that_has_changed_meanwhile_is_refused(problem):
     pytest.importorskip("dolfinx", reason="DOLFINx is not installed")
-    from study.peers import p_compare, p_standard
+    from study.benchmarks.p_calculix import page
 
-    run = p_compare.reactions if problem == "two-triangles" else p_standard.against_standard
+    run = page.reactions if problem == "two-triangles" else page.against_standard
     with pytest.raises(ValueError, match=f"{problem} has changed"):
         run(problem, "0")

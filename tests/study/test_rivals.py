@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
 import ufl
 
-from study.rivals import q_compare
-from study.rivals.problem import RADIUS, NoSolution, line
+from study.benchmarks.q_rivals.errors import measure_answer, sample_surface
+from study.benchmarks.q_rivals.methods import nitsche_symmetric, penalty
+from study.benchmarks.q_rivals.page import METHODS
+from study.solutions.hertz_problem import RADIUS, NoSolution, line
 
 
 @cache
@@ -19,30 +21,35 @@ def problem():
 
 @cache
 def answer(method):
-    return q_compare._solved(method, problem(), q_compare.METHODS[method].taken)
+    return METHODS[method].solve(problem(), METHODS[method].usual_parameter)
 
 
 def test_each_method_is_one_file_of_forty_lines_at_most():
-    for name in q_compare.METHODS:
-        module = import_module(f"study.rivals.{name.replace('-', '_').lower()}")
-        with open(module.__file__, encoding="utf-8") as file:
-            assert len(file.readlines()) <= 40, name
+    for name, method in METHODS.items():
+        path = Path(method.module.__file__)
+        assert path.stem == name.replace("-", "_").lower()
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 40, name
 
 
-@pytest.mark.parametrize("method", q_compare.METHODS)
+def test_lines_of_a_method_include_the_methods_that_it_builds_on():
+    assert METHODS["snes-vi-t"].lines > METHODS["snes-vi"].lines
+    assert METHODS["penalty"].lines == len(Path(penalty.__file__).read_text().splitlines())
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_pressures_add_up_to_hertz_force(method):
     mesh = answer(method).u.function_space.mesh
-    _, pressure = q_compare.sampled(replace(problem(), mesh=mesh), answer(method).pressure)
+    _, pressure = sample_surface(replace(problem(), mesh=mesh), answer(method).pressure)
     force = pressure.mean() * problem().zone
-    assert force == pytest.approx(problem().known.force / 2, rel=0.03)
+    assert force == pytest.approx(problem().exact.force / 2, rel=0.03)
 
 
-@pytest.mark.parametrize("method", sorted(set(q_compare.METHODS) - {"linear", "pw-T6"}))
+@pytest.mark.parametrize("method", sorted(set(METHODS) - {"linear", "pw-T6"}))
 def test_equilibrium_nodal_forces_add_up_to_the_same(method):
-    one = answer(method)
-    nodes = one.u.function_space.tabulate_dof_coordinates().T
-    force = problem().forces(one.u, one.tested)[problem().touching(nodes), 1].sum()
-    assert force == pytest.approx(problem().known.force / 2, rel=0.02)
+    u, test_space = answer(method).u, answer(method).test_space
+    nodes = u.function_space.tabulate_dof_coordinates().T
+    force = problem().forces(u, test_space)[problem().may_touch(nodes), 1].sum()
+    assert force == pytest.approx(problem().exact.force / 2, rel=0.02)
 
 
 def test_the_new_element_has_the_standard_displacements():
@@ -52,42 +59,40 @@ def test_the_new_element_has_the_standard_displacements():
 
 def test_proximal_galerkin_is_the_mortar_method():
     mortar, proximal = (
-        q_compare.sampled(problem(), answer(method).pressure)[1]
+        sample_surface(problem(), answer(method).pressure)[1]
         for method in ("mortar-p1", "proximal-p1")
     )
     assert proximal == pytest.approx(mortar, abs=1e-6 * mortar.max())
 
 
 def test_nitsche_is_useless_at_a_small_parameter_and_better_inside_at_the_right_one():
-    method = import_module("study.rivals.nitsche_symmetric")
-
     def inside(parameter):
-        return q_compare.measured(problem(), method.solve(problem(), parameter))[0]
+        return measure_answer(problem(), nitsche_symmetric.solve(problem(), parameter))[0]
 
-    new = q_compare.measured(problem(), answer("pw-T6"))[0]
+    new = measure_answer(problem(), answer("pw-T6"))[0]
     assert inside(10.0)["pressure_l2_inner"] < new["pressure_l2_inner"]
     assert inside(1.0)["pressure_l2_inner"] > 10 * new["pressure_l2_inner"]
 
 
 def test_errors_of_a_known_pressure_are_known():
     """Hertz' pressure and a tenth more: .1 everywhere; half of it: .5."""
-    one = answer("snes-vi")
-    exact = problem().known.peak * ufl.sqrt(ufl.max_value(0, 1 - problem().distance ** 2))
+    standard = answer("snes-vi")
+    exact = problem().exact.peak * ufl.sqrt(ufl.max_value(0, 1 - problem().distance ** 2))
     for factor, error in ((1.1, 0.1), (0.5, 0.5)):
-        found = q_compare.measured(problem(), one._replace(pressure=factor * exact))[0]
+        errors = measure_answer(problem(), standard._replace(pressure=factor * exact))[0]
         for name in ("pressure_l2", "pressure_l2_inner", "pressure_l2_edge"):
-            assert found[name] == pytest.approx(error, abs=1e-12)
-        assert found["variation"] == pytest.approx(0.0, abs=1e-12)
+            assert errors[name] == pytest.approx(error, abs=1e-12)
+        assert errors["variation"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_gap_is_the_parabola_less_its_depth():
     x = np.array([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]])
-    known = problem().known
-    assert problem().gap_at(x) == pytest.approx(x[:, 0] ** 2 / (2 * RADIUS) - known.approach)
-    assert known.half_width == pytest.approx(1.0)
+    exact = problem().exact
+    assert problem().gap_at(x) == pytest.approx(x[:, 0] ** 2 / (2 * RADIUS) - exact.approach)
+    assert exact.half_width == pytest.approx(1.0)
 
 
 def test_what_does_not_converge_is_refused(monkeypatch):
-    monkeypatch.setattr("study.rivals.problem.MOST", 1)
+    monkeypatch.setattr("study.solutions.hertz_problem.MAX_SOLVES", 1)
     with pytest.raises(NoSolution):
-        import_module("study.rivals.penalty").solve(problem(), 10.0)
+        penalty.solve(problem(), 10.0)

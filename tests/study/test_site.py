@@ -14,7 +14,7 @@ import pw_elements
 import pw_elements.contact
 from study.publish.site import evidence, gallery, reference
 from study.publish.site.__main__ import main as site
-from study.publish.texts import HEADS
+from study.publish.texts import section_facts
 from study.run.cases import SECTIONS
 from study.run.store import Results
 from tests.study import toystudy
@@ -74,7 +74,7 @@ def test_main_entries_have_an_example(full):
 
 def test_every_section_has_its_words_and_one_group():
     for section in SECTIONS:
-        assert HEADS[section].keys() == {*evidence.PARTS}, section
+        assert section_facts(section).keys() == {*evidence.PARTS}, section
     listed = [section for members in evidence.GROUPS.values() for section in members]
     assert sorted(listed) == sorted(SECTIONS)
 

@@ -128,7 +128,7 @@ def install(folder, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("TOY_LOG", str(folder / "log"))
-    for section in list(SECTIONS):
+    for section in reversed([*SECTIONS]):  # so that they are put back in their order
         monkeypatch.delitem(SECTIONS, section)
     monkeypatch.setitem(SECTIONS, "1", "toy.one")
     monkeypatch.setitem(SECTIONS, "2", "toy.two")

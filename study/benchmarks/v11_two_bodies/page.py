@@ -194,7 +194,7 @@ RESULT = r"""
 
 |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|
 {% for way in ("pw-dual", "pw-dual-gap", "p2-dual") %}{% for words, cylinders, spheres in (("slave", "-16-ratio0.5", "-5"), ("master", "-8-ratio2.0", "-3.55-ratio1.41")) %}
-| {{ names[way] }} | {{ words }} |{% for key in ("V11/hertz-2d-" ~ way ~ cylinders, "V11/spheres-" ~ way ~ spheres) %} {{ fixed(100 * s(key, "pressure_l2"), 2) }} | {{ fixed(100 * s(key, "pressure_error_median"), 3) }} | {{ fixed(100 * s(key, "pressure_error"), 2) }} | {{ fixed(100 * s(key, "force_error"), 3) }} | {{ fixed(100 * [0, s(key, "master_force_least"), s(key, "slave_force_least")] | min, 1) }} |{% endfor %}
+| <span class="nowrap">{{ names[way] }}</span> | {{ words }} |{% for key in ("V11/hertz-2d-" ~ way ~ cylinders, "V11/spheres-" ~ way ~ spheres) %} {{ fixed(100 * s(key, "pressure_l2"), 2) }} | {{ fixed(100 * s(key, "pressure_error_median"), 3) }} | {{ fixed(100 * s(key, "pressure_error"), 2) }} | {{ fixed(100 * s(key, "force_error"), 3) }} | {{ fixed(100 * [0, s(key, "master_force_least"), s(key, "slave_force_least")] | min, 1) }} |{% endfor %}
 
 {% endfor %}{% endfor %}
 {% endcall %}

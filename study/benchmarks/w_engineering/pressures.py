@@ -33,11 +33,11 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker
+from study.benchmarks.q_rivals.methods import pw_t6, snes_vi
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import PLACE
 from study.meshes.solid_meshes import box
-from study.rivals import pw_t6, snes_vi
-from study.rivals.problem import NU, E, Problem, function, line, solved, sphere
+from study.solutions.hertz_problem import NU, E, Problem, line, make_function, solve_lu, sphere
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
@@ -125,8 +125,8 @@ class HertzContact:
         answer = (pw_t6 if is_new else snes_vi).solve(problem)
         state = StressState.PLANE_STRAIN if cell == "T6" else StressState.SOLID
         spaces = (Spaces.petrov_galerkin if is_new else Spaces.galerkin)(problem.mesh)
-        surface = SurfaceNodes.from_body(Body(spaces, Material(E, NU), state), problem.touching)
-        force = problem.forces(answer.u, answer.tested)[surface.node, problem.up]
+        surface = SurfaceNodes.from_body(Body(spaces, Material(E, NU), state), problem.may_touch)
+        force = problem.forces(answer.u, answer.test_space)[surface.node, problem.up]
         return cls(problem, answer.u, surface, force)
 
 
@@ -158,9 +158,9 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     problem = contact.problem
     make_spaces = Spaces.petrov_galerkin if element.startswith("pw") else Spaces.galerkin
     spaces = make_spaces(problem.mesh, 0)
-    nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.touching)
+    nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.may_touch)
     pressure = np.maximum(0.0, pressure_matrix(reading, contact.surface) @ contact.force)
-    relative_pressure = pressure / problem.known.peak
+    relative_pressure = pressure / problem.exact.peak
     joint = np.zeros(spaces.trial.dofmap.index_map.size_local)
     joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * nodes.weight_area
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
@@ -181,8 +181,8 @@ def conduct_heat_of_exact_pressure(cell: str) -> HeatResult:
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx + conductance * u * v * problem.surface
     K = fem.assemble_matrix(fem.form(form)).to_scipy()
     T = _solve_temperature(problem, K, spaces.trial)
-    nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.touching)
-    flux = conductance * function(spaces.trial, T) * problem.surface
+    nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.may_touch)
+    flux = conductance * make_function(spaces.trial, T) * problem.surface
     heat = float(fem.assemble_scalar(fem.form(flux)))
     return HeatResult(heat, float(T[nodes.node[_middle_node(nodes)]]), len(T))
 
@@ -192,7 +192,7 @@ def _solve_temperature(problem: Problem, K: sp.csr_matrix, space: fem.FunctionSp
     x = space.tabulate_dof_coordinates()
     is_far = np.isclose(np.abs(x[:, : problem.up + 1]).max(axis=1), problem.outer)
     T = is_far.astype(float)
-    T[~is_far] = solved(K[~is_far][:, ~is_far], -(K[~is_far][:, is_far] @ T[is_far]))
+    T[~is_far] = solve_lu(K[~is_far][:, ~is_far], -(K[~is_far][:, is_far] @ T[is_far]))
     return T
 
 
@@ -244,13 +244,13 @@ def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
     K = assemble_matrix(part.work(ufl.TrialFunction(V), ufl.TestFunction(V)))
     load = _load_on_part(whole, part, V, reading, K)
     supports = Reduction.dirichlet(V, _supports_of_part(whole, part, V))
-    u = function(V, solve(K, load, supports).array_r)
+    u = make_function(V, solve(K, load, supports).array_r)
 
     stress = fem.Function(fem.functionspace(part.mesh, ("DG", 1)))
     points = stress.function_space.element.interpolation_points
     points = points() if callable(points) else points  # versions of DOLFINx differ
     stress.interpolate(fem.Expression(part.stress(u)[up, up], points))
-    pressing = -_evaluate(stress, _points_on_line(up))[:, 0] / part.known.peak
+    pressing = -_evaluate(stress, _points_on_line(up))[:, 0] / part.exact.peak
     return SubmodelResult(pressing, exact_stress(up, LINE, LINE_DEPTH), whole.u.x.array.size)
 
 
@@ -287,7 +287,7 @@ def _refine_part(whole: Problem) -> Problem:
         if whole.up == 1
         else box("tetrahedron", *lines)
     )
-    return Problem(mesh, whole.size / 2, whole.zone, whole.outer, whole.known)
+    return Problem(mesh, whole.size / 2, whole.zone, whole.outer, whole.exact)
 
 
 def _halve_intervals(x: Array) -> Array:
@@ -341,11 +341,11 @@ def _load_on_part(
     if reading == "exact":
         relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - part.distance**2))
         return assemble_vector(
-            -part.known.peak * relative_pressure * virtual_displacement * part.surface
+            -part.exact.peak * relative_pressure * virtual_displacement * part.surface
         )
     Q = fem.functionspace(part.mesh, ("Lagrange", 1))
     pressure = fem.Function(Q)
-    nodes = fem.locate_dofs_geometrical(Q, part.touching)
+    nodes = fem.locate_dofs_geometrical(Q, part.may_touch)
     x = Q.tabulate_dof_coordinates()[nodes, : up + 1]
     node_of_whole = cKDTree(surface.position).query(x)[1]
     pressure.x.array[nodes] = (pressure_matrix(reading, surface) @ whole.force)[node_of_whole]

@@ -47,9 +47,9 @@ from study.meshes import mesh_lines
 from study.meshes.line_mesh import on_lines
 from study.meshes.solid_meshes import box, cell_of
 from study.model.discretisation import held_nodes, spaces
-from study.rivals.problem import NU, OUTER, RADIUS, ZONE, E, direct
 from study.solutions.half_space import Elastic, HertzLine, HertzSphere
 from study.solutions.half_space_shear import hertz_force
+from study.solutions.hertz_problem import NU, OUTER, RADIUS, ZONE, E, use_lu
 from study.solutions.indentation import growing
 
 Array = npt.NDArray[Any]
@@ -177,7 +177,7 @@ def _solve_free(K: PETSc.Mat, free_dofs: Indices, right: Array) -> Array:
     rows = PETSc.IS().createGeneral(free_dofs.astype(PETSc.IntType))
     ksp = PETSc.KSP().create(K.comm)
     ksp.setOperators(K.createSubMatrix(rows, rows))
-    direct(ksp)
+    use_lu(ksp)
     ksp.setUp()
     B = PETSc.Mat().createDense(right.shape, array=right)
     B.assemble()

@@ -31,7 +31,7 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
         What is missing or wrong, a line for each.
 
     Raises:
-        ForeignEntry: If something else is there, or something more than that build left.
+        ForeignFileOrFolder: If something else is there, or something more than that build left.
         StudyError: If claims or the index of figures are missing, or an example fails.
     """
     results.claims()  # what is missing is to be known now, not after the gallery

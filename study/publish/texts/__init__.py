@@ -1,6 +1,7 @@
 """Texts with numbers out of stored results; layouts make pages of their blocks.
 
-The text of a section stands on its page, in Markdown (see `BLOCKS`), or here in HTML.
+The text of a section stands on its page (see `BLOCKS`), chapters and layouts are files here: texts
+in Markdown, layouts in HTML.
 
 The report's layout takes of a section's text the blocks `problem`, `result` and `findings`; the
 site's sheet adds `setting`, `method`, `details`, `further` and `limits`.
@@ -41,13 +42,6 @@ from study.run.pages import read_constants
 from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
 
 HERE = Path(__file__).parent
-# What each section starts from and is judged by, in words
-HEADS: dict[str, dict[str, str]] = tomllib.loads((HERE / "heads.toml").read_text("utf-8"))
-# The same, with references and their errors in the words that the report's appendix has room for
-SHORT_HEADS: dict[str, dict[str, str]] = {
-    section: HEADS[section] | words
-    for section, words in tomllib.loads((HERE / "appendix_heads.toml").read_text("utf-8")).items()
-}
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 for _section in SECTIONS:  # a page may bring its own
     REFERENCES |= read_constants(page_source(_section)).get("REFERENCES", {})
@@ -180,8 +174,9 @@ class Texts:
             raise StudyError(f"{template}: {error}") from error
 
     def text(self, name: str) -> Markup:
-        """Return a text: of a section, what the layout takes of it."""
-        return self.render(f"{name}.html", layout=self.layout, section=name)
+        """Return a text in one piece: of a section, what the layout takes of it."""
+        text = self.render(f"{name}.html", layout=self.layout, section=name)
+        return _without_blank_lines(text)
 
     def curves(self, key: str) -> dict[str, np.ndarray]:
         """Return the curves of a case."""
@@ -257,7 +252,8 @@ class Texts:
 
     def statements(self, *homes: str) -> Markup:
         """Return a table of the paper's statements in some sections; without any, of the others."""
-        return self.render("statements.html", groups=by_fact(self._of_paper(homes)))
+        table = self.render("statements.html", groups=by_fact(self._of_paper(homes)))
+        return _without_blank_lines(table)
 
     def graded(self, *homes: str) -> Markup:
         """Return how many statements of some sections have which grade, in words."""
@@ -321,13 +317,12 @@ def _without_blank_lines(html: Markup) -> Markup:
 def section_facts(section: str) -> dict[str, str]:
     """Return geometry, mesh, material and so on of a section, as its page says."""
     facts: dict[str, str] = read_constants(page_source(section)).get("FACTS", {})
-    return facts or HEADS.get(section, {})
+    return facts
 
 
 def short_section_facts(section: str) -> dict[str, str]:
     """Return the same in words for which the report's appendix has room."""
-    constants = read_constants(page_source(section))
-    short: dict[str, str] = constants.get("SHORT_FACTS", {}) or SHORT_HEADS.get(section, {})
+    short: dict[str, str] = read_constants(page_source(section)).get("SHORT_FACTS", {})
     return section_facts(section) | short
 
 

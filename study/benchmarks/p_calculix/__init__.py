@@ -1,0 +1,1 @@
+"""Section P: the study's problems in CalculiX, an independent code."""

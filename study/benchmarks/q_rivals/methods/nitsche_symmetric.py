@@ -1,0 +1,21 @@
+"""Nitsche's method, symmetric: F. Chouly, P. Hild, Y. Renard, 10.1090/S0025-5718-2014-02913-X."""
+
+import ufl
+from dolfinx import fem
+
+from study.solutions.hertz_problem import Answer, E, Problem, newton
+
+SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # gamma h / E
+
+
+def solve(problem: Problem, parameter: float, theta: float = 1.0) -> Answer:
+    """Solve with contact at integration points; theta = -1 is the skew-symmetric form."""
+    V = problem.space()
+    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
+    gamma = fem.Constant(problem.mesh, parameter * E / problem.size)
+    sign = fem.Constant(problem.mesh, theta)
+    stress_u, stress_v = (problem.stress(w)[y, y] for w in (u, v))
+    pressure = ufl.max_value(0, gamma * (u[y] - problem.gap) - stress_u)
+    terms = pressure * (gamma * v[y] - sign * stress_v) - sign * stress_u * stress_v
+    count = newton(problem.work(u, v) + terms / gamma * problem.surface, u, problem.supports(V))
+    return Answer(u, pressure, u.x.array.size, count, V)

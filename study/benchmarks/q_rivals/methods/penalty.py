@@ -1,0 +1,19 @@
+"""Penalty: springs that act in compression only, at integration points."""
+
+import ufl
+from dolfinx import fem
+
+from study.solutions.hertz_problem import Answer, E, Problem, newton
+
+SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # stiffness times h / E
+
+
+def solve(problem: Problem, parameter: float) -> Answer:
+    """Solve with a pressure that is stiffness times penetration."""
+    V = problem.space()
+    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
+    stiffness = fem.Constant(problem.mesh, parameter * E / problem.size)
+    pressure = stiffness * ufl.max_value(0, u[y] - problem.gap)
+    form = problem.work(u, v) + pressure * v[y] * problem.surface
+    count = newton(form, u, problem.supports(V))
+    return Answer(u, pressure, u.x.array.size, count, V)

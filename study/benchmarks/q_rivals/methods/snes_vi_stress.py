@@ -1,0 +1,23 @@
+"""The standard element by SNES, pressures from its stresses."""
+
+import ufl
+from dolfinx import fem
+
+from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
+from study.solutions.hertz_problem import Answer, Problem, make_function, solve_lu
+
+SWEEP = (0.0, 1.0, 2.0)  # 0: stresses as they are; 1, 2: degree of continuous ones
+
+
+def solve(problem: Problem, parameter: float) -> Answer:
+    """Return stresses as they are, or projected to continuous functions of a degree."""
+    u, count = solve_displacements(problem)
+    stress = problem.stress(u)[problem.up, problem.up]
+    if parameter == 0:
+        return Answer(u, -stress, u.x.array.size, count, u.function_space)
+    Q = fem.functionspace(problem.mesh, ("Lagrange", int(parameter)))
+    q, s = ufl.TestFunction(Q), ufl.TrialFunction(Q)
+    mass = fem.assemble_matrix(fem.form(q * s * ufl.dx)).to_scipy()
+    right = fem.assemble_vector(fem.form(-stress * q * ufl.dx)).array
+    pressure = make_function(Q, solve_lu(mass, right))
+    return Answer(u, pressure, u.x.array.size, count, u.function_space)

@@ -1,0 +1,16 @@
+"""The standard element by SNES, forces times T over the new element's weights."""
+
+from pw_elements import force_transfer, test_space
+from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
+from study.solutions.hertz_problem import Answer, Problem, make_function
+
+
+def solve(problem: Problem) -> Answer:
+    """Redistribute: mid-side nodes keep 3/4 of their force, either corner gets 1/8 of it."""
+    u, count = solve_displacements(problem)
+    V = u.function_space
+    forces = make_function(V, problem.forces(u, V).ravel())
+    even_forces = force_transfer(V) * forces.x.petsc_vec
+    normal_forces = even_forces.array_r.reshape(-1, problem.up + 1)[:, problem.up]
+    pressure = problem.divide_by_weights(normal_forces, test_space(V))
+    return Answer(u, problem.join_linearly(pressure), u.x.array.size, count, V)

@@ -1,1 +1,0 @@
-"""The study's problems in an independent code, and how far its answers are from ours."""

@@ -1,1 +1,0 @@
-"""What a user would pick instead of the new element: one method a file, on one problem."""

@@ -1,0 +1,307 @@
+"""A rigid parabola on an elastic half plane or paraboloid on a half space, for any method.
+
+The body is below y = 0 (in space z = 0), smooth contact is possible up to `zone`, and the far
+sides have Hertz' exact displacements. Lengths are over the half width of the contact, stresses over
+Young's modulus. `study.benchmarks.q_rivals` solves it by many methods.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from petsc4py import PETSc
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc
+from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
+
+from pw_elements import Spaces, assemble_vector
+from study.meshes import mesh_lines
+from study.meshes.solid_meshes import box
+from study.model.elements import one_cut
+from study.solutions.half_space import Elastic, HertzLine, HertzSphere
+from study.solutions.half_space_shear import hertz_force
+from study.solutions.indentation import OUTER, graded_square
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]
+Form = Any  # of UFL, which has no types
+
+E, NU = 1.0, 0.3
+RADIUS = 1e3
+"""Of the parabola, so large that slopes are small."""
+ZONE = 1.3
+"""Nodes up to this distance from the middle may touch."""
+NEWTON_TOLERANCE = 1e-12
+"""Of a correction, relative to the largest unknown."""
+MAX_SOLVES = 60
+"""Linear systems that one solution may take."""
+
+
+class NoSolution(Exception):
+    """Raised if a method does not converge."""
+
+
+class Answer(NamedTuple):
+    """Solution of a problem by a method.
+
+    Args:
+        u: displacements.
+        pressure: UFL expression on the surface, positive.
+        unknowns: number of displacements and multipliers that are solved for.
+        factorisations: number of matrices of that size that are factorised.
+        test_space: space of the test functions by which nodal forces are defined.
+    """
+
+    u: fem.Function
+    pressure: Form
+    unknowns: int
+    factorisations: int
+    test_space: fem.FunctionSpace
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The problem on a mesh.
+
+    Args:
+        mesh: of triangles or tetrahedra.
+        size: length of the edges in the zone that may touch.
+        zone: distance up to which nodes may touch.
+        outer: distance of the far sides.
+        exact: Hertz' solution.
+    """
+
+    mesh: Mesh
+    size: float
+    zone: float
+    outer: float
+    exact: HertzLine | HertzSphere
+
+    @property
+    def up(self) -> int:
+        """Number of the axis normal to the surface."""
+        return int(self.mesh.geometry.dim) - 1
+
+    @property
+    def distance(self) -> Form:
+        """Distance from the middle of the contact, a UFL expression."""
+        x = ufl.SpatialCoordinate(self.mesh)
+        return ufl.sqrt(sum(x[i] ** 2 for i in range(self.up)))
+
+    @property
+    def gap(self) -> Form:
+        """Upper bound of the displacement upwards, a UFL expression."""
+        return self.distance**2 / (2 * RADIUS) - self.exact.approach
+
+    @cached_property
+    def surface(self) -> ufl.Measure:
+        """Measure of the surface that may touch."""
+        tags = meshtags(self.mesh, self.up, self.facets, np.ones_like(self.facets))
+        rule = {"quadrature_degree": 6}
+        return ufl.Measure("ds", self.mesh, subdomain_data=tags, metadata=rule)(1)
+
+    @cached_property
+    def facets(self) -> Indices:
+        """Facets that may touch."""
+        facets: Indices = locate_entities_boundary(self.mesh, self.up, self.may_touch)
+        return facets
+
+    def may_touch(self, x: Array) -> Mask:
+        """Return whether points, columns of x, may touch."""
+        inside = np.max(x[: self.up], axis=0) < self.zone + 1e-9
+        return np.asarray(np.isclose(x[self.up], 0.0) & inside)
+
+    def stress(self, u: Form) -> Form:
+        """Return Hooke's stress in plane strain or space."""
+        lame, shear = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+        return lame * ufl.div(u) * ufl.Identity(self.up + 1) + 2 * shear * ufl.sym(ufl.grad(u))
+
+    def work(self, u: Form, v: Form) -> Form:
+        """Return the internal virtual work of displacements u and v."""
+        return ufl.inner(self.stress(u), ufl.grad(v)) * ufl.dx
+
+    def space(self, degree: int = 2, multiplier: int = 0) -> fem.FunctionSpace:
+        """Return a space of displacements; mixed with multipliers if these have a degree."""
+        cell = self.mesh.basix_cell()
+        vector = basix.ufl.element("Lagrange", cell, degree, shape=(self.up + 1,))
+        if not multiplier:
+            return fem.functionspace(self.mesh, vector)
+        scalar = basix.ufl.element("Lagrange", cell, multiplier)
+        return fem.functionspace(self.mesh, basix.ufl.mixed_element([vector, scalar]))
+
+    def supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
+        """Return exact displacements on the far sides, and symmetry, for a space or its part."""
+        return [self._component(displacement.sub(axis), axis) for axis in range(self.up + 1)]
+
+    def _component(self, sub: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
+        part, _ = sub.collapse()
+
+        def is_prescribed(x: Array) -> Mask:
+            is_far = np.isclose(np.abs(x[: self.up + 1]).max(axis=0), self.outer)
+            return np.asarray(is_far | (np.isclose(x[axis], 0.0) & (axis < self.up)))
+
+        dofs, value = fem.locate_dofs_geometrical((sub, part), is_prescribed), fem.Function(part)
+        x = part.tabulate_dof_coordinates()[dofs[1]]
+        value.x.array[dofs[1]] = self.exact_displacement(x)[:, axis]
+        return fem.dirichletbc(value, dofs, sub)
+
+    def exact_displacement(self, x: Array) -> Array:
+        """Return displacements (n, dim) of points (n, 3) far from the contact; 0 on symmetry."""
+        if self.up == 1:
+            field = self.exact.displacement(x[:, :2])
+            return np.where(np.isclose(x[:, :2] * [1, 0] + [0, 1], 0.0), 0.0, field)
+        r = np.hypot(x[:, 0], x[:, 1])
+        u = self.exact.displacement(np.column_stack([r, x[:, 2]]))  # radial and axial
+        return np.column_stack([u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None], u[:, 1]])
+
+    def no_multipliers_outside(self, multiplier: fem.FunctionSpace) -> fem.DirichletBC:
+        """Return a condition that multipliers, a part of a space, vanish off the contact zone."""
+        part, _ = multiplier.collapse()
+        dofs = fem.locate_dofs_geometrical((multiplier, part), lambda x: ~self.may_touch(x))
+        return fem.dirichletbc(fem.Function(part), dofs, multiplier)
+
+    def normal_dofs(self, space: fem.FunctionSpace) -> Indices:
+        """Return the unknowns of the displacement upwards of nodes that may touch."""
+        nodes = fem.locate_dofs_geometrical(space, self.may_touch)
+        return np.asarray(nodes * (self.up + 1) + self.up, dtype=np.int32)
+
+    def gap_at(self, x: Array) -> Array:
+        """Return the gap of points (n, 3)."""
+        squares = (x[:, : self.up] ** 2).sum(axis=1)
+        return np.asarray(squares / (2 * RADIUS) - self.exact.approach)
+
+    def make_answer(
+        self, w: fem.Function, factorisations: int, pressure: Form | None = None
+    ) -> Answer:
+        """Return the answer of displacements and multipliers w, which are the pressure by default.
+
+        Args:
+            w: displacements and multipliers.
+            factorisations: number of them.
+            pressure: in place of the multipliers.
+        """
+        u, multiplier = fem.Function(self.space()), w.sub(1).collapse()
+        u.interpolate(w.sub(0))
+        Q = multiplier.function_space
+        unknowns = u.x.array.size + fem.locate_dofs_geometrical(Q, self.may_touch).size
+        if pressure is None:
+            pressure = multiplier
+        return Answer(u, pressure, unknowns, factorisations, u.function_space)
+
+    def forces(self, u: fem.Function, test_space: fem.FunctionSpace) -> Array:
+        """Return nodal forces (n, dim) of the body on supports and indenter, by test functions."""
+        vector = assemble_vector(self.work(u, ufl.TestFunction(test_space)))
+        return np.array(-vector.array.reshape(-1, self.up + 1))
+
+    def divide_by_weights(self, forces: Array, test_space: fem.FunctionSpace) -> Array:
+        """Divide forces (n,) by the integrals of their test functions; return 0 if these vanish."""
+        areas = assemble_vector(ufl.TestFunction(test_space)[self.up] * self.surface).array
+        weights = areas.reshape(-1, self.up + 1)[:, self.up]
+        has_weight = weights > 1e-9 * weights.max()
+        return np.divide(forces, weights, out=np.zeros_like(forces), where=has_weight)
+
+    def nodal_pressure(self, u: fem.Function, test_space: fem.FunctionSpace) -> fem.Function:
+        """Return nodal forces over the integrals of their test functions, for degree 2."""
+        forces = self.forces(u, test_space)[:, self.up]
+        return self.join_linearly(self.divide_by_weights(forces, test_space))
+
+    def join_linearly(self, values: Array) -> fem.Function:
+        """Join values (n,) at nodes of quadratic elements linearly between all nodes of a facet."""
+        spaces = one_cut(self.mesh, ()) if self.up == 2 else Spaces.petrov_galerkin(self.mesh, 0)
+        return make_function(spaces.test, values)
+
+
+def line(edges: int, offset: float) -> Problem:
+    """Return the problem on the half plane, meshed where x >= 0.
+
+    Args:
+        edges: number of triangles' edges over the half width of the contact.
+        offset: position within the next edge where the contact ends, over the edge's length.
+    """
+    body, size = Elastic(E, NU), 1 / (edges + offset)
+    exact = HertzLine(body, RADIUS, np.pi * body.plane_modulus / (4 * RADIUS))
+    lines = size * np.arange(np.ceil(ZONE / size) + 1)
+    return Problem(graded_square(lines, OUTER, "triangle"), size, lines[-1], OUTER, exact)
+
+
+def sphere(edges: int, offset: float) -> Problem:
+    """Return the problem on a quarter of the half space, on tetrahedra; arguments as of `line`."""
+    body, lines = Elastic(E, NU), mesh_lines.graded(edges + offset - mesh_lines.PLACE)
+    exact = HertzSphere(body, RADIUS, hertz_force(body, RADIUS))
+    mesh = box("tetrahedron", lines.beside, lines.beside, lines.below)
+    return Problem(mesh, 1 / (edges + offset), lines.zone, mesh_lines.OUTER, exact)
+
+
+def make_function(space: fem.FunctionSpace, values: Array) -> fem.Function:
+    """Return the function of a space with given coefficients (n,)."""
+    f = fem.Function(space)
+    f.x.array[:] = values
+    return f
+
+
+def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
+    """Solve form(w) = 0 by Newton's method and return the number of factorisations.
+
+    Raises:
+        NoSolution: if it does not converge.
+    """
+    return prepare_newton(form, w, supports)()
+
+
+def prepare_newton(
+    form: Form, w: fem.Function, supports: list[fem.DirichletBC]
+) -> Callable[[], int]:
+    """Return `newton` as a function without arguments, to repeat it when constants change."""
+    residual, tangent = fem.form(form), fem.form(ufl.derivative(form, w))
+    prescribed = np.concatenate([bc.dof_indices()[0] for bc in supports])
+    K, ksp = petsc.create_matrix(tangent), PETSc.KSP().create(w.function_space.mesh.comm)
+    ksp.setOperators(K)
+    use_lu(ksp)
+    correction, right = K.createVecs()
+
+    def solve() -> int:
+        for bc in supports:
+            bc.set(w.x.array)
+        for count in range(1, MAX_SOLVES + 1):
+            right.array[:] = fem.assemble_vector(residual).array
+            right.array[prescribed] = 0.0
+            K.zeroEntries()
+            petsc.assemble_matrix(K, tangent, bcs=supports)
+            K.assemble()
+            ksp.solve(right, correction)
+            step = correction.array_r
+            w.x.array[:] -= step
+            if not np.isfinite(step).all():
+                break
+            if np.abs(step).max() < NEWTON_TOLERANCE * np.abs(w.x.array).max():
+                return count
+        raise NoSolution
+
+    return solve
+
+
+def solve_lu(matrix: Any, right: Array) -> Array:  # noqa: ANN401
+    """Solve a linear system with a sparse matrix of SciPy by MUMPS."""
+    csr = matrix.tocsr()
+    K = PETSc.Mat().createAIJ(csr.shape, csr=(csr.indptr, csr.indices, csr.data))
+    ksp = PETSc.KSP().create(K.comm)
+    ksp.setOperators(K)
+    use_lu(ksp)
+    x, b = K.createVecs()
+    b.array[:] = right
+    ksp.solve(b, x)
+    return np.array(x.array_r)
+
+
+def use_lu(ksp: PETSc.KSP) -> None:
+    """Set a solver up to factorise its matrix by MUMPS."""
+    ksp.setType("preonly")
+    ksp.pc.setType("lu")
+    ksp.pc.setFactorSolverType("mumps")
