@@ -57,7 +57,7 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
 
 def selected_local_numbers(
     comm: MPI.Comm, entity_name: str, selection: Any, n_entities: int
-) -> LocalIndices:  # noqa: ANN401
+) -> LocalIndices:
     """Return the distinct local numbers of the entities in a user's selection.
 
     The function does not communicate; call it in a block of `raise_errors_on_all_processes`.

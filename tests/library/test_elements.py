@@ -266,9 +266,7 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
         mesh = box if degree == 1 else curved_mesh(box, lambda x: x + 0.1 * x**2)
         V = fem.functionspace(
             mesh,
-            basix.ufl.mixed_element(
-                [quadratic_element("tetrahedron", (3,)), scalar]
-            ),
+            basix.ufl.mixed_element([quadratic_element("tetrahedron", (3,)), scalar]),
         )
         W = fem.functionspace(mesh, basix.ufl.mixed_element([weights, scalar]))
         (u, p), (w, q) = ufl.TrialFunctions(V), ufl.TestFunctions(W)

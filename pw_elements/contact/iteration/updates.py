@@ -148,7 +148,7 @@ class ActiveSetUpdate:
 
     def restart_record_with_first_set(
         self, active: ActiveSet, increment: IncrementEquations
-    ) -> None:  # noqa: ARG002
+    ) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
         self._visited, self._limited = [], None
         self.record_and_detect_cycle(active)

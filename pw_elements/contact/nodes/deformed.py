@@ -133,7 +133,7 @@ class NoDeformablePairs:
 
     def fill_in_deformable_pairs(
         self, kinematics: LinearisedKinematics, force: Array
-    ) -> LinearisedKinematics:  # noqa: ARG002
+    ) -> LinearisedKinematics:
         return kinematics
 
     def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
