@@ -103,8 +103,8 @@ class FolderReplacement:
     """Creation of a folder at a path, or replacement of the existing folder by a new one.
 
     Call `start`, write files into `folder`, and call `commit`, all on one process. `abandon`
-    removes a new folder that has not been committed. The context manager `open_folder_replacement` makes
-    these calls.
+    removes a new folder that has not been committed. The context manager
+    `open_folder_replacement` makes these calls.
 
     Args:
         path: Path of the folder, in an existing folder. If it is a link, its target is replaced.

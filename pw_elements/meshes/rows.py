@@ -37,7 +37,7 @@ class SectionRowReader(Protocol):
 
         Args:
             n_skipped_coordinates: number of coordinates in the row, which are skipped.
-            bounded: whether the row lists bounding entities, which are skipped.
+            has_bounding_entities: whether the row lists bounding entities, which are skipped.
         """
 
     def read_table(
@@ -285,5 +285,6 @@ def _describe_first_wrong_word(lines: list[str], n_integers: int) -> str:
             pattern = r"[+-]?\d+" if column < n_integers else r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?"
             if not re.fullmatch(pattern, word, re.IGNORECASE):
                 expected = "integer" if column < n_integers else "number"
-                return f"'{_shorten_for_message(word)}' in row '{_shorten_for_message(line)}' is no {expected}"
+                place = f"'{_shorten_for_message(word)}' in row '{_shorten_for_message(line)}'"
+                return f"{place} is no {expected}"
     return "its rows are no numbers"

@@ -154,7 +154,7 @@ def identity_with_free_columns(
     Args:
         free: mask (owned rows,) of the free rows.
         row_layout: vector with the parallel layout of the rows.
-        renumbered: whether columns of other rows are left out; otherwise these columns are zero.
+        drop_other_columns: whether columns of other rows are left out; otherwise they are zero.
     """
     comm = row_layout.comm.tompi4py()
     count = int(free.sum()) if drop_other_columns else len(free)

@@ -56,7 +56,10 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
 
 
 def selected_local_numbers(
-    comm: MPI.Comm, entity_name: str, selection: Any, n_entities: int
+    comm: MPI.Comm,
+    entity_name: str,
+    selection: Any,  # noqa: ANN401
+    n_entities: int,
 ) -> LocalIndices:
     """Return the distinct local numbers of the entities in a user's selection.
 

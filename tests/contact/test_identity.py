@@ -358,13 +358,17 @@ FORGERIES_BY_MESSAGE = {
         array_changer("displacement", item_setter(np.nan)),
     "a displacement is 1e+30": array_changer("displacement", item_setter(1e30)),
     "contact pair 0: displacement differs": array_changer("displacement_0", lambda v: v + 0.01),
-    "contact pair 0: force_normal has values that": array_changer("force_normal_0", item_setter(np.inf)),
+    "contact pair 0: force_normal has values that": array_changer(
+        "force_normal_0", item_setter(np.inf)
+    ),
     "contact pair 0: force_normal is 1e+40": array_changer("force_normal_0", item_setter(1e40)),
     "contact pair 0: gap has values that are": array_changer("gap_0", item_setter(np.nan)),
     "contact pair 0: slip has the shape (24, 2)": array_changer("slip_0", lambda v: v[1:]),
     "contact pair 0: normal has vectors": array_changer("normal_0", lambda v: 2 * v),
     "contact pair 0: friction is negative": array_changer("friction_0", lambda v: -v),
-    "contact pair 0: node has numbers of other": array_changer("node_0", lambda v: v[[0, *range(24)]]),
+    "contact pair 0: node has numbers of other": array_changer(
+        "node_0", lambda v: v[[0, *range(24)]]
+    ),
     "node has numbers of other nodes": array_changer("node_0", item_setter(10**6)),
     "contact pair 0: translation is 1e+12": array_changer("translation_0", item_setter(1e12)),
     "iterations is -1": value_setter("iterations", -1),

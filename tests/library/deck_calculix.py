@@ -70,10 +70,11 @@ ALL,1,2
 
 
 def write_calculix_results():
-    if find_calculix_executable() is None:
+    executable = find_calculix_executable()
+    if executable is None:
         sys.exit("CalculiX (ccx, Debian's calculix-ccx) is not installed")
     rows = [
-        f'"{kind}": {json.dumps(compute_volumes_and_sets_by_calculix(kind, find_calculix_executable()))}'
+        f'"{kind}": {json.dumps(compute_volumes_and_sets_by_calculix(kind, executable))}'
         for kind in DECKS_BY_ELEMENT_TYPE
     ]
     CALCULIX_RESULTS_FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")

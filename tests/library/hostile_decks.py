@@ -322,10 +322,12 @@ def _yield_decks_with_includes_or_encodings():
         False,
     )
     yield "INCLUDE of much, often", {
-        "deck.inp": VALID_DECK_OF_TWO_QUADS + "*INCLUDE,INPUT=much.inp\n" * 40, "much.inp": "** much\n" * 50_000
+        "deck.inp": VALID_DECK_OF_TWO_QUADS + "*INCLUDE,INPUT=much.inp\n" * 40,
+        "much.inp": "** much\n" * 50_000
     }, True  # fmt: skip
     for name, data in (
-        ("nothing", b""), ("zeros", bytes(1000)), ("a zero", VALID_DECK_OF_TWO_QUADS.encode() + b"\0"),
+        ("nothing", b""), ("zeros", bytes(1000)),
+        ("a zero", VALID_DECK_OF_TWO_QUADS.encode() + b"\0"),
         ("random bytes", random.Random(3).randbytes(5000)), ("half of UTF-16", b"\xff\xfe*\0N"),
         ("a comma", b","), ("an asterisk", b"*"), ("no keyword", b"1, 2, 3\n" * 99),
     ):  # fmt: skip
@@ -447,7 +449,8 @@ def _yield_long_decks():
         None,
     )
     yield "INCLUDEs of a file", {
-        "deck.inp": VALID_DECK_OF_TWO_QUADS + "*INCLUDE,INPUT=e\n" * (LONG_DECK_CHARACTERS // 17), "e": ""
+        "deck.inp": VALID_DECK_OF_TWO_QUADS + "*INCLUDE,INPUT=e\n" * (LONG_DECK_CHARACTERS // 17),
+        "e": ""
     }, None  # fmt: skip
 
 

@@ -220,7 +220,8 @@ import sys
 from pathlib import Path
 from pw_elements.files import open_replacement_file, open_folder_replacement
 folder = Path(sys.argv[1])
-with open_replacement_file(folder / "file") as stream, open_folder_replacement(folder / "made", "K") as made:
+made_folder = open_folder_replacement(folder / "made", "K")
+with open_replacement_file(folder / "file") as stream, made_folder as made:
     stream.write(b"begun")
     (made.folder / "one").write_text("begun")
     print("begun", flush=True)

@@ -307,7 +307,8 @@ THREE_CELLS_AT_FACET_SCRIPT = """
 import os
 from mpi4py import MPI
 from tests.library.test_mesh_checks import collect_mesh_check_outcomes, make_three_triangles_at_edge
-print(*collect_mesh_check_outcomes(MPI.COMM_SELF, {"": make_three_triangles_at_edge}).values(), flush=True)
+outcomes = collect_mesh_check_outcomes(MPI.COMM_SELF, {"": make_three_triangles_at_edge})
+print(*outcomes.values(), flush=True)
 os._exit(0)
 """
 

@@ -297,8 +297,10 @@ def test_two_processes_read_the_same_mesh(ball_deck):
 SQUARE_DECK_WITHOUT_SETS = CURVED_SQUARE_DECK[: CURVED_SQUARE_DECK.index("*Nset")]
 REFUSED_DECKS_WITH_MESSAGES = [
     ("C3D15 are not read, since DOLFINx has no such cells",
-     SQUARE_DECK_WITHOUT_SETS + "*Element, type=C3D15\n20, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3, 4, 5, 6\n"),
-    ("F3D8 are not read", SQUARE_DECK_WITHOUT_SETS + "*Element, type=F3D8\n20, 1, 2, 3, 4, 5, 6, 7, 8\n"),
+     SQUARE_DECK_WITHOUT_SETS
+     + "*Element, type=C3D15\n20, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3, 4, 5, 6\n"),
+    ("F3D8 are not read",
+     SQUARE_DECK_WITHOUT_SETS + "*Element, type=F3D8\n20, 1, 2, 3, 4, 5, 6, 7, 8\n"),
     ("cells of one kind, here are none", SQUARE_DECK_WITHOUT_SETS.replace("CPS6", "B31")),
     ("element 1 ends after 5 of 6",
      SQUARE_DECK_WITHOUT_SETS.replace("CPS6", "CPE6").replace(", 5, 6, 9", ", 5, 6")),
@@ -312,7 +314,8 @@ REFUSED_DECKS_WITH_MESSAGES = [
     ("there is no file .*other.inp", "*Include, input=other.inp\n"),
     (r"\*SURFACE: NAME=... is missing", SQUARE_DECK_WITHOUT_SETS + "*Surface\n1, S1\n"),
     (r"\*ELEMENT: TYPE=... is missing", SQUARE_DECK_WITHOUT_SETS + "*Element\n9, 1, 2, 3\n"),
-    ("GENERATE takes the first number, the last", SQUARE_DECK_WITHOUT_SETS + "*Nset, nset=a, generate\n1\n"),
+    ("GENERATE takes the first number, the last",
+     SQUARE_DECK_WITHOUT_SETS + "*Nset, nset=a, generate\n1\n"),
     ("COMBINE is not read", SQUARE_DECK_WITHOUT_SETS + "*Surface, name=a, combine=union\n"),
     ("cells of one kind, here are none", "*Node\n1, 0., 0.\n"),
     ("quadrilaterals of degree 1 and triangles of degree 2",

@@ -76,7 +76,8 @@ def make_skewed_brick_mesh():
     return mesh
 
 
-MESHES_WITH_SAFE_AND_WARNED_RATIOS = {  # mesh, Poisson's ratio without a warning, and ratio with a warning, or None
+# mesh, Poisson's ratio without a warning, and ratio with a warning, or None
+MESHES_WITH_SAFE_AND_WARNED_RATIOS = {
     "straight triangles": (lambda: make_distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
         lambda: curved_mesh(make_distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),

@@ -241,7 +241,8 @@ def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
     assert slip > cell_size or name.endswith("friction") or name == "new, to and fro"
 
 
-DISTURBANCES_BY_CONDITION = {  # by condition: change of displacements and of the translation, factor of friction
+# change of displacements and of the translation, factor of friction
+DISTURBANCES_BY_CONDITION = {
     "supports": (disturb_supports, 0.0, 1.0),
     "equilibrium": (disturb_inner_node, 0.0, 1.0),
     "tension": (lift_open_node, 0.0, 1.0),

@@ -106,7 +106,8 @@ def slipping_contact_and_history(request):
     return oracle_contact_and_history(problem)
 
 
-DISTURBANCES_BY_CONDITION = {  # by condition: changes of the last translation and angle, factor of friction
+# changes of the last translation and angle, factor of friction
+DISTURBANCES_BY_CONDITION = {
     "penetration": ((0.0, -1e-6), 0.0, 1.0),
     "complementarity": ((0.0, 1e-6), 0.0, 1.0),
     "cone": ((0.0, 0.0), 0.0, 1 - 1e-5),

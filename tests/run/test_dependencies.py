@@ -21,7 +21,8 @@ from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
 LIBRARY_FOLDER = ROOT / "pw_elements"
-PACKAGES_FROM_LOWEST_TO_HIGHEST = [  # packages and modules of the library, from the lowest to the highest
+# packages and modules of the library
+PACKAGES_FROM_LOWEST_TO_HIGHEST = [
     "arrays",
     "_compat",
     "files",

@@ -427,9 +427,7 @@ class ContactInterface:
 
     @cached_property
     def _local_point_indices_in_position_order(self) -> list[Indices]:
-        """Indices of this process' points of each pair in the results of
-        `gather_pair_in_position_order`.
-        """
+        """Indices of this process' points of each pair in `gather_pair_in_position_order`."""
         rows = []
         for k, order in enumerate(self._position_order_of_each_pair):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -588,8 +586,7 @@ class ContactInterface:
     def _call_method_of_all_surfaces(
         self, x: Array, output_arrays: Mapping[str, Sequence[Array]]
     ) -> None:
-        """Call methods of all surfaces at points x (m, dim) and write their values to
-        `output_arrays`.
+        """Call methods of all surfaces at points x (m, dim); write the values to `output_arrays`.
 
         A user's surface is called on each process with the points of all processes. All processes
         then call the surface equally often, so that it may communicate between processes, or

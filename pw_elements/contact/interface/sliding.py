@@ -359,8 +359,7 @@ class SlidingMortar:
         return MortarSlipReference(mortar.distance_rows, mortar.faces_master, x, mortar.tangents)
 
     def integrate_slip_along_path(self, start_positions: Array, end_positions: Array) -> Array:
-        """Return the slip (m, 2) along the straight path from positions `start_positions` to
-        `end_positions` (n, 2).
+        """Return the slip (m, 2) along the straight path from start to end positions (n, 2).
 
         On each piece of the path, the slip of a slave node j is measured relative to the point p of
         the master that is closest to j at the end of the piece. With the tangent t, it is the
@@ -436,9 +435,7 @@ class SlidingMortar:
         return self._master_facets[nearest], np.stack([1 - fraction, fraction], axis=1)
 
     def _normalise_allowed_components(self, vector: PlaneVector, slave_node: Any) -> PlaneVector:  # noqa: ANN401
-        """Return the unit vector along the allowed components of a vector at slave nodes
-        `slave_node`.
-        """
+        """Return the unit vector along the allowed components of a vector at slave nodes."""
         x, y = (
             vector[0] * self.allowed_components[slave_node, 0],
             vector[1] * self.allowed_components[slave_node, 1],

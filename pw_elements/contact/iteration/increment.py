@@ -108,7 +108,7 @@ class LinearEquilibrium:
         stiffness: reduced stiffness (n_r, n_r), the constant tangent.
         load: reduced load (n_r,).
         right: matrix (n, n_r) that expands reduced displacements to all unknowns.
-        offset: prescribed displacements (n,), which are added to the expanded displacements.
+        prescribed_displacements: prescribed displacements (n,), which are added to the expanded displacements.
         max_row_sum: largest sum of magnitudes in a row of the full stiffness.
     """
 
@@ -336,7 +336,7 @@ class IncrementEquations:
             reduced_unknowns: displacements (n_r,), reduced by the supports.
             surface_motions: motions (pairs, k) of the surfaces.
             kinematics: kinematics of the linear system that was solved.
-            support_friction: support friction (m, dim - 1) of the previous iteration. By default
+            previous_support_friction: that of the previous iteration (m, dim - 1). By default
                 it is the support friction at the start of the increment.
             is_exact: whether solving the linear system again would not improve the accuracy.
             is_final: whether the linear system was solved to the final accuracy.

@@ -147,7 +147,9 @@ class ActiveSetUpdate:
         self._limited: Mask | None = None
 
     def restart_record_with_first_set(
-        self, active: ActiveSet, increment: IncrementEquations
+        self,
+        active: ActiveSet,
+        increment: IncrementEquations,  # noqa: ARG002
     ) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
         self._visited, self._limited = [], None

@@ -132,7 +132,9 @@ class NoDeformablePairs:
     slip_references_and_positions: ClassVar[dict[int, tuple[MortarSlipReference, Array]]] = {}
 
     def fill_in_deformable_pairs(
-        self, kinematics: LinearisedKinematics, force: Array
+        self,
+        kinematics: LinearisedKinematics,
+        force: Array,  # noqa: ARG002
     ) -> LinearisedKinematics:
         return kinematics
 

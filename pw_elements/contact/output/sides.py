@@ -155,7 +155,7 @@ def make_own_and_opposite_surface(
     no forces. At large sliding all nodes of the own surface keep their whole areas.
 
     Args:
-        number: number of the pair.
+        pair_number: number of the pair.
         state: state that contains the pair.
         body: the body, or None if no pressures are needed.
         space: space of the displacements.

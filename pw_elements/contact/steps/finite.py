@@ -504,9 +504,7 @@ class LargeStrainStepping:
         system: ContactSystem,
         initial_unknowns: PETSc.Vec,
     ) -> tuple[IncrementEquations, LargeStrainKinematics]:
-        """Return equations and kinematics of a step; `initial_unknowns` (n,) are its initial
-        iterate.
-        """
+        """Return equations and kinematics of a step with the initial iterate (n,)."""
         interface = self.interface
         start = make_increment_start(state, interface, state.translations_and_rotations)
         reduction = replace(self._reduction, offset=self._supports.prescribed_displacements())

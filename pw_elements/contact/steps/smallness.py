@@ -137,7 +137,8 @@ def warn_if_no_longer_small(
         >= getattr(previous_smallness, name)
     ]
     if large_quantities:
-        words = f"{message_start} leaves the range of small displacements: {', '.join(large_quantities)}"
+        quantities = ", ".join(large_quantities)
+        words = f"{message_start} leaves the range of small displacements: {quantities}"
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 

@@ -356,9 +356,10 @@ def measure_residuals_and_allowances(
             stiffness times the displacements minus the load, or the residual.
         interface: the contact nodes.
         reduction: supports and condensation.
-        sizes: scales of forces and lengths.
-        totals: prescribed total forces and torques of the surfaces' free motions.
-        torque: function that computes torques (m,) from forces (m, dim); None if no surface turns.
+        scales: scales of forces and lengths.
+        free_motion_forces: prescribed total forces and torques of the surfaces' free motions.
+        compute_torques: function that computes torques (m,) from forces (m, dim); None if no
+            surface turns.
     """
     comm = interface.comm
     has_equation = interface.equation >= 0
