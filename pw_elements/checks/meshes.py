@@ -471,7 +471,7 @@ def label_connected_components(
 
 def _label_graph_components(n_nodes: int, edge_starts: Indices, edge_ends: Indices) -> Indices:
     graph = sp.coo_matrix((np.ones(len(edge_starts)), (edge_starts, edge_ends)), (n_nodes, n_nodes))
-    return sp.csgraph.label_connected_components(graph, directed=False)[1].astype(np.int64)
+    return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _find_points_in_balls(tree: cKDTree, centres: Array, radii: Array) -> tuple[Indices, Indices]:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
-from scipy.sparse.csgraph import label_connected_components
+from scipy.sparse.csgraph import connected_components
 
 from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, Indices, Mask
@@ -198,7 +198,7 @@ def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Ar
     rows.data[np.abs(rows.data) < _ROUND_OFF_IN_UNIT_MODE] = 0.0
     rows.eliminate_zeros()
     rows = rows[np.diff(rows.indptr) > 0]
-    count, group = label_connected_components(
+    count, group = connected_components(
         sum(comm.allgather(abs(rows).T @ abs(rows))), directed=False
     )
     group_of_row = group[rows.indices[rows.indptr[:-1]]]
@@ -257,7 +257,7 @@ def group_connected_nodes(adjacency_matrix: npt.ArrayLike) -> list[Indices]:
     Args:
         adjacency_matrix: adjacency matrix (nodes, nodes).
     """
-    count, component = label_connected_components(adjacency_matrix, directed=False)
+    count, component = connected_components(adjacency_matrix, directed=False)
     return [np.flatnonzero(component == k) for k in range(count)]
 
 

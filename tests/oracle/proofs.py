@@ -15,7 +15,7 @@ A curved surface that is free to move is sampled at many positions. Its normals 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from scipy.sparse.csgraph import label_connected_components
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pw_elements.contact import ContactPair, NoEquilibrium
@@ -94,7 +94,7 @@ def node_velocities(space, error: NoEquilibrium) -> Array:
     cells = space.dofmap.list
     row = np.repeat(np.arange(len(cells)), cells.shape[1]) + len(x)
     links = sp.csr_matrix((np.ones(cells.size), (row, cells.ravel())), [len(x) + len(cells)] * 2)
-    n_bodies, body_of_node = label_connected_components(links, directed=False)
+    n_bodies, body_of_node = connected_components(links, directed=False)
     body_of_node, velocity = body_of_node[: len(x)], error.velocity
     assert n_bodies == len(velocity.centre)
     v = np.zeros((len(x), dim))

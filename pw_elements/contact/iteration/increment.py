@@ -108,7 +108,8 @@ class LinearEquilibrium:
         stiffness: reduced stiffness (n_r, n_r), the constant tangent.
         load: reduced load (n_r,).
         right: matrix (n, n_r) that expands reduced displacements to all unknowns.
-        prescribed_displacements: prescribed displacements (n,), which are added to the expanded displacements.
+        prescribed_displacements: prescribed displacements (n,), which are added to the expanded
+            displacements.
         max_row_sum: largest sum of magnitudes in a row of the full stiffness.
     """
 

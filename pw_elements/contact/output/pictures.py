@@ -254,7 +254,7 @@ def _order_nodes_along_lines(edges: Indices) -> list[Indices]:
     graph = graph + graph.T
     n_neighbours, (_, part_of_node) = (
         np.diff(graph.indptr),
-        csgraph.label_connected_components(graph),
+        csgraph.connected_components(graph),
     )
     chains = []
     for part in np.unique(part_of_node[segments]):

@@ -268,8 +268,8 @@ class AssembledTangent:
         first_row: global number of this process' first row.
         n_borders: number of rows on this process that are force balances of free motions.
         solver: solver of the linear systems.
-        is_constant_pressure_held_by_contact_only: function that returns whether a constant pressure in an
-            incompressible body acts on the contact points alone.
+        is_constant_pressure_held_by_contact_only: function that returns whether a constant pressure
+            in an incompressible body acts on the contact points alone.
     """
 
     solves_exactly = True
