@@ -57,7 +57,7 @@ def relative_imbalance_of_contact(stack, state, load):
 
     The reference is the sum of the magnitudes of all nodal forces.
     """
-    interface_mask = stack.side_nodes("upper") | stack.side_nodes("lower")
+    interface_mask = stack.side_node_mask("upper") | stack.side_node_mask("lower")
     force, x = (
         contact_and_support_forces(stack, state, load)[interface_mask],
         stack.x[interface_mask],

@@ -218,7 +218,7 @@ def sensitivity_errors_by_group(case, sensitivities, states, n_groups):
         for step in (RELATIVE_PARAMETER_STEP, -RELATIVE_PARAMETER_STEP):
             changed = {name: case.values[name] + step * rate for name, rate in rates.items()}
             _, changed_states = case.solve(**changed)
-            end_results.append(case.results(changed_states))
+            end_results.append(case.recompute_outputs(changed_states))
             same_statuses &= list_contact_statuses(changed_states) == list_contact_statuses(states)
         if same_statuses:
             differences = (end_results[0] - end_results[1]) / (2 * RELATIVE_PARAMETER_STEP)

@@ -44,7 +44,7 @@ def split_facets_by_side(elastic, marker, is_cell_beyond):
     The function `is_cell_beyond` decides this by the midpoints (n, dim) of cells.
     """
     facets = locate_exterior_facets(elastic.mesh, marker)
-    is_beyond_cell = is_cell_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
+    is_beyond_cell = is_cell_beyond(elastic.x[elastic.displacement_space.dofmap.list].mean(axis=1))
     cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
     is_beyond_facet = np.array([is_beyond_cell[cells.links(f)[0]] for f in facets], dtype=bool)
     return facets[~is_beyond_facet], facets[is_beyond_facet]

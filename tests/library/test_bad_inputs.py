@@ -376,12 +376,12 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ),
     ("quadrature_degree = -1", lambda w: Body(w.spaces, ELASTIC_MATERIAL, PLANE, 1.0, -1)),
     ("the form mixes meshes", lambda w: assemble_matrix(w.mixed_mesh_form(ufl.TrialFunction))),
-    ("traction has the shape (2, 2)", lambda w: w.load_surface(ufl.Identity(2))),
-    ("traction array([inf,  0.])", lambda w: w.load_surface(w.constant((INF, 0.0)))),
-    ("the measure is one of cells", lambda w: w.load_surface(UP, ufl.dx)),
+    ("traction has the shape (2, 2)", lambda w: w.surface_load(ufl.Identity(2))),
+    ("traction array([inf,  0.])", lambda w: w.surface_load(w.constant((INF, 0.0)))),
+    ("the measure is one of cells", lambda w: w.surface_load(UP, ufl.dx)),
     (
         "the measure is one of another",
-        lambda w: w.load_surface(UP, boundary_measure(w.other, right)),
+        lambda w: w.surface_load(UP, boundary_measure(w.other, right)),
     ),
     ("force None: it needs 2 finite components", lambda w: w.body.body_load(None)),
     ("TypeError: stress is None: body.stress(u) makes one", lambda w: w.body.initial_stress(None)),
@@ -396,7 +396,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the prescribed value = nan", lambda w: prescribe(w.U, 0, left, NAN)),
     ("nodal force 1.0: it needs 2 finite components", lambda w: nodal_load(w.U, right, 1.0)),
     ("the mass matrix has 90 degrees of freedom, the space", lambda w: lumped_mass(w.M, w.P1)),
-    ("15 nodes have no positive lumped mass", lambda w: lumped_mass(w.galerkin[2], w.U)),
+    (
+        "15 nodes have no positive lumped mass",
+        lambda w: lumped_mass(w.galerkin_stiffness_load_and_mass[2], w.U),
+    ),
     (
         "the mass matrix has entries that are not",
         lambda w: lumped_mass(copy_with_first_entry(w.K, NAN), w.U),
@@ -405,7 +408,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("a vector needs a linear form", lambda w: assemble_vector(w.body.stiffness())),
     (
         "a Dirichlet condition was made on",
-        lambda w: w.make_dirichlet_reduction(prescribe(w.other_problem[3], 0, left)),
+        lambda w: w.make_dirichlet_reduction(prescribe(w.problem_on_other_mesh[3], 0, left)),
     ),
     (
         "Dirichlet conditions",
@@ -424,7 +427,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the nodes to be condensed have the numbers -1 to -1", lambda w: w.condense(NODE_0 - 1)),
     ("the stiffness couples nodes that are to be condensed", lambda w: w.condense(np.arange(6))),
     ("the stiffness has 30 degrees of freedom, the space", lambda w: w.condense(K=empty_matrix())),
-    ("the space belongs to another mesh than", lambda w: w.condense(U=w.other_problem[3])),
+    ("the space belongs to another mesh than", lambda w: w.condense(U=w.problem_on_other_mesh[3])),
     (
         "the stiffness has entries that are not",
         lambda w: w.condense(K=copy_with_first_entry(w.K, NAN)),
@@ -447,7 +450,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ),
     ("TypeError: the solver is the class Direct", lambda w: solve(w.K, w.f, w.clamped, Direct)),
     ("the reduction has 182 degrees of freedom", lambda w: solve(w.K, w.f, w.finer_problem[2])),
-    ("the reduction belongs to another mesh than", lambda w: solve(w.K, w.f, w.other_problem[2])),
+    (
+        "the reduction belongs to another mesh than",
+        lambda w: solve(w.K, w.f, w.problem_on_other_mesh[2]),
+    ),
     ("the stiffness has the shape (60, 30)", lambda w: solve(empty_matrix(60, 30), w.f, w.clamped)),
     (
         "the stiffness is not",
@@ -465,7 +471,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the load is not finite", lambda w: solve(w.K, w.load_with_entry(NAN), w.clamped)),
     (
         "the load was made with other weight functions",
-        lambda w: solve(w.galerkin[0], w.f, w.clamped),
+        lambda w: solve(w.galerkin_stiffness_load_and_mass[0], w.f, w.clamped),
     ),
     ("TypeError: the displacement is None", lambda w: reactions(w.K, None, w.f)),
     ("the displacement has 7 degrees of freedom", lambda w: reactions(w.K, w.short, w.f)),
@@ -474,8 +480,14 @@ REFUSED_CALLS_WITH_MESSAGES = [
         "the stiffness has entries that are not",
         lambda w: reactions(copy_with_first_entry(w.K, NAN), w.a, w.f),
     ),
-    ("the load belongs to another mesh than", lambda w: reactions(w.other_problem[0], w.a, w.f)),
-    ("the load was made with other weight functions", lambda w: reactions(w.K, w.a, w.galerkin[1])),
+    (
+        "the load belongs to another mesh than",
+        lambda w: reactions(w.problem_on_other_mesh[0], w.a, w.f),
+    ),
+    (
+        "the load was made with other weight functions",
+        lambda w: reactions(w.K, w.a, w.galerkin_stiffness_load_and_mass[1]),
+    ),
     ("TypeError: options is 3: give PETSc options such as {'ksp_view'", lambda w: Direct(3)),
     ("option 1: its name has to be a string", lambda w: Direct({1: 2})),
     ("TypeError: option 'ksp_view' is None", lambda w: Direct({"ksp_view": None})),
@@ -484,7 +496,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
         "the mass has 30 degrees of freedom, the stiffness",
         lambda w: w.vibration_modes(M=empty_matrix()),
     ),
-    ("the mass belongs to another mesh than", lambda w: w.vibration_modes(M=w.other_problem[0])),
+    (
+        "the mass belongs to another mesh than",
+        lambda w: w.vibration_modes(M=w.problem_on_other_mesh[0]),
+    ),
     (
         "the stiffness has entries that are not",
         lambda w: w.vibration_modes(K=copy_with_first_entry(w.K, NAN)),
@@ -518,7 +533,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
         "the initial stress has 30 degrees of freedom",
         lambda w: w.buckling_modes(K_sigma=empty_matrix()),
     ),
-    ("the initial stress was made with other weight", lambda w: w.buckling_modes(K=w.galerkin[0])),
+    (
+        "the initial stress was made with other weight",
+        lambda w: w.buckling_modes(K=w.galerkin_stiffness_load_and_mass[0]),
+    ),
     (
         "SingularSystem: the system matrix is",
         lambda w: w.buckling_modes(reduction=w.make_dirichlet_reduction()),
@@ -527,10 +545,13 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the force transfer T exists for quadratic", lambda w: force_transfer(w.P1)),
     ("the vector of forces has 7 degrees of freedom", lambda w: forces_along(w.U, w.short, left)),
     ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.from_body(None, bottom_right)),
-    ("2 values for the 5 nodes", lambda w: w.surface.pressure(np.ones(2))),
-    ("values are object of the shape ()", lambda w: w.surface.pressure(None)),
-    ("values are float64 of the shape ()", lambda w: w.surface.tributary_pressure(1.0)),
-    ("closed: it has to be True or False", lambda w: w.surface.sawtooth(np.ones(5), np.arange(5))),
+    ("2 values for the 5 nodes", lambda w: w.surface_nodes.pressure(np.ones(2))),
+    ("values are object of the shape ()", lambda w: w.surface_nodes.pressure(None)),
+    ("values are float64 of the shape ()", lambda w: w.surface_nodes.tributary_pressure(1.0)),
+    (
+        "closed: it has to be True or False",
+        lambda w: w.surface_nodes.sawtooth(np.ones(5), np.arange(5)),
+    ),
     ("a rectangle from (0, 0) to (0, 1) has", lambda w: triangles(COMM, (0, 0), (0, 1), (1, 1))),
     ("lower (nan, 0): it needs 2 finite", lambda w: triangles(COMM, (NAN, 0), (1, 1), (1, 1))),
     ("divisions (0, 1)", lambda w: triangles(COMM, LOW, HIGH, (0, 1))),
@@ -557,7 +578,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
         lambda w: w.solve_contact(K=copy_with_first_entry(w.K, NAN)),
     ),
     ("the reduction has 90 degrees of freedom", lambda w: w.solve_contact(K=empty_matrix())),
-    ("the reduction belongs to another mesh than", lambda w: w.solve_contact(K=w.other_problem[0])),
+    (
+        "the reduction belongs to another mesh than",
+        lambda w: w.solve_contact(K=w.problem_on_other_mesh[0]),
+    ),
     (
         "the stiffness has 90 degrees of freedom, the",
         lambda w: w.solve_contact(space=w.scalar.trial),
@@ -571,7 +595,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the load of increment 0 has 7 degrees of freedom", lambda w: w.solve_contact(loads=w.short)),
     (
         "the load of increment 0 belongs to another",
-        lambda w: w.solve_contact(loads=w.other_problem[1]),
+        lambda w: w.solve_contact(loads=w.problem_on_other_mesh[1]),
     ),
     ("max_iterations = 0", lambda w: w.solve_contact(max_iterations=0)),
     ("DegenerateMesh: cells around (1.333, 0.1667)", lambda w: w.contact_on_folded_mesh()),
@@ -630,16 +654,31 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("half_width = None: has to be a finite number", lambda w: FlatPunch((0, 0), (0, 1), None)),
     ("TypeError: function = None", lambda w: w.solve_contact(bottom_right, SignedDistance(None))),
     ("step = 0.0: has to be positive", lambda w: SignedDistance(lambda x: x[:, 1], step=0.0)),
-    ("TypeError: the load is of the type ndarray", lambda w: w.problem.step(w.start, w.f.array)),
-    ("the load was made with other weight", lambda w: w.problem.step(w.start, w.galerkin[1])),
-    ("2 motions for 1 contact pairs", lambda w: w.problem.step(w.start, w.f, [STILL] * 2)),
-    ("TypeError: a motion of contact pair 0 is 0.1", lambda w: w.problem.step(w.start, w.f, 0.1)),
+    (
+        "TypeError: the load is of the type ndarray",
+        lambda w: w.contact_problem.step(w.undeformed_state, w.f.array),
+    ),
+    (
+        "the load was made with other weight",
+        lambda w: w.contact_problem.step(w.undeformed_state, w.galerkin_stiffness_load_and_mass[1]),
+    ),
+    (
+        "2 motions for 1 contact pairs",
+        lambda w: w.contact_problem.step(w.undeformed_state, w.f, [STILL] * 2),
+    ),
+    (
+        "TypeError: a motion of contact pair 0 is 0.1",
+        lambda w: w.contact_problem.step(w.undeformed_state, w.f, 0.1),
+    ),
     (
         "FreeBody: increment 0:",
         lambda w: w.solve_contact(bottom_right, FLOOR, reduction=w.make_dirichlet_reduction()),
     ),
-    ("FileNotFoundError: the state cannot be read", lambda w: w.problem.load("/no/where.npz")),
-    (f"{__file__} holds no contact state", lambda w: w.problem.load(__file__)),
+    (
+        "FileNotFoundError: the state cannot be read",
+        lambda w: w.contact_problem.load("/no/where.npz"),
+    ),
+    (f"{__file__} holds no contact state", lambda w: w.contact_problem.load(__file__)),
     ("youngs_modulus has the shape (2,)", lambda w: Material(w.constant((1.0, 2.0)))),
     (
         "DegenerateMesh: the mesh is a surface or line in space",
@@ -700,7 +739,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("facets are a mask of 0", lambda w: boundary_measure(w.mesh, np.zeros(0, dtype=bool))),
     (
         "the state has forces or displacements",
-        lambda w: w.problem.step(state_with_nan_forces(w.start), w.f),
+        lambda w: w.contact_problem.step(state_with_nan_forces(w.undeformed_state), w.f),
     ),
     ("TypeError: the shape of matching nodes is 0.3", lambda w: MatchingNodes(bottom_right, 0.3)),
     ("TypeError: tags are given in place of nodes", lambda w: ContactPair(w.tags, FLOOR)),
@@ -717,15 +756,19 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the normal of a surface is not", lambda w: Sphere((0, 0), 1.0).normal(np.zeros((1, 2)))),
     (
         "the state belongs to other contact nodes",
-        lambda w: w.problem.step(w.state_of_finer_problem, w.f),
+        lambda w: w.contact_problem.step(w.state_of_finer_problem, w.f),
     ),
     (
         "one of the mass and the stiffness belongs to the symmetric",
         lambda w: w.vibration_modes(
-            K=Sibling.from_space(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2]
+            K=Sibling.from_space(w.standard.trial).matrix(w.galerkin_stiffness_load_and_mass[0]),
+            M=w.galerkin_stiffness_load_and_mass[2],
         ),
     ),
-    ("the mass was made with other weight functions", lambda w: w.vibration_modes(M=w.galerkin[2])),
+    (
+        "the mass was made with other weight functions",
+        lambda w: w.vibration_modes(M=w.galerkin_stiffness_load_and_mass[2]),
+    ),
     (
         "the mass is one in axisymmetric, the stiffness in plane stress",
         lambda w: w.vibration_modes(M=assemble_matrix(w.axisymmetric_body.mass())),
@@ -749,10 +792,10 @@ REFUSED_CALLS_WITH_MESSAGES = [
     ("the displacement has the shape ()", lambda w: w.body.strain(w.function_with_value(1.0))),
     (
         "the displacement does not belong to the body's mesh",
-        lambda w: w.body.stress(fem.Function(w.other_problem[3])),
+        lambda w: w.body.stress(fem.Function(w.problem_on_other_mesh[3])),
     ),
     ("values are a constant: there is", lambda w: draw(w.mesh, w.constant(1.0))),
-    ("the path '\\x00' has a null character", lambda w: w.problem.load("\0")),
+    ("the path '\\x00' has a null character", lambda w: w.contact_problem.load("\0")),
     ("TypeError: the image is of the type Mat", lambda w: move_nodes(rectangle_mesh(), w.K)),
     ("its part `left` is an empty matrix", lambda w: replace(w.clamped, left=PETSc.Mat())),
     ("component 0 of a motion's translation = [0, 1]", lambda w: Motion([[0, 1], [2]])),
@@ -774,12 +817,17 @@ def catch_error_message(call, *arguments):
 
 def test_calls_with_valid_objects_succeed(valid_objects):
     assert valid_objects.solve_contact()[0].residuals.largest() < 1e-9
-    assert valid_objects.problem.step(valid_objects.start, valid_objects.f).increment == 1
+    assert (
+        valid_objects.contact_problem.step(
+            valid_objects.undeformed_state, valid_objects.f
+        ).increment
+        == 1
+    )
     assert valid_objects.vibration_modes().n_rigid == 0
     assert valid_objects.buckling_modes().factors[0] > 0
-    assert np.abs(valid_objects.surface.pressure(np.ones(5))).max() > 0
+    assert np.abs(valid_objects.surface_nodes.pressure(np.ones(5))).max() > 0
     assert valid_objects.condense(NODE_0) is not None
-    assert valid_objects.load_surface(UP) is not None
+    assert valid_objects.surface_load(UP) is not None
 
 
 @pytest.mark.parametrize(

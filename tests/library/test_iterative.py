@@ -380,7 +380,7 @@ def test_auto_selects_direct_for_larger_bodies_that_only_contact_supports(
     assert state.report.method.startswith(method)
 
 
-@pytest.mark.usefixtures("small")
+@pytest.mark.usefixtures("treat_all_bodies_as_large")
 def test_contact_falls_back_to_the_direct_solver(caplog):
     arguments = nearly_sliding_contact_arguments(SolidBlock(n=2))
     expected = solve_contact(*arguments, solver=Direct())
@@ -402,7 +402,7 @@ def test_contact_falls_back_to_the_direct_solver(caplog):
         assert state.pairs[0].force == pytest.approx(exact.pairs[0].force, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.usefixtures("small")
+@pytest.mark.usefixtures("treat_all_bodies_as_large")
 def test_auto_raises_if_memory_is_too_small_for_the_direct_solver(monkeypatch):
     arguments = nearly_sliding_contact_arguments(SolidBlock(n=2))
     monkeypatch.setattr(automatic, "total_free_memory_in_bytes", lambda _: 1e6)
@@ -411,7 +411,7 @@ def test_auto_raises_if_memory_is_too_small_for_the_direct_solver(monkeypatch):
 
 
 @pytest.mark.parametrize("solver", ["auto", Iterative()])
-@pytest.mark.usefixtures("small")
+@pytest.mark.usefixtures("treat_all_bodies_as_large")
 def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
     """A problem without solution is refused by a proof, before a fallback to factors.
 
@@ -425,7 +425,7 @@ def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
     assert not any(FALLBACK_LOG_MESSAGE in record.getMessage() for record in caplog.records)
 
 
-@pytest.mark.usefixtures("small")
+@pytest.mark.usefixtures("treat_all_bodies_as_large")
 def test_linear_problems_fall_back_to_the_direct_solver(monkeypatch):
     monkeypatch.setattr(automatic, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
     rubber = ElasticBody(make_distorted_box("tetrahedron"), Spaces.hybrid, "solid", 1.0, 0.5)

@@ -96,30 +96,32 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
     volume = np.linalg.det(A)  # volume of the skewed unit box; then the area of its side x = 0
     area = volume * np.linalg.norm(np.linalg.solve(A.T, side))
     centre = np.full(dim, 0.5)
-    surface = boundary_measure(body.spaces.mesh, elastic.side(0))
+    surface = boundary_measure(body.spaces.mesh, elastic.side_marker(0))
     for form, size, middle in [
         (body.body_load(force), volume, A @ centre),
         (body.surface_load(force, surface), area, A @ (centre - side / 2)),
     ]:
         f = assemble_vector(form).array.reshape(-1, dim)
         # each term has an error of the round-off of its cell's size
-        bound = len(f) * elastic.round_off * np.abs(f).sum()
+        bound = len(f) * elastic.relative_gradient_round_off * np.abs(f).sum()
         assert_small(f.sum(axis=0) - size * force, bound)
         assert_small(elastic.x.T @ f - size * np.outer(middle, force), bound * 4)
     # node by node, the load equals the mass of density one times a uniform acceleration
     f = assemble_vector(body.body_load(force)).array
     needed = dense(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
-    assert_small(needed - f, len(f) * elastic.round_off * np.abs(f).max())
+    assert_small(needed - f, len(f) * elastic.relative_gradient_round_off * np.abs(f).max())
 
 
 @given(random_bodies())
 def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
     K, modes = dense(elastic.K), rigid_modes(elastic.x)
     modes = modes.reshape(len(K), -1)
-    bound = max_nonzeros_per_row(K) * elastic.round_off * np.abs(K).sum(axis=1).max()
+    bound = (
+        max_nonzeros_per_row(K) * elastic.relative_gradient_round_off * np.abs(K).sum(axis=1).max()
+    )
     assert_small(K @ modes, bound)
     # forces of any displacement have no resultant, and no moment about the undeformed nodes
-    bound = len(K) * elastic.round_off * np.abs(K).sum(axis=0).max()
+    bound = len(K) * elastic.relative_gradient_round_off * np.abs(K).sum(axis=0).max()
     assert_small(modes.T @ K, bound)
 
 
@@ -169,7 +171,7 @@ def test_new_stiffness_and_loads_are_transferred_galerkin_ones(grid, seed, nu, s
 def _assemble_load(elastic, load_kind, force):
     if load_kind == "body":
         return assemble_vector(elastic.body.body_load(force)).array
-    surface = boundary_measure(elastic.body.spaces.mesh, elastic.side(0))
+    surface = boundary_measure(elastic.body.spaces.mesh, elastic.side_marker(0))
     return assemble_vector(elastic.body.surface_load(force, surface)).array
 
 
@@ -221,7 +223,10 @@ def assert_same_solution(elastic, transformed, force, modulus):
     at = match_nodes(elastic.x, transformed.x, placement)
     # round-off of both bodies; the body far from the origin has the larger error of shape
     displacement_bound, forced = elastic.bound_errors_of_displacements_and_forces(
-        elastic.clamp(), a, f, elastic.round_off + transformed.round_off
+        elastic.clamp(),
+        a,
+        f,
+        elastic.relative_gradient_round_off + transformed.relative_gradient_round_off,
     )
     assert_small(b / placement.unit - placement.place_vectors(a)[at], dim * displacement_bound)
     scale = modulus * placement.unit ** (dim - 1)
@@ -276,7 +281,7 @@ def test_same_contact_when_rotated_and_renumbered(problem, seed):
         placement, above = body.placement, np.array([3.0, 0.45, 0.55])[:dim]
         ball = Sphere(placement.place_points(above), 2.0)
         motion = Motion(placement.place_vectors(down[:dim]).tolist())
-        pair = ContactPair(body.side(0, 1.0), ball, 0.2, [motion])
+        pair = ContactPair(body.side_marker(0, 1.0), ball, 0.2, [motion])
         load, supports = body.K.createVecLeft(), body.clamp()
         (state,) = solve_contact(body.K, load, supports, pair, body.space)
         return state.displacement.array.reshape(-1, dim), state.pairs[0].force
@@ -302,7 +307,7 @@ def test_frequencies_scale_with_the_units(problem, unit, modulus, density):
     rescaled = elastic.transform(AffinePlacement(unit), modulus, density)
     values = [vibration_modes(b.K, b.M, b.clamp()).eigenvalues[0] for b in (elastic, rescaled)]
     K, M = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, rescaled.M))
-    wrong = len(K) * (elastic.round_off + rescaled.round_off)
+    wrong = len(K) * (elastic.relative_gradient_round_off + rescaled.relative_gradient_round_off)
     sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
 
     def lowest(mu):
@@ -325,7 +330,7 @@ def test_buckling_factors_do_not_depend_on_units(problem, unit, modulus, load):
     elastic, _ = problem
     rescaled, factors = elastic.transform(AffinePlacement(unit), modulus), []
     for body, pressure in ((elastic, 1.0), (rescaled, load * modulus)):
-        top = boundary_measure(body.body.spaces.mesh, body.side(0, 1.0))
+        top = boundary_measure(body.body.spaces.mesh, body.side_marker(0, 1.0))
         f = assemble_vector(body.body.surface_load((-pressure, 0.0), top))
         a = solve(body.K, f, body.clamp())
         stress = body.body.stress(as_function(body.space, a))
@@ -339,11 +344,18 @@ def test_buckling_factors_do_not_depend_on_units(problem, unit, modulus, load):
     assume(factors[0] is not None)
     K, S = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, K_sigma))
     bound = rescaled.bound_errors_of_displacements_and_forces(
-        rescaled.clamp(), a.array, f.array, elastic.round_off + rescaled.round_off
+        rescaled.clamp(),
+        a.array,
+        f.array,
+        elastic.relative_gradient_round_off + rescaled.relative_gradient_round_off,
     )[0]
     # stresses have errors like slopes of displacements, and K_sigma like stresses
     wrong_S = bound / np.abs(a.array).max() * np.linalg.norm(S, 2)
-    wrong_K = len(K) * (elastic.round_off + rescaled.round_off) * np.linalg.norm(K, 2)
+    wrong_K = (
+        len(K)
+        * (elastic.relative_gradient_round_off + rescaled.relative_gradient_round_off)
+        * np.linalg.norm(K, 2)
+    )
     mu, error = eigenvalue_and_error_bound(-S, K, lambda mu: np.argmax(mu.real), wrong_S, wrong_K)
     error += 1e-11 * abs(mu)
     assert_small(1 / factors[1] - mu, error)

@@ -164,7 +164,7 @@ def solve_and_find_largest_violations(problem):
     for motion, start, end in zip(problem.increments, states, states[1:], strict=False):
         for fraction, substate in (*end.substates, (1.0, end)):
             history.append(displacement_and_translation(substate))
-            violations = contact.violations(history)
+            violations = contact.largest_violations_in_last_increment(history)
             all_violations.append(
                 violations
                 | {"drive": prescribed_motion_error(contact, start, substate, fraction, motion)}

@@ -156,7 +156,7 @@ class SmallLibraryProblem(ElasticBody):
         )
         motions = [Motion(translation, force) for translation, force in problem.motions]
         surface, *_ = problem.surface_with_gap_and_normal()
-        pair = ContactPair(on_plane(up_axis, problem.level), surface, problem.mu, motions)
+        pair = ContactPair(on_plane(up_axis, problem.contact_height), surface, problem.mu, motions)
         loads = problem.loads(
             lambda axis, value, traction: self.traction_load(traction, on_plane(axis, value))
         )
@@ -179,7 +179,7 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
     prescribed_mask = body.component_mask(
         lambda x: np.isclose(x[:, -1], 0.0), tuple(range(problem.dim))
     )
-    contact_nodes = np.flatnonzero(np.isclose(nodes[:, -1], problem.level))
+    contact_nodes = np.flatnonzero(np.isclose(nodes[:, -1], problem.contact_height))
     _, gap, normal = problem.surface_with_gap_and_normal()
     pair = NodesAndSurface(contact_nodes, gap, normal, problem.mu, problem.motions)
     loads = problem.loads(traction)

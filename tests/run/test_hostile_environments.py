@@ -88,7 +88,7 @@ def run_study(
             os.unshare(os.CLONE_NEWNS)
             ctypes.CDLL(None).mount(b"none", b"/", None, PRIVATE, None)
         for mount in mounts:
-            mount.make()
+            mount.mount_file_system()
         for resource_name, value in resource_limits:
             resource.setrlimit(resource_name, (value, value))
 
