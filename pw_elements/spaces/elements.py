@@ -218,9 +218,9 @@ def piecewise_linear_element(
         kind, [], space, x, M, 0, identity, smooth, False, 1, 1, polyset_type=macro
     )
     if cell == "tetrahedron":
-        element = TwelveCellTetrahedron(element._quadratic_facet_element)
+        element = TwelveCellTetrahedron(element._element)
     elif cell != "triangle":
-        element = _TensorHatFunctionElement(element._quadratic_facet_element)
+        element = _TensorHatFunctionElement(element._element)
     return basix.ufl.blocked_element(element, shape=value_shape) if value_shape else element
 
 
@@ -246,7 +246,7 @@ class _TensorHatFunctionElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Tabulate shape functions and derivatives (derivatives, n, nodes) at points (n, dim)."""
         dim = points.shape[1]
-        half_index = np.rint(2 * self._quadratic_facet_element.points).astype(
+        half_index = np.rint(2 * self._element.points).astype(
             int
         )  # 0, 1, 2: end, middle, end
         is_upper = (points >= 0.5).astype(int)[:, None]

@@ -55,7 +55,7 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
     """
     return _blocked(
-        basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._quadratic_facet_element),
+        basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._element),
         shape,
     )
 
@@ -70,7 +70,7 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     small strains. Projecting on the reference triangle is right for straight sides.
     """
     return _blocked(
-        _AssumedGradientElement(piecewise_linear_element("triangle")._quadratic_facet_element),
+        _AssumedGradientElement(piecewise_linear_element("triangle")._element),
         shape,
     )
 

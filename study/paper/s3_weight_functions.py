@@ -117,7 +117,7 @@ def weight_functions() -> Result:
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
     """
     element = piecewise_linear_element("triangle")
-    nodes = element._quadratic_facet_element.points[PAPER_NODES]  # in the paper's order
+    nodes = element._element.points[PAPER_NODES]  # in the paper's order
 
     random = np.random.default_rng(SEED)
     barycentric = random.dirichlet(np.ones(3), RANDOM_POINTS)
@@ -272,7 +272,7 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
     jacobian = np.array([nodes[1] - nodes[0], nodes[2] - nodes[0]])  # rows: d(x, y)/d(xi), d(eta)
     to_physical = np.linalg.inv(jacobian)
     shapes, weights = quadratic_element("triangle"), piecewise_linear_element("triangle")
-    reference_nodes = weights._quadratic_facet_element.points[PAPER_NODES]
+    reference_nodes = weights._element.points[PAPER_NODES]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:
         centroid = reference_nodes[subelement].mean(axis=0, keepdims=True)

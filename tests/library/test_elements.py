@@ -75,7 +75,7 @@ def test_weight_gradients_equal_differences_of_the_values(cell):
 
 def test_serendipity_is_nodal_and_holds_the_right_polynomials():
     element = serendipity_element()
-    nodes = quadratic_element("quadrilateral")._quadratic_facet_element.points[:8]
+    nodes = quadratic_element("quadrilateral")._element.points[:8]
     assert element.dim == 8
     assert np.abs(element.tabulate(0, nodes)[0] - np.eye(8)).max() < 1e-13
     points = random_cell_points("quadrilateral", 200, 1)

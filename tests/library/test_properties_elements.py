@@ -75,7 +75,7 @@ def random_bodies(draw, cells=BODY_CELL_NAMES, methods=tuple(SPACE_MAKERS_BY_MET
 @given(st.sampled_from(CELL_NAMES), SEED_STRATEGY)
 def test_weights_sum_to_one_and_reproduce_linear_functions(cell, seed):
     element, points = cached_weight_element(cell), random_cell_points(cell, 20, seed)
-    nodes = element._quadratic_facet_element.points
+    nodes = element._element.points
     values, *slopes = element.tabulate(1, points)
     # sums of at most 27 numbers of size one, each of which is made from 27 others
     bound = len(nodes) ** 2 * MACHINE_EPSILON
