@@ -139,7 +139,7 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
     slip, _ = projected.measure_slip_and_position_derivatives(
-        mortar.make_reference(start_positions), end_positions
+        mortar.make_slip_reference(start_positions), end_positions
     )
     facing_parts = [mortar.evaluate_for_verification(x) for x in (start_positions, end_positions)]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start_positions, end_positions)

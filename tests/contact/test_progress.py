@@ -113,7 +113,7 @@ def compute_modes_and_contact():
 
 
 def test_progress_lines_are_written_after_a_pause(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_last_report", perf_counter())
+    monkeypatch.setattr(progress, "_last_report_time", perf_counter())
     compute_modes_and_contact()
     assert capsys.readouterr() == ("", "")  # within ten seconds
     monkeypatch.setattr(progress, "_MIN_SECONDS_BETWEEN_REPORTS", -1.0)

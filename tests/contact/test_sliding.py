@@ -356,7 +356,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
             reference, distance_rows=rows.tocsr(), faced_master=np.ones_like(reference.faced_master)
         )
 
-    monkeypatch.setattr(SlidingMortar, "make_reference", make_reference_by_closest_points)
+    monkeypatch.setattr(SlidingMortar, "make_slip_reference", make_reference_by_closest_points)
     with pytest.raises(NotFound, match="computed anew"):
         slide_along_path(make_block_under_narrow_punch(6), [(0.0, -0.11)])
     monkeypatch.setattr(finite, "verify_state", lambda state, *_, **__: state)

@@ -148,7 +148,7 @@ def law_violation_over_tolerance(increment, newton_state):
         )
     )
     allowed = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest_force + of_displacements
-    return increment.violation(newton_state, allowed, of_coordinates)
+    return increment.max_residual_to_tolerance_ratio(newton_state, allowed, of_coordinates)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])

@@ -75,7 +75,7 @@ def test_a_state_that_the_iteration_accepts_too_early_is_refused(name, monkeypat
     The first iterate of every increment is accepted as its solution. Most of these iterates do not
     obey the law.
     """
-    monkeypatch.setattr(IncrementEquations, "violation", lambda *_: 0.0)
+    monkeypatch.setattr(IncrementEquations, "max_residual_to_tolerance_ratio", lambda *_: 0.0)
     with pytest.raises(NotFound, match=r"violates .*, computed anew from its displacements"):
         HISTORY_SOLVERS_BY_NAME[name]()
 

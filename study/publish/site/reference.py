@@ -90,7 +90,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "model.ContactState",
             "model.PairState",
             "model.Residuals",
-            "model.Smallness",
+            "model.SmallDisplacementMeasures",
             "ContactFields",
             "write",
             "plot",
