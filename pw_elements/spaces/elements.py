@@ -246,9 +246,7 @@ class _TensorHatFunctionElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Tabulate shape functions and derivatives (derivatives, n, nodes) at points (n, dim)."""
         dim = points.shape[1]
-        half_index = np.rint(2 * self._element.points).astype(
-            int
-        )  # 0, 1, 2: end, middle, end
+        half_index = np.rint(2 * self._element.points).astype(int)  # 0, 1, 2: end, middle, end
         is_upper = (points >= 0.5).astype(int)[:, None]
         # along each axis: hat functions of the ends and the middle, and their slopes in each half
         hats = np.maximum(1 - np.abs(2 * points[:, None] - half_index), 0.0)

@@ -148,12 +148,19 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
     zero_motion = [Motion((0.0, 0.0))]
     target = TargetLoadsAndMotions.from_load_and_motions(None, zero_motion, n_motions=3)
     state, system = problem.undeformed, stepping._cached_contact_system_for(target.free_motions)
-    increment, kinematics = stepping._make_equations_and_kinematics(state, target, system, state.unknowns)
+    increment, kinematics = stepping._make_equations_and_kinematics(
+        state, target, system, state.unknowns
+    )
     equilibrium, start = increment.equilibrium, increment.start
     linearised = kinematics.linearise(start.q, start.displacement, start.force)
-    unit_residuals = np.eye(equilibrium.linearise(linearised.torque_map).getLocalSize())
+    unit_residuals = np.eye(
+        equilibrium.linearise_and_return_load(linearised.torque_map).getLocalSize()
+    )
     tolerances = 1 / np.array(
-        [equilibrium.max_imbalance_to_tolerance_ratio(residual_vector, 0.0, None) for residual_vector in unit_residuals]
+        [
+            equilibrium.max_imbalance_to_tolerance_ratio(residual_vector, 0.0, None)
+            for residual_vector in unit_residuals
+        ]
     )
 
     q, pressure = ufl.TestFunctions(U)[1], SubSpace.pressure(U)

@@ -181,7 +181,9 @@ def make_interface_stand_in(surface, positions, dim):
         equation=np.zeros((len(positions), dim), dtype=int),
         held_components=np.zeros((len(positions), dim), dtype=bool),
         faced=np.full(len(positions), RIGID),
-        evaluate_gaps_normals_and_curvatures=lambda displacement: surface.closest(positions + displacement),
+        evaluate_gaps_normals_and_curvatures=lambda displacement: surface.closest(
+            positions + displacement
+        ),
         gather_values=lambda values: values,
     )
 
@@ -374,7 +376,9 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     mesh, rebuilt = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
     renew = Multigrid.update_for_changed_matrix
     monkeypatch.setattr(
-        Multigrid, "update_for_changed_matrix", lambda levels: (rebuilt.append(levels), renew(levels))
+        Multigrid,
+        "update_for_changed_matrix",
+        lambda levels: (rebuilt.append(levels), renew(levels)),
     )
 
     def count_work():

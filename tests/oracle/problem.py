@@ -47,14 +47,14 @@ def assert_study_agrees_with_oracle(comparison, element_name):
 
     Differences are relative to the largest number of each value.
     """
-    differences = comparison.differences(element_name.startswith("pw"))
+    differences = comparison.largest_relative_differences(element_name.startswith("pw"))
     assert len(differences) > 0
     assert max(differences.values()) < RELATIVE_DIFFERENCE_TOLERANCE, differences
 
 
 def assert_quadratic_weights_differ(comparison):
     """Assert that the oracle with quadratic weights gives other values."""
-    differences = comparison.differences(False)
+    differences = comparison.largest_relative_differences(False)
     assert max(differences.values()) > 1e3 * RELATIVE_DIFFERENCE_TOLERANCE, differences
 
 
