@@ -48,9 +48,8 @@ REFERENCES = {
 # Problem and exact solution
 
 PROBLEM = r"""
-In Hertz' problem (section V2) the pressure is largest in the middle of the contact, where all elements are most accurate.
-Below an indenter that is flatter in the middle, $y = A x^4$, it is largest near the edge: the peak of the pressure and its
-steep fall lie next to each other.
+Below an indenter that is flatter in the middle than Hertz', $y = A x^4$, the pressure is largest near the edge of the contact
+{{ cite("sneddon") }}.
 """
 
 THEORY = r"""
@@ -232,11 +231,9 @@ CASES = [
 
 # Results
 
-RESULT = r"""
-{{ figure("v18_quartic") }}
-"""
-
 DETAILS = r"""
+{{ figure("v18_quartic") }}
+
 {% call table("v18-quartic", "Indenters of the fourth order, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
 | Element | Plane: nodal forces | own-function pressure, all nodes | inner 80 % | Round: nodal forces | own-function pressure, all nodes | inner 80 % |
 |---|---:|---:|---:|---:|---:|---:|
@@ -279,7 +276,7 @@ FIGURES = [
         "v18_quartic",
         draw_quartic,
         needs=[f"V18/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
-        caption="Indenters y = A x⁴ on a half plane (left) and on a half space (right): pressure "
+        caption="Indenters y = A x⁴ on a half plane (line) and on a half space (round): pressure "
         "over tributary areas with 8 elements over the half width a, and the error of the "
         "own-function pressure over the number of elements.",
         alt="Four plots. Tributary pressures of the new triangle lie on the exact curve, which "

@@ -363,8 +363,7 @@ def _tables(path: Path) -> dict[str, list[dict[str, Any]]]:
     validator = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_bytes()))
     for mistake in sorted(validator.iter_errors(content), key=_order):
         if len(mistake.absolute_path) < 2:
-            kinds = "[[claim]], [[finding]] and [[pin]]"
-            raise StudyError(f"{path} may have nothing but tables {kinds}")
+            raise StudyError(f"{path} may have nothing but tables [[claim]] and [[finding]]")
         kind, place, *keys = mistake.absolute_path
         entry = content[kind][place]
         name = entry.get("id", f"number {place + 1}") if isinstance(entry, dict) else place + 1

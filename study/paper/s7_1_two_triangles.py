@@ -133,7 +133,7 @@ CASES = [
 # Nodal forces of the elements that the paper does not use here
 CASES += [
     Case("7.1", element + suffix, structure, {"element": element, **VARIANTS[suffix]})
-    for element in ("galerkin-Q8", "pw-Q8", "pw-Q9")
+    for element in ("galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
     for suffix in ("", "-row")
 ]
 

@@ -5,10 +5,29 @@ import json
 import jsonschema
 import pytest
 
-from study.judge.claims import SCHEMA, judge, load_claims, read_claims, summary, table, write
+from study.judge.claims import (
+    SCHEMA,
+    claims_of_pins,
+    judge,
+    load_claims,
+    read_claims,
+    summary,
+    table,
+    write,
+)
 from study.run.store import Result, Results, StudyError, save
 from tests.study.toystudy import MEASURED, claim, finding
 
+PIN = {
+    "id": "number",
+    "source": "This study, section 1",
+    "statement": "It is five.",
+    "measure": "scalar",
+    "args": {"key": "1/b", "name": "y"},
+    "relation": "=",
+    "bound": 5.0,
+    "tolerance": 1e-12,
+}
 CONTRADICTED = '"contradicted"'
 CONSTRUCTED = '"consistent by construction"'
 FOUND = {"found": 1, "found_tol": 0}
@@ -137,12 +156,11 @@ def test_mistake_is_named_by_claim_and_key(load, changes, message):
         load(claim(**changes))
 
 
-@pytest.mark.parametrize("kind", ["finding", "pin"])
-def test_grades_are_the_paper_s_alone(load, kind):
-    (one,) = load(finding(kind))
-    assert (one.kind, one.grade) == (kind, None)
-    with pytest.raises(StudyError, match=f"{kind} the-claim: grade is not a key of it"):
-        load(finding(kind, grade='"reproduced"'))
+def test_grades_are_the_paper_s_alone(load):
+    (one,) = load(finding())
+    assert (one.kind, one.grade) == ("finding", None)
+    with pytest.raises(StudyError, match="finding the-claim: grade is not a key of it"):
+        load(finding(grade='"reproduced"'))
 
 
 def test_what_is_not_testable_has_no_measure_and_never_differs(load, results):
@@ -191,8 +209,8 @@ def test_summary_counts_and_table_names(load, results):
             claim(id='"absent"', args='{ key = "7/no", name = "y" }'),
             claim(id='"open"', **NOT_TESTABLE),
             finding(id='"own"'),
-            finding("pin", id='"number"'),
-        ),
+        )
+        + claims_of_pins([PIN]),
         results,
     )
     assert summary(found) == (

@@ -100,11 +100,11 @@ def claim(**changes):
     return "\n".join(["[[claim]]", *lines, ""])
 
 
-def finding(kind="finding", **changes):
-    """Return a finding of the study, or a pin, as TOML."""
+def finding(**changes):
+    """Return a finding of the study as TOML."""
     paper = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
     entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper, **changes}
-    return claim(**entry).replace("[[claim]]", f"[[{kind}]]")
+    return claim(**entry).replace("[[claim]]", "[[finding]]")
 
 
 def module(name, text, **values):
