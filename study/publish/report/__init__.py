@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import jinja2
 from markupsafe import Markup
 
-from study.publish.texts import HERE, Place, Texts, numbers, provenance
+from study.publish.texts import HERE, Place, Texts, has_text, numbers, provenance
 from study.run.cases import SECTIONS, title
 from study.run.store import CorruptResult, MissingResult, NoScalar, Results, write_whole
 
@@ -59,7 +59,9 @@ def list_parts() -> list[tuple[str, str, str]]:
     for name in names:
         for path in HERE.glob(f"{name}.*"):
             shown |= set(re.findall(r'text\("([^"]+)"\)', path.read_text(encoding="utf-8")))
-    further = [(one, "section", title(one)) for one in SECTIONS if one not in shown]
+    further = [
+        (one, "section", title(one)) for one in SECTIONS if one not in shown and has_text(one)
+    ]
     place = names.index("further benchmarks")
     return [*PARTS[:place], *further, *PARTS[place + 1 :]]
 

@@ -174,8 +174,15 @@ class Texts:
             raise StudyError(f"{template}: {error}") from error
 
     def text(self, name: str) -> Markup:
-        """Return a text in one piece: of a section, what the layout takes of it."""
-        text = self.render(f"{name}.html", layout=self.layout, section=name)
+        """Return a text in one piece: of a section, what the layout takes of it.
+
+        Raises:
+            MissingResult: if neither a chapter nor a page with texts has this name.
+        """
+        try:
+            text = self.render(f"{name}.html", layout=self.layout, section=name)
+        except jinja2.TemplateNotFound as missing:
+            raise MissingResult(f"there is no text {missing}") from None
         return _without_blank_lines(text)
 
     def curves(self, key: str) -> dict[str, np.ndarray]:
@@ -307,6 +314,11 @@ def _markdown_template(name: str) -> str | None:
     if not blocks:
         return None
     return "\n".join(["{% extends layout %}", texts.get("MACROS", ""), *blocks])
+
+
+def has_text(section: str) -> bool:
+    """Return whether the page of a section has a text."""
+    return _markdown_template(f"{section}.html") is not None
 
 
 def _without_blank_lines(html: Markup) -> Markup:
