@@ -150,7 +150,7 @@ class Texts:
             "counts": counts(self.claims),
             "fact_counts": fact_counts(self.claims),
             "graded": self.graded,
-            "heads": {section: short_section_facts(section) for section in SECTIONS},
+            "heads": {one: facts for one in SECTIONS if (facts := short_section_facts(one))},
             "computed": lambda section: computed(results, section),
             "computed_and_recorded": lambda: computed_and_recorded(results),
             "verification_range": _verification_range(),
