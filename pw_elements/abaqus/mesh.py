@@ -172,7 +172,7 @@ class _AbaqusCellTable:
             missing node.
         row_of_node: row number in `x` of each node of the file, -1 for unused nodes.
         cell_of_element: number of the cell for each element of the file, -1 for other elements.
-        element_of_cell: position (n,) in the `Deck` of the element of each cell.
+        element_of_cell: position (n,) in the `AbaqusDeck` of the element of each cell.
         element_types: element type of each cell.
     """
 

@@ -104,7 +104,7 @@ class PreparedSolver(Protocol):
     Linear problems and contact problems use the members `solve`, `solve_with_changed_rows`,
     `report`, `determinant_signs` and `release`. Eigenvalue problems and Newton's method use `ksp`
     and `set_up` in addition. Contact of two bodies at large sliding needs a further method
-    `set_matrix`, see `Factors`.
+    `set_matrix`, see `FactorisedSolver`.
     """
 
     ksp: PETSc.KSP

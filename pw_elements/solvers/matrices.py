@@ -298,9 +298,10 @@ class Supports:
 class ConstraintProjection:
     """Projection that removes constrained components from vectors.
 
-    Prescribed unknowns are always constrained. In addition, `constrain` sets constrained directions
-    at some nodes. Each constrained direction has a stiffness, which is one for prescribed unknowns.
-    The method `add_constrained_components_times_stiffness` multiplies by it.
+    Prescribed unknowns are always constrained. In addition, `set_constrained_directions` sets
+    constrained directions at some nodes. Each constrained direction has a stiffness, which is one
+    for prescribed unknowns. The method `add_constrained_components_times_stiffness` multiplies by
+    it.
 
     Args:
         free: mask (owned dofs,) of the unknowns that are not prescribed.

@@ -330,10 +330,10 @@ class Multigrid:
     """Two-level multigrid preconditioner for one matrix under supports and contact constraints.
 
     The operator is Pi (K + B) Pi + (1 - Pi). The projection Pi removes components that supports or
-    `constrain` constrain, and B has the springs of `constrain`. The smoother is a Chebyshev
-    polynomial of degree 2 with the inverse diagonal blocks of nodes. The coarse level uses one
-    cycle of algebraic multigrid that knows the rigid motions. Products are twice as fast if K is
-    stored in blocks.
+    `set_constrained_directions` constrain, and B has the springs of `set_constrained_directions`.
+    The smoother is a Chebyshev polynomial of degree 2 with the inverse diagonal blocks of nodes.
+    The coarse level uses one cycle of algebraic multigrid that knows the rigid motions. Products
+    are twice as fast if K is stored in blocks.
 
     Args:
         K: matrix (n, n) without supports.

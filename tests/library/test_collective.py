@@ -81,7 +81,7 @@ ERROR_ON_FAILING_RANK = KeyError("x")
 
 
 def return_or_fail_on_one_rank(value):
-    """Return a value, or raise `RAISED_ERROR` if this process is the one that fails."""
+    """Return a value, or raise `ERROR_ON_FAILING_RANK` if this process is the one that fails."""
     if IS_FAILING_RANK:
         raise ERROR_ON_FAILING_RANK
     return value

@@ -363,8 +363,8 @@ class OverlapQuadrature:
 def compute_tributary_areas(boundary_facets: BoundaryFacets, revolved: bool) -> Array:
     """Return the integral (n,) of the weight function of each node over a whole trace.
 
-    Sub-facets are treated like the sub-facets of an `Overlap`. With `revolved`, areas are those of
-    the whole circumference.
+    Sub-facets are treated like the sub-facets of an `OverlapQuadrature`. With `revolved`, areas are
+    those of the whole circumference.
     """
     nodes, corners, _ = boundary_facets.sub_facet_nodes_corners_and_normals
     k = corners.shape[1]

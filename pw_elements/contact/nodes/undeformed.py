@@ -77,9 +77,10 @@ class ContactKinematics(Protocol):
     ) -> LinearisedKinematics:
         """Return kinematics that are linearised at a solution.
 
-        The arguments are those of `kinematics_at_iterate`. At small strains the kinematics are
-        linearised anew if a surface is free to move, or if there is support friction. Otherwise,
-        and at large strains, `previous` is returned, which is already valid at the solution.
+        The arguments are those of `kinematics_and_point_motions_at_iterate`. At small strains the
+        kinematics are linearised anew if a surface is free to move, or if there is support
+        friction. Otherwise, and at large strains, `previous` is returned, which is already valid at
+        the solution.
         """
 
     def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:

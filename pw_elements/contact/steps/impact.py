@@ -429,9 +429,9 @@ class _CentralDifferenceIntegration:
             at rest.
         load: load vector, or a function of time that returns it; None for no load.
         step: the time step.
-        u: displacements (n,) at time zero, changed by `advance`.
-        v: velocities (n,) at time zero. They are changed by `advance`, and are then the velocities
-            half a step before the displacements.
+        u: displacements (n,) at time zero, changed by `advance_one_step`.
+        v: velocities (n,) at time zero. They are changed by `advance_one_step`, and are then the
+            velocities half a step before the displacements.
 
     Attributes:
         energies: five numbers at each half step: kinetic energy, strain energy, and the work of

@@ -310,7 +310,7 @@ def verify_state(
 ) -> ContactState:
     """Return the state with residuals and allowances that are computed anew.
 
-    The arguments are those of `measure_residuals`.
+    The arguments are those of `measure_residuals_and_allowances`.
 
     Raises:
         NotFound: on all processes, if a condition is violated by more than the tolerance plus its
