@@ -567,9 +567,7 @@ class ContactInterface:
     def evaluate_gaps_normals_and_curvatures_or_nan(
         self, motion_in_surface_frame: Array
     ) -> tuple[Array, Array, Array]:
-        """Return results of `evaluate_gaps_normals_and_curvatures`, NaN where there is no
-        closest point; collective.
-        """
+        """Return gaps, normals and curvatures, NaN where there is no closest point; collective."""
         dim = motion_in_surface_frame.shape[1]
         results = [
             np.zeros((len(motion_in_surface_frame), *shape)) for shape in ((), (dim,), (dim, dim))
