@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from study.publish.plots.style import mesh_plot
+from figures.style import mesh_plot
 from study.publish.plots.symbols import arrow, roller
 from study.run.store import Results
 

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
+from figures.style import LOOK, MANY
 from study.model.vocabulary import ELEMENTS
 from study.paper.bands import (
     DIAGONALS_LABEL,
@@ -15,7 +16,6 @@ from study.paper.bands import (
     envelope,
     list_case_family,
 )
-from study.publish.plots.style import LOOK, MANY
 from study.run.store import Results
 
 DATA_BAND = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}

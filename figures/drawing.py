@@ -22,7 +22,7 @@ from PIL import Image
 
 import figures
 from figures.narrow import narrowed
-from study.publish.plots.style import MANY, style
+from figures.style import MANY, style
 from study.run import files
 from study.run.cases import SECTIONS, page_source
 from study.run.pages import list_figures
@@ -38,7 +38,7 @@ from study.run.store import (
     write_whole,
 )
 
-FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow"}
+FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "style"}
 
 RASTER = 200  # dots per inch of what is an image within a drawing
 KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import SIDE
+from figures.style import SIDE
 from study.run.store import Results
 
 SECTION = "3"

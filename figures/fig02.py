@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
-from study.publish.plots.style import FULL, LOOK
+from figures.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "3"

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import BESIDE, LOOK
+from figures.style import BESIDE, LOOK
 from study.run.store import Results
 
 SECTION = "5"

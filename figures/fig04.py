@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import SIDE, mesh_plot
+from figures.style import SIDE, mesh_plot
 from study.publish.plots.symbols import load_arrows, roller
 from study.run.store import Results
 

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.publish.plots.style import FULL, mesh_plot
+from figures.style import FULL, mesh_plot
 from study.publish.plots.symbols import INK, arrow, load_arrows
 from study.run.store import Results
 

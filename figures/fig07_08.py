@@ -11,10 +11,10 @@ from figures.contact import (
     diagonal_band,
     family,
 )
+from figures.style import FULL, LOOK
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import ELEMENTS, OWN
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
-from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import FULL, mesh_plot
+from figures.style import FULL, mesh_plot
 from study.publish.plots.symbols import INK, arrow
 from study.run.store import Results
 

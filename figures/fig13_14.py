@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.contact import DATA_BAND, diagonal_band, family
+from figures.style import FULL, LOOK
 from study.model.vocabulary import ELEMENTS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
-from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.4"

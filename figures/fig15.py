@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from figures.column import MM, SURFACES, SYNTHETIC, outline, surface
-from study.publish.plots.style import FULL, mesh_plot
+from figures.style import FULL, mesh_plot
 from study.publish.plots.symbols import INK, arrow, roller
 from study.run.store import Results
 

@@ -15,9 +15,9 @@ from figures.contact import (
     diagonal_band,
     family,
 )
+from figures.style import FULL, LOOK
 from study.model.vocabulary import OWN
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, list_case_family
-from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
 

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.beam import MESH, NOTE, half_beam
-from study.publish.plots.style import FULL
+from figures.style import FULL
 from study.publish.plots.symbols import roller
 from study.run.store import Results
 

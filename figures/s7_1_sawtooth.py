@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import FULL, LOOK
+from figures.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.1"

@@ -4,9 +4,9 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED
+from figures.style import FULL, LOOK
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import OWN, TRIBUTARY
-from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.2"

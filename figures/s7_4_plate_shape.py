@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED, deformed, force_arrows
-from study.publish.plots.style import FULL
+from figures.style import FULL
 from study.run.store import Results
 
 SECTION = "7.4"

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from figures import contact
 from figures.column import MM, SYNTHETIC, outline
-from study.publish.plots.style import FULL, LOOK
+from figures.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.5"

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from figures.column import MM, SURFACES, SYNTHETIC, surface
 from figures.contact import deformed, force_arrows
-from study.publish.plots.style import FULL
+from figures.style import FULL
 from study.run.store import Results
 
 SECTION = "7.5"

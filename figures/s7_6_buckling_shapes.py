@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import FULL, LOOK
+from figures.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.6"

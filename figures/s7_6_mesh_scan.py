@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from figures.style import FULL, LOOK
 from study.judge import measures
-from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.6"

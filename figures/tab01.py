@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.column import SYNTHETIC
+from figures.style import FULL, LOOK
 from study.judge import measures
-from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.5"

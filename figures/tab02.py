@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from figures.style import FULL, LOOK
 from study.paper.items import TABLE_2
-from study.publish.plots.style import FULL, LOOK
 from study.run.store import Results
 
 SECTION = "7.6"

@@ -248,7 +248,7 @@ def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_module
         finally:
             sys.setprofile(None)
 
-    monkeypatch.setattr(LinearIncrementEquations, "solve", solve_with_profile)
+    monkeypatch.setattr(LinearIncrementEquations, "solve_linearised_system", solve_with_profile)
     monkeypatch.setattr(SmallStrainKinematics, "linearise", linearise_without_profile)
     monkeypatch.setattr(stepping, "solve_increment", solve_increment_without_profile)
     block = BlockOnFloor(8, method)
