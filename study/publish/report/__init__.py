@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import jinja2
 from markupsafe import Markup
 
-from study.publish.texts import HERE, Place, Texts, has_text, numbers, provenance
-from study.run.cases import SECTIONS, title
+from study.publish.texts import HERE, Place, Texts, numbers, provenance
+from study.run.cases import SECTIONS
 from study.run.store import CorruptResult, MissingResult, NoScalar, Results, write_whole
 
 if TYPE_CHECKING:
     import weasyprint
 
 # The parts in their order: text, of a section of the study or of several; chapter or section;
-# title. In the place of "further benchmarks" come the sections that no other part shows.
+# title. Sections that no part shows are in the appendix alone.
 PARTS = (
     ("answer", "", ""),
     ("evidence", "chapter", "What was tested, and with which result"),
@@ -38,7 +38,6 @@ PARTS = (
     ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
     ("V16", "section", "Large sliding"),
     ("V17", "section", "Two bodies at large sliding"),
-    ("further benchmarks", "", ""),
     ("W", "section", "Laws of nodal forces: does an engineer's answer change?"),
     ("C", "chapter", "Accuracy, and where the new element is worse"),
     ("K", "chapter", "What it costs"),
@@ -48,22 +47,7 @@ PARTS = (
     ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
     ("references", "chapter", "References and nomenclature"),
 )
-SHOWN_ON_THE_SITE_ALONE = ("I", "V4", "V5", "V6", "V7")  # chapters sum them up in their own words
 BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
-
-
-def list_parts() -> list[tuple[str, str, str]]:
-    """Return the parts, with the sections that no chapter shows in their place."""
-    names = [name for name, *_ in PARTS]
-    shown = {*names, *SHOWN_ON_THE_SITE_ALONE}
-    for name in names:
-        for path in HERE.glob(f"{name}.*"):
-            shown |= set(re.findall(r'text\("([^"]+)"\)', path.read_text(encoding="utf-8")))
-    further = [
-        (one, "section", title(one)) for one in SECTIONS if one not in shown and has_text(one)
-    ]
-    place = names.index("further benchmarks")
-    return [*PARTS[:place], *further, *PARTS[place + 1 :]]
 
 
 class Rendered(NamedTuple):
@@ -149,7 +133,7 @@ class _Paper(Texts):
         self.numbers, self.incomplete = {}, []
         made: list[Part] = []
         chapter = section = 0
-        for name, kind, heading in list_parts():
+        for name, kind, heading in PARTS:
             self._sections = []
             body = self._body(name)
             if not body.strip():  # there are no results yet of which it could tell

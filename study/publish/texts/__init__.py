@@ -316,11 +316,6 @@ def _markdown_template(name: str) -> str | None:
     return "\n".join(["{% extends layout %}", texts.get("MACROS", ""), *blocks])
 
 
-def has_text(section: str) -> bool:
-    """Return whether the page of a section has a text."""
-    return _markdown_template(f"{section}.html") is not None
-
-
 def _without_blank_lines(html: Markup) -> Markup:
     """Return HTML in one piece: a blank line would end it within Markdown."""
     return Markup("\n").join(line for line in html.splitlines() if line.strip()) + "\n"
