@@ -103,7 +103,8 @@ def test_a_folder_of_the_library_has_at_most_eight_modules():
 @pytest.mark.parametrize("package", ["pw_elements", "study"])
 def test_a_module_has_at_most_700_lines(package):
     paths = list((ROOT / package).rglob("*.py"))
-    paths = [path for path in paths if path.name != "page.py"]  # limited in characters
+    # pages and what lies beside them are limited in characters
+    paths = [path for path in paths if "benchmarks" not in path.parts]
     lines = {path.relative_to(ROOT): len(path.read_text().splitlines()) for path in paths}
     assert lines
     assert {name: n for name, n in lines.items() if n > 700} == {}

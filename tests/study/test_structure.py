@@ -64,5 +64,14 @@ def test_a_page_says_what_it_is_about(section):
     assert {"RESULT", "DETAILS", "FINDINGS"} & constants.keys()
 
 
+def test_files_beside_a_page_are_no_longer_than_pages():
+    lengths = {
+        path: len(path.read_text(encoding="utf-8"))
+        for path in files_of(STUDY / "benchmarks")
+        if path.suffix == ".py"
+    }
+    assert {path: n for path, n in lengths.items() if n > MAX_PAGE_CHARACTERS} == {}
+
+
 def test_each_section_has_one_page():
     assert list(SECTIONS) == list(find_pages())
