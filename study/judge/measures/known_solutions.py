@@ -57,16 +57,6 @@ def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
     return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
 
 
-def stick_outside(results: Results, cases: Selection) -> float:
-    """Largest distance of the known stick radius from the interval of nodes that holds it."""
-    return max(
-        max(
-            0.0, abs(s.scalars["stick"] - s.scalars["stick_known"]) - s.scalars["stick_between"] / 2
-        )
-        for s in matching(results, "V4", cases)
-    )
-
-
 def refinement_order(results: Results, element: str, name: str) -> float:
     """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
     cases = sorted(

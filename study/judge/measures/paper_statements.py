@@ -96,16 +96,3 @@ def corner_share_in_examples(results: Results) -> float:
         for element in _STANDARD
     ]
     return max(shares, key=lambda share: abs(share - 0.5))
-
-
-def unevenness_of_standard(results: Results) -> float:
-    """Largest unevenness of the standard elements' pressure over the node's own test function.
-
-    Plane examples; in per cent of the pressure.
-    """
-    plane = [section for section, _ in _EXAMPLES if section != "7.5"]
-    return 100 * max(
-        results.scalar(f"{section}/{element}", "unevenness")
-        for section in plane
-        for element in _STANDARD
-    )
