@@ -2,7 +2,7 @@
 
 Cases of less than a CPU second are computed. Others are read from the stored results of
 `./run study`, if these are of the present code; without them, a check that needs one is skipped,
-or fails if PW_ELEMENTS_RESULTS_REQUIRED is set, as in the gate.
+or fails if STUDY_RESULTS_REQUIRED is set, as in the gate.
 """
 
 import os
@@ -47,7 +47,7 @@ class QuickOrStoredResults(ComputedResults):
         if states[key] == "stored":
             return results[key]
         message = f"{key} is {states[key]} in {STORED}: run ./run study"
-        if os.environ.get("PW_ELEMENTS_RESULTS_REQUIRED"):
+        if os.environ.get("STUDY_RESULTS_REQUIRED"):
             pytest.fail(message)
         pytest.skip(message)
 
