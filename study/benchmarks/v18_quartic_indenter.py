@@ -1,4 +1,4 @@
-"""Indenters of the fourth order: contact pressures with their peak away from the middle."""
+"""Quartic indenters: contact pressures with their peak away from the middle."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -24,17 +24,17 @@ Array = npt.NDArray[np.floating[Any]]
 Points = npt.NDArray[np.float64]
 
 SECTION = "V18"
-TITLE = "Indenters of the fourth order"
+TITLE = "Quartic indenters"
 FACTS = {
     "geometry": "rigid profiles y = A x⁴ on a half plane and y = A r⁴ on a half space; one half, "
     "5 a wide and deep",
     "mesh": "4, 8, 16 and 32 elements over the contact's half width a, growing by 1.3 outside",
     "material": "linear elastic, plane strain and axisymmetric; E = 1000, ν = 0.3",
-    "supports": "exact displacements of the half space on the outer sides; smooth contact",
+    "supports": "exact displacements of the half space on the outer sides; frictionless contact",
     "load": "the force at which a = 1",
     "reference": "I. Y. Shtaerman; I. N. Sneddon (1965)",
-    "uncertainty": "none of the body's size; root mean squares over four places of the contact's "
-    "edge",
+    "uncertainty": "no error from the finite body; errors are root mean squares over four positions "
+    "of the contact's edge",
 }
 REFERENCES = {
     "sneddon": {
@@ -48,12 +48,12 @@ REFERENCES = {
 # Problem and exact solution
 
 PROBLEM = r"""
-Below an indenter that is flatter in the middle than Hertz', $y = A x^4$, the pressure is largest near the edge of the contact
+Under a quartic indenter, $y = A x^4$, which is flatter than Hertz' parabola, the pressure peaks near the edge of the contact
 {{ cite("sneddon") }}.
 """
 
 THEORY = r"""
-In the plane the equation of a smooth indenter on a half plane {{ cite("johnson") }} has the solution
+For a frictionless indenter on a half plane {{ cite("johnson") }} the contact pressure and the force are
 
 $$
 p(x) = E^* A\,(a^2 + 2 x^2)\sqrt{a^2 - x^2}, \qquad P = \frac{3\pi}{4} E^* A a^4 .
@@ -73,7 +73,6 @@ BODY = Elastic(youngs_modulus=1000.0, poissons_ratio=0.3)
 HALF_WIDTH = 1.0
 COEFFICIENT = 1e-3
 """A of the profile, per cubed length."""
-PEAK_OVER_MIDDLE = np.sqrt(2.0)
 _SOURCES = 64
 """Point forces that replace the pressure at a distance of a half width or more."""
 
@@ -210,7 +209,7 @@ def quartic(element: str, kind: str) -> Result:
     }
     result = series(element, Indenter(exact, QuarticPunch(COEFFICIENT), state), meshes)
     exact_peak = float(exact.pressure(np.array([exact.half_width / np.sqrt(2.0)]))[0])
-    # the shared measure compares the peak with the pressure in the middle, where it is not
+    # `series` compares the peak with the exact pressure in the middle: error_peak and order_peak
     scalars = {name: value for name, value in result.scalars.items() if "_peak" not in name[5:]}
     scalars["error_peak"] = abs(scalars["peak_pressure"] / exact_peak - 1)
     scalars["exact_peak"] = exact_peak
@@ -234,7 +233,7 @@ CASES = [
 DETAILS = r"""
 {{ figure("v18_quartic") }}
 
-{% call table("v18-quartic", "Indenters of the fourth order, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
+{% call table("v18-quartic", "Quartic indenters, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
 | Element | Plane: nodal forces | own-function pressure, all nodes | inner 80 % | Round: nodal forces | own-function pressure, all nodes | inner 80 % |
 |---|---:|---:|---:|---:|---:|---:|
 {% for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9") %}
@@ -246,7 +245,7 @@ DETAILS = r"""
 
 
 def draw_quartic(results: Results) -> Figure:
-    """Pressure below indenters of the fourth order, and its error."""
+    """Pressure under quartic indenters, and its error."""
     fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.4))
     for (kind, (exact, _)), pressure_axis, error_axis in zip(
         EXACT.items(), axes[::2], axes[1::2], strict=True
@@ -276,7 +275,7 @@ FIGURES = [
         "v18_quartic",
         draw_quartic,
         needs=[f"V18/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
-        caption="Indenters y = A x⁴ on a half plane (line) and on a half space (round): pressure "
+        caption="Quartic indenters y = A x⁴ on a half plane (line) and on a half space (round): pressure "
         "over tributary areas with 8 elements over the half width a, and the error of the "
         "own-function pressure over the number of elements.",
         alt="Four plots. Tributary pressures of the new triangle lie on the exact curve, which "
@@ -290,13 +289,14 @@ FIGURES = [
 CHECKS = [
     check(
         "V18-order",
-        "Below an indenter of the fourth order the own-function pressure away from the edge "
+        "Under a quartic indenter the own-function pressure away from the edge "
         "converges with an order above 1.5, for all elements.",
         lambda results: smallest(results, "V18", ".*", "order_pressure_own_inner"),
         ">",
         1.5,
         tolerance_set="after",
-        tolerance_why="a bound, set before on meshes of up to 16 elements, on which it fails: 1.4",
+        tolerance_why="a bound; it was set before any value for meshes of up to 16 elements, on which the "
+        "order is 1.4",
         why="A weighted mean taken as a nodal value is of order 2 where the pressure is smooth; "
         "the inner 80 % include the peak.",
     ),
@@ -314,12 +314,12 @@ CHECKS = [
 ]
 
 FINDINGS = r"""
-Below indenters of the fourth order, whose pressure has its peak at 0.71 of the half width, the new triangle's error over all
-nodes is {{ fixed(s("V18/line-pw-T6", "error_pressure_own") / s("V18/line-galerkin-T6", "error_pressure_own"), 2) }} (plane)
-and {{ fixed(s("V18/round-pw-T6", "error_pressure_own") / s("V18/round-galerkin-T6", "error_pressure_own"), 2) }} times (round)
-that of the standard one with 32 elements over the half width, and inside 80 % of it
+With 32 elements over the half width, the new triangle's error over all nodes is
+{{ fixed(s("V18/line-pw-T6", "error_pressure_own") / s("V18/line-galerkin-T6", "error_pressure_own"), 2) }} (plane) and
+{{ fixed(s("V18/round-pw-T6", "error_pressure_own") / s("V18/round-galerkin-T6", "error_pressure_own"), 2) }} (round) times the
+standard one's; within 80 % of the half width, which has the peak at 0.71 of it, the ratio is
 {{ fixed(s("V18/line-pw-T6", "error_pressure_own_inner") / s("V18/line-galerkin-T6", "error_pressure_own_inner"), 2) }} and
-{{ fixed(s("V18/round-pw-T6", "error_pressure_own_inner") / s("V18/round-galerkin-T6", "error_pressure_own_inner"), 2) }} times.
+{{ fixed(s("V18/round-pw-T6", "error_pressure_own_inner") / s("V18/round-galerkin-T6", "error_pressure_own_inner"), 2) }}.
 """
 
 LIMITS = r"""
