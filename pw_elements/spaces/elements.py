@@ -32,7 +32,7 @@ from pw_elements.arrays import Array, Mask
 
 _TETRAHEDRON = CellType.tetrahedron
 # Distance from a side, in the reference cell, below which a point counts as lying on the side
-_REFERENCE_DISTANCE_ON_SIDE = 1e-10
+_SIDE_TOLERANCE_IN_PARENT_CELL = 1e-10
 
 SUPPORTED_CELL_NAMES = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
@@ -99,7 +99,7 @@ class TwelveCellTetrahedron(basix.ufl._BasixElement):
             "cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points])
         )
         depth = barycentric.min(axis=2)
-        _refuse_unsuitable_quadrature_points(nderivs, points, depth)
+        _refuse_points_unequally_many_in_sub_cells(nderivs, points, depth)
         cell, point = depth.argmax(axis=0), np.arange(len(points))
         table = np.zeros((math.comb(nderivs + 3, 3), len(points), nodal.shape[2]))
         table[0] = np.einsum("qj,qjn->qn", barycentric[cell, point], nodal[cell])
@@ -113,7 +113,7 @@ class TwelveCellTetrahedron(basix.ufl._BasixElement):
         return table
 
 
-def _refuse_unsuitable_quadrature_points(
+def _refuse_points_unequally_many_in_sub_cells(
     derivative_order: int, points: Array, least_barycentric: Array
 ) -> None:
     """Raise ValueError for quadrature points that would integrate the element wrongly.
@@ -128,10 +128,10 @@ def _refuse_unsuitable_quadrature_points(
     # values may be tabulated at any points, for interpolation for example, except at the points of
     # FFCx's rules for the whole tetrahedron and for a single cut
     rules = [] if derivative_order else _ffcx_tetrahedron_points_by_count().get(len(points), [])
-    is_rule = any(np.allclose(points, rule, atol=_REFERENCE_DISTANCE_ON_SIDE) for rule in rules)
+    is_rule = any(np.allclose(points, rule, atol=_SIDE_TOLERANCE_IN_PARENT_CELL) for rule in rules)
     if not (is_inside.any() if derivative_order else is_rule):
         return
-    is_in_cell = least_barycentric[:, is_inside] > _REFERENCE_DISTANCE_ON_SIDE
+    is_in_cell = least_barycentric[:, is_inside] > _SIDE_TOLERANCE_IN_PARENT_CELL
     counts = is_in_cell.sum(axis=1)
     if np.any(counts != counts[0]) or counts.sum() != is_inside.sum():
         raise ValueError(
@@ -144,7 +144,7 @@ def _refuse_unsuitable_quadrature_points(
 
 def _is_inside_reference_tetrahedron(points: Array) -> Mask:
     """Return whether points (n, 3) lie in the interior of the reference tetrahedron."""
-    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _REFERENCE_DISTANCE_ON_SIDE
+    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE_IN_PARENT_CELL
 
 
 @functools.cache

@@ -36,7 +36,7 @@ CYLINDER_TRANSLATIONS_IN_RADII = (
     (-0.1, -0.25),
     (-0.1, 0.05),
 )
-SPACES_BY_ELEMENT_NAME = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
+SPACE_MAKERS_BY_ELEMENT_NAME = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
 class EnergyBalance(NamedTuple):
@@ -58,7 +58,7 @@ def measure_energy_balance(
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
-    spaces = SPACES_BY_ELEMENT_NAME[element](mesh)
+    spaces = SPACE_MAKERS_BY_ELEMENT_NAME[element](mesh)
     u, residual = make_finite_strain_unknown_and_residual(
         spaces, lambda F: neo_hookean_piola_stress(F, 1.0, LAME_RATIO)
     )
@@ -105,7 +105,7 @@ def print_energy_balances() -> None:
     parser.add_argument("--increments", type=int, nargs="+", default=[4, 8, 16, 32])
     parser.add_argument("--per-radius", type=int, nargs="+", default=[4])
     options = parser.parse_args()
-    for element in SPACES_BY_ELEMENT_NAME:
+    for element in SPACE_MAKERS_BY_ELEMENT_NAME:
         for per_radius in options.per_radius:
             for n in options.increments:
                 balance = measure_energy_balance(element, n, per_radius)

@@ -8,7 +8,7 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import (
     BoundaryFacets,
     OverlapQuadrature,
-    compute_facet_nodes_positions_and_normals,
+    compute_facet_nodes_positions_and_facet_normals,
     compute_tributary_areas,
     gather_boundary_facets,
 )

@@ -186,13 +186,13 @@ def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> Bo
         space: space of displacements.
         facets: local numbers of the facets on this process.
     """
-    nodes, x, outward = compute_facet_nodes_positions_and_normals(space, facets)
+    nodes, x, outward = compute_facet_nodes_positions_and_facet_normals(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
     return BoundaryFacets(*(np.concatenate(part) for part in parts))
 
 
-def compute_facet_nodes_positions_and_normals(
+def compute_facet_nodes_positions_and_facet_normals(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
     """Return nodes (f, k), node positions (f, k, dim) and outward normals (f, dim) of facets.

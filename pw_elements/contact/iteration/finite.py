@@ -196,7 +196,7 @@ class LargeStrainEquilibrium:
 
     def max_imbalance_to_tolerance_ratio(
         self,
-        contact_and_support_forces: Array,
+        unbalanced_magnitudes: Array,
         tolerance_from_contact_forces: float,  # noqa: ARG002
         unknowns: PETSc.Vec,  # noqa: ARG002
     ) -> float:
@@ -208,7 +208,7 @@ class LargeStrainEquilibrium:
         round-off is that of volumes.
 
         Args:
-            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations
+            unbalanced_magnitudes: magnitudes (n_r,) of the unbalanced forces in the equations
                 of this process.
             tolerance_from_contact_forces: not used here.
             unknowns: not used here.
@@ -224,7 +224,7 @@ class LargeStrainEquilibrium:
         allowed = allowed + np.where(volume_round_off > 0, 0.0, force_round_off)
         if not self._satisfies_supports:
             return np.inf
-        return float(np.max(contact_and_support_forces / allowed, initial=0.0))
+        return float(np.max(unbalanced_magnitudes / allowed, initial=0.0))
 
     def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Linearise at the current iterate: update the contact system and return the load (n_r,).

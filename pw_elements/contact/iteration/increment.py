@@ -85,14 +85,14 @@ class Equilibrium(Protocol):
 
     def max_imbalance_to_tolerance_ratio(
         self,
-        contact_and_support_forces: Array,
+        unbalanced_magnitudes: Array,
         tolerance_from_contact_forces: float,
         unknowns: PETSc.Vec,
     ) -> float:
         """Return the largest ratio of an unbalanced force to its tolerance on this process.
 
         Args:
-            contact_and_support_forces: magnitudes (n_r,) of the unbalanced forces in the equations
+            unbalanced_magnitudes: magnitudes (n_r,) of the unbalanced forces in the equations
                 of this process.
             tolerance_from_contact_forces: part of the tolerance that follows from the contact
                 forces, a force.
@@ -152,7 +152,7 @@ class LinearEquilibrium:
 
     def max_imbalance_to_tolerance_ratio(
         self,
-        contact_and_support_forces: Array,
+        unbalanced_magnitudes: Array,
         tolerance_from_contact_forces: float,
         unknowns: PETSc.Vec,
     ) -> float:
@@ -161,7 +161,7 @@ class LinearEquilibrium:
         allowed = (
             tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
         )
-        max_unbalanced = float(contact_and_support_forces.max(initial=0.0))
+        max_unbalanced = float(unbalanced_magnitudes.max(initial=0.0))
         return max_unbalanced / allowed if max_unbalanced else 0.0
 
     def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:

@@ -86,7 +86,7 @@ _NEGLIGIBLE_TO_ABSOLUTE_WORK_RATIO = 1e-9
 # of a friction cone by round-off
 _MAX_CONTACT_FORCE_TO_LOAD_RATIO = 1e3
 # Smallest violation of a friction cone that requires a cut in the linear program
-_MAX_CONE_VIOLATION_WITHOUT_CUT = 1e-10
+_MAX_CONE_VIOLATION_WITHOUT_CUTTING_PLANE = 1e-10
 _MAX_CUTTING_PLANE_ROUNDS = 40
 # Cost of motion in the linear program, which prevents motions in which the loads do no work
 _MOTION_COST_PER_MAX_POWER = 1e-7
@@ -252,7 +252,7 @@ def find_unresisted_motion_of_most_work(
             return np.zeros(k), np.zeros(k)
         motion = best.x[:k] - best.x[k:]
         violating = nodes.select_nodes(
-            nodes.friction_cone_margins(motion) < -_MAX_CONE_VIOLATION_WITHOUT_CUT
+            nodes.friction_cone_margins(motion) < -_MAX_CONE_VIOLATION_WITHOUT_CUTTING_PLANE
         )
         sliding: Array = violating.tangential @ motion
         speed = np.linalg.norm(sliding, axis=1, keepdims=True)

@@ -23,7 +23,7 @@ from pw_elements.contact.interface import (
     MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
     RIGID,
     ContactInterface,
-    compute_facet_nodes_positions_and_normals,
+    compute_facet_nodes_positions_and_facet_normals,
 )
 from pw_elements.contact.iteration import IncrementEquations, NewtonState
 from pw_elements.contact.model import (
@@ -380,7 +380,7 @@ def _measure_exterior_facets_at_nodes(
     """
     mesh, comm = space.mesh, space.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    nodes, x, normal = compute_facet_nodes_positions_and_normals(
+    nodes, x, normal = compute_facet_nodes_positions_and_facet_normals(
         space, exterior_facet_indices(mesh.topology)
     )
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)

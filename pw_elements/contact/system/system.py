@@ -215,7 +215,9 @@ class ContactSystem:
             (borders.shape[0], reduced_motion.shape[1] - len(free_motions))
         )
         self._borders = sp.hstack([empty_columns, borders], "csr")
-        local_forces, contact_rows, csr = self._assemble_force_rows_contact_rows_and_matrix()
+        local_forces, contact_rows, csr = (
+            self._assemble_contact_force_rows_contact_rows_and_matrix()
+        )
         self.law_scale = masked_row_mean(
             extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal,
             has_equation,
@@ -230,7 +232,7 @@ class ContactSystem:
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
         )
 
-    def _assemble_force_rows_contact_rows_and_matrix(
+    def _assemble_contact_force_rows_contact_rows_and_matrix(
         self,
     ) -> tuple[sp.csr_matrix, ContactLawRows, CsrArrays]:
         """Return the force rows, the rows of the contact points, and arrays of the whole matrix.
@@ -307,7 +309,7 @@ class ContactSystem:
 
         def assemble() -> tuple[ContactLawRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
-            return self._assemble_force_rows_contact_rows_and_matrix()[1:]
+            return self._assemble_contact_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=False)
 
@@ -327,7 +329,7 @@ class ContactSystem:
             self._reduced_motion = extract_local_rows(
                 motion_operator.matMult(self.reduction.right), len(self.free_motions)
             )
-            return self._assemble_force_rows_contact_rows_and_matrix()[1:]
+            return self._assemble_contact_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=True)
 
