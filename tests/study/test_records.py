@@ -10,11 +10,12 @@ import pytest
 
 import study.publish.command
 from study.benchmarks.k_cost import measure
+from study.publish import renew_records
 from study.run import records
 from study.run.cases import load_section
 
 QUICK, TIMED = "V13/square-own-64", "Q/seconds-penalty-16"
-COSTLY = records.costly_cases()
+COSTLY = renew_records.costly_cases()
 
 
 def test_the_record_is_of_cases_that_pages_mark_with_their_parameters():
@@ -51,20 +52,20 @@ def test_a_record_of_other_parameters_is_not_read(tmp_path, monkeypatch):
 def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys):
     case = replace(COSTLY[QUICK] if QUICK in COSTLY else _case(QUICK), costly=True)
     timed = replace(COSTLY[TIMED] if TIMED in COSTLY else _case(TIMED), costly=True)
-    monkeypatch.setattr(records, "costly_cases", lambda: {QUICK: case, TIMED: timed})
+    monkeypatch.setattr(renew_records, "costly_cases", lambda: {QUICK: case, TIMED: timed})
     monkeypatch.setattr(records, "RECORD", tmp_path / "records.json")
     monkeypatch.setattr(records, "COSTLY_SECONDS", 0.0)
-    assert records.main([]) == 0  # writes both
-    assert records.main(["--check", QUICK, TIMED]) == 0  # CPU seconds are never the same
+    assert renew_records.main([]) == 0  # writes both
+    assert renew_records.main(["--check", QUICK, TIMED]) == 0  # CPU seconds are never the same
     content = json.loads(records.RECORD.read_text())
     content["rows"][0]["scalars"]["nodes"] += 1
     records.RECORD.write_text(json.dumps(content))
-    records._read.cache_clear()
-    assert records.main(["--check", QUICK]) == 1
+    records.forget_rows()
+    assert renew_records.main(["--check", QUICK]) == 1
     assert "TOO LARGE: V13/square-own-64 nodes 128 and 127" in capsys.readouterr().out
-    assert records.main([QUICK]) == 0  # computes the row again, and keeps the other
+    assert renew_records.main([QUICK]) == 0  # computes the row again, and keeps the other
     assert len(json.loads(records.RECORD.read_text())["rows"]) == 2
-    assert records.main(["--check", QUICK]) == 0
+    assert renew_records.main(["--check", QUICK]) == 0
 
 
 def _case(key):
@@ -75,7 +76,7 @@ def _case(key):
 
 def test_unknown_cases_are_refused(capsys):
     with pytest.raises(SystemExit):
-        records.main(["V13/square-own-65"])
+        renew_records.main(["V13/square-own-65"])
     assert "no costly case V13/square-own-65" in capsys.readouterr().err
 
 

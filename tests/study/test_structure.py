@@ -1,11 +1,13 @@
 """The structure of the study: a page for each section, few entries, few modules in a folder."""
 
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 from study.run.cases import SECTIONS, page_source
 from study.run.pages import find_pages, read_constants
+from study.run.sources import imported
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "study"
@@ -75,3 +77,13 @@ def test_files_beside_a_page_are_no_longer_than_pages():
 
 def test_each_section_has_one_page():
     assert list(SECTIONS) == list(find_pages())
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    """Imports within functions count, too."""
+    modules = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in files_of(STUDY)
+        if path.suffix == ".py" and path.name != "__init__.py"
+    }
+    TopologicalSorter({name: imported(name) & modules for name in modules}).prepare()

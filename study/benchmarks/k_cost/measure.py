@@ -18,9 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
+from study.benchmarks.k_cost.tasks import TASKS, Row
 from study.run.store import write_json
 
 RECORD = Path(__file__).parents[2] / "run" / "cost_record.json"
@@ -32,36 +33,6 @@ ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
 # Rows
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measurement.
-
-    Args:
-        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
-            "search": the facing parts of their faces, "pieces": loose ones side by side on a plane,
-            "sliding": a rough ball pressed into rubber, and on along it, at large strains,
-            "incompressible": a linear solution with a pressure field, or "linear": one solution of
-            K with contact's solver, of the clamped block.
-        element: as in the study, or one of CalculiX.
-        cells: along the height of the block, or of the lower one; or the number of pieces.
-        method: "Direct", "Iterative", "compared": both, for their difference; "graded": wide cells
-            around the others; or "CalculiX", which `tests.speed.calculix_block` measures.
-        processes: of MPI.
-    """
-
-    task: str
-    element: str
-    cells: int
-    method: str = "Direct"
-    processes: int = 1
-
-    @property
-    def name(self) -> str:
-        """Name of the case."""
-        parallel = f"-{self.processes}" if self.processes > 1 else ""
-        return f"{self.task}-{self.element}-{self.cells}-{self.method}{parallel}"
 
 
 def list_rows() -> Iterator[Row]:
@@ -177,8 +148,6 @@ def run_alone(row: Row) -> dict[str, float]:
 def _run_here(row: Row) -> None:
     """Measure one row in this process, and print its numbers."""
     from mpi4py import MPI
-
-    from study.benchmarks.k_cost.tasks import TASKS
 
     comm, started = MPI.COMM_WORLD, time.perf_counter()
     numbers = TASKS[row.task](row)

@@ -8,13 +8,13 @@ part of the measured memory and of the time of a process.
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from study.benchmarks.k_cost.measure import Row
 from study.model.vocabulary import SLIP, STICK
 
 if TYPE_CHECKING:
@@ -31,6 +31,37 @@ T = TypeVar("T")
 Mask = npt.NDArray[np.bool_]
 IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
 """Whether entities (m,) of a dimension belong to the upper block."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement.
+
+    Args:
+        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
+            "search": the facing parts of their faces, "pieces": loose ones side by side on a plane,
+            "sliding": a rough ball pressed into rubber, and on along it, at large strains,
+            "incompressible": a linear solution with a pressure field, or "linear": one solution of
+            K with contact's solver, of the clamped block.
+        element: as in the study, or one of CalculiX.
+        cells: along the height of the block, or of the lower one; or the number of pieces.
+        method: "Direct", "Iterative", "compared": both, for their difference; "graded": wide cells
+            around the others; or "CalculiX", which `tests.speed.calculix_block` measures.
+        processes: of MPI.
+    """
+
+    task: str
+    element: str
+    cells: int
+    method: str = "Direct"
+    processes: int = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the case."""
+        parallel = f"-{self.processes}" if self.processes > 1 else ""
+        return f"{self.task}-{self.element}-{self.cells}-{self.method}{parallel}"
+
 
 # Tasks
 

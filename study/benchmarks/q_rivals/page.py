@@ -388,7 +388,7 @@ DETAILS = r"""
 {% endfor %}
 {% endcall %}
 
-<p class="note">Results that take longer than three CPU seconds come from a tracked record, which <code>./run python3 -m study.run.records</code> computes and, with <code>--check</code>, compares. On tetrahedra the sweep of parameters is within a factor of ten of the plane's best. The standard element has no reading over own weights at corners.</p>
+<p class="note">Results that take longer than three CPU seconds come from a tracked record, which <code>./run python3 -m study.publish.renew_records</code> computes and, with <code>--check</code>, compares. On tetrahedra the sweep of parameters is within a factor of ten of the plane's best. The standard element has no reading over own weights at corners.</p>
 """
 
 METHOD_LOOK: dict[str, dict[str, Any]] = {

@@ -330,7 +330,7 @@ DETAILS = r"""
 Worn volumes are $k$ × force × path to round-off, and pressures end within
 {{ num(100 * measure("largest", section="W", cases={"problem": "wear", "element": ["pw-T6", "pw-T10"], "reading": "own"}, name="end_error"), 1) }} %
 of force over area. References from fine meshes are uncertain by {{ num(100 * measure("reference_error"), 1) }} % at most.
-Space and fine meshes are tracked records of `./run python3 -m study.run.records`.
+Space and fine meshes are tracked records of `./run python3 -m study.publish.renew_records`.
 """
 
 PLOTTED_ANSWERS = (

@@ -1,0 +1,50 @@
+"""Compare the pins with stored results, and record what these give.
+
+./run python3 -m study.judge.update_pins            show pins that the stored results contradict
+./run python3 -m study.judge.update_pins --update   ... and record what they give instead
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from study.judge import claims
+from study.judge.pins import FILE, Pin, load_pins
+from study.run.store import Results, write_json
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Show, and with --update record, what differs; the status is 1 if something differs."""
+    parser = argparse.ArgumentParser(prog="study.judge.update_pins")
+    parser.add_argument("results", nargs="?", type=Path, default=Path("results"))
+    parser.add_argument("--update", action="store_true", help="record the numbers found")
+    options = parser.parse_args(arguments)
+    pins = load_pins()
+    verdicts = {
+        verdict.claim.id: verdict
+        for verdict in claims.judge(claims.claims_of_pins(pins), Results(options.results))
+    }
+    differing = [verdict for verdict in verdicts.values() if verdict.differs]
+    print(claims.table(differing) or "no pin differs\n", end="")
+    if options.update:
+        write_json(FILE, [_updated(pin, verdicts[pin["id"]].measured) for pin in pins])
+    return int(bool(differing))
+
+
+def _updated(pin: Pin, measured: float | None) -> Pin:
+    if measured is None:
+        return pin
+    if "found" in pin:
+        return pin | {"found": measured} if _differs(pin, "found", measured) else pin
+    if pin["relation"] == "=" and _differs(pin, "bound", measured):
+        return pin | {"bound": measured}
+    return pin
+
+
+def _differs(pin: Pin, name: str, measured: float) -> bool:
+    tolerance = pin["found_tolerance"] if name == "found" else pin["tolerance"]
+    return bool(abs(measured - pin[name]) > tolerance)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
