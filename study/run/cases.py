@@ -12,9 +12,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from study.run import records
 from study.run.pages import find_pages, read_constants
 from study.run.provenance import versions
-from study.run.records import RECORD_NAME, read_rows, recorded
 from study.run.sources import code_digest, package_sources, reached_sources, source
 from study.run.store import Result, StudyError
 
@@ -115,16 +115,17 @@ def load_section(section: str) -> Section:
 
 
 def _from_record(case: Case) -> Case:
-    row = read_rows().get(case.key) if case.costly else None
-    if row is None or row["parameters"] != case.stored_parameters:
+    row = records.read_rows(records.COSTLY_CASES).get(case.key) if case.costly else None
+    if row is None or row.input_sha256 != records.digest_input(case.stored_parameters):
         return case
+    content = row.content
     return Case(
         case.section,
         case.name,
-        recorded,
-        {"measured": row["scalars"], "units": row["units"], "dofs": row["dofs"]},
-        row["parameters"],
-        record=RECORD_NAME,
+        records.recorded,
+        {"measured": content["scalars"], "units": content["units"], "dofs": content["dofs"]},
+        case.stored_parameters,
+        record=records.name_in_project(records.COSTLY_CASES),
         recomputed=case,
     )
 

@@ -120,6 +120,24 @@ COUNTS = Kind(
     "another way to the same solution may be longer or shorter",
 )
 
+RECORD_KINDS: tuple[Kind, ...] = (
+    Kind(
+        "times, memory, and counts that depend on solver and machine",
+        r"^K/\S+ (\w*seconds|megabytes|over_linear|digits|entries)$",
+        "value",
+        float("inf"),
+        "they are measured, not computed",
+    ),
+    Kind(
+        "counts and norms of measured solutions",
+        r"^K/\S+ (?!difference)",
+        "value",
+        1e-5,
+        "the Krylov solver is exact to its tolerance; set before a value was seen",
+    ),
+)
+"""Kinds of numbers in the record of section K."""
+
 
 def redesigned(tolerance: float) -> tuple[Kind, ...]:
     """Return the kinds with one tolerance, for two results of one version of all libraries."""

@@ -47,7 +47,7 @@ from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.sources import closure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.hertz_line import PENALTIES
 from study.solutions.hertz_problem import Answer, NoSolution, Problem, line, sphere
 
@@ -260,7 +260,7 @@ def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
     """
     candidates = []
     for penalty_stiffness, digest in zip(PENALTIES, tracked, strict=True):
-        peer = peer_of(f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest)
+        peer = load_unchanged_answer(f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest)
         nodes = peer.numbers["x"]
         x = np.linspace(0, nodes[-1], 64 * len(nodes))
         pressure = np.interp(x, nodes, peer.numbers["pressure"])
@@ -312,7 +312,7 @@ CASES += [
             "edges": n,
             "offset": offset,
             "tracked": [
-                tracked_digest(f"hertz-line-{n}-{offset}-{stiffness}") for stiffness in PENALTIES
+                answer_digest(f"hertz-line-{n}-{offset}-{stiffness}") for stiffness in PENALTIES
             ],
         },
         {"method": "calculix", "words": "CalculiX, faces by a penalty", "choices": 1},

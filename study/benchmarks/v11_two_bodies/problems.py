@@ -33,8 +33,8 @@ from study.meshes.solid_meshes import box
 from study.model.reading import compared
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.solutions.calculix.calculix import peer_of
-from study.solutions.calculix.two_bodies import PAIRS, Blocks
+from study.solutions.calculix.calculix import load_unchanged_answer
+from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks
 from study.solutions.half_space import Elastic, HertzLine, HertzSphere
 from study.solutions.stick_slip import Cattaneo
 
@@ -445,22 +445,22 @@ def calculix(case: str, tracked: str) -> Result:
         case: name of the deck.
         tracked: digest of the stored solution.
     """
-    problem, peer = PAIRS[case], peer_of(case, tracked)
+    problem, peer = PAIRS[case], load_unchanged_answer(case, tracked)
     exact: list[HertzSphere] = []
-    if isinstance(problem, Blocks):
+    if isinstance(problem, StackedBlocks):
         two = _two_blocks("p2-p2", 3, 1.0)
     else:
-        two, exact = _two_spheres("p2-p2", problem.edges, problem.other)
+        two, exact = _two_spheres("p2-p2", problem.edges, problem.size_ratio)
     x, peer_x = two.x, problem.nodes
     # nodes of both bodies may coincide: a fourth coordinate tells the bodies apart
-    face, n_lower = peer_x[problem.slave[0] - 1, -1], len(problem.grids[0].places)
+    face, n_lower = peer_x[problem.slave_nodes[0] - 1, -1], len(problem.grids[0].straight_nodes)
     peer_positions = np.column_stack([peer_x, np.arange(len(peer_x)) >= n_lower])
     positions = np.column_stack([x, _nodes_above(two, face)])
     distance, peer_node = cKDTree(peer_positions).query(positions)
     assert distance.max() < 1e-9
     assert len(np.unique(peer_node)) == len(peer_x) == len(x)
     displacement = np.zeros_like(peer_x)
-    displacement[problem.around - 1] = peer.numbers["displacement"].reshape(-1, 3)
+    displacement[problem.nodes_around_contact - 1] = peer.numbers["displacement"].reshape(-1, 3)
     body = replace(two.body, quadrature_degree=CALCULIX_DEGREE)
     u = two.K.createVecRight()
     u.setArray(displacement[peer_node].ravel())
@@ -472,10 +472,10 @@ def calculix(case: str, tracked: str) -> Result:
     for nodes in (node, opposite):
         force[nodes, -1] = residual[nodes, -1]
     peer_pressure = np.zeros(len(peer_x))
-    peer_pressure[problem.slave - 1] = peer.numbers["pressure"]
+    peer_pressure[problem.slave_nodes - 1] = peer.numbers["pressure"]
     pressure, displacement = peer_pressure[peer_node[node]], displacement[peer_node]
     solution = Solution(node, pressure, area, force, opposite, displacement, 0, True, [])
-    if isinstance(problem, Blocks):
+    if isinstance(problem, StackedBlocks):
         exact_pressure: Array = np.full(len(node), problem.pressure)
         result = compare(two, solution, exact_pressure, problem.pressure, np.inf)
     else:

@@ -33,19 +33,19 @@ from study.model.discretisation import spaces
 from study.model.units import dimensionless
 from study.run.cases import Case, mark_costly
 from study.run.store import Result
-from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.die import (
     CURVATURE,
     DEPTH,
     DIES,
-    ELEMENTS,
     FRICTION,
     GAP,
-    HALF,
-    PRESSED,
-    TIMES,
-    lines,
-    shaped,
+    INCREMENT_ENDS,
+    N_CALCULIX_INCREMENTS,
+    N_PRESSING_INCREMENTS,
+    SLIDING_ELEMENTS,
+    mesh_lines,
+    shape_die,
 )
 from study.solutions.rubber import RubberBody, lame_over_shear
 
@@ -218,8 +218,8 @@ def slide_bodies(
 
 def make_die_mesh(own: int, opposite: int) -> tuple[Mesh, tuple[Indices, Indices]]:
     """Return a parabolic die and a block, with so many elements per width, and their sides."""
-    block, upper = lines(own, opposite)
-    mesh, _ = joined(_make_quadratic(*block, lambda x: x), _make_quadratic(*upper, shaped))
+    block, upper = mesh_lines(own, opposite)
+    mesh, _ = joined(_make_quadratic(*block, lambda x: x), _make_quadratic(*upper, shape_die))
 
     def is_under_die(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], GAP + CURVATURE * x[0] ** 2 / 2) & (x[1] > GAP / 2))
@@ -239,7 +239,7 @@ def _facets(mesh: Mesh, is_inside: Callable[[Array], Mask]) -> Indices:
 def die(element: str, own: int, opposite: int) -> Result:
     """Press a parabolic die into a block and slide it over ten of its elements."""
     bodies, sides, record = _slide_die(element, own, opposite)
-    sliding_states = record.states[PRESSED:]
+    sliding_states = record.states[N_PRESSING_INCREMENTS:]
     weight_area = _integrate_weights(bodies, sides)
     last, force = _pair(sliding_states[-1]), np.array([_pair(s).force for s in record.states])
     node, master_force = _master_forces(bodies, sliding_states[-1])
@@ -278,19 +278,21 @@ def _slide_die(
     bodies = RubberBody(element, mesh, QUADRATURE_DEGREE, calculix_energy)
     x = bodies.x
     is_base, is_top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
-    travel = ELEMENTS / own
+    travel = SLIDING_ELEMENTS / own
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[is_top] = [travel * max(0.0, time - 1), -DEPTH * min(time, 1.0)]
 
-    times = TIMES[:HALF] if calculix_energy else TIMES
+    times = INCREMENT_ENDS[:N_CALCULIX_INCREMENTS] if calculix_energy else INCREMENT_ENDS
     return bodies, sides, slide_bodies(bodies, sides, set_displacements, (is_base, is_top), times)
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
     """Move the die as CalculiX does, with its energy; compare forces with its tracked record."""
-    peer, recorded = DIES[case], peer_of(case, tracked).numbers
-    bodies, _, record = _slide_die(element, peer.own, peer.opposite, calculix_energy=True)
+    peer, recorded = DIES[case], load_unchanged_answer(case, tracked).numbers
+    bodies, _, record = _slide_die(
+        element, peer.die_elements, peer.block_elements, calculix_energy=True
+    )
     force = np.array([_pair(state).force for state in record.states])
     normal, tangential = force[:, 1], -force[:, 0]
     largest = recorded["N"].max()
@@ -311,7 +313,7 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
 
 def ironed(element: str) -> Result:
     """Slide a flat die that slips all over on a block whose upper side stays flat."""
-    (across, _), (die_lines, _) = lines(*FLAT_ELEMENTS)
+    (across, _), (die_lines, _) = mesh_lines(*FLAT_ELEMENTS)
     die_heights = GAP + _divide(0.0, FLAT_HEIGHT, 3)
     block = _make_quadratic(across, _divide(-1.0, 0.0, 3), lambda x: x)
     mesh, _ = joined(block, _make_quadratic(die_lines, die_heights, lambda x: x))
@@ -601,7 +603,7 @@ CASES = [
             "V17",
             f"calculix-pw-T6-{case}",
             against_calculix,
-            {"element": "pw-T6", "case": case, "tracked": tracked_digest(case)},
+            {"element": "pw-T6", "case": case, "tracked": answer_digest(case)},
         )
         for case in DIES
     ),
