@@ -270,7 +270,7 @@ def _compute_rows(
     for key in keys:
         start = perf_counter()
         try:
-            row = rows[key] = computed[key] = kind.compute(key)
+            rows[key] = computed[key] = kind.compute(key)
         except CalculixError as error:
             failures.append(str(error))
             continue
