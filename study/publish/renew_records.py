@@ -283,7 +283,11 @@ def _compute_rows(
 
 def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
     """Print the largest differences by kinds of numbers; return a message if any is too large."""
-    kinds = (compare_versions.COUNTS, *compare_versions.RECORD_KINDS, *compare_versions.KINDS)
+    kinds = (
+        compare_versions.COUNTS_AND_TIMES,
+        *compare_versions.RECORD_KINDS,
+        *compare_versions.KINDS,
+    )
     with tempfile.TemporaryDirectory() as folder:
         old_folder, new_folder = Path(folder, "recorded"), Path(folder, "computed")
         for path, rows in ((old_folder, recorded), (new_folder, computed)):
@@ -296,7 +300,7 @@ def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list
         differences, unpaired = compare_versions.compare(
             Results(old_folder), Results(new_folder), kinds
         )
-    print(compare_versions.table(differences, unpaired, kinds))
+    print(compare_versions.format_differences(differences, unpaired, kinds))
     n_different = len(unpaired) + sum(difference.too_large for difference in differences)
     return [f"{n_different} numbers differ from the record, see above"] if n_different else []
 

@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from study.run.provenance import versions as package_versions
+from study.run.provenance import package_versions
 from study.run.store import Result, StudyError, write_json
 
 FOLDER = Path(__file__).with_name("recorded")

@@ -13,7 +13,7 @@ import study.publish.command
 import study.publish.report
 from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
-from study.run.supervisor import KEPT
+from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
 from tests.study.toystudy import claim, install, started
 
@@ -533,5 +533,5 @@ def test_an_interrupt_during_imports_gives_one_line(tmp_path):
     command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"
     with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=path) as process:
         assert process.wait() == 130
-        assert process.read_messages() == [f"study: interrupted by SIGINT; {KEPT['study']}"]
+        assert process.read_messages() == [f"study: interrupted by SIGINT; {RESUME_HINTS['study']}"]
         assert process.list_survivors() == []

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from study.run.store import Results
-from study.run.supervisor import KEPT
+from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 
 ROOT = Path(__file__).parents[2]
@@ -70,7 +70,7 @@ def start_process_family(folder, **options):
     return family
 
 
-def interruption_message(signal_number, kept_message=KEPT["study"], name="study"):
+def interruption_message(signal_number, kept_message=RESUME_HINTS["study"], name="study"):
     """Return the message of a command that was ended by a signal."""
     return f"{name}: interrupted by {signal.Signals(signal_number).name}; {kept_message}"
 
@@ -121,7 +121,7 @@ def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation
         else:
             assert status == 128 + signal.SIGKILL
             assert family.read_messages() == [
-                f"study: ended by SIGKILL (out of memory?); {KEPT['study']}"
+                f"study: ended by SIGKILL (out of memory?); {RESUME_HINTS['study']}"
             ]
         while list((tmp_path / "temporary").iterdir()):  # removed after the last process has ended
             time.sleep(0.01)
@@ -137,7 +137,7 @@ def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation
         ("return 141", 141, []),
         ("os._exit(5)", 5, []),
         ("subprocess.Popen(['sleep', '600']); return 0", 0, []),
-        ("os.kill(os.getpid(), 11)", 139, [f"study: ended by SIGSEGV; {KEPT['study']}"]),
+        ("os.kill(os.getpid(), 11)", 139, [f"study: ended by SIGSEGV; {RESUME_HINTS['study']}"]),
     ],
 )
 @pytest.mark.parametrize("children", [signal.SIG_DFL, signal.SIG_IGN])
@@ -179,7 +179,7 @@ def command():
         outer.send_signal(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT
         assert outer.read_messages() == [
-            interruption_message(signal.SIGINT, KEPT["figures"], "figures")
+            interruption_message(signal.SIGINT, RESUME_HINTS["figures"], "figures")
         ]
         assert outer.list_survivors() == []
 
@@ -257,7 +257,7 @@ def test_a_signal_to_a_figure_also_ends_the_study_that_it_started(tmp_path, numb
         assert figure.wait() == 128 + number
         assert figure.list_survivors() == []
         assert figure.read_messages()[-1] == interruption_message(
-            number, KEPT["figures"], "figures"
+            number, RESUME_HINTS["figures"], "figures"
         )
         assert len([line for line in figure.read_messages() if "interrupted" in line]) == 1
     assert all(

@@ -45,7 +45,7 @@ from study.model.units import dimensionless, units_of
 from study.publish.plots.style import BESIDE, SIDE, plain_ticks
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
-from study.run.sources import closure
+from study.run.sources import collect_imported_sources
 from study.run.store import Result, Results
 from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.hertz_line import PENALTIES
@@ -129,7 +129,7 @@ class Method:
     def lines(self) -> int:
         """Lines of the method's file and of those of its folder that it builds on."""
         folder = f"{self.module.__name__.rpartition('.')[0]}."
-        files = closure(self.module.__name__).items()
+        files = collect_imported_sources(self.module.__name__).items()
         sources = [path for name, path in files if name.startswith(folder)]
         return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources)
 
