@@ -42,7 +42,7 @@ class RecordKind(ABC):
         """File of the record."""
 
     @abstractmethod
-    def may_have(self, pattern: str) -> bool:
+    def may_have_key(self, pattern: str) -> bool:
         """Return whether a key, or keys of a pattern, belong to this kind."""
 
     @abstractmethod
@@ -54,7 +54,7 @@ class RecordKind(ABC):
         """Compute a row."""
 
     @abstractmethod
-    def describe_differences(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
         """Print how computed rows compare with recorded ones; return what differs too much."""
 
     def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
@@ -79,7 +79,7 @@ class CostlyCases(RecordKind):
         """File of the record."""
         return records.COSTLY_CASES
 
-    def may_have(self, pattern: str) -> bool:
+    def may_have_key(self, pattern: str) -> bool:
         """Return whether a key is none of the other kinds'."""
         return not pattern.startswith(("K/", "calculix/"))
 
@@ -106,7 +106,7 @@ class CostlyCases(RecordKind):
         """Return whether a case takes long."""
         return records.is_costly(row)
 
-    def describe_differences(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
         """Compare scalars by the tolerances for two versions of DOLFINx."""
         return _compare_scalars(recorded, computed)
 
@@ -121,7 +121,7 @@ class TimeAndMemory(RecordKind):
         """File of the record."""
         return records.TIME_AND_MEMORY
 
-    def may_have(self, pattern: str) -> bool:
+    def may_have_key(self, pattern: str) -> bool:
         """Return whether a key is of section K."""
         return pattern.startswith("K/")
 
@@ -142,7 +142,7 @@ class TimeAndMemory(RecordKind):
         """Return whether CalculiX is measured."""
         return key.endswith("-CalculiX")
 
-    def describe_differences(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
         """Compare counts and norms; the rest depends on machine and solver."""
         return _compare_scalars(recorded, computed)
 
@@ -157,7 +157,7 @@ class CalculixAnswers(RecordKind):
         """File of the record."""
         return records.CALCULIX
 
-    def may_have(self, pattern: str) -> bool:
+    def may_have_key(self, pattern: str) -> bool:
         """Return whether a key is one of CalculiX' problems."""
         return pattern.startswith("calculix/")
 
@@ -176,7 +176,7 @@ class CalculixAnswers(RecordKind):
         """Return whether a row is computed by CalculiX: all are."""
         return True
 
-    def describe_differences(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
         """Compare decks by their digests, and numbers by CalculiX' tolerance."""
         messages, largest = [], 0.0
         for key, row in computed.items():
@@ -216,7 +216,7 @@ def main(arguments: list[str] | None = None) -> int:
     messages: list[str] = []
     n_computed, n_skipped = 0, 0
     for kind in (CalculixAnswers(), CostlyCases(), TimeAndMemory()):
-        patterns = [pattern for pattern in options.keys if kind.may_have(pattern)]
+        patterns = [pattern for pattern in options.keys if kind.may_have_key(pattern)]
         if options.keys and not patterns:
             continue
         all_keys = kind.list_keys()
@@ -233,7 +233,7 @@ def main(arguments: list[str] | None = None) -> int:
         n_computed += len(computed)
         messages += failures
         if options.check and computed:
-            messages += kind.describe_differences(records.read_rows(kind.path), computed)
+            messages += kind.compare_rows(records.read_rows(kind.path), computed)
     for message in messages:
         print(f"renew_records: {message}", file=sys.stderr)
     return int(bool(messages) or (n_skipped > 0 and n_computed == 0))

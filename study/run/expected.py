@@ -11,7 +11,7 @@ from pathlib import Path
 
 from study.run.store import Results
 
-TABLE = Path(__file__).with_name("expected_seconds.json")
+TABLE_FILE = Path(__file__).with_name("expected_seconds.json")
 MIN_TABLE_SECONDS = 1.0
 """Shorter cases are not in the table: they run last, in any order."""
 
@@ -24,7 +24,7 @@ def expected_seconds(results: Results) -> dict[str, float]:
 @cache
 def read_expected_table() -> dict[str, float]:
     """Return the table: seconds by keys of the cases that take longer than `LONG`."""
-    table: dict[str, float] = json.loads(TABLE.read_bytes())
+    table: dict[str, float] = json.loads(TABLE_FILE.read_bytes())
     return table
 
 

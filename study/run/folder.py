@@ -7,7 +7,7 @@ from study.run.cases import SECTIONS
 from study.run.files import ForeignFileOrFolder, create_or_claim_folder
 from study.run.store import StudyError, is_result_file
 
-KIND = "a folder of results"
+FOLDER_KIND = "a folder of results"
 # Entries besides the folders of sections
 RESULT_FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
 RESULT_FOLDERS = ("figures", "gallery", "site")
@@ -36,7 +36,7 @@ def claim_results_folder(out: Path) -> None:
         StudyError: If it cannot be created, or has other files, which might be replaced.
     """
     try:
-        create_or_claim_folder(out, KIND, _is_results_folder)
+        create_or_claim_folder(out, FOLDER_KIND, _is_results_folder)
     except ForeignFileOrFolder as error:
         raise StudyError(str(error)) from None
     except OSError as error:

@@ -43,7 +43,7 @@ def list_imported_modules(module: str) -> frozenset[str]:
     if path is None:
         return frozenset()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    return _module_names_in_text(path.read_text(encoding="utf-8"), package)
+    return _parse_imported_names(path.read_text(encoding="utf-8"), package)
 
 
 def collect_imported_sources(
@@ -177,13 +177,13 @@ def _list_changed_names(statement: ast.stmt) -> set[str]:
         elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
             names.add(node.id)
         elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
-            names.add(_base_name(node))
+            names.add(_name_of_changed_object(node))
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-        names.add(_base_name(statement.value.func))
+        names.add(_name_of_changed_object(statement.value.func))
     return names
 
 
-def _base_name(node: ast.expr) -> str:
+def _name_of_changed_object(node: ast.expr) -> str:
     while isinstance(node, ast.Attribute | ast.Subscript | ast.Call):
         node = node.func if isinstance(node, ast.Call) else node.value
     return node.id if isinstance(node, ast.Name) else ""
@@ -224,7 +224,7 @@ def _is_text_statement(node: object) -> bool:
 
 
 @cache
-def _module_names_in_text(text: str, package: str) -> frozenset[str]:
+def _parse_imported_names(text: str, package: str) -> frozenset[str]:
     return frozenset(_iterate_imported_names(ast.parse(text), package))
 
 

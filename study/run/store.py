@@ -17,11 +17,11 @@ from study.run import files
 
 EXIT_CORRUPT = 3  # exit status of commands if stored results cannot be read
 
-_KIND = "pw_elements study result"
-FORMAT = f"{_KIND} 2"
-_NUMBERS = ("parameters", "scalars", "units", "provenance")
-_KEYS = {"format", "section", "case", *_NUMBERS, "digest"}
-_EARLIER_KEYS = {"case", *_NUMBERS}  # of the first format, which had no name
+_FORMAT_NAME = "pw_elements study result"
+FORMAT = f"{_FORMAT_NAME} 2"
+_TABLES = ("parameters", "scalars", "units", "provenance")
+_ENTRIES = {"format", "section", "case", *_TABLES, "digest"}
+_ENTRIES_OF_FIRST_FORMAT = {"case", *_TABLES}  # of the first format, which had no name
 
 
 class StudyError(Exception):
@@ -180,16 +180,16 @@ def is_result_file(path: Path) -> bool:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(content, dict) and ({*content} == _KEYS or _is_other_version(content))
+    return isinstance(content, dict) and ({*content} == _ENTRIES or _is_other_version(content))
 
 
 def _is_other_version(content: object) -> bool:
     if not isinstance(content, dict):
         return False
     is_other_format = (
-        str(content.get("format")).startswith(f"{_KIND} ") and content["format"] != FORMAT
+        str(content.get("format")).startswith(f"{_FORMAT_NAME} ") and content["format"] != FORMAT
     )
-    return is_other_format or {*content} == _EARLIER_KEYS
+    return is_other_format or {*content} == _ENTRIES_OF_FIRST_FORMAT
 
 
 def _check_complete(
@@ -411,13 +411,13 @@ def _refuse_constant(constant: str) -> float:
 
 
 def _check_content(content: object, section: str, case: str) -> None:
-    if not isinstance(content, dict) or {*content} != _KEYS:
-        raise ValueError(f"its keys are not {', '.join(sorted(_KEYS))}")
+    if not isinstance(content, dict) or {*content} != _ENTRIES:
+        raise ValueError(f"its keys are not {', '.join(sorted(_ENTRIES))}")
     if content["format"] != FORMAT:
         raise ValueError("its format has no name of the study's")
     if (content["section"], content["case"]) != (section, case):
         raise ValueError(f"it is of the case {content['section']}/{content['case']}")
-    for part in _NUMBERS:
+    for part in _TABLES:
         if not isinstance(content[part], dict):
             raise ValueError(f"its {part} are no table")
     for name, value in content["scalars"].items():

@@ -33,7 +33,7 @@ def test_rows_of_a_record_have_the_head_and_are_those_that_can_be_computed(kind)
     if kind is not renew_records.CostlyCases:  # these may be computed where they have no row
         assert rows.keys() == set(kind().list_keys())
     for key, row in rows.items():
-        assert kind().may_have(key)
+        assert kind().may_have_key(key)
         assert row.versions
         assert date(2026, 11, 1) <= date.fromisoformat(row.date)
         assert re.fullmatch("[0-9a-f]{64}", row.input_sha256)

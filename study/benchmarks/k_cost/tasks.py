@@ -114,7 +114,7 @@ def measure_assembly(measurement: Measurement) -> dict[str, float]:
     """Measure the assembly of the stiffness."""
     from pw_elements import assemble_matrix
 
-    form = _block(measurement.element, measurement.cells).stiffness()
+    form = _create_block(measurement.element, measurement.cells).stiffness()
     assemble_matrix(form)  # compiles the form
     K, seconds = time_cpu(lambda: assemble_matrix(form))
     return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
@@ -125,7 +125,7 @@ def measure_factors(measurement: Measurement) -> dict[str, float]:
     from pw_elements import assemble_matrix
     from pw_elements.algebra import factorise
 
-    body, supports = _clamped_block(measurement)
+    body, supports = _create_clamped_block(measurement)
     matrix = supports.matrix(assemble_matrix(body.stiffness()))
     symmetric = measurement.element.startswith("galerkin")
     prepared, seconds = time_cpu(lambda: factorise(matrix, symmetric))
@@ -138,7 +138,7 @@ def measure_frequencies(measurement: Measurement) -> dict[str, float]:
     """Measure the computation of the lowest frequencies."""
     from pw_elements import assemble_matrix, vibration_modes
 
-    body, supports = _clamped_block(measurement)
+    body, supports = _create_clamped_block(measurement)
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     _, seconds = time_cpu(lambda: vibration_modes(K, M, supports, N_MODES))
     return {"dofs": K.getSize()[0], "seconds": seconds}
@@ -148,7 +148,7 @@ def measure_incompressible(measurement: Measurement) -> dict[str, float]:
     """Measure a solution of the block at nu = 1/2, pressed and pushed from above."""
     from pw_elements import assemble_matrix, assemble_vector, boundary_measure, solve, split
 
-    body, supports = _clamped_block(measurement)
+    body, supports = _create_clamped_block(measurement)
     K = assemble_matrix(body.stiffness())
     top = boundary_measure(body.spaces.mesh, lambda x: np.isclose(x[2], 1.0))
     load = assemble_vector(body.surface_load((PUSH, PUSH / 2, -PRESSURE), top))
@@ -173,7 +173,7 @@ def measure_linear(measurement: Measurement) -> dict[str, float]:
     from pw_elements import Iterative, assemble_matrix
     from pw_elements.algebra import full_size_masking_reduction
 
-    body, supports = _clamped_block(measurement)
+    body, supports = _create_clamped_block(measurement)
     K, assembly = time_cpu(lambda: assemble_matrix(body.stiffness(), blocked=True))
     load = full_size_masking_reduction(supports).load(K, _load_block(body))
 
@@ -200,7 +200,7 @@ def measure_linear(measurement: Measurement) -> dict[str, float]:
     }
 
 
-def _block(element: str, cells: int) -> "Body":
+def _create_block(element: str, cells: int) -> "Body":
     """Return the block, without anything assembled."""
     from mpi4py import MPI
 
@@ -222,11 +222,11 @@ def _block(element: str, cells: int) -> "Body":
     return Body(spaces(element, mesh), material, state)
 
 
-def _clamped_block(measurement: Measurement) -> "tuple[Body, Reduction]":
+def _create_clamped_block(measurement: Measurement) -> "tuple[Body, Reduction]":
     """Return the block, and the supports of its base."""
     from pw_elements import Reduction, prescribe
 
-    body = _block(measurement.element, measurement.cells)
+    body = _create_block(measurement.element, measurement.cells)
     space, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
     base = [prescribe(space, i, lambda x: np.isclose(x[dim - 1], 0.0)) for i in range(dim)]
     return body, Reduction.dirichlet(space, base)
@@ -273,7 +273,7 @@ def _solve_block_on_plane(element: str, cells: int, solver: "Direct | Iterative"
     from pw_elements import Iterative, Reduction, assemble_matrix
     from pw_elements.contact import ContactPair, Plane, solve_contact
 
-    body = _block(element, cells)
+    body = _create_block(element, cells)
     space = body.spaces.trial
     K = assemble_matrix(body.stiffness(), blocked=isinstance(solver, Iterative))
     load = _load_block(body)
@@ -373,7 +373,7 @@ def _solve_two_blocks(measurement: Measurement, solver: "Direct | Iterative") ->
     base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
     supports = pw.Reduction.dirichlet(space, base)
-    pair = _pair_of_blocks(space, is_upper)
+    pair = _create_pair_of_blocks(space, is_upper)
     (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
     return state
 
@@ -416,7 +416,7 @@ def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
     return mesh, is_upper
 
 
-def _pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
+def _create_pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
     """Return the pair of the upper block's nodes and the lower one's facets."""
     from dolfinx import fem
     from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary

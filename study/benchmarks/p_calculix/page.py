@@ -174,7 +174,7 @@ def contact(case: str, tracked: str) -> Result:
     }
     curves: dict[str, np.ndarray] = {"x": standard.x}
     curves |= {f"status_{GALERKIN}": standard.status, f"status_{PW}": new.status}
-    for axis, name in _components(problem):
+    for axis, name in _compared_components(problem):
         raw = peer_force[:, axis] - standard.force[:, axis]
         difference = transferred[:, axis] - new.force[:, axis]
         control = standard.transferred[:, axis] - new.force[:, axis]
@@ -291,7 +291,7 @@ def _is_away_from_edges(*status: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
     return np.abs(index[:, None] - edges).min(axis=1) >= NODES_AT_EDGE
 
 
-def _components(problem: Block) -> list[tuple[int, str]]:
+def _compared_components(problem: Block) -> list[tuple[int, str]]:
     """Return axis and name of the components of force that are compared."""
     return [(1, "normal"), (0, "tangential")] if problem.friction else [(1, "normal")]
 

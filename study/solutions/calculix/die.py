@@ -26,13 +26,15 @@ BLOCK_ENDS, DIE_ENDS = (-1.0, 2.0), (-0.5, 0.5)
 SIZE_RATIO = 1.4  # of neighbouring elements, away from the contact
 
 
-def mesh_lines(own: int, opposite: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def mesh_lines(
+    die_elements: int, block_elements: int
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Return mesh lines (x, y) of block and die, from numbers of elements per width at contact."""
     block, die = (
         np.linspace(*ends, round((ends[1] - ends[0]) * n) + 1, dtype=np.float64)
-        for ends, n in ((BLOCK_ENDS, opposite), (DIE_ENDS, own))
+        for ends, n in ((BLOCK_ENDS, block_elements), (DIE_ENDS, die_elements))
     )
-    below, above = (growing(1 / n, 1.0, SIZE_RATIO) for n in (opposite, own))
+    below, above = (growing(1 / n, 1.0, SIZE_RATIO) for n in (block_elements, die_elements))
     return (block, -below[::-1]), (die, above)
 
 

@@ -20,7 +20,7 @@ from study.solutions.calculix.grids import Grid, Point
 from study.solutions.calculix.output import Array, read_node_values
 from study.solutions.half_space import Elastic, HertzSphere
 
-SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
+SURFACE_TO_SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
 _Z = 2
 
 Indices = npt.NDArray[np.int64]
@@ -272,10 +272,10 @@ def _round_to_9_digits(value: float) -> float:
 
 
 PAIRS: dict[str, StackedBlocks | TouchingSpheres] = {
-    "two-blocks-surface": StackedBlocks(SURFACE),
+    "two-blocks-surface": StackedBlocks(SURFACE_TO_SURFACE),
     "two-blocks-mortar": StackedBlocks(MORTAR),
-    "two-spheres-surface": TouchingSpheres(SURFACE, 1e2),
-    "two-spheres-surface-stiff": TouchingSpheres(SURFACE, 1e3),
+    "two-spheres-surface": TouchingSpheres(SURFACE_TO_SURFACE, 1e2),
+    "two-spheres-surface-stiff": TouchingSpheres(SURFACE_TO_SURFACE, 1e3),
 }
 """Problems by their names. A penalty on faces of quadratic elements constrains more points than the
 faces have nodes: the stiffer it is, the worse are the pressures between spheres."""
