@@ -380,22 +380,38 @@ def friction_capacity_in_message(error):
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
 
-def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity():
-    """The refusal of a ring that is pushed off its shaft gives the largest friction force.
+def press_ring_on_shaft():
+    """Return a ring with interference on a shaft, its problem, state, end area and capacity.
 
-    This force is mu times the normal force of the fit. Smaller increments cannot help.
+    The capacity is the coefficient of friction times the normal force of the fit.
     """
     ring = BodyWithSupports(triangles(SELF_COMM, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
     problem, area = ring.contact_problem(pair), np.pi * (2**2 - 1)
     fitted = problem.step(problem.undeformed, ring.traction_load((0, 1e-9), on_plane(1, 1.0)))
-    capacity = 0.3 * fitted.pairs[0].force_normal.sum()
+    return ring, problem, fitted, area, 0.3 * fitted.pairs[0].force_normal.sum()
+
+
+@pytest.mark.parametrize("overload", [1.02, 1.2, 1.5])
+def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity(overload):
+    """Smaller increments cannot help."""
+    ring, problem, fitted, area, capacity = press_ring_on_shaft()
     pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
+    load = ring.traction_load((0, overload * capacity / area), on_plane(1, 1.0))
     with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not") as caught:
-        problem.step(fitted, ring.traction_load((0, 1.5 * capacity / area), on_plane(1, 1.0)))
+        problem.step(fitted, load)
     assert "may find one" not in str(caught.value)
     assert friction_capacity_in_message(caught.value) == pytest.approx(capacity, rel=0.03)
+
+
+@pytest.mark.parametrize("overload", [3.0, 7.0, 20.0, 100.0])
+def test_a_ring_pushed_far_off_its_shaft_is_in_no_equilibrium(overload):
+    """Soft springs let the ring slide until round-off exceeds the load: this is no solution."""
+    ring, problem, fitted, area, capacity = press_ring_on_shaft()
+    load = ring.traction_load((0, overload * capacity / area), on_plane(1, 1.0))
+    with pytest.raises(NotFound, match=r"pair 0 is exhausted: .*increments do not"):
+        problem.step(fitted, load)
 
 
 def test_the_refusal_of_a_tool_pushed_too_hard_states_the_friction_capacity():

@@ -51,9 +51,10 @@ class Equilibrium(Protocol):
     distributes the contact forces to the equations of equilibrium.
 
     Attributes:
-        offset: prescribed displacements (n,) at the end of the increment, zero elsewhere.
-        needs_final_solution: whether the last linear system has to be solved to the final accuracy.
-            This is not necessary if forces are evaluated from the displacements.
+        prescribed_displacements: prescribed displacements (n,) at the end of the increment, zero
+            elsewhere.
+        requires_accurate_last_solution: whether the last linear system has to be solved to the
+            final accuracy. This is not necessary if forces are evaluated from the displacements.
     """
 
     @property
@@ -548,6 +549,8 @@ class LinearIncrementEquations(IncrementEquations):
 
     All rigid motions are held, so that only friction can make the tangent singular.
     """
+
+    equilibrium: LinearEquilibrium
 
     def solve_linearised_system(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: LinearSolveAccuracy

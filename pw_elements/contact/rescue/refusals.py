@@ -74,6 +74,8 @@ _SOFTENING_EXPONENT, _MIN_SOFTENING = 0.7, 2.0
 _MAX_SPRING_FAILURES = 20
 # Largest number of iterations with springs, and without springs from the solution with springs
 _MAX_SPRING_ITERATIONS, _MAX_CONFIRMING_ITERATIONS = 25, 12
+# Round-off of the residuals, relative to the applied forces, above which they prove nothing
+_MAX_ROUND_OFF_PER_APPLIED_FORCE = 1e-3
 _LOOSE_BODY_MESSAGE = (
     "the loads are balanced without any contact force, and the body is loose: it is in equilibrium "
     "wherever nothing touches it; a support, or a load that presses it against a surface, makes "
@@ -619,6 +621,10 @@ def solve_with_softening_springs(
         increment.keep_if_smallest_violation(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
+        if _is_round_off_too_large(increment, state):
+            words = f"springs of {stiffness:.0e} let the body move so far that forces are lost in"
+            log_on_root(comm, logging.INFO, f"{words} round-off", ".contact")
+            return None
         if state.violation <= 1 or is_steady:
             try:
                 solution = solve_increment(
@@ -643,6 +649,20 @@ def solve_with_softening_springs(
                     return state  # the iteration has left this solution because of round-off
         previous, stiffness = active, stiffness / softening
     return None
+
+
+def _is_round_off_too_large(increment: LinearIncrementEquations, state: NewtonState) -> bool:
+    """Return whether the round-off of an iterate is not small compared with the applied forces.
+
+    Soft springs let a body move very far if the loads exceed the friction limit. All residuals are
+    then within their round-off, which says nothing about equilibrium. The call is collective.
+    """
+    start_force, free_motion_force = increment.nonnegative_max_over_ranks(
+        np.abs(increment.start.force), np.abs(increment.totals)
+    )
+    load = increment.equilibrium.load.norm(PETSc.NormType.INFINITY)
+    applied_force = max(start_force, free_motion_force, load)
+    return applied_force > 0 and state.round_off > _MAX_ROUND_OFF_PER_APPLIED_FORCE * applied_force
 
 
 def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
