@@ -102,7 +102,7 @@ def read_rows(path: Path) -> dict[str, Row]:
     if not path.is_file():
         return {}
     try:
-        return _parse_rows(path.read_bytes())
+        return dict(_parse_rows(path.read_bytes()))
     except (KeyError, TypeError, ValueError) as error:
         raise StudyError(f"{path} is no record ({error!r}): restore it from the history") from None
 
