@@ -113,7 +113,7 @@ class RubberBody:
             order = np.argsort(surface.node)
             return surface.weight_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
 
-        return integrate(1.0), integrate(SurfaceNodes.stretch(self.solution))
+        return integrate(1.0), integrate(SurfaceNodes.area_stretch(self.solution))
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def command():
 N_FAMILY_PROCESSES = 9
 
 
-def start_supervised(
+def start_supervised_program(
     folder,
     body=PROCESS_FAMILY_SOURCE,
     exit_expression="supervise(command, 'study')",
@@ -63,7 +63,7 @@ def start_supervised(
 
 def start_process_family(folder, **options):
     """Start `PROCESS_FAMILY_SOURCE`, and wait until all its processes run."""
-    family = start_supervised(folder, **options)
+    family = start_supervised_program(folder, **options)
     family.read_output_until("begun")
     while len(family.list_marked_processes()) < N_FAMILY_PROCESSES + ("sibling_command" in options):
         time.sleep(0.01)
@@ -150,7 +150,7 @@ def test_status_and_messages_of_the_command_are_passed_on(
     """
     code = f"import os, resource, signal, subprocess, sys\nsignal.signal(17, {int(children)})\n"
     code += "resource.setrlimit(resource.RLIMIT_CORE, (0, 0))\n"
-    with start_supervised(tmp_path, f"{code}def command():\n    {body}\n") as command:
+    with start_supervised_program(tmp_path, f"{code}def command():\n    {body}\n") as command:
         assert command.wait() == status
         assert command.list_survivors() == []
         assert command.read_messages() == messages
@@ -174,7 +174,7 @@ def command():
 """
     text = f"{PROCESS_FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
     (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
-    with start_supervised(tmp_path, nested, "supervise(command, 'figures')") as outer:
+    with start_supervised_program(tmp_path, nested, "supervise(command, 'figures')") as outer:
         outer.read_output_until("begun")
         outer.send_signal(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT

@@ -167,7 +167,7 @@ def _solve_buckling(problem: BucklingColumn, model: StandardModel) -> dict[str, 
     supports = _clamp_bottom(problem, model)
     load = model.assemble_traction(problem.is_at_top, [0.0, -1.0])
     prestress = as_function(model.space, solve(model.K, load, supports))
-    K_sigma = assemble_matrix(model.body.initial_stress(model.body.stress(prestress)))
+    K_sigma = assemble_matrix(model.body.geometric_stiffness(model.body.stress(prestress)))
     return {"critical_pressure": buckling(model.K, K_sigma, supports, problem.count).factors}
 
 

@@ -179,7 +179,7 @@ class DualQuadratic(SlidingMortar):
             differentiate_master_forces,
         )
 
-    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
+    def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
         """Return what checks of states need; of this method there are no other formulas."""
         mortar = self.linearise(x)
         return MortarMatrices(

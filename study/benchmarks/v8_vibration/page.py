@@ -186,7 +186,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         prestress = fem.Constant(body.body.spaces.mesh, np.array([[-1.0, 0.0], [0.0, 0.0]]))
         critical = buckling(
             body.K,
-            assemble_matrix(body.body.initial_stress(prestress)),
+            assemble_matrix(body.body.geometric_stiffness(prestress)),
             _reduce(body, [*_prescribe_supports(body, ends), corner], treatment),
             N_STRIP_MODES,
             is_symmetrised(element),
