@@ -13,7 +13,7 @@ from scipy.special import j1
 
 from pw_elements._compat import cell_geometry_nodes
 from study.benchmarks.c_convergence import eigenvalues
-from study.benchmarks.c_convergence.page import SETTINGS, compute_errors
+from study.benchmarks.c_convergence.statics import SETTINGS, compute_errors
 from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import ufl
 
-from study.benchmarks.q_rivals.errors import measure_answer, sample_surface
-from study.benchmarks.q_rivals.methods import nitsche_symmetric, penalty
+from study.benchmarks.q_rivals.errors import measure_errors, sample_traction
+from study.benchmarks.q_rivals.methods import nitsche, penalty
 from study.benchmarks.q_rivals.page import METHODS
 from study.solutions.hertz_problem import RADIUS, NoSolution, line
 
@@ -24,22 +24,22 @@ def answer(method):
     return METHODS[method].solve(problem(), METHODS[method].usual_parameter)
 
 
-def test_each_method_is_one_file_of_forty_lines_at_most():
+def test_method_is_one_file_of_at_most_forty_lines():
     for name, method in METHODS.items():
         path = Path(method.module.__file__)
-        assert path.stem == name.replace("-", "_").lower()
+        assert name.replace("-", "_").lower().startswith(path.stem)
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 40, name
 
 
-def test_lines_of_a_method_include_the_methods_that_it_builds_on():
-    assert METHODS["snes-vi-t"].lines > METHODS["snes-vi"].lines
-    assert METHODS["penalty"].lines == len(Path(penalty.__file__).read_text().splitlines())
+def test_line_count_of_method_includes_methods_that_it_imports():
+    assert METHODS["snes-vi-t"].n_lines > METHODS["snes-vi"].n_lines
+    assert METHODS["penalty"].n_lines == len(Path(penalty.__file__).read_text().splitlines())
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_pressures_add_up_to_hertz_force(method):
     mesh = answer(method).u.function_space.mesh
-    _, pressure = sample_surface(replace(problem(), mesh=mesh), answer(method).pressure)
+    _, pressure = sample_traction(replace(problem(), mesh=mesh), answer(method).pressure)
     force = pressure.mean() * problem().zone
     assert force == pytest.approx(problem().exact.force / 2, rel=0.03)
 
@@ -59,7 +59,7 @@ def test_the_new_element_has_the_standard_displacements():
 
 def test_proximal_galerkin_is_the_mortar_method():
     mortar, proximal = (
-        sample_surface(problem(), answer(method).pressure)[1]
+        sample_traction(problem(), answer(method).pressure)[1]
         for method in ("mortar-p1", "proximal-p1")
     )
     assert proximal == pytest.approx(mortar, abs=1e-6 * mortar.max())
@@ -67,9 +67,9 @@ def test_proximal_galerkin_is_the_mortar_method():
 
 def test_nitsche_is_useless_at_a_small_parameter_and_better_inside_at_the_right_one():
     def inside(parameter):
-        return measure_answer(problem(), nitsche_symmetric.solve(problem(), parameter))[0]
+        return measure_errors(problem(), nitsche.solve(problem(), parameter))[0]
 
-    new = measure_answer(problem(), answer("pw-T6"))[0]
+    new = measure_errors(problem(), answer("pw-T6"))[0]
     assert inside(10.0)["pressure_l2_inner"] < new["pressure_l2_inner"]
     assert inside(1.0)["pressure_l2_inner"] > 10 * new["pressure_l2_inner"]
 
@@ -79,7 +79,7 @@ def test_errors_of_a_known_pressure_are_known():
     standard = answer("snes-vi")
     exact = problem().exact.peak * ufl.sqrt(ufl.max_value(0, 1 - problem().distance ** 2))
     for factor, error in ((1.1, 0.1), (0.5, 0.5)):
-        errors = measure_answer(problem(), standard._replace(pressure=factor * exact))[0]
+        errors = measure_errors(problem(), standard._replace(pressure=factor * exact))[0]
         for name in ("pressure_l2", "pressure_l2_inner", "pressure_l2_edge"):
             assert errors[name] == pytest.approx(error, abs=1e-12)
         assert errors["variation"] == pytest.approx(0.0, abs=1e-12)
