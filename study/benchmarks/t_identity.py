@@ -286,11 +286,11 @@ def vertex_order(element: str) -> Result:
 
 def _compute_nodal_values(element: str, order_seed: int) -> dict[str, Array]:
     """Return displacements, reactions and contact forces for a vertex order of `_make_cube`."""
-    cube = spaces(element, _make_cube((3, 3, 3), order_seed))
-    a, r = _solve_clamped_body(cube, StressState.SOLID)
+    cube_spaces = spaces(element, _make_cube((3, 3, 3), order_seed))
+    a, r = _solve_clamped_body(cube_spaces, StressState.SOLID)
     return {
-        "displacement": _sort_by_position(cube, a),
-        "reaction": _sort_by_position(cube, r),
+        "displacement": _sort_by_position(cube_spaces, a),
+        "reaction": _sort_by_position(cube_spaces, r),
         "contact": _compute_forces_below_sphere(spaces(element, _make_cube((4, 4, 2), order_seed))),
     }
 

@@ -32,12 +32,12 @@ FACTS = {
     "supports": "exact displacements of the half space on the outer sides; smooth contact",
     "load": "a normal force of 35 kN (for the cylinder, per mm of its length)",
     "reference": "H. Hertz (1882)",
-    "uncertainty": "none of the body's size; errors are root mean squares over four positions of "
+    "uncertainty": "none from the body's size; errors are root mean squares over four positions of "
     "the contact's edge in an element",
 }
 SHORT_FACTS = {
-    "uncertainty": "none of the body's size; root mean squares over four places of the contact's "
-    "edge"
+    "uncertainty": "none from the body's size; root mean squares over four positions of the "
+    "contact's edge"
 }
 
 # Problem and exact solution
@@ -51,7 +51,7 @@ THEORY = r"""
 Hertz' solution gives the half width $a$ of the contact, the pressure $p_0 \sqrt{1 - x^2/a^2}$, and for the sphere the
 depth $a^2/R$.
 
-**What it has to do with NAFEMS R0094-1.** That benchmark (A. W. A. Konter, 2006) presses a steel cylinder of radius 50 mm
+**Relation to NAFEMS R0094-1.** That benchmark (A. W. A. Konter, 2006) presses a steel cylinder of radius 50 mm
 ($E = 210$ GPa) with 35 kN into an aluminium block of 200 mm × 200 mm × 1 mm ($E = 70$ GPa; $\nu = 0.3$ for both) and
 prints the solution of Hertz' theory, $a = 6.215$ mm and $p_0 = 3585.4$ MPa. Here the indenter is rigid; section V11
 treats the benchmark with both bodies elastic. By that same theory a rigid cylinder of the same radius on a half plane of

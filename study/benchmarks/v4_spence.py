@@ -47,11 +47,11 @@ FACTS = {
     "load": "a normal force of 0.001 in two increments (one and ten give the same)",
     "reference": "stick radii of D. A. Spence's problem (1973), by a boundary-element program of "
     "this study",
-    "uncertainty": "± 0.003, which that program states for itself; there are no printed values",
+    "uncertainty": "± 0.003 by that program's own estimate; there are no published values",
 }
 SHORT_FACTS = {
     "reference": "D. A. Spence's radii (1973) by our boundary elements",
-    "uncertainty": "± 0.003 by its own statement; no values are printed",
+    "uncertainty": "± 0.003 by its own estimate; no values are published",
 }
 
 # Problem and reference solution

@@ -76,7 +76,7 @@ EXACT_SOLUTION = Cattaneo(
 )
 
 N_SURFACE_FORCES = 64
-"""Number of forces that replace the tractions; displacements of the sides are exact to round-off."""
+"""Number of forces that replace the tractions; it makes displacements exact to round-off."""
 
 
 def exact_displacement(x: Array, friction_share: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from study.run.store import Results
 SECTION = "C"
 TITLE = "Orders of convergence"
 FACTS = {
-    "geometry": "a unit square, a quarter ring of the radii 1 and 2, a unit cube, an eighth of a "
+    "geometry": "a unit square, a quarter ring with radii 1 and 2, a unit cube, an eighth of a "
     "hollow ball",
     "mesh": "unstructured triangles and tetrahedra, mapped quadrilaterals, straight and curved; "
     "three or four sizes, down to 1/64",

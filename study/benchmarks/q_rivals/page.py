@@ -55,7 +55,7 @@ TITLE = "What a user would pick instead"
 FACTS = {
     "geometry": "a rigid parabola on an elastic half plane; a paraboloid on a half space",
     "mesh": "4, 8 and 16 edges of T6 over the half width, 3 and 5 of T10; the contact's edge at "
-    ".375 or .875 of an edge, and at eight places",
+    ".375 or .875 of an edge, and at eight positions",
     "material": "linear elastic, plane strain and solid; E = 1, ν = 0.3",
     "supports": "exact displacements on the far sides, symmetry",
     "load": "the indenter moved to its exact depth, R = 1000 a; friction 0.3 in one comparison",
@@ -66,22 +66,21 @@ SHORT_FACTS = {"uncertainty": "errors are integrated by 64 points an edge"}
 MACROS = r"""
 {% set methods = ("pw-T6", "snes-vi", "snes-vi-t", "snes-vi-projected", "snes-vi-stress", "nitsche-symmetric", "nitsche-skew", "penalty", "augmented-p1", "augmented-p2", "mortar-p1", "mortar-p2", "proximal-p1", "proximal-p2", "linear") %}
 {% macro mean(method, edges, name, digits=2) %}{{ num(100 * measure("rival_mean", method=method, edges=edges, name=name), digits) }}{% endmacro %}
-{% macro places(method, name="pressure_l2") %}{{ num(100 * s("Q/offsets-" ~ method, name), 2) }}{% endmacro %}
+{% macro over_positions(method, name="pressure_l2") %}{{ num(100 * s("Q/offsets-" ~ method, name), 2) }}{% endmacro %}
 """
 
 # Problem
 
 PROBLEM = r"""
-What would a user of today's methods take instead? One problem, Hertz' line contact on triangles (plane strain,
-$\nu = 0.3$, exact displacements on the far sides, no friction), is solved by {{ methods | length }} methods. Where a method
-has a parameter, the whole range is swept and the best value counts on each mesh, which takes an exact solution to choose
-by.
+Which of today's methods would a user take instead? One problem, Hertz' line contact on triangles (plane strain,
+$\nu = 0.3$, exact displacements on the far sides, no friction), is solved by {{ methods | length }} methods. If a method
+has a parameter, the whole range is swept and the best value is used on each mesh; to find it takes an exact solution.
 """
 
 THEORY = r"""
 Meshes have 4, 8 and 16 edges over the half width $a$, and contact ends at 0.375 or 0.875 of the next edge; numbers are
-means of both. The parabola is moved to its exact depth. Errors are integrals over the surface up to $1.3\,a$ of what the
-method gives as pressure: nodal pressures joined linearly, multipliers, or the pressure of the law at each point.
+means of both. The parabola is moved to its exact depth. Errors are integrated over the surface up to $1.3\,a$. The
+pressure of a method is that of its nodes, interpolated linearly, its multiplier, or that of its law at each point.
 """
 
 # Methods
@@ -380,11 +379,11 @@ CASES += mark_costly(
 
 RESULT = r"""
 {% set label = {"pw-T6": "new element", "snes-vi": "standard, own weights", "snes-vi-t": "standard times T", "snes-vi-projected": "standard, projected", "snes-vi-stress": "standard, stresses", "nitsche-symmetric": "Nitsche, symmetric", "nitsche-skew": "Nitsche, skew", "penalty": "penalty", "augmented-p1": "augm. Lagr. P2/P1", "augmented-p2": "augm. Lagr. P2/P2", "mortar-p1": "mortar P2/P1", "mortar-p2": "mortar P2/P2", "proximal-p1": "proximal P2/P1", "proximal-p2": "proximal P2/P2", "linear": "linear elements"} %}
-{% call table("q-rivals", "Hertz' line contact: in brackets parameters to choose, and lines of code with those of the files that it builds on. Errors of the pressure in % with 4, 8 and 16 edges over the half width; with 8, over eight places of the contact's edge, and spurious variation; with 16, errors inside and beyond 0.8 half widths, nodal forces over even ones, contact radius, unknowns, factorisations, and CPU seconds of different programs (the library, PETSc's SNES, plain Newton methods).", long=True) %}
-| Method | L2, two places | Eight places | $x < 0.8\,a$ | Edge | Var. | Forces | Radius | Dofs | LU | CPU |
+{% call table("q-rivals", "Hertz' line contact: in brackets parameters to choose, and lines of code with those of imported files. Errors of the pressure in % with 4, 8 and 16 edges over the half width; with 8, over eight positions of the contact's edge, and spurious variation; with 16, errors inside and beyond 0.8 half widths, nodal forces over even ones, contact radius, unknowns, factorisations, and CPU seconds of different programs (the library, PETSc's SNES, plain Newton methods).", long=True) %}
+| Method | L2, two positions | Eight positions | $x < 0.8\,a$ | Edge | Var. | Forces | Radius | Dofs | LU | CPU |
 |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|
 {% for m in methods %}{% set p = parameters("Q/" ~ m ~ "-16-0.375") %}
-| {{ label[m] | replace(" ", "\u00a0") }}&nbsp;({{ p.choices }};&nbsp;{{ p.lines }}) | {{ mean(m, 4, "pressure_l2") }} / {{ mean(m, 8, "pressure_l2") }} / {{ mean(m, 16, "pressure_l2") }} | {{ places(m) }}, {{ places(m, "pressure_l2_least") }}–{{ places(m, "pressure_l2_largest") }} | {{ mean(m, 16, "pressure_l2_inner") }} | {{ mean(m, 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method=m, edges=8, name="variation"), 1) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="force_least"), 2) }}–{{ fixed(measure("rival_mean", method=m, edges=16, name="force_largest"), 2) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="radius"), 3) }} | {{ count(s("Q/" ~ m ~ "-16-0.375", "unknowns")) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="factorisations"), 1) }} | {{ num(s("Q/seconds-" ~ m ~ "-16", "cpu_seconds"), 2) }} |
+| {{ label[m] | replace(" ", "\u00a0") }}&nbsp;({{ p.choices }};&nbsp;{{ p.lines }}) | {{ mean(m, 4, "pressure_l2") }} / {{ mean(m, 8, "pressure_l2") }} / {{ mean(m, 16, "pressure_l2") }} | {{ over_positions(m) }}, {{ over_positions(m, "pressure_l2_least") }}–{{ over_positions(m, "pressure_l2_largest") }} | {{ mean(m, 16, "pressure_l2_inner") }} | {{ mean(m, 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method=m, edges=8, name="variation"), 1) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="force_least"), 2) }}–{{ fixed(measure("rival_mean", method=m, edges=16, name="force_largest"), 2) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="radius"), 3) }} | {{ count(s("Q/" ~ m ~ "-16-0.375", "unknowns")) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="factorisations"), 1) }} | {{ num(s("Q/seconds-" ~ m ~ "-16", "cpu_seconds"), 2) }} |
 {% endfor %}
 | CalculiX, faces&nbsp;(1;&nbsp;–) | {{ mean("calculix", 4, "pressure_l2") }} / {{ mean("calculix", 8, "pressure_l2") }} / {{ mean("calculix", 16, "pressure_l2") }} | – | {{ mean("calculix", 16, "pressure_l2_inner") }} | {{ mean("calculix", 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method="calculix", edges=8, name="variation"), 1) }} | – | {{ fixed(measure("rival_mean", method="calculix", edges=16, name="radius"), 3) }} | – | – | – |
 {% endcall %}
@@ -469,7 +468,7 @@ def draw_error_over_parameter(results: Results) -> Figure:
 
 
 def draw_error_over_offset(results: Results) -> Figure:
-    """Error of the pressure of several methods over the place where contact ends.
+    """Error of the pressure of several methods over the position where contact ends.
 
     One line for each method.
     """
@@ -477,7 +476,7 @@ def draw_error_over_offset(results: Results) -> Figure:
     for method in METHODS_DRAWN_OVER_OFFSET:
         curves = results.curves(f"Q/offsets-{method}")
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **METHOD_STYLES[method])
-    ax.set(xlabel="place of the contact's edge in an element", ylabel="L2 error / %")
+    ax.set(xlabel="position of the contact's edge in an element", ylabel="L2 error / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
     plain_ticks(ax)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
@@ -504,7 +503,7 @@ FIGURES = [
             for offset in CONTACT_OFFSETS
         ],
         caption="Error of the pressure, 16 edges over a, over the parameter (times h/E); means of "
-        "two places. Gap: no convergence.",
+        "two positions. Gap: no convergence.",
         alt="Symmetric Nitsche and penalty have a narrow minimum at 10 and errors of several per "
         "cent ten times above and below, the skew form a wide one at 3; the augmented Lagrangian's "
         "error does not depend on the parameter.",
@@ -514,8 +513,8 @@ FIGURES = [
         draw_error_over_offset,
         needs=[f"Q/offsets-{method}" for method in METHODS_DRAWN_OVER_OFFSET],
         caption="Error of the pressure below a parabola with 8 edges over the half width, over the "
-        "place where contact ends within an element of the surface (0 and 1: corners, 1/2: "
-        "mid-side node). Tables and the outside reference have the places 0.375 and 0.875.",
+        "position where contact ends within an element of the surface (0 and 1: corners, 1/2: "
+        "mid-side node). Tables and the outside reference have the positions 0.375 and 0.875.",
         alt=describe_error_over_offset,
     ),
 ]
@@ -543,7 +542,7 @@ CHECKS = [
     ),
     check(
         "Q-offsets-skew",
-        "Over eight evenly spaced places of the contact's edge within an element, skew-"
+        "Over eight evenly spaced positions of the contact's edge within an element, skew-"
         "symmetric Nitsche at the parameter 3 has a smaller mean L2 error than the new "
         "element: ratio.",
         lambda results: ratio(
@@ -553,7 +552,7 @@ CHECKS = [
         1.0,
         tolerance_why="none: the bound itself",
         tolerance_set="after",
-        why="The two places at which methods are compared are favourable to the new element.",
+        why="The two positions at which methods are compared favour the new element.",
     ),
     check(
         "Q-even-new",
@@ -571,14 +570,14 @@ CHECKS = [
 ]
 
 FINDINGS = r"""
-1. *Without friction the new element changes nothing but the reading.* Where the same nodes are in contact
+1. *Without friction the new element only changes how forces are read.* Where the same nodes are in contact
    ({{ fixed(measure("same_contacts", method="pw-T6", other="snes-vi"), 0) }} of 6 meshes), its displacements are the
    standard element's to
    {{ num(measure("rivals_apart", method="pw-T6", other="snes-vi", name="node_displacement", same_nodes=True), 1) }}.
-2. *The table's two places favour it.* There it has the smallest error of all. With contact ending at eight places within
-   an element its mean is {{ places("pw-T6") }} %, the standard element's {{ places("snes-vi") }}, symmetric Nitsche's
-   {{ places("nitsche-symmetric") }} and **skew-symmetric Nitsche's {{ places("nitsche-skew") }} %**
-   ({{ ref("q_places") }}): an error that depends on the mesh by a factor of two is no ground to choose by.
+2. *The table's two positions favour it.* There its error is the smallest. With contact ending at eight positions in
+   an element its mean is {{ over_positions("pw-T6") }} %, the standard element's {{ over_positions("snes-vi") }}, symmetric Nitsche's
+   {{ over_positions("nitsche-symmetric") }} and **skew-symmetric Nitsche's {{ over_positions("nitsche-skew") }} %**
+   ({{ ref("q_places") }}): an error that varies by a factor of two with the mesh is no basis for a choice.
 3. *Inside the contact Nitsche is better*,
    {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner", largest=False), 1) }}
    to {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner"), 1) }} times at
@@ -591,7 +590,7 @@ FINDINGS = r"""
    {{ num(measure("rivals_apart", method="proximal-p1", other="mortar-p1", name="pressure"), 1) }} of the pressure, for
    {{ fixed(measure("rival_mean", method="proximal-p1", edges=16, name="factorisations") / measure("rival_mean", method="mortar-p1", edges=16, name="factorisations"), 0) }}
    times the factorisations and two parameters.
-5. *What the new element has alone* are even nodal forces: every other method with quadratic test functions has forces of
+5. *What sets the new element apart* is even nodal forces: every other method with quadratic test functions has forces of
    {{ fixed(measure("rival_mean", method="mortar-p1", edges=16, name="force_least"), 2) }} to
    {{ fixed(measure("rival_mean", method="mortar-p1", edges=16, name="force_largest"), 2) }} of the even ones. Linear elements
    have even ones, too, at
@@ -622,6 +621,6 @@ Nitsche's, mortar and penalty methods, with augmented Lagrangians after {{ cite(
 # Limits
 
 LIMITS = r"""
-The surface is flat, and friction acts in one increment only. Whoever has no exact solution cannot choose the best
-parameter: the table is kind to methods that have one.
+The surface is flat, and friction acts in one increment only. Without an exact solution nobody can choose
+the best parameter: the table favours methods that have one.
 """
