@@ -267,8 +267,8 @@ def _make_case(
 ) -> Case:
     nu, mu = material
     name = make_case_name(element, nu, mu, elements) + suffix
-    parameters = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
-    return Case("V4", name, stick_radius, parameters | parameters)
+    problem = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
+    return Case("V4", name, stick_radius, problem | parameters)
 
 
 FIRST_MATERIAL, *OTHER_MATERIALS = REFERENCE_STICK_RADII

@@ -68,13 +68,13 @@ class ManufacturedSolution:
     @property
     def displacement(self) -> Expr:
         """Exact displacement as a UFL expression."""
-        compliance = fem.Constant(self.mesh, default_scalar_type(self._compliance()))
+        compliance = fem.Constant(self.mesh, default_scalar_type(self._inverse_lame_lambda()))
         return ufl.as_vector(self.field(ufl, ufl.SpatialCoordinate(self.mesh), compliance))
 
     def evaluate_at_nodes(self, space: fem.FunctionSpace) -> Array:
         """Return the exact displacements (n_nodes, n_components) at the nodes of a space."""
         x = space.tabulate_dof_coordinates().T
-        return np.column_stack(self.field(np, x, self._compliance()))
+        return np.column_stack(self.field(np, x, self._inverse_lame_lambda()))
 
     def assemble_load(self, boundary: Marker) -> PETSc.Vec:
         """Assemble the load vector of the body force and of the tractions on a boundary."""
@@ -113,12 +113,16 @@ class ManufacturedSolution:
         # one form on piecewise constants, instead of six forms
         constants = fem.functionspace(self.mesh, ("DG", 0, (len(squares),)))
         dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": DEGREE})
-        form = ufl.inner(ufl.as_vector(squares), ufl.TestFunction(constants)) * self._depth() * dx
+        form = (
+            ufl.inner(ufl.as_vector(squares), ufl.TestFunction(constants))
+            * self._thickness_or_circumference()
+            * dx
+        )
         sums = assemble_vector(form).array.reshape(-1, len(squares)).sum(axis=0)
         relative_errors = np.sqrt(sums[::2] / sums[1::2])
         return dict(zip(pairs, relative_errors.tolist(), strict=True))
 
-    def _compliance(self) -> float:
+    def _inverse_lame_lambda(self) -> float:
         E, nu = self.body.material.youngs_modulus, self.body.material.poissons_ratio
         return float((1 + nu) * (1 - 2 * nu) / (E * nu))
 
@@ -144,7 +148,7 @@ class ManufacturedSolution:
             ]
         )
 
-    def _depth(self) -> Expr | float:
+    def _thickness_or_circumference(self) -> Expr | float:
         """Return the circumference 2 pi r in axisymmetry, else the thickness 1."""
         return 2 * np.pi * self._radius() if self.body.state is StressState.AXISYMMETRIC else 1.0
 

@@ -80,15 +80,15 @@ def measure_pressure_errors(distance: Array, pressure: Array) -> dict[str, float
     exact, is_inner = np.sqrt(np.maximum(0, 1 - distance**2)), distance < INNER
     error, total_variation = pressure - exact, np.abs(np.diff(pressure)).sum()
     return {
-        "pressure_l2": _norm(error) / _norm(exact),
-        "pressure_l2_inner": _norm(error[is_inner]) / _norm(exact[is_inner]),
-        "pressure_l2_edge": _norm(error[~is_inner]) / _norm(exact[~is_inner]),
+        "pressure_l2": _euclidean_norm(error) / _euclidean_norm(exact),
+        "pressure_l2_inner": _euclidean_norm(error[is_inner]) / _euclidean_norm(exact[is_inner]),
+        "pressure_l2_edge": _euclidean_norm(error[~is_inner]) / _euclidean_norm(exact[~is_inner]),
         "radius": float(distance[pressure > CONTACT_PRESSURE_THRESHOLD].max()),
         "variation": float(total_variation - (pressure[0] - pressure[-1])),
     }
 
 
-def _norm(values: Array) -> float:
+def _euclidean_norm(values: Array) -> float:
     return float(np.linalg.norm(values))
 
 
