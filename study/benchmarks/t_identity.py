@@ -101,21 +101,28 @@ that on flat surfaces of plane bodies it carries the new element's forces.
 
 METHOD = r"""
 Matrices and load vectors of both elements are assembled on the same distorted mesh, and so are those of the composite
-triangle. The defect of an identity is the norm of the difference of its two sides over that of the left one (root of the
-sum of squares of all entries). In statics a clamped square and a clamped cube are loaded by a uniform body force, and
+triangle. The defect of an identity is the norm of the difference of its two sides, relative to that of the left side (root
+of the sum of squares of all entries). In statics a clamped square and a clamped cube are loaded by a uniform body force, and
 their displacements and reactions are compared in the same norm.
 """
 
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
-DIVISIONS = (6, 6)
-CONSTANT_STRESS = ((-1.0, 0.4), (0.4, -0.3))
-N_VERTEX_ORDERS = 2
-"""Random orders of the vertices within tetrahedra that are compared with the sorted one."""
+SQUARE_DIVISIONS = (6, 6)
+CONSTANT_PRESTRESS = ((-1.0, 0.4), (0.4, -0.3))
+N_RANDOM_VERTEX_ORDERS = 2
+"""Number of random vertex orders of the tetrahedra that are compared with the sorted order."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A matrix or vector of a body, and the setting in which the identity is tested on it."""
+    """A matrix or vector for which an identity is tested, and the body that it belongs to.
+
+    Args:
+        assemble: Function that assembles the matrix or vector of a body.
+        state: Stress state of the body.
+        varying_modulus: Whether Young's modulus is 1 + x instead of 1.
+        curved_sides: Whether the sides of the triangles are curved.
+    """
 
     assemble: Callable[[Body], PETSc.Mat | PETSc.Vec]
     state: StressState = StressState.PLANE_STRESS
@@ -132,15 +139,15 @@ def _assemble_mass(body: Body) -> PETSc.Mat:
 
 
 def _assemble_initial_stress_G(body: Body) -> PETSc.Mat:
-    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_STRESS), "G"))
+    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_PRESTRESS), "G"))
 
 
 def _assemble_initial_stress_J(body: Body) -> PETSc.Mat:
-    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_STRESS), "J"))
+    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_PRESTRESS), "J"))
 
 
 def _assemble_initial_stress_linear(body: Body) -> PETSc.Mat:
-    prestress = _linear_function(body) * ufl.as_tensor(CONSTANT_STRESS)
+    prestress = _make_linear_function(body) * ufl.as_tensor(CONSTANT_PRESTRESS)
     return assemble_matrix(body.geometric_stiffness(prestress))
 
 
@@ -154,11 +161,11 @@ def _assemble_body_load(body: Body) -> PETSc.Vec:
 
 
 def _assemble_body_load_linear(body: Body) -> PETSc.Vec:
-    return assemble_vector(body.body_load(_linear_function(body) * ufl.as_vector((0.3, -1.0))))
+    return assemble_vector(body.body_load(_make_linear_function(body) * ufl.as_vector((0.3, -1.0))))
 
 
 def _assemble_point_load(body: Body) -> PETSc.Vec:
-    """Load a mid-side node; at a vertex neither T nor the weight functions change a load."""
+    """Assemble a load at a mid-side node; at a vertex both elements have the same load."""
     U = body.spaces.trial
     node = U.tabulate_dof_coordinates()[U.dofmap.list[0, 3]]
     return nodal_load(U, lambda x: np.asarray(np.isclose(x.T, node).all(axis=1)), (0.3, -1.0))
@@ -172,7 +179,7 @@ IDENTITIES = {
     "surface-load": Quantity(_assemble_surface_load),
     "body-load": Quantity(_assemble_body_load),
 }
-"""Quantities of which A_PW = T A_Galerkin holds."""
+"""Matrices and vectors A for which A_PW = T A_Galerkin holds."""
 COUNTEREXAMPLES = {
     "mass": Quantity(_assemble_mass),
     "stiffness-axisymmetric": Quantity(_assemble_stiffness, StressState.AXISYMMETRIC),
@@ -182,7 +189,7 @@ COUNTEREXAMPLES = {
     "body-load-linear": Quantity(_assemble_body_load_linear),
     "point-load": Quantity(_assemble_point_load),
 }
-"""Quantities of which it fails."""
+"""Matrices and vectors A for which A_PW = T A_Galerkin fails."""
 COMPOSITE_IDENTITIES = {
     name: (IDENTITIES | COUNTEREXAMPLES)[name]
     for name in (
@@ -194,35 +201,39 @@ COMPOSITE_IDENTITIES = {
         "stiffness-varying-modulus",
     )
 }
-"""Matrices of which A_composite = T A_Galerkin T^T holds: only gradients are projected."""
+"""Matrices for which A_composite = T A_Galerkin T^T holds: they depend on gradients only."""
 COMPOSITE_COUNTEREXAMPLES = {
     name: COUNTEREXAMPLES[name] for name in ("mass", "stiffness-axisymmetric")
 }
-"""Matrices of which it fails, because displacements as such enter the mass and the hoop strain."""
+"""Matrices for which it fails: mass and hoop strain depend on displacements themselves."""
 
 
 def difference(quantity: str) -> Result:
     """Return |A_PW - T A_Galerkin| / |A_PW| of a matrix or vector on a distorted mesh."""
-    tested = (IDENTITIES | COUNTEREXAMPLES)[quantity]
-    galerkin, pw = _make_bodies(tested, Spaces.galerkin, Spaces.petrov_galerkin)
-    transferred = _apply_transfer(galerkin.spaces, tested.assemble(galerkin))
-    scalars = {"difference": _relative_difference(tested.assemble(pw), transferred)}
+    tested_quantity = (IDENTITIES | COUNTEREXAMPLES)[quantity]
+    galerkin, pw = _make_bodies(tested_quantity, Spaces.galerkin, Spaces.petrov_galerkin)
+    A_galerkin, A_pw = (tested_quantity.assemble(body) for body in (galerkin, pw))
+    scalars = {
+        "difference": _relative_difference(A_pw, _apply_transfer(galerkin.spaces, A_galerkin))
+    }
     return Result(scalars, dimensionless(scalars), dofs=_count_dofs(galerkin))
 
 
 def composite_difference(quantity: str) -> Result:
     """Return |A_composite - T A_Galerkin T^T| / |A_composite| of a matrix on a distorted mesh."""
-    tested = (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES)[quantity]
-    galerkin, assumed_strain = _make_bodies(tested, Spaces.galerkin, composite)
+    tested_quantity = (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES)[quantity]
+    galerkin, assumed_strain = _make_bodies(tested_quantity, Spaces.galerkin, composite)
     T = force_transfer(galerkin.spaces.trial)
-    transferred = T.matMult(tested.assemble(galerkin)).matMult(T.transpose(PETSc.Mat()))
-    scalars = {"difference": _relative_difference(tested.assemble(assumed_strain), transferred)}
+    A_galerkin = tested_quantity.assemble(galerkin)
+    A_composite = tested_quantity.assemble(assumed_strain)
+    transferred = T.matMult(A_galerkin).matMult(T.transpose(PETSc.Mat()))
+    scalars = {"difference": _relative_difference(A_composite, transferred)}
     return Result(scalars, dimensionless(scalars), dofs=_count_dofs(galerkin))
 
 
 def statics_2d() -> Result:
     """Compare displacements and reactions of the elements on a distorted, clamped square."""
-    square = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS)
+    square = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), SQUARE_DIVISIONS)
     mesh = move_nodes(square, smooth_distortion)
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
     a, r = _solve_clamped_body(galerkin, StressState.PLANE_STRAIN)
@@ -251,45 +262,46 @@ def statics_3d() -> Result:
 
 
 def vertex_order(element: str) -> Result:
-    """Return by how much nodal values depend on the order of the vertices within tetrahedra.
+    """Measure how much nodal values depend on the order of the vertices within tetrahedra.
 
-    Over `N_VERTEX_ORDERS` random orders: the largest change of a displacement and a reaction of
-    the clamped cube, and of a nodal force below a rough sphere, each over the largest one of its
-    kind; of the nodal forces also the median over the nodes that carry one.
+    `N_RANDOM_VERTEX_ORDERS` random orders are compared with the sorted one. Scalars: the largest
+    changes of displacements and reactions of the clamped cube and of nodal forces below a rough
+    sphere, each over the largest value; and the median change of the nonzero nodal forces.
     """
-    sorted_values, *other_values = (
-        _nodal_values(element, order) for order in range(N_VERTEX_ORDERS + 1)
+    sorted_values, *permuted_values = (
+        _compute_nodal_values(element, seed) for seed in range(N_RANDOM_VERTEX_ORDERS + 1)
     )
     sizes = {name: np.abs(values).max() for name, values in sorted_values.items()}
     changes = {
-        name: [np.abs(other[name] - values) / sizes[name] for other in other_values]
+        name: [np.abs(permuted[name] - values) / sizes[name] for permuted in permuted_values]
         for name, values in sorted_values.items()
     }
     scalars = {f"{name}_difference": float(np.max(values)) for name, values in changes.items()}
     is_loaded = np.abs(sorted_values["contact"]).max(axis=1) > 1e-9 * sizes["contact"]
-    by_node = np.max(changes["contact"], axis=2)
-    scalars["contact_difference_median"] = float(np.median(by_node[:, is_loaded]))
+    nodal_changes = np.max(changes["contact"], axis=2)
+    scalars["contact_difference_median"] = float(np.median(nodal_changes[:, is_loaded]))
     n_dofs = sorted_values["displacement"].size
     return Result(scalars, dimensionless(scalars), dofs=n_dofs)
 
 
-def _nodal_values(element: str, order: int) -> dict[str, Array]:
-    """Return displacements, reactions and contact forces on meshes of an order of vertices."""
-    cube = spaces(element, _make_cube((3, 3, 3), order))
-    a, r = _solve_clamped_body(cube, StressState.SOLID)
+def _compute_nodal_values(element: str, order_seed: int) -> dict[str, Array]:
+    """Return displacements, reactions and contact forces for a vertex order of `_make_cube`."""
+    cube_spaces = spaces(element, _make_cube((3, 3, 3), order_seed))
+    a, r = _solve_clamped_body(cube_spaces, StressState.SOLID)
     return {
-        "displacement": _sort_by_position(cube, a),
-        "reaction": _sort_by_position(cube, r),
-        "contact": _forces_below_sphere(spaces(element, _make_cube((4, 4, 2), order))),
+        "displacement": _sort_by_position(cube_spaces, a),
+        "reaction": _sort_by_position(cube_spaces, r),
+        "contact": _compute_forces_below_sphere(spaces(element, _make_cube((4, 4, 2), order_seed))),
     }
 
 
-def _make_cube(divisions: tuple[int, int, int], order: int = 0) -> Mesh:
+def _make_cube(divisions: tuple[int, int, int], order_seed: int = 0) -> Mesh:
     """Return a unit cube of tetrahedra, six in each box.
 
     Args:
-        divisions: boxes along each axis.
-        order: 0 for vertices sorted by position within each cell, else the seed of a random order.
+        divisions: Number of boxes along each axis.
+        order_seed: Seed of a random order of the vertices within each cell; 0 sorts them by
+            position.
     """
     cube = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], divisions, CellType.tetrahedron)
     x = cube.geometry.x.round(12)
@@ -298,22 +310,22 @@ def _make_cube(divisions: tuple[int, int, int], order: int = 0) -> Mesh:
     number[by_position] = np.arange(len(x))
     cells = np.sort(number[cell_geometry_nodes(cube)], axis=1)
     cells = cells[np.lexsort(cells.T)]  # versions of DOLFINx number them differently
-    if order > 0:
-        cells = np.random.default_rng(order).permuted(cells, axis=1)
+    if order_seed > 0:
+        cells = np.random.default_rng(order_seed).permuted(cells, axis=1)
     geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x[by_position], e=geometry)
 
 
-def _sort_by_position(cube: Spaces, values: PETSc.Vec) -> Array:
-    """Return nodal values (n, 3), nodes sorted by their coordinates."""
-    x = cube.trial.tabulate_dof_coordinates().round(9)
+def _sort_by_position(element_spaces: Spaces, values: PETSc.Vec) -> Array:
+    """Return nodal values (n, 3), sorted by the coordinates of their nodes."""
+    x = element_spaces.trial.tabulate_dof_coordinates().round(9)
     return np.asarray(values.array_r.reshape(-1, 3)[np.lexsort(x.T)])
 
 
-def _forces_below_sphere(block: Spaces) -> Array:
+def _compute_forces_below_sphere(element_spaces: Spaces) -> Array:
     """Return nodal forces (m, 3) below a rough rigid sphere that is pressed and dragged."""
-    U = block.trial
-    body = Body(block, Material(YOUNGS_MODULUS, POISSONS_RATIO), StressState.SOLID)
+    U = element_spaces.trial
+    body = Body(element_spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), StressState.SOLID)
     K = assemble_matrix(body.stiffness())
     supports = Reduction.dirichlet(
         U, [prescribe(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
@@ -325,34 +337,34 @@ def _forces_below_sphere(block: Spaces) -> Array:
     return np.column_stack([contact.force_normal, contact.force_tangential])
 
 
-def _make_bodies(quantity: Quantity, *methods: Callable[[Mesh], Spaces]) -> list[Body]:
-    """Return the same body on several elements."""
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS)
+def _make_bodies(quantity: Quantity, *space_makers: Callable[[Mesh], Spaces]) -> list[Body]:
+    """Return the body of a quantity once for each kind of space, on one mesh."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), SQUARE_DIVISIONS)
     mesh = (curved_mesh if quantity.curved_sides else move_nodes)(mesh, smooth_distortion)
     modulus = YOUNGS_MODULUS
     if quantity.varying_modulus:
         modulus *= 1 + ufl.SpatialCoordinate(mesh)[0]
     material = Material(modulus, POISSONS_RATIO)
-    return [Body(method(mesh), material, quantity.state) for method in methods]
+    return [Body(make_spaces(mesh), material, quantity.state) for make_spaces in space_makers]
 
 
 def _count_dofs(body: Body) -> int:
     return int(body.spaces.trial.dofmap.index_map.size_global * 2)
 
 
-def _solve_clamped_body(spaces: Spaces, state: StressState) -> tuple[PETSc.Vec, PETSc.Vec]:
-    """Return displacements and reactions under a body force, the side x = 0 clamped."""
-    dimension = spaces.mesh.geometry.dim
-    body = Body(spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), state)
+def _solve_clamped_body(element_spaces: Spaces, state: StressState) -> tuple[PETSc.Vec, PETSc.Vec]:
+    """Return displacements and reactions under a body force, with the side x = 0 clamped."""
+    dimension = element_spaces.mesh.geometry.dim
+    body = Body(element_spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), state)
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.body_load(np.eye(dimension)[1]))
-    supports = [prescribe(spaces.trial, i, _is_on_clamped_side) for i in range(dimension)]
-    a = solve(K, f, Reduction.dirichlet(spaces.trial, supports))
+    supports = [prescribe(element_spaces.trial, i, _is_on_clamped_side) for i in range(dimension)]
+    a = solve(K, f, Reduction.dirichlet(element_spaces.trial, supports))
     return a, reactions(K, a, f)
 
 
-def _apply_transfer(spaces: Spaces, A: PETSc.Mat | PETSc.Vec) -> PETSc.Mat | PETSc.Vec:
-    T = force_transfer(spaces.trial)
+def _apply_transfer(element_spaces: Spaces, A: PETSc.Mat | PETSc.Vec) -> PETSc.Mat | PETSc.Vec:
+    T = force_transfer(element_spaces.trial)
     return T * A if isinstance(A, PETSc.Vec) else T.matMult(A)
 
 
@@ -360,7 +372,7 @@ def _relative_difference(a: PETSc.Mat | PETSc.Vec, b: PETSc.Mat | PETSc.Vec) -> 
     return float((a - b).norm() / a.norm())
 
 
-def _linear_function(body: Body) -> ufl.core.expr.Expr:
+def _make_linear_function(body: Body) -> ufl.core.expr.Expr:
     x = ufl.SpatialCoordinate(body.spaces.mesh)
     return 1 + x[0] - 2 * x[1]
 
@@ -373,13 +385,13 @@ def _is_on_clamped_side(x: Array) -> npt.NDArray[np.bool_]:
 
 
 def _implied_parameters(quantity: Quantity, element: str) -> dict[str, object]:
-    """Return what a quantity's name implies of the body, and the element compared with T."""
+    """Return the stored parameters that the name of a quantity implies."""
     return {
         "element": element,
         "state": quantity.state.value,
         "varying_modulus": quantity.varying_modulus,
         "curved_sides": quantity.curved_sides,
-        "divisions": DIVISIONS,
+        "divisions": SQUARE_DIVISIONS,
     }
 
 
@@ -397,11 +409,14 @@ CASES += [
     )
     for name, quantity in (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES).items()
 ]
-PLANE = {"compared": ["galerkin-T6", "pw-T6", "composite-T6"], "state": "plane strain"}
-SOLID = {"compared": ["galerkin-T10", "pw-T10"], "state": "solid"}
+PLANE_STATICS_PARAMETERS = {
+    "compared": ["galerkin-T6", "pw-T6", "composite-T6"],
+    "state": "plane strain",
+}
+SOLID_STATICS_PARAMETERS = {"compared": ["galerkin-T10", "pw-T10"], "state": "solid"}
 CASES += [
-    Case("T", "statics-2d", statics_2d, implied=PLANE),
-    Case("T", "statics-3d", statics_3d, implied=SOLID),
+    Case("T", "statics-2d", statics_2d, implied=PLANE_STATICS_PARAMETERS),
+    Case("T", "statics-3d", statics_3d, implied=SOLID_STATICS_PARAMETERS),
 ]
 CASES += [
     Case("T", f"order-{element}", vertex_order, {"element": element}, {"state": "solid"})
@@ -428,7 +443,7 @@ DETAILS = r"""
 {{ figure("t_identity") }}
 """
 
-PLOTTED = (
+PLOTTED_QUANTITIES = (
     "stiffness-plane-stress",
     "stiffness-plane-strain",
     "initial-stress-G",
@@ -443,7 +458,7 @@ PLOTTED = (
     "mass",
     "point-load",
 )
-PLOTTED_OF_COMPOSITE = (
+PLOTTED_COMPOSITE_QUANTITIES = (
     "stiffness-plane-stress",
     "stiffness-plane-strain",
     "initial-stress-G",
@@ -453,21 +468,25 @@ PLOTTED_OF_COMPOSITE = (
     "stiffness-axisymmetric",
     "mass",
 )
-PLOTTED_CASES = PLOTTED + tuple(f"composite-{name}" for name in PLOTTED_OF_COMPOSITE)
-ZERO_COLOUR, NONZERO_COLOUR = "#333333", "#BBBBBB"  # colours that no element has
-ROUND_OFF = 1e-12
-SMALLEST_SHOWN = 1e-17
+PLOTTED_CASES = PLOTTED_QUANTITIES + tuple(
+    f"composite-{name}" for name in PLOTTED_COMPOSITE_QUANTITIES
+)
+IDENTITY_COLOUR, COUNTEREXAMPLE_COLOUR = "#333333", "#BBBBBB"  # not used for any element
+ROUND_OFF_BOUND = 1e-12
+"""Relative differences below this count as round-off."""
+SMALLEST_DRAWN_DIFFERENCE = 1e-17
+"""Left end of the logarithmic axis."""
 
 
 def draw_differences(results: Results) -> Figure:
     """Where PW = T Galerkin and composite = T Galerkin Tᵀ hold, and where they fail.
 
-    Relative defect of both identities, a row for each quantity.
+    Bars show the relative difference of both sides, one row for each quantity.
     """
-    heights = (len(PLOTTED), len(PLOTTED_OF_COMPOSITE))
+    heights = (len(PLOTTED_QUANTITIES), len(PLOTTED_COMPOSITE_QUANTITIES))
     fig, axes = plt.subplots(2, 1, figsize=(FULL, 3.6), sharex=True, height_ratios=heights)
-    _plot_bars(axes[0], results, PLOTTED, "")
-    _plot_bars(axes[1], results, PLOTTED_OF_COMPOSITE, "composite-")
+    _draw_difference_bars(axes[0], results, PLOTTED_QUANTITIES, "")
+    _draw_difference_bars(axes[1], results, PLOTTED_COMPOSITE_QUANTITIES, "composite-")
     axes[0].set_title(r"(a) new: $\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}$")
     composite_identity = r"$\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}\mathbf{T}^\mathsf{T}$"
     axes[1].set_title(f"(b) composite: {composite_identity}")
@@ -475,30 +494,37 @@ def draw_differences(results: Results) -> Figure:
     return fig
 
 
-def _plot_bars(ax: Axes, results: Results, names: Sequence[str], prefix: str) -> None:
+def _draw_difference_bars(ax: Axes, results: Results, names: Sequence[str], prefix: str) -> None:
     differences = [results.scalar(f"T/{prefix}{name}", "difference") for name in names]
-    colours = [ZERO_COLOUR if value < ROUND_OFF else NONZERO_COLOUR for value in differences]
-    ax.barh(range(len(names)), differences, color=colours, left=SMALLEST_SHOWN, height=0.65)
+    colours = [
+        IDENTITY_COLOUR if value < ROUND_OFF_BOUND else COUNTEREXAMPLE_COLOUR
+        for value in differences
+    ]
+    ax.barh(
+        range(len(names)), differences, color=colours, left=SMALLEST_DRAWN_DIFFERENCE, height=0.65
+    )
     for row, value in enumerate(differences):
         mantissa, _, power = f"{value:.1e}".partition("e")
         number = rf"${mantissa} \times 10^{{{int(power)}}}$"
-        ax.annotate(number, (max(value, SMALLEST_SHOWN) * 1.4, row), va="center", fontsize=7)
-    ax.set_yticks(range(len(names)), [_describe_quantity(name) for name in names])
-    ax.set(xscale="log", xlim=(SMALLEST_SHOWN, 10))
+        ax.annotate(
+            number, (max(value, SMALLEST_DRAWN_DIFFERENCE) * 1.4, row), va="center", fontsize=7
+        )
+    ax.set_yticks(range(len(names)), [_format_quantity_name(name) for name in names])
+    ax.set(xscale="log", xlim=(SMALLEST_DRAWN_DIFFERENCE, 10))
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
 
 
-def _describe_quantity(name: str) -> str:
-    """Return a case's name with a comma after the quantity: "stiffness, plane stress"."""
+def _format_quantity_name(name: str) -> str:
+    """Return a case's name with a comma after the quantity, as in "stiffness, plane stress"."""
     quantities = ("stiffness", "initial-stress", "body-load")
     quantity = next((q for q in quantities if name.startswith(f"{q}-")), name)
     setting = name.removeprefix(quantity).removeprefix("-").replace("-", " ")
     return ", ".join(filter(None, (quantity.replace("-", " "), setting)))
 
 
-def list_differences(results: Results) -> str:
-    """Return the figure in words."""
+def describe_differences(results: Results) -> str:
+    """Return the alternative text of the figure, with all differences."""
     return "Bars on a logarithmic scale: " + "; ".join(
         f"{name.replace('-', ' ')} {results.scalar(f'T/{name}', 'difference'):.1e}"
         for name in PLOTTED_CASES
@@ -513,7 +539,7 @@ FIGURES = [
         caption="Relative differences in norm between both sides of the identities, for matrices "
         "and load vectors A on a distorted mesh of straight-sided triangles (curved ones where "
         "named). Dark: an identity up to round-off. Light: no identity.",
-        alt=list_differences,
+        alt=describe_differences,
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Contact patch test: a rigid plane has to receive a uniform pressure unchanged."""
+"""Contact patch test: a uniform pressure has to reach a rigid plane unchanged."""
 
 from functools import partial
 
@@ -73,45 +73,45 @@ codes print them, are compared with the exact ones at every node; there is no ow
 function has no integral.
 """
 
-DIVISIONS = (6, 3)
-MAX_MOVE = 0.15
-"""Largest random move of a node, over the side of a square."""
-BEND = 0.06
-"""Largest move of a node along an axis on meshes with curved sides, over the block's size."""
+BLOCK_DIVISIONS = (6, 3)
+MAX_RELATIVE_NODE_MOVE = 0.15
+"""Largest random move of a node, relative to the side of a square."""
+MAX_RELATIVE_BEND = 0.06
+"""Largest move of a node along an axis on curved meshes, relative to the block's size."""
 
 
 def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
-    """Press a block evenly on a smooth rigid plane; return forces, pressures and their errors.
+    """Solve the patch test; return forces, pressures and their errors.
 
-    Every error is the largest one of all nodes, over the exact value (of the uniform pressure, the
-    largest nodal force, the largest displacement). Nodes that have no weight have no pressure
-    by their own test function; `weightless` counts them.
+    Errors are the largest ones of all nodes, relative to the uniform pressure, the largest nodal
+    force or the largest displacement. `weightless` counts nodes whose test function has no
+    integral over the surface; they have no own-function pressure.
 
     Args:
-        element: its name.
+        element: Name of the element.
         mesh: "straight", "distorted" or "curved".
-        state: stress state, by its name.
+        state: Name of the stress state.
     """
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, partial(_build_mesh, mesh), material, StressState(state))
     space = body.space
     load = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], HEIGHT))
     symmetry = prescribe(space, 0, lambda x: np.isclose(x[0], 0.0))
-    foundation = ContactPair(_lower_side, Plane((0.0, 0.0), (0.0, 1.0)))
-    (solved,) = solve_contact(body.K, load, body.supports([symmetry]), [foundation], space)
-    (contact,) = solved.pairs
+    contact_pair = ContactPair(_is_on_lower_side, Plane((0.0, 0.0), (0.0, 1.0)))
+    (solution,) = solve_contact(body.K, load, body.supports([symmetry]), [contact_pair], space)
+    (contact,) = solution.pairs
 
-    surface = SurfaceNodes.from_body(body.body, _lower_side)
+    surface = SurfaceNodes.from_body(body.body, _is_on_lower_side)
     force = contact.force_normal
     own_pressure = surface.pressure(force)
     tributary_pressure = surface.tributary_pressure(force)
-    displacement = solved.displacement.array_r.reshape(-1, 2)
-    exact = exact_displacement(space.tabulate_dof_coordinates(), StressState(state))
+    displacement = solution.displacement.array_r.reshape(-1, 2)
+    expected = exact_displacement(space.tabulate_dof_coordinates(), StressState(state))
     scalars = {
         "error_force": np.abs(force - PRESSURE * surface.weight_area).max() / force.max(),
         "error_pressure_own": np.nanmax(np.abs(own_pressure / PRESSURE - 1)),
         "error_pressure_tributary": np.abs(tributary_pressure / PRESSURE - 1).max(),
-        "error_displacement": np.abs(displacement - exact).max() / np.abs(exact).max(),
+        "error_displacement": np.abs(displacement - expected).max() / np.abs(expected).max(),
         "weightless": np.isnan(own_pressure).sum(),
         "applied_pressure": PRESSURE,
         "force_normal": force.sum(),
@@ -119,11 +119,11 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "sawtooth": surface.sawtooth(force),
         "unevenness": surface.unevenness(own_pressure),
         "peak_pressure": np.nanmax(own_pressure),
-        "iterations": solved.iterations,
-        "residual": solved.residuals.largest(),
+        "iterations": solution.iterations,
+        "residual": solution.residuals.largest(),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
-    kinds = {
+    unit_kinds = {
         **CONTACT_UNITS,
         "error_*": "1",
         "weightless": "1",
@@ -138,51 +138,51 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "status": contact.status,
         **mesh_curves(space),
     }
-    return Result(scalars, units_of(scalars, kinds), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, units_of(scalars, unit_kinds), curves, dofs=body.K.getSize()[0])
 
 
 def _build_mesh(kind: str, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
-    mesh = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), DIVISIONS)
+    mesh = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), BLOCK_DIVISIONS)
     if kind == "distorted":
-        return move_nodes(mesh, _move_at_random)
+        return move_nodes(mesh, _move_nodes_at_random)
     if kind == "curved":
         return curved_mesh(mesh, _bend_inner_lines)
     return mesh
 
 
-def _move_at_random(x: Array) -> Array:
-    """Return nodes (n, 3) after random moves; those of the outline stay on it."""
+def _move_nodes_at_random(x: Array) -> Array:
+    """Return nodes (n, 3) after random moves, those of the outline along it."""
     moved = x.copy()
     generator = np.random.default_rng(1)
-    for axis, (size, count) in enumerate(zip((LENGTH, HEIGHT), DIVISIONS, strict=True)):
-        inside = ~np.isclose(x[:, axis] % size, 0.0)
-        move = MAX_MOVE * size / count * generator.uniform(-1, 1, len(x))
-        moved[:, axis] += np.where(inside, move, 0.0)
+    for axis, (size, count) in enumerate(zip((LENGTH, HEIGHT), BLOCK_DIVISIONS, strict=True)):
+        is_inside = ~np.isclose(x[:, axis] % size, 0.0)
+        move = MAX_RELATIVE_NODE_MOVE * size / count * generator.uniform(-1, 1, len(x))
+        moved[:, axis] += np.where(is_inside, move, 0.0)
     return moved
 
 
 def _bend_inner_lines(x: Array) -> Array:
-    """Return nodes (n, 3) of which those inside bend their lines and those of the outline slide."""
+    """Return nodes (n, 3) moved so that inner mesh lines bend and the outline stays straight."""
     s, t = np.pi * x[:, 0] / LENGTH, np.pi * x[:, 1] / HEIGHT
     bent = x.copy()
-    bent[:, 0] += BEND * LENGTH * np.sin(s) * np.cos(1.5 * t)
-    bent[:, 1] += BEND * HEIGHT * np.sin(t) * np.cos(1.5 * s)
+    bent[:, 0] += MAX_RELATIVE_BEND * LENGTH * np.sin(s) * np.cos(1.5 * t)
+    bent[:, 1] += MAX_RELATIVE_BEND * HEIGHT * np.sin(t) * np.cos(1.5 * s)
     return bent
 
 
-def _lower_side(x: Array) -> npt.NDArray[np.bool_]:
+def _is_on_lower_side(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[1], 0.0)
 
 
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-MESHES = ("straight", "distorted", "curved")
+MESH_KINDS = ("straight", "distorted", "curved")
 CASES = [
     Case("V1", f"{element}-{mesh}", patch, {"element": element, "mesh": mesh})
     for element in ELEMENTS
-    for mesh in MESHES
+    for mesh in MESH_KINDS
 ]
 CASES += [
     Case(
@@ -215,16 +215,16 @@ DETAILS = r"""
 """
 
 
-DRAWN = {element: f"V1/{element}-distorted" for element in ("galerkin-T6", "pw-T6")}
+DRAWN_CASE_KEYS = {element: f"V1/{element}-distorted" for element in ("galerkin-T6", "pw-T6")}
 
 
 def draw_patch_test(results: Results) -> Figure:
     """Contact patch test on a distorted mesh, pressures by two measures.
 
-    The mesh, and nodal forces over two lengths.
+    Panels: mesh and load; own-function pressure; tributary pressure.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3), width_ratios=(1.3, 1, 1))
-    curves = results.curves(DRAWN["galerkin-T6"])
+    curves = results.curves(DRAWN_CASE_KEYS["galerkin-T6"])
     mesh_plot(axes[0], curves["nodes"], curves["cells"])
     length, height = curves["nodes"].max(axis=0)
     load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
@@ -236,7 +236,7 @@ def draw_patch_test(results: Results) -> Figure:
         "pressure_tributary": f"(c) {TRIBUTARY.name}",
     }
     for ax, (name, title) in zip(axes[1:], measures.items(), strict=True):
-        for element, key in DRAWN.items():
+        for element, key in DRAWN_CASE_KEYS.items():
             curves = results.curves(key)
             look = dict(LOOK[element])
             if element == "pw-T6":
@@ -253,7 +253,7 @@ FIGURES = [
     PageFigure(
         "v1_patch_test",
         draw_patch_test,
-        needs=list(DRAWN.values()),
+        needs=list(DRAWN_CASE_KEYS.values()),
         caption=f"Contact patch test on a distorted mesh (a). The {OWN.name} pressure (b) of both "
         f"elements is the applied one; the {TRIBUTARY.name} pressure (c), {TRIBUTARY.meaning} it, "
         "is off by a third with the standard element.",
@@ -281,7 +281,7 @@ CHECKS = [
         tolerance=1e-11,
         tolerance_why="round-off of a small linear system",
         why="Linear displacements are among the trial functions of all elements, and test "
-        "functions that sum to one carry a uniform stress.",
+        "functions that sum to one balance a uniform stress.",
     ),
     check(
         "V1-tributary-standard",

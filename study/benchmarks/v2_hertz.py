@@ -32,12 +32,12 @@ FACTS = {
     "supports": "exact displacements of the half space on the outer sides; smooth contact",
     "load": "a normal force of 35 kN (for the cylinder, per mm of its length)",
     "reference": "H. Hertz (1882)",
-    "uncertainty": "none of the body's size; errors are root mean squares over four positions of "
+    "uncertainty": "none from the body's size; errors are root mean squares over four positions of "
     "the contact's edge in an element",
 }
 SHORT_FACTS = {
-    "uncertainty": "none of the body's size; root mean squares over four places of the contact's "
-    "edge"
+    "uncertainty": "none from the body's size; root mean squares over four positions of the "
+    "contact's edge"
 }
 
 # Problem and exact solution
@@ -51,7 +51,7 @@ THEORY = r"""
 Hertz' solution gives the half width $a$ of the contact, the pressure $p_0 \sqrt{1 - x^2/a^2}$, and for the sphere the
 depth $a^2/R$.
 
-**What it has to do with NAFEMS R0094-1.** That benchmark (A. W. A. Konter, 2006) presses a steel cylinder of radius 50 mm
+**Relation to NAFEMS R0094-1.** That benchmark (A. W. A. Konter, 2006) presses a steel cylinder of radius 50 mm
 ($E = 210$ GPa) with 35 kN into an aluminium block of 200 mm × 200 mm × 1 mm ($E = 70$ GPa; $\nu = 0.3$ for both) and
 prints the solution of Hertz' theory, $a = 6.215$ mm and $p_0 = 3585.4$ MPa. Here the indenter is rigid; section V11
 treats the benchmark with both bodies elastic. By that same theory a rigid cylinder of the same radius on a half plane of
@@ -59,14 +59,14 @@ modulus $1/E^* = (1 - \nu_1^2)/E_1 + (1 - \nu_2^2)/E_2$ has the same $a$ and $p_
 variant of the benchmark with friction is not treated.
 """
 
-# NAFEMS R0094-1 in N and mm
+# Data of NAFEMS R0094-1 in N and mm
 RADIUS, FORCE, POISSONS_RATIO = 50.0, 35e3, 0.3
-STEEL, ALUMINIUM = 210e3, 70e3
+STEEL_MODULUS, ALUMINIUM_MODULUS = 210e3, 70e3
 
 
-def composite_cylinder() -> HertzLine:
-    """Return Hertz' solution for the rigid cylinder on a half plane of the composite modulus."""
-    compliance = (1 - POISSONS_RATIO**2) * (1 / STEEL + 1 / ALUMINIUM)
+def make_hertz_cylinder() -> HertzLine:
+    """Return Hertz' solution for the rigid cylinder on a half plane of composite modulus."""
+    compliance = (1 - POISSONS_RATIO**2) * (1 / STEEL_MODULUS + 1 / ALUMINIUM_MODULUS)
     body = Elastic((1 - POISSONS_RATIO**2) / compliance, POISSONS_RATIO)
     return HertzLine(body, RADIUS, FORCE)
 
@@ -91,46 +91,48 @@ results in order 1 for the root mean square and 3/2 for the sum of forces; away 
 mean taken as a nodal value is of order 2.
 """
 
-LEVELS = (4, 8, 16, 32)
-"""Elements over the half width of the contact."""
-EDGE_POSITIONS = (0.125, 0.375, 0.625, 0.875)
-"""Where the contact ends within an element, as a fraction of its length."""
-MAX_CONTACT = 1.3
-"""Elements may touch up to this many half widths."""
+ELEMENT_COUNTS = (4, 8, 16, 32)
+"""Numbers of elements over the half width of the contact."""
+CONTACT_EDGE_OFFSETS = (0.125, 0.375, 0.625, 0.875)
+"""Positions within an element where the contact ends, as fractions of its length."""
+MAX_RELATIVE_CONTACT_WIDTH = 1.3
+"""Distance up to which nodes may touch, in half widths of the contact."""
 
 
 def cylinder(
     element: str, true_circle: bool = False, outer: float = OUTER, far_field: bool = True
 ) -> Result:
-    """Solve the rigid cylinder on the half plane of the composite modulus.
+    """Solve the contact of a rigid cylinder with a half plane of composite modulus.
 
     Args:
-        element: its name.
-        true_circle: whether gaps are measured to the circle along its normal, instead of to
-            Hertz's parabola.
-        outer: side of the body over the half width of the contact.
-        far_field: whether the outer sides have the exact displacements, or are held.
+        element: Name of the element.
+        true_circle: Whether gaps are measured to the circle along its normal, instead of to
+            Hertz' parabola.
+        outer: Side of the body over the half width of the contact.
+        far_field: Whether the outer sides have the exact displacements; otherwise they are fixed.
     """
     circle = Sphere((0.0, RADIUS), RADIUS)
     surface = circle if true_circle else Parabola((0.0, 0.0), RADIUS)
-    indenter = Indenter(composite_cylinder(), surface, StressState.PLANE_STRAIN, N_MM)
-    return _compare_with_hertz(element, indenter, outer, far_field)
+    indenter = Indenter(make_hertz_cylinder(), surface, StressState.PLANE_STRAIN, N_MM)
+    return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
 
 
 def sphere(element: str, outer: float = OUTER, far_field: bool = True) -> Result:
-    """Solve a rigid sphere with the cylinder's radius and force on an aluminium half space."""
-    exact = HertzSphere(Elastic(ALUMINIUM, POISSONS_RATIO), RADIUS, FORCE)
+    """Solve the contact of a sphere of the same radius and force with an aluminium half space."""
+    exact = HertzSphere(Elastic(ALUMINIUM_MODULUS, POISSONS_RATIO), RADIUS, FORCE)
     paraboloid = Parabola((0.0, 0.0), RADIUS)
     indenter = Indenter(exact, paraboloid, StressState.AXISYMMETRIC, N_MM)
-    return _compare_with_hertz(element, indenter, outer, far_field)
+    return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
 
 
-def _compare_with_hertz(element: str, indenter: Indenter, outer: float, far_field: bool) -> Result:
+def _solve_and_compare_with_hertz(
+    element: str, indenter: Indenter, outer: float, far_field: bool
+) -> Result:
     exact = indenter.known
     assert isinstance(exact, HertzLine | HertzSphere)
     meshes = {
-        n: [_mesh_lines(exact.half_width, n + position) for position in EDGE_POSITIONS]
-        for n in LEVELS
+        n: [_make_mesh_lines(exact.half_width, n + position) for position in CONTACT_EDGE_OFFSETS]
+        for n in ELEMENT_COUNTS
     }
     result = series(element, indenter, meshes, outer, far_field)
     scalars = {
@@ -138,30 +140,30 @@ def _compare_with_hertz(element: str, indenter: Indenter, outer: float, far_fiel
         "exact_peak": exact.peak,
         "indenter_radius": exact.radius,
     }
-    kinds = {"*_radius": "length", "exact_peak": "stress"}
+    unit_kinds = {"*_radius": "length", "exact_peak": "stress"}
     return replace(
         result,
         scalars={**result.scalars, **scalars},
-        units={**result.units, **units_of(scalars, kinds, indenter.units)},
+        units={**result.units, **units_of(scalars, unit_kinds, indenter.units)},
     )
 
 
-def _mesh_lines(half_width: float, elements: float) -> npt.NDArray[np.float64]:
-    size = half_width / elements
-    return size * np.arange(np.ceil(MAX_CONTACT * elements) + 1)
+def _make_mesh_lines(half_width: float, elements_over_half_width: float) -> npt.NDArray[np.float64]:
+    size = half_width / elements_over_half_width
+    return size * np.arange(np.ceil(MAX_RELATIVE_CONTACT_WIDTH * elements_over_half_width) + 1)
 
 
 # Cases
 
-PROBLEMS = (("line", cylinder), ("sphere", sphere))
+CASE_FUNCTIONS = (("line", cylinder), ("sphere", sphere))
 CASES = [
     Case("V2", f"{name}-{element}", problem, {"element": element})
-    for name, problem in PROBLEMS
+    for name, problem in CASE_FUNCTIONS
     for element in ELEMENTS
 ]
 CASES += [
     Case("V2", f"{name}-pw-T6-{suffix}", problem, {"element": "pw-T6", **size})
-    for name, problem in PROBLEMS
+    for name, problem in CASE_FUNCTIONS
     for suffix, size in (("held", {"far_field": False}), ("outer10", {"outer": 10.0}))
 ]
 CASES.append(Case("V2", "line-pw-T6-circle", cylinder, {"element": "pw-T6", "true_circle": True}))
@@ -200,16 +202,16 @@ DETAILS = r"""
 def draw_pressure(results: Results) -> Figure:
     """Hertz contact, pressures over the surface by two measures.
 
-    The cylinder by both measures, then the sphere.
+    Two panels for the cylinder and two for the sphere, one for each measure.
     """
     fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.3), sharex=True, sharey=True)
     measures = {"pressure": OWN.name, "pressure_tributary": TRIBUTARY.name}
-    for pair, (kind, title) in zip((axes[:2], axes[2:]), KIND_TITLES.items(), strict=True):
+    for pair, (kind, title) in zip((axes[:2], axes[2:]), INDENTER_TITLES.items(), strict=True):
         for ax, (name, label) in zip(pair, measures.items(), strict=True):
             for element in ("galerkin-T6", "pw-T6"):
                 key = f"V2/{kind}-{element}"
                 curves = results.curves(key)
-                a, p0 = (results.scalar(key, f"exact_{what}") for what in ("radius", "peak"))
+                a, p0 = (results.scalar(key, name) for name in ("exact_radius", "exact_peak"))
                 ax.plot(curves["x"] / a, curves[name] / p0, **LOOK[element])
             s = np.linspace(0, 1, 201)
             ax.plot(s, np.sqrt(1 - s**2), **LOOK["exact"], linestyle="--", zorder=3)
@@ -225,7 +227,7 @@ def draw_pressure(results: Results) -> Figure:
 def draw_convergence(results: Results) -> Figure:
     """Convergence of the contact pressure to Hertz'.
 
-    Rows: kinds of contact; columns: measures.
+    Rows: cylinder and sphere; columns: measures of pressure.
     """
     errors = {
         "error_pressure_tributary": f"{TRIBUTARY.name}, all nodes",
@@ -237,13 +239,13 @@ def draw_convergence(results: Results) -> Figure:
         "error_pressure_own_inner": [(1, 3e-2), (2, 1.4e-3)],
     }
     fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.9), sharex=True, sharey=True)
-    for row, (kind, title) in zip(axes, KIND_TITLES.items(), strict=True):
+    for row, (kind, title) in zip(axes, INDENTER_TITLES.items(), strict=True):
         keys = {element: f"V2/{kind}-{element}" for element in convergence.ELEMENTS}
         for ax, name in zip(row, errors, strict=True):
-            convergence.prepare(ax, results, CONVERGENCE_KEYS[0])
+            convergence.prepare(ax, results, CONVERGENCE_CASE_KEYS[0])
             convergence.errors(ax, results, keys, name)
             for order, height in orders_and_heights.get(name, []):
-                convergence.slope(ax, results, CONVERGENCE_KEYS[0], order, height)
+                convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], order, height)
         row[0].set_ylabel(f"{title}: error")
     for top, bottom, title in zip(*axes, errors.values(), strict=True):
         top.set_title(title, fontsize=8)
@@ -264,13 +266,19 @@ def caption_pressure(results: Results) -> str:
     )
 
 
-KIND_TITLES = {"line": "cylinder", "sphere": "sphere"}
-CONVERGENCE_KEYS = [f"V2/{kind}-{one}" for kind in KIND_TITLES for one in convergence.ELEMENTS]
+INDENTER_TITLES = {"line": "cylinder", "sphere": "sphere"}
+CONVERGENCE_CASE_KEYS = [
+    f"V2/{kind}-{element}" for kind in INDENTER_TITLES for element in convergence.ELEMENTS
+]
 FIGURES = [
     PageFigure(
         "v2_hertz_pressure",
         draw_pressure,
-        needs=[f"V2/{kind}-{one}" for kind in KIND_TITLES for one in ("galerkin-T6", "pw-T6")],
+        needs=[
+            f"V2/{kind}-{element}"
+            for kind in INDENTER_TITLES
+            for element in ("galerkin-T6", "pw-T6")
+        ],
         caption=caption_pressure,
         alt="Four plots of pressure over distance. In the own-function plots both elements lie on "
         "the exact semi-ellipse; in the tributary plots the standard element alternates between "
@@ -279,7 +287,7 @@ FIGURES = [
     PageFigure(
         "v2_hertz_convergence",
         draw_convergence,
-        needs=CONVERGENCE_KEYS,
+        needs=CONVERGENCE_CASE_KEYS,
         caption="Relative root mean square error of the contact pressure against Hertz's (over "
         "four positions of the edge of contact within an element). The condensed pair of new "
         "triangles has the errors of the new triangle. In tributary pressure, as node-to-surface "
@@ -333,7 +341,7 @@ CHECKS = [
         0.5,
         tolerance_why="none: a bound",
         why="They differ at the edge, where the narrow test functions of mid-side and corner "
-        "nodes tell better which node touches. In the inner part they are nearly the same; "
+        "nodes show better which node touches. In the inner part they are nearly the same; "
         "below a sphere the new one's error is larger there.",
     ),
 ]

@@ -1,4 +1,4 @@
-"""Flat punches with sharp edges: smooth and bonded in the plane, smooth and round."""
+"""Flat punches with sharp edges: smooth and bonded in plane strain, smooth and round."""
 
 from dataclasses import replace
 
@@ -52,25 +52,28 @@ Rigid flat punches of half width $b$ with sharp edges are pressed on elastic hal
 - and a smooth round one (J. Boussinesq: $p = P/(2\pi b \sqrt{b^2 - r^2})$, depth $P/(2 E^* b)$).
 """
 
-BODY, HALF_WIDTH, FORCE = Elastic(1000.0, 0.3), 1.0, 3.0
+ELASTIC_BODY, HALF_WIDTH, FORCE = Elastic(1000.0, 0.3), 1.0, 3.0
 PUNCHES: dict[str, tuple[KnownContact, StressState]] = {
-    "smooth": (FlatLine(BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
-    "bonded": (BondedLine(BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
-    "round": (FlatRound(BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
+    "smooth": (FlatLine(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "bonded": (BondedLine(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "round": (FlatRound(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
 }
 """Exact solution and stress state of each kind of punch."""
 
 
 def exact(kind: str) -> Result:
-    """Return the exact tractions of the body on a punch, without the edge, and their mean.
+    """Return the exact tractions below a punch, up to its edge, and the mean pressure.
 
-    The pressure below the bonded punch changes sign where eta log((b + x)/(b - x)) = pi/2:
+    The pressure below the bonded punch first changes sign where eta log((b + x)/(b - x)) = pi/2;
     `sign_change` is 1 - x/b there.
+
+    Args:
+        kind: A key of `PUNCHES`.
     """
     solution, state = PUNCHES[kind]
     x = HALF_WIDTH * np.sin(np.linspace(0, np.pi / 2, 400)[:-1])
     area = np.pi * HALF_WIDTH**2 if state is StressState.AXISYMMETRIC else 2 * HALF_WIDTH
-    scalars = {"mean_pressure": FORCE / area, "poissons_ratio": BODY.poissons_ratio}
+    scalars = {"mean_pressure": FORCE / area, "poissons_ratio": ELASTIC_BODY.poissons_ratio}
     curves = {"x": x, "pressure": solution.pressure(x)}
     if isinstance(solution, BondedLine):
         curves["shear"] = -solution.shear(x)
@@ -93,52 +96,52 @@ order 1; the force of the edge node is of order 1/2. If the element at the edge 
 and 3/4.
 """
 
-LEVELS = (4, 8, 16, 32)
-"""Elements over the half width of the punch."""
-GRADING = 1.5
-"""Exponent of graded meshes: lines at x = b (1 - (1 - s)^GRADING), s in equal steps."""
+ELEMENT_COUNTS = (4, 8, 16, 32)
+"""Numbers of elements over the half width of the punch."""
+GRADING_EXPONENT = 1.5
+"""Exponent g of graded meshes, with lines at x = b (1 - (1 - s)^g) for s in equal steps."""
 
 
 def punch(
     element: str, kind: str, graded: bool = False, outer: float = OUTER, far_field: bool = True
 ) -> Result:
-    """Solve one kind of punch on meshes of one element.
+    """Solve the contact below one kind of punch on meshes of one element.
 
     Args:
-        element: its name.
-        kind: of `PUNCHES`.
-        graded: whether elements get finer towards the punch's edge; they are equal otherwise.
-        outer: side of the body over the half width of the punch.
-        far_field: whether its outer sides have the exact displacements, or are held.
+        element: Name of the element.
+        kind: A key of `PUNCHES`.
+        graded: Whether elements get smaller towards the punch's edge; otherwise they are equal.
+        outer: Side of the body over the half width of the punch.
+        far_field: Whether the outer sides have the exact displacements; otherwise they are fixed.
     """
     solution, state = PUNCHES[kind]
     surface = FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_WIDTH)
-    meshes = {n: [_mesh_lines(n, GRADING if graded else 1.0)] for n in LEVELS}
+    meshes = {n: [_make_mesh_lines(n, GRADING_EXPONENT if graded else 1.0)] for n in ELEMENT_COUNTS}
     result = series(element, Indenter(solution, surface, state), meshes, outer, far_field)
     if not isinstance(solution, BondedLine):
         return result
-    return _compare_shear(result, solution)
+    return _add_shear_errors(result, solution)
 
 
-def _compare_shear(result: Result, solution: BondedLine) -> Result:
-    """Add the total shear of one half, its error, and the exact shear forces of the nodes."""
+def _add_shear_errors(result: Result, solution: BondedLine) -> Result:
+    """Add the exact shear force of one half, its error, and the exact nodal shear forces."""
     exact_force = -float(solution.shear_within(np.array([HALF_WIDTH]))[0])
     scalars = {
         "exact_force_tangential": exact_force,
         "error_force_tangential": abs(result.scalars["force_tangential"] / exact_force - 1),
     }
-    kinds = {"exact_force_tangential": "force", "error_*": "1"}
+    unit_kinds = {"exact_force_tangential": "force", "error_*": "1"}
     nodal_forces = -np.diff(solution.shear_within(borders(result.curves["x"])))
     return replace(
         result,
         scalars={**result.scalars, **scalars},
-        units={**result.units, **units_of(scalars, kinds)},
+        units={**result.units, **units_of(scalars, unit_kinds)},
         curves={**result.curves, "exact_force_t": nodal_forces},
     )
 
 
-def _mesh_lines(elements: int, grading: float) -> npt.NDArray[np.float64]:
-    return HALF_WIDTH * (1 - np.linspace(1, 0, elements + 1) ** grading)
+def _make_mesh_lines(elements: int, grading_exponent: float) -> npt.NDArray[np.float64]:
+    return HALF_WIDTH * (1 - np.linspace(1, 0, elements + 1) ** grading_exponent)
 
 
 # Cases
@@ -178,7 +181,7 @@ Errors with 32 elements over $b$; observed orders over the last two doublings in
 def draw_pressure(results: Results) -> Figure:
     """Tractions below flat punches.
 
-    One panel a traction.
+    One panel for each traction.
     """
     panels = {
         "smooth: pressure": ("smooth", "pressure", 1),
@@ -211,17 +214,17 @@ def _draw_traction(ax: Axes, results: Results, kind: str, quantity: str, sign: i
 def draw_convergence(results: Results) -> Figure:
     """Convergence of the contact pressure below flat punches.
 
-    One panel a kind of punch; even meshes and graded ones.
+    One panel for each kind of punch, with uniform and graded meshes.
     """
     titles = {"smooth": "smooth", "bonded": "bonded", "round": "round, smooth"}
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.2), sharex=True, sharey=True)
     for ax, (kind, title) in zip(axes, titles.items(), strict=True):
-        convergence.prepare(ax, results, CONVERGENCE_KEYS[0])
-        for mesh, line in LINE_STYLES.items():
+        convergence.prepare(ax, results, CONVERGENCE_CASE_KEYS[0])
+        for mesh, line in MESH_LINE_STYLES.items():
             keys = {element: f"V3/{kind}-{element}{mesh}" for element in convergence.ELEMENTS}
             convergence.errors(ax, results, keys, "error_pressure_own_inner", linestyle=line)
-        convergence.slope(ax, results, CONVERGENCE_KEYS[0], 1, 0.15)
-        convergence.slope(ax, results, CONVERGENCE_KEYS[0], 1.5, 0.011)
+        convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1, 0.15)
+        convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1.5, 0.011)
         ax.set(title=title, xlabel="elements over half width")
     axes[0].set_ylabel("error of pressure, inner part")
     handles, _ = axes[0].get_legend_handles_labels()
@@ -238,7 +241,7 @@ def draw_convergence(results: Results) -> Figure:
 
 def caption_pressure(results: Results) -> str:
     """Return the caption, with the number of elements."""
-    elements = results.curves(PRESSURE_KEYS[0])["elements"][1]
+    elements = results.curves(PRESSURE_CASE_KEYS[0])["elements"][1]
     return (
         f"Own-function tractions below flat punches of half width b with {elements:.0f} equal "
         "elements over it, and the exact ones, which are unbounded at the edge. The shear is that "
@@ -250,7 +253,8 @@ def caption_pressure(results: Results) -> str:
 def caption_convergence(results: Results) -> str:
     """Return the caption, with observed orders."""
     even, graded = (
-        results.scalar(f"V3/smooth-pw-T6{mesh}", "order_pressure_own_inner") for mesh in LINE_STYLES
+        results.scalar(f"V3/smooth-pw-T6{mesh}", "order_pressure_own_inner")
+        for mesh in MESH_LINE_STYLES
     )
     return (
         "Root mean square error of the contact pressure (own-function) below the "
@@ -260,22 +264,22 @@ def caption_convergence(results: Results) -> str:
     )
 
 
-LINE_STYLES = {"": "-", "-graded": "--"}
-"""Lines of meshes in the figure of convergence, by the ends of the cases' names."""
-PRESSURE_KEYS = [
+MESH_LINE_STYLES = {"": "-", "-graded": "--"}
+"""Line styles of uniform and graded meshes, by the suffix of the case names."""
+PRESSURE_CASE_KEYS = [
     f"V3/{kind}-{curve}" for kind in PUNCHES for curve in ("galerkin-T6", "pw-T6", "exact")
 ]
-CONVERGENCE_KEYS = [
+CONVERGENCE_CASE_KEYS = [
     f"V3/{kind}-{element}{mesh}"
     for kind in PUNCHES
     for element in convergence.ELEMENTS
-    for mesh in LINE_STYLES
+    for mesh in MESH_LINE_STYLES
 ]
 FIGURES = [
     PageFigure(
         "v3_punch_pressure",
         draw_pressure,
-        needs=PRESSURE_KEYS,
+        needs=PRESSURE_CASE_KEYS,
         caption=caption_pressure,
         alt="Four plots of tractions over x, even in the middle and rising steeply to the punch's "
         "edge, the shear from zero. Markers of both elements lie on the exact curves but for the "
@@ -284,7 +288,7 @@ FIGURES = [
     PageFigure(
         "v3_punch_convergence",
         draw_convergence,
-        needs=CONVERGENCE_KEYS,
+        needs=CONVERGENCE_CASE_KEYS,
         caption=caption_convergence,
         alt="Three log-log plots of error over the number of elements. Solid lines of even meshes "
         "fall with slope one, dashed ones of graded meshes with slope one and a half; the native "
@@ -305,7 +309,7 @@ CHECKS = [
         ">=",
         1.5,
         tolerance=0.2,
-        tolerance_why="0.2: pre-asymptotic part of the observed order",
+        tolerance_why="0.2: the observed order is not yet asymptotic",
         why="The element at the edge is b/n^1.5 long.",
     ),
     check(

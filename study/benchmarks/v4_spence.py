@@ -1,4 +1,4 @@
-"""Spence's problem: how far a flat punch with friction sticks to a half plane."""
+"""Spence's problem: stick radius below a flat punch with friction on a half plane."""
 
 from functools import partial
 
@@ -47,11 +47,11 @@ FACTS = {
     "load": "a normal force of 0.001 in two increments (one and ten give the same)",
     "reference": "stick radii of D. A. Spence's problem (1973), by a boundary-element program of "
     "this study",
-    "uncertainty": "± 0.003, which that program states for itself; there are no printed values",
+    "uncertainty": "± 0.003 by that program's own estimate; there are no published values",
 }
 SHORT_FACTS = {
     "reference": "D. A. Spence's radii (1973) by our boundary elements",
-    "uncertainty": "± 0.003 by its own statement; no values are printed",
+    "uncertainty": "± 0.003 by its own estimate; no values are published",
 }
 
 # Problem and reference solution
@@ -63,7 +63,7 @@ that $c/b$ then depends only on Poisson's ratio and friction. Unlike in section 
 other.
 """
 
-STICK_RADII = {
+REFERENCE_STICK_RADII = {
     (0.25, float(np.tan(np.deg2rad(20)))): 0.696,
     (0.20, float(np.tan(np.deg2rad(20)))): 0.588,
     (0.3, 0.3): 0.688,
@@ -73,15 +73,20 @@ STICK_RADII = {
 
 The values are from a boundary-element program of this study for the half plane.
 """
-STICK_RADIUS_ACCURACY = 0.003
-"""Accuracy of these radii by that program's own estimate."""
+REFERENCE_RADIUS_ACCURACY = 0.003
+"""Accuracy of these radii as estimated by that program."""
 
 
-def equivalent_plane_strain(E: float, nu: float, state: StressState) -> Elastic:
-    """Return the material whose plane strain has the plane fields of a material in a state."""
+def equivalent_plane_strain_material(
+    youngs_modulus: float, poissons_ratio: float, state: StressState
+) -> Elastic:
+    """Return the material that has the same plane fields in plane strain as one in a state."""
     if state is StressState.PLANE_STRAIN:
-        return Elastic(E, nu)
-    return Elastic(E * (1 + 2 * nu) / (1 + nu) ** 2, nu / (1 + nu))
+        return Elastic(youngs_modulus, poissons_ratio)
+    return Elastic(
+        youngs_modulus * (1 + 2 * poissons_ratio) / (1 + poissons_ratio) ** 2,
+        poissons_ratio / (1 + poissons_ratio),
+    )
 
 
 # Method
@@ -99,16 +104,16 @@ between the last node that sticks and the first that slips.
 """
 
 YOUNGS_MODULUS, FORCE = 1.0, 1e-3
-"""Lengths are over the punch's half width b, the force over E b; c/b does not depend on them."""
-OUTER, GROWTH = 5.0, 1.3
-"""Side of the body, and growth of elements beside and below the punch."""
-EDGE_SIZE = 0.25
-"""Size of the element at the edge over that of the one in the middle of the punch."""
-COARSEST = 16
-"""Elements below half of the punch on the coarsest mesh, whose far field starts the passes."""
-INCREMENTS = 2
-PASSES = 2
-"""Solutions on each mesh, each with the far field of the nodal forces before."""
+"""Modulus, and force over E b; lengths are over b. The stick radius c/b depends on none."""
+BODY_SIDE, MESH_GROWTH = 5.0, 1.3
+"""Side of the body, and size ratio of successive elements beside and below the punch."""
+EDGE_SIZE_RATIO = 0.25
+"""Element size at the edge of the punch over that in its middle."""
+COARSEST_ELEMENT_COUNT = 16
+"""Elements below half of the punch on the mesh with which each series starts."""
+N_INCREMENTS = 2
+N_FAR_FIELD_PASSES = 2
+"""Number of solutions on each mesh; each takes its far field from the previous nodal forces."""
 
 
 def stick_radius(
@@ -117,53 +122,58 @@ def stick_radius(
     friction: float,
     elements: int,
     far_field: bool = True,
-    increments: int = INCREMENTS,
+    increments: int = N_INCREMENTS,
     state: str = "plane strain",
 ) -> Result:
-    """Solve the contact below the punch; `stick` is the stick radius over the half width.
+    """Compute the stick radius below the punch, over its half width.
 
-    It is the middle between the last node that sticks and the first that slips; their distance is
-    `stick_between`. `pass_change` is the largest change of a nodal force by the last far field,
-    over the largest force. Each mesh starts from the forces of the next coarser one.
+    The radius `stick` lies midway between the last sticking and the first slipping node, whose
+    distance is `stick_between`. `pass_change` is the largest change of a nodal force in the last
+    far-field pass, over the largest force. Each mesh starts with the forces of the next coarser one.
 
     Args:
-        element: its name.
-        poissons_ratio: of the body.
-        friction: coefficient of friction.
-        elements: number of elements below half of the punch, `COARSEST` times a power of two.
-        far_field: whether the outer sides have the displacements of a half plane under the nodal
-            forces; or they are held.
-        increments: number of equal steps of the force.
-        state: stress state, by its name.
+        element: Name of the element.
+        poissons_ratio: Poisson's ratio of the body.
+        friction: Friction coefficient.
+        elements: Number of elements below half of the punch: `COARSEST_ELEMENT_COUNT` times a
+            power of two.
+        far_field: Whether the outer sides have the displacements of a half plane under the nodal
+            forces; otherwise they are fixed.
+        increments: Number of equal increments of the force.
+        state: Name of the stress state.
     """
     material = Material(YOUNGS_MODULUS, poissons_ratio)
-    half_plane = equivalent_plane_strain(YOUNGS_MODULUS, poissons_ratio, StressState(state))
+    half_plane = equivalent_plane_strain_material(
+        YOUNGS_MODULUS, poissons_ratio, StressState(state)
+    )
     load_factors = np.arange(1, increments + 1) / increments
     motions = [Motion((0.0, None), (0.0, -FORCE / 2 * factor)) for factor in load_factors]
     punch = FlatPunch((0.0, 0.0), (0.0, -1.0), 1.0)
-    pair = ContactPair(_below_punch, punch, friction, motions)
+    pair = ContactPair(_is_below_punch, punch, friction, motions)
     forces = np.array([[0.0, FORCE / 2, 0.0]])
-    for level in COARSEST * 2 ** np.arange(1 + int(np.log2(elements // COARSEST))):
+    for level in COARSEST_ELEMENT_COUNT * 2 ** np.arange(
+        1 + int(np.log2(elements // COARSEST_ELEMENT_COUNT))
+    ):
         mesh = partial(_build_mesh, int(level))
         body = discretise(element, mesh, material, StressState(state))
-        held = [prescribe(body.space, i, _outer_sides) for i in (0, 1)]
-        supports = body.supports([*held, prescribe(body.space, 0, _axis)])
-        for _ in range(PASSES if far_field else 1):
+        fixed_sides = [prescribe(body.space, i, _is_on_outer_sides) for i in (0, 1)]
+        supports = body.supports([*fixed_sides, prescribe(body.space, 0, _is_on_axis)])
+        for _ in range(N_FAR_FIELD_PASSES if far_field else 1):
             sources = forces if far_field else forces[:0]
-            full_load = _load_of_side_displacements(body, half_plane, sources)
+            full_load = _compute_load_of_side_displacements(body, half_plane, sources)
             loads = [full_load * factor for factor in load_factors]
             states = solve_contact(body.K, loads, supports, [pair], body.space)
-            previous_forces, forces = forces, _contact_forces(states[-1])
+            previous_forces, forces = forces, _collect_contact_forces(states[-1])
     pass_change = np.abs(forces - previous_forces).max() / forces.max() if far_field else 0.0
-    last_sticking, first_slipping = _stick_border(states[-1])
+    last_sticking, first_slipping = _find_stick_border(states[-1])
     reference = {}
-    if state == "plane strain" and (poissons_ratio, friction) in STICK_RADII:
-        reference = {"stick_known": STICK_RADII[poissons_ratio, friction]}
+    if state == "plane strain" and (poissons_ratio, friction) in REFERENCE_STICK_RADII:
+        reference = {"stick_known": REFERENCE_STICK_RADII[poissons_ratio, friction]}
     return contact_result(
         body,
         states,
         loads[-1],
-        _below_punch,
+        _is_below_punch,
         FORCE / 2,
         NONE,
         kinds={"stick*": "1", "pass_change": "1"},
@@ -174,96 +184,109 @@ def stick_radius(
     )
 
 
-def _load_of_side_displacements(
+def _compute_load_of_side_displacements(
     body: Discretisation, half_plane: Elastic, forces: Array
 ) -> PETSc.Vec:
-    """Return the load by which sides that are held act as if they had a half plane's displacements.
+    """Return the load on a body with fixed sides that replaces the displacements of these sides.
+
+    They are the displacements of a half plane under forces on its surface.
 
     Args:
-        body: the discretisation.
-        half_plane: its material.
-        forces: position, pressing and pulling force of each source on the right half, (m, 3).
+        body: The discretised body.
+        half_plane: Material of the half plane.
+        forces: Position, normal and tangential force of each source on the right half, (m, 3).
     """
-    nodes = fem.locate_dofs_geometrical(body.space, _outer_sides)
+    nodes = fem.locate_dofs_geometrical(body.space, _is_on_outer_sides)
     x = body.space.tabulate_dof_coordinates()[nodes, :2]
-    s, pressing, pulling = forces.T
+    s, normal, tangential = forces.T
     displacement = body.K.createVecRight()
     displacement.array.reshape(-1, 2)[nodes] = half_plane.line_displacement(
-        x, np.r_[s, -s], np.r_[pressing, pressing], np.r_[pulling, -pulling]
+        x, np.r_[s, -s], np.r_[normal, normal], np.r_[tangential, -tangential]
     )
     load = body.K * displacement
     load.scale(-1.0)
     return load
 
 
-def _contact_forces(state: ContactState) -> Array:
-    """Return position, normal and tangential force of each contact node, (m, 3)."""
+def _collect_contact_forces(state: ContactState) -> Array:
+    """Return position, normal and tangential force of all contact nodes, (m, 3)."""
     (contact,) = state.pairs
     tangential = contact.force_tangential[:, 0]
     return np.column_stack([contact.position[:, 0], contact.force_normal, tangential])
 
 
-def _stick_border(state: ContactState) -> tuple[float, float]:
-    """Return the positions of the last sticking node and of the next one."""
+def _find_stick_border(state: ContactState) -> tuple[float, float]:
+    """Return the positions of the last sticking node and of the first slipping one."""
     x, status = state.pairs[0].position[:, 0], state.pairs[0].status
-    last = int(np.flatnonzero(status == STICK).max())
-    return float(x[last]), float(x[last + 1])
+    last_sticking = int(np.flatnonzero(status == STICK).max())
+    return float(x[last_sticking]), float(x[last_sticking + 1])
 
 
 def _build_mesh(elements: int, cell: str) -> Mesh:
-    """Return a mesh whose elements get smaller linearly from the middle to the punch's edge."""
+    """Return a mesh with element sizes that decrease linearly towards the punch's edge."""
     s = np.linspace(0.0, 1.0, elements + 1)
-    below_punch = 2 / (1 + EDGE_SIZE) * (s - (1 - EDGE_SIZE) / 2 * s**2)
+    below_punch = 2 / (1 + EDGE_SIZE_RATIO) * (s - (1 - EDGE_SIZE_RATIO) / 2 * s**2)
     smallest = below_punch[-1] - below_punch[-2]
-    beside_punch = 1 + growing(smallest, OUTER - 1, GROWTH)[1:]
+    beside_punch = 1 + growing(smallest, BODY_SIDE - 1, MESH_GROWTH)[1:]
     x_lines = np.concatenate([below_punch, beside_punch])
-    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    y_lines = -growing(smallest, BODY_SIDE, MESH_GROWTH)[::-1]
     return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
 
 
-def _below_punch(x: Array) -> npt.NDArray[np.bool_]:
+def _is_below_punch(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[1], 0.0) & (x[0] < 1 + 1e-9)
 
 
-def _axis(x: Array) -> npt.NDArray[np.bool_]:
+def _is_on_axis(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-def _outer_sides(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[0], OUTER) | np.isclose(x[1], -OUTER)
+def _is_on_outer_sides(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], BODY_SIDE) | np.isclose(x[1], -BODY_SIDE)
 
 
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
-LEVELS = (16, 32, 64)
-FINEST = 128
+ELEMENT_COUNTS = (16, 32, 64)
+FINEST_ELEMENT_COUNT = 128
 
 
-def case_name(element: str, poissons_ratio: float, friction: float, elements: int) -> str:
-    """Return the name of a case, with friction as an angle in degrees."""
+def make_case_name(element: str, poissons_ratio: float, friction: float, elements: int) -> str:
+    """Return the name of a case, with the friction angle in degrees."""
     angle = np.rad2deg(np.arctan(friction))
     return f"{element}-nu{poissons_ratio:.2f}-{angle:.1f}deg-{elements}"
 
 
-def _case(
-    element: str, material: tuple[float, float], elements: int, variant: str = "", **other: object
+def _make_case(
+    element: str,
+    material: tuple[float, float],
+    elements: int,
+    suffix: str = "",
+    **parameters: object,
 ) -> Case:
     nu, mu = material
-    name = case_name(element, nu, mu, elements) + variant
-    parameters = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
-    return Case("V4", name, stick_radius, parameters | other)
+    name = make_case_name(element, nu, mu, elements) + suffix
+    problem = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
+    return Case("V4", name, stick_radius, problem | parameters)
 
 
-FIRST, *OTHERS = STICK_RADII
-CASES = [_case(element, FIRST, n) for element in ELEMENTS for n in LEVELS]
-CASES += [_case(element, FIRST, FINEST) for element in ("galerkin-T6", "pw-T6")]
-CASES += [_case("pw-T6", material, n) for material in OTHERS for n in (64, FINEST)]
+FIRST_MATERIAL, *OTHER_MATERIALS = REFERENCE_STICK_RADII
+CASES = [_make_case(element, FIRST_MATERIAL, n) for element in ELEMENTS for n in ELEMENT_COUNTS]
 CASES += [
-    _case("pw-T6", FIRST, 32, "-one-step", increments=1),
-    _case("pw-T6", FIRST, 32, "-ten-steps", increments=10),
-    _case("pw-T6", FIRST, 64, "-held", far_field=False),
-    _case("pw-T6", (0.25, FIRST[1]), 64, "-stress", state="plane stress"),
+    _make_case(element, FIRST_MATERIAL, FINEST_ELEMENT_COUNT)
+    for element in ("galerkin-T6", "pw-T6")
+]
+CASES += [
+    _make_case("pw-T6", material, n)
+    for material in OTHER_MATERIALS
+    for n in (64, FINEST_ELEMENT_COUNT)
+]
+CASES += [
+    _make_case("pw-T6", FIRST_MATERIAL, 32, "-one-step", increments=1),
+    _make_case("pw-T6", FIRST_MATERIAL, 32, "-ten-steps", increments=10),
+    _make_case("pw-T6", FIRST_MATERIAL, 64, "-held", far_field=False),
+    _make_case("pw-T6", (0.25, FIRST_MATERIAL[1]), 64, "-stress", state="plane stress"),
 ]
 CASES = mark_costly(CASES, "*-128", "composite-*-64", "*-Q[89]-*-64")
 
@@ -295,21 +318,21 @@ Stick radius for $\nu = 0.25$ and tan 20° for each mesh, with half the distance
 """
 
 
-def draw(results: Results) -> Figure:
+def draw_stresses_and_used_friction(results: Results) -> Figure:
     """Flat punch with friction: stresses, and how much of the friction is used.
 
-    Panels: stresses of two elements, used friction of four materials.
+    Panels: stresses of two elements; used friction for four materials.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.3))
     _draw_stresses(left, results)
     _draw_used_friction(right, results)
-    zones = zone_legend(results.curves(STRESS_KEYS["pw-T6"]))
+    zones = zone_legend(results.curves(STRESS_CASE_KEYS["pw-T6"]))
     fig.legend(handles=zones, loc="outside lower left", ncols=2)
     return fig
 
 
 def _draw_stresses(ax: Axes, results: Results) -> None:
-    for element, key in STRESS_KEYS.items():
+    for element, key in STRESS_CASE_KEYS.items():
         curves = results.curves(key)
         mean = results.scalar(key, "peak_pressure") / results.scalar(key, "peak_over_mean")
         for quantity, line in (("pressure", "-"), ("shear", ":")):
@@ -321,11 +344,11 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     ax.set(title=f"(a) {OWN.name} stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
     ax.set_ylabel("stress / mean pressure")
     ax.legend(loc="upper left", fontsize=7)
-    zone_strip(ax, results.curves(STRESS_KEYS["pw-T6"]))
+    zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
 
 
 def _draw_used_friction(ax: Axes, results: Results) -> None:
-    for key, line in zip(MATERIAL_KEYS, ("-", "--", "-.", ":"), strict=True):
+    for key, line in zip(USED_FRICTION_CASE_KEYS, ("-", "--", "-.", ":"), strict=True):
         stored = results[key]
         curves, parameters = stored.curves, stored.parameters
         used = np.abs(curves["force_t"]) / (curves["friction"] * curves["force_n"])
@@ -340,11 +363,11 @@ def _draw_used_friction(ax: Axes, results: Results) -> None:
     ax.legend(loc="upper left", fontsize=7)
 
 
-def caption(results: Results) -> str:
+def caption_stresses_and_used_friction(results: Results) -> str:
     """Return the caption, with stick radii."""
     radii = "; ".join(
         f"{results.scalar(key, 'stick'):.3f} ({results.scalar(key, 'stick_known'):.3f})"
-        for key in MATERIAL_KEYS
+        for key in USED_FRICTION_CASE_KEYS
     )
     return (
         f"One half of a flat punch of half width b. (a) {OWN.name.capitalize()} stresses, "
@@ -356,8 +379,10 @@ def caption(results: Results) -> str:
     )
 
 
-STRESS_KEYS = {element: f"V4/{element}-nu0.25-20.0deg-32" for element in ("galerkin-T6", "pw-T6")}
-MATERIAL_KEYS = [
+STRESS_CASE_KEYS = {
+    element: f"V4/{element}-nu0.25-20.0deg-32" for element in ("galerkin-T6", "pw-T6")
+}
+USED_FRICTION_CASE_KEYS = [
     "V4/pw-T6-nu0.25-20.0deg-64",
     "V4/pw-T6-nu0.20-20.0deg-64",
     "V4/pw-T6-nu0.30-16.7deg-64",
@@ -366,9 +391,9 @@ MATERIAL_KEYS = [
 FIGURES = [
     PageFigure(
         "v4_spence",
-        draw,
-        needs=[*STRESS_KEYS.values(), *MATERIAL_KEYS],
-        caption=caption,
+        draw_stresses_and_used_friction,
+        needs=[*STRESS_CASE_KEYS.values(), *USED_FRICTION_CASE_KEYS],
+        caption=caption_stresses_and_used_friction,
         alt="Pressure and shear grow towards the punch's edge, alike for both elements. Four "
         "curves of used friction rise from zero to one, which each reaches at its black tick, and "
         "stay there.",
@@ -378,17 +403,17 @@ FIGURES = [
 # Findings
 
 
-def largest_distance_from_border(results: Results) -> float:
-    """Return the largest distance of a reference radius from the two nodes at the border of stick.
+def largest_distance_from_stick_border(results: Results) -> float:
+    """Return the largest distance of a reference radius from the border of the stick zone.
 
-    It is zero where the radius lies between them.
+    The distance is zero if the radius lies between the last sticking and the first slipping node.
     """
     distances = []
-    cases = {"far_field": True, "increments": INCREMENTS, "state": "plane strain"}
+    cases = {"far_field": True, "increments": N_INCREMENTS, "state": "plane strain"}
     for stored in matching(results, "V4", cases):
         scalars = stored.scalars
-        from_middle = abs(scalars["stick"] - scalars["stick_known"])
-        distances.append(max(0.0, from_middle - scalars["stick_between"] / 2))
+        radius_error = abs(scalars["stick"] - scalars["stick_known"])
+        distances.append(max(0.0, radius_error - scalars["stick_between"] / 2))
     return max(distances)
 
 
@@ -402,8 +427,8 @@ CHECKS = [
         ),
         "=",
         0.0,
-        tolerance=STICK_RADIUS_ACCURACY,
-        tolerance_why="accuracy that the boundary-element computation states; here the border lies "
+        tolerance=REFERENCE_RADIUS_ACCURACY,
+        tolerance_why="accuracy that the boundary-element program states; here the border lies "
         "between nodes 0.004 apart",
         why="The two methods share nothing but the problem.",
     ),
@@ -412,11 +437,11 @@ CHECKS = [
         "Spence's punch: on every mesh of every element the known stick radius lies between"
         " the last node that sticks and the first that slips, or beside them by no more "
         "than its own accuracy.",
-        largest_distance_from_border,
+        largest_distance_from_stick_border,
         "<=",
-        STICK_RADIUS_ACCURACY,
-        tolerance_why="none: accuracy of the known radius is the bound",
-        why="All elements put the border between the same nodes.",
+        REFERENCE_RADIUS_ACCURACY,
+        tolerance_why="none: the bound is the accuracy of the reference radius",
+        why="With all elements the border lies between the same nodes.",
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Partial slip of two equal bodies in the plane: Cattaneo's and Mindlin's problem."""
+"""Partial slip of two equal bodies in plane strain: Cattaneo's and Mindlin's problem."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -64,39 +64,41 @@ $|x| < c = a \sqrt{1 - Q/(\mu P)}$, and the shear is $\mu p$ less $\mu p_0 (c/a)
 
 # Lengths over the half width a of the contact, stresses over E, forces over E a
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
-FRICTION = 0.4
-SHARE = 0.5
-"""Q/(mu P), the share of the friction that the tangential force uses up."""
-RADIUS = 1e4
+FRICTION_COEFFICIENT = 0.4
+FRICTION_SHARE = 0.5
+"""Ratio of tangential force to friction limit, Q/(mu P)."""
+RELATIVE_RADIUS = 1e4
 """Radius of the relative curvature, so large that sliding does not move the contact."""
-FORCE = np.pi * YOUNGS_MODULUS / (2 * (1 - POISSONS_RATIO**2)) / (4 * RADIUS)
+NORMAL_FORCE = np.pi * YOUNGS_MODULUS / (2 * (1 - POISSONS_RATIO**2)) / (4 * RELATIVE_RADIUS)
 """Normal force P by Hertz, for a half width of one."""
-EXACT = Cattaneo(half_width=1.0, force=FORCE, friction=FRICTION, share=SHARE)
+EXACT_SOLUTION = Cattaneo(
+    half_width=1.0, force=NORMAL_FORCE, friction=FRICTION_COEFFICIENT, share=FRICTION_SHARE
+)
 
-N_SOURCES = 64
-"""Forces that stand for the tractions; on the sides the displacements are exact to round-off."""
+N_SURFACE_FORCES = 64
+"""Number of forces that replace the tractions; it makes displacements exact to round-off."""
 
 
-def exact_displacement(x: Array, share: float) -> np.ndarray:
+def exact_displacement(x: Array, friction_share: float) -> np.ndarray:
     """Return the lower half plane's displacements (n, 2) at points (n, 2) away from the contact.
 
-    They are Gauss-Chebyshev sums over forces on the surface: those of the slipping contact,
-    less those of the sticking zone.
+    They are Gauss-Chebyshev sums over forces on the surface: those of full slip less those of
+    the sticking zone.
 
     Args:
-        x: the points.
-        share: Q/(mu P).
+        x: Coordinates of the points.
+        friction_share: Ratio Q/(mu P).
     """
     half_plane = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
-    theta = np.arange(1, N_SOURCES + 1) * np.pi / (N_SOURCES + 1)
-    s, weight = np.cos(theta), 2 / (N_SOURCES + 1) * np.sin(theta) ** 2
-    pressing, zero = FORCE * weight, np.zeros(N_SOURCES)
-    if not share:
-        return half_plane.line_displacement(x, s, pressing, zero)
-    stick = float(np.sqrt(1 - share))
-    sticking = (1 - share) * FRICTION * pressing
-    displacement = half_plane.line_displacement(x, s, pressing, FRICTION * pressing)
-    displacement -= half_plane.line_displacement(x, stick * s, zero, sticking)
+    theta = np.arange(1, N_SURFACE_FORCES + 1) * np.pi / (N_SURFACE_FORCES + 1)
+    s, weight = np.cos(theta), 2 / (N_SURFACE_FORCES + 1) * np.sin(theta) ** 2
+    normal, zero = NORMAL_FORCE * weight, np.zeros(N_SURFACE_FORCES)
+    if not friction_share:
+        return half_plane.line_displacement(x, s, normal, zero)
+    stick = float(np.sqrt(1 - friction_share))
+    stick_correction = (1 - friction_share) * FRICTION_COEFFICIENT * normal
+    displacement = half_plane.line_displacement(x, s, normal, FRICTION_COEFFICIENT * normal)
+    displacement -= half_plane.line_displacement(x, stick * s, zero, stick_correction)
     return displacement
 
 
@@ -120,53 +122,60 @@ Those of the shear are also given without $|x| = c \pm 0.1 a$, since the shear h
 there is dominated by a single node.
 """
 
-INCREMENTS = 2
-"""Steps of the tangential force."""
-ZONE, OUTER = 1.25, 5.0
-"""Half width of the zone of nodes that may touch, and that of the bodies."""
-GROWTH = 1.3
-"""Growth of elements beside and below the zone."""
-DISTANCE = 1.0
-"""Distance between the meshes of both bodies."""
-INNER, AWAY = 0.9, 0.1
-"""Part of the half width where tractions are compared, and distance that counts as away from c."""
+N_INCREMENTS = 2
+"""Number of increments of the tangential force."""
+ZONE_HALF_WIDTH, BODY_HALF_WIDTH = 1.25, 5.0
+"""Half widths of the zone of nodes that may touch, and of the bodies."""
+MESH_GROWTH = 1.3
+"""Size ratio of successive elements beside and below the zone."""
+MESH_DISTANCE = 1.0
+"""Distance between the meshes of the two bodies."""
+INNER_HALF_WIDTH, MIN_DISTANCE_FROM_STICK_END = 0.9, 0.1
+"""Half width of the part where tractions are compared; excluded distance on both sides of c."""
 
 
 def partial_slip(
-    element: str, zone_elements: int, far_field: bool = True, increments: int = INCREMENTS
+    element: str, zone_elements: int, far_field: bool = True, increments: int = N_INCREMENTS
 ) -> Result:
-    """Press and pull two bodies; compare stick zone and tractions of the lower one with exact ones.
+    """Solve the partial-slip problem; compare stick zone and tractions with the exact ones.
 
     Args:
-        element: its name.
-        zone_elements: elements over `ZONE`.
-        far_field: whether the outer sides have the displacements of half planes under the exact
-            tractions, or are held.
-        increments: steps of the tangential force.
+        element: Name of the element.
+        zone_elements: Number of elements over `ZONE_HALF_WIDTH`.
+        far_field: Whether the outer sides have the displacements of half planes under the exact
+            tractions; otherwise they are fixed.
+        increments: Number of increments of the tangential force.
     """
-    shares = SHARE * np.arange(increments + 1) / increments
-    motions = [Motion((0.0, None), (0.0, -FORCE))]
-    motions += [Motion((None, None), (share * FRICTION * FORCE, -FORCE)) for share in shares[1:]]
-    upper = MatchingNodes(_upper_contact, Parabola((0.0, 0.0), RADIUS), offset=(0.0, DISTANCE))
-    pair = ContactPair(_lower_contact, upper, FRICTION, motions)
+    shares = FRICTION_SHARE * np.arange(increments + 1) / increments
+    motions = [Motion((0.0, None), (0.0, -NORMAL_FORCE))]
+    motions += [
+        Motion((None, None), (share * FRICTION_COEFFICIENT * NORMAL_FORCE, -NORMAL_FORCE))
+        for share in shares[1:]
+    ]
+    upper = MatchingNodes(
+        _is_on_upper_contact, Parabola((0.0, 0.0), RELATIVE_RADIUS), offset=(0.0, MESH_DISTANCE)
+    )
+    pair = ContactPair(_is_on_lower_contact, upper, FRICTION_COEFFICIENT, motions)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     mesh = partial(_build_mesh, zone_elements)
     body = discretise(element, mesh, material, StressState.PLANE_STRAIN)
-    loads = [_load_of_side_displacements(body, share, far_field) for share in shares]
-    supports = body.supports([prescribe(body.space, i, _outer_sides) for i in (0, 1)])
+    loads = [_compute_load_of_side_displacements(body, share, far_field) for share in shares]
+    supports = body.supports([prescribe(body.space, i, _is_on_outer_sides) for i in (0, 1)])
     states = solve_contact(body.K, loads, supports, [pair], body.space)
-    return _compare_with_exact(body, states)
+    return _compare_with_exact_solution(body, states)
 
 
-def _load_of_side_displacements(body: Discretisation, share: float, far_field: bool) -> PETSc.Vec:
-    """Return the load by which sides that are held act as if they were displaced."""
+def _compute_load_of_side_displacements(
+    body: Discretisation, friction_share: float, far_field: bool
+) -> PETSc.Vec:
+    """Return the load on bodies with fixed sides that replaces the displacements of the sides."""
     displacement = body.K.createVecRight()
     if far_field:
-        nodes = fem.locate_dofs_geometrical(body.space, _outer_sides)
+        nodes = fem.locate_dofs_geometrical(body.space, _is_on_outer_sides)
         x = body.space.tabulate_dof_coordinates()[nodes, :2]
-        is_upper = x[:, 1, None] > DISTANCE / 2
-        rotated = np.where(is_upper, [0.0, DISTANCE] - x, x)  # the upper body, by 180 degrees
-        lower = exact_displacement(rotated, share)
+        is_upper = x[:, 1, None] > MESH_DISTANCE / 2
+        rotated = np.where(is_upper, [0.0, MESH_DISTANCE] - x, x)  # the upper body, by 180 degrees
+        lower = exact_displacement(rotated, friction_share)
         displacement.array.reshape(-1, 2)[nodes] = np.where(is_upper, -lower, lower)
     load = body.K * displacement
     load.scale(-1.0)
@@ -175,67 +184,69 @@ def _load_of_side_displacements(body: Discretisation, share: float, far_field: b
 
 @dataclass(frozen=True)
 class _Traction:
-    """A traction along the contact.
+    """Computed and exact traction at the contact nodes.
 
     Attributes:
-        force: nodal forces.
-        computed: nodal forces over the integrals of the nodes' own test functions.
-        exact: exact traction at the nodes.
+        force: Nodal forces.
+        computed: Nodal forces over the integrals of the nodes' own test functions.
+        exact: Exact traction at the nodes.
     """
 
     force: Array
     computed: Array
     exact: Array
 
-    def errors(self, x: Array, name: str) -> dict[str, float]:
-        """Return relative errors in the L2 norm: of the inner part, and of it away from c."""
-        inner = np.abs(x) < INNER
-        away = inner & (np.abs(np.abs(x) - EXACT.stick) > AWAY)
+    def relative_errors(self, x: Array, name: str) -> dict[str, float]:
+        """Return relative L2 errors in the inner part, with and without the surroundings of c."""
+        is_inner = np.abs(x) < INNER_HALF_WIDTH
+        is_away_from_c = is_inner & (
+            np.abs(np.abs(x) - EXACT_SOLUTION.stick) > MIN_DISTANCE_FROM_STICK_END
+        )
         weight = np.gradient(x)
 
         def relative_error(nodes: npt.NDArray[np.bool_]) -> float:
             squares = weight[nodes] * (self.computed - self.exact)[nodes] ** 2
-            scale = weight[inner] * self.exact[inner] ** 2
+            scale = weight[is_inner] * self.exact[is_inner] ** 2
             return float(np.sqrt(squares.sum() / scale.sum()))
 
         return {
-            f"error_{name}": relative_error(inner),
-            f"error_{name}_apart": relative_error(away),
+            f"error_{name}": relative_error(is_inner),
+            f"error_{name}_apart": relative_error(is_away_from_c),
         }
 
 
-def _compare_with_exact(body: Discretisation, states: list[ContactState]) -> Result:
+def _compare_with_exact_solution(body: Discretisation, states: list[ContactState]) -> Result:
     """Return forces, tractions and stick zone of the last state, and their errors.
 
-    `stick_off` is the error of the sticking zone's half width over the distance of nodes.
+    `stick_off` is the error of the stick zone's half width over the node distance.
     """
     (contact,) = states[-1].pairs
-    surface = SurfaceNodes.from_body(body.body, _lower_contact)
+    surface = SurfaceNodes.from_body(body.body, _is_on_lower_contact)
     x, status = contact.position[:, 0], contact.status
     normal, tangential = contact.force_normal, contact.force_tangential[:, 0]
-    pressure = _Traction(normal, surface.pressure(normal), EXACT.pressure(x))
-    shear = _Traction(tangential, surface.pressure(tangential), EXACT.shear(x))
-    sticking, closed = x[status == STICK], status != OPEN
-    left, right = (_stick_border(x, end) for end in (sticking.min(), sticking.max()))
-    element_size = ZONE / _count_zone_elements(x)
+    pressure = _Traction(normal, surface.pressure(normal), EXACT_SOLUTION.pressure(x))
+    shear = _Traction(tangential, surface.pressure(tangential), EXACT_SOLUTION.shear(x))
+    sticking, is_closed = x[status == STICK], status != OPEN
+    left, right = (_find_stick_border(x, end) for end in (sticking.min(), sticking.max()))
+    element_size = ZONE_HALF_WIDTH / _count_zone_elements(x)
     scalars = {
         "force_normal": pressure.force.sum(),
         "force_tangential": shear.force.sum(),
         "iterations": sum(state.iterations for state in states),
         "residual": max(state.residuals.largest() for state in states),
-        "sawtooth": surface.sawtooth(pressure.force, closed),
-        "unevenness": surface.unevenness(pressure.computed, closed),
+        "sawtooth": surface.sawtooth(pressure.force, is_closed),
+        "unevenness": surface.unevenness(pressure.computed, is_closed),
         "peak_pressure": pressure.computed.max(),
         "element_size": element_size,
         "stick": (right - left) / 2,
         "stick_centre": (right + left) / 2,
-        "stick_off": abs((right - left) / 2 - EXACT.stick) / (element_size / 2),
-        "stick_known": EXACT.stick,
-        "peak_known": EXACT.peak,
-        "friction": FRICTION,
-        "half_width": np.abs(x[closed]).max(),
-        **pressure.errors(x, "pressure"),
-        **shear.errors(x, "shear"),
+        "stick_off": abs((right - left) / 2 - EXACT_SOLUTION.stick) / (element_size / 2),
+        "stick_known": EXACT_SOLUTION.stick,
+        "peak_known": EXACT_SOLUTION.peak,
+        "friction": FRICTION_COEFFICIENT,
+        "half_width": np.abs(x[is_closed]).max(),
+        **pressure.relative_errors(x, "pressure"),
+        **shear.relative_errors(x, "shear"),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
     curves: dict[str, np.ndarray] = {
@@ -253,47 +264,51 @@ def _compare_with_exact(body: Discretisation, states: list[ContactState]) -> Res
     return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
 
 
-def _stick_border(x: Array, end: float) -> float:
-    """Return the middle between the last sticking node, at `end`, and its neighbour outside."""
-    i = int(np.flatnonzero(x == end)[0])
-    outside = i + (1 if end > 0 else -1)
-    return float((x[i] + x[outside]) / 2)
+def _find_stick_border(x: Array, last_sticking: float) -> float:
+    """Return the middle between the last sticking node on one side and its slipping neighbour."""
+    i = int(np.flatnonzero(x == last_sticking)[0])
+    neighbour = i + (1 if last_sticking > 0 else -1)
+    return float((x[i] + x[neighbour]) / 2)
 
 
 def _count_zone_elements(x: Array) -> int:
-    """Return the number of elements over `ZONE`, of which the nodes (m,) are on both sides."""
+    """Return the number of elements over `ZONE_HALF_WIDTH` from all nodes (m,) that may touch."""
     return (len(x) - 1) // 4
 
 
 def _build_mesh(zone_elements: int, cell: str) -> Mesh:
-    smallest = ZONE / zone_elements
-    in_zone = np.linspace(0.0, ZONE, zone_elements + 1)
-    beside_zone = ZONE + growing(smallest, OUTER - ZONE, GROWTH)[1:]
+    smallest = ZONE_HALF_WIDTH / zone_elements
+    in_zone = np.linspace(0.0, ZONE_HALF_WIDTH, zone_elements + 1)
+    beside_zone = (
+        ZONE_HALF_WIDTH + growing(smallest, BODY_HALF_WIDTH - ZONE_HALF_WIDTH, MESH_GROWTH)[1:]
+    )
     right = np.concatenate([in_zone, beside_zone])
     x_lines = np.concatenate([-right[:0:-1], right])
-    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    y_lines = -growing(smallest, BODY_HALF_WIDTH, MESH_GROWTH)[::-1]
     lower = on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
-    return with_counterpart(lower, DISTANCE)
+    return with_counterpart(lower, MESH_DISTANCE)
 
 
-def _lower_contact(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < ZONE + 1e-9)
+def _is_on_lower_contact(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < ZONE_HALF_WIDTH + 1e-9)
 
 
-def _upper_contact(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[1], DISTANCE) & (np.abs(x[0]) < ZONE + 1e-9)
+def _is_on_upper_contact(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], MESH_DISTANCE) & (np.abs(x[0]) < ZONE_HALF_WIDTH + 1e-9)
 
 
-def _outer_sides(x: Array) -> npt.NDArray[np.bool_]:
-    ends = np.isclose(x[1], -OUTER) | np.isclose(x[1], DISTANCE + OUTER)
-    return ends | np.isclose(np.abs(x[0]), OUTER)
+def _is_on_outer_sides(x: Array) -> npt.NDArray[np.bool_]:
+    is_on_end = np.isclose(x[1], -BODY_HALF_WIDTH) | np.isclose(
+        x[1], MESH_DISTANCE + BODY_HALF_WIDTH
+    )
+    return is_on_end | np.isclose(np.abs(x[0]), BODY_HALF_WIDTH)
 
 
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
-ZONE_ELEMENTS = (10, 20, 40)
-VARIANTS: dict[str, dict[str, object]] = {
+ZONE_ELEMENT_COUNTS = (10, 20, 40)
+PARAMETER_VARIANTS: dict[str, dict[str, object]] = {
     "held": {"far_field": False},
     "one-step": {"increments": 1},
     "ten-steps": {"increments": 10},
@@ -301,11 +316,16 @@ VARIANTS: dict[str, dict[str, object]] = {
 CASES = [
     Case("V5", f"{element}-{n}", partial_slip, {"element": element, "zone_elements": n})
     for element in ELEMENTS
-    for n in ZONE_ELEMENTS
+    for n in ZONE_ELEMENT_COUNTS
 ]
 CASES += [
-    Case("V5", f"pw-T6-20-{name}", partial_slip, {"element": "pw-T6", "zone_elements": 20} | other)
-    for name, other in VARIANTS.items()
+    Case(
+        "V5",
+        f"pw-T6-20-{name}",
+        partial_slip,
+        {"element": "pw-T6", "zone_elements": 20} | parameters,
+    )
+    for name, parameters in PARAMETER_VARIANTS.items()
 ]
 CASES = mark_costly(CASES, "composite-*-[24]0", "*-Q[89]-[24]0")
 
@@ -329,10 +349,10 @@ RESULT = r"""
 def draw_tractions(results: Results) -> Figure:
     """Partial slip: pressure and shear, and the zone that sticks.
 
-    Both stresses of both elements, over the exact ones.
+    Tractions of both elements and the exact ones.
     """
     fig, ax = plt.subplots(figsize=(BESIDE, 3.2))
-    for element, key in TRACTION_KEYS.items():
+    for element, key in TRACTION_CASE_KEYS.items():
         curves, peak = results.curves(key), results.scalar(key, "peak_known")
         for quantity, line in (("pressure", "-"), ("shear", ":")):
             look = {**LOOK[element], "linestyle": line, "markersize": 3}
@@ -357,17 +377,19 @@ def draw_tractions(results: Results) -> Figure:
 def draw_convergence(results: Results) -> Figure:
     """Partial slip: errors of pressure and shear over the mesh.
 
-    A panel an error.
+    One panel for each traction.
     """
     titles = {
         "error_pressure": f"(a) {OWN.name} pressure",
         "error_shear_apart": f"(b) {OWN.name} shear",
     }
     fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.9), sharex=True, sharey=True)
-    size = np.array([results.scalar(f"V5/galerkin-T6-{n}", "element_size") for n in ZONE_ELEMENTS])
+    size = np.array(
+        [results.scalar(f"V5/galerkin-T6-{n}", "element_size") for n in ZONE_ELEMENT_COUNTS]
+    )
     for ax, (name, title) in zip(axes, titles.items(), strict=True):
         for element in convergence.ELEMENTS:
-            errors = [results.scalar(f"V5/{element}-{n}", name) for n in ZONE_ELEMENTS]
+            errors = [results.scalar(f"V5/{element}-{n}", name) for n in ZONE_ELEMENT_COUNTS]
             ax.plot(1 / size, errors, **LOOK[element])
         ax.set(xscale="log", yscale="log", xlabel="elements over half width")
         ax.set_title(title, fontsize=8)
@@ -392,7 +414,7 @@ def draw_convergence(results: Results) -> Figure:
 
 def caption_tractions(results: Results) -> str:
     """Return the caption, with the half widths of the sticking zone."""
-    scalars = results[TRACTION_KEYS["pw-T6"]].scalars
+    scalars = results[TRACTION_CASE_KEYS["pw-T6"]].scalars
     return (
         f"{OWN.name.capitalize()} pressure p and shear q between two equal cylinders, pressed "
         "together and then pulled by half of what friction can hold, 16 elements over the half "
@@ -419,12 +441,12 @@ def caption_convergence(results: Results) -> str:
     )
 
 
-TRACTION_KEYS = {element: f"V5/{element}-20" for element in ("galerkin-T6", "pw-T6")}
+TRACTION_CASE_KEYS = {element: f"V5/{element}-20" for element in ("galerkin-T6", "pw-T6")}
 FIGURES = [
     PageFigure(
         "v5_cattaneo",
         draw_tractions,
-        needs=list(TRACTION_KEYS.values()),
+        needs=list(TRACTION_CASE_KEYS.values()),
         caption=caption_tractions,
         alt="Pressure and shear over x: a semi-ellipse, and below it the shear with peaks at both "
         "ends of the sticking zone. Both elements lie on the exact curves.",
@@ -432,7 +454,9 @@ FIGURES = [
     PageFigure(
         "v5_cattaneo_convergence",
         draw_convergence,
-        needs=[f"V5/{element}-{n}" for element in convergence.ELEMENTS for n in ZONE_ELEMENTS],
+        needs=[
+            f"V5/{element}-{n}" for element in convergence.ELEMENTS for n in ZONE_ELEMENT_COUNTS
+        ],
         caption=caption_convergence,
         alt="Two log-log plots of error over the number of elements. All errors fall, the composite "
         "triangle's with slope one and the others' with slopes near two.",

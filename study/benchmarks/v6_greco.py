@@ -1,4 +1,4 @@
-"""GRECO/Raous plate on a rough rigid plane: zones that are open, slip and stick."""
+"""GRECO/Raous plate on a rough rigid plane, with open, slipping and sticking zones."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -60,19 +60,19 @@ group GRECO (Raous and others); code_aster's validation manual {{ cite("aster") 
 five places and calls their uncertainty “average”; 5 %, by which they are judged here, is our reading of that word.
 """
 
-# Half of the plate in SI units, its middle at x = SIDE
-SIDE = 0.04
-YOUNGS_MODULUS, POISSONS_RATIO, FRICTION = 1.3e11, 0.2, 1.0
+# Half of the plate in SI units; the symmetry line is at x = PLATE_SIDE
+PLATE_SIDE = 0.04
+YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_COEFFICIENT = 1.3e11, 0.2, 1.0
 PRESSURE_TOP, PRESSURE_LEFT = 5e7, 15e7
 
-PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
-"""Positions x on the base, in m, of the reference displacements."""
-PUBLISHED = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
-"""Horizontal displacements in m by code_aster's validation manual, V6.04.128 (SSNV128)."""
-PROTOTYPE = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
-"""The same by an independent prototype of this study, on 64 × 64 squares of triangles."""
+REFERENCE_POSITIONS = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
+"""Positions x of the reference displacements on the base, in m."""
+PUBLISHED_DISPLACEMENTS = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
+"""Horizontal displacements in m from code_aster's validation manual, V6.04.128 (SSNV128)."""
+PROTOTYPE_DISPLACEMENTS = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
+"""The same from an independent prototype of this study, on 64 × 64 squares of triangles."""
 PUBLISHED_UNCERTAINTY = 0.05
-"""Relative; the manual calls it average."""
+"""Relative uncertainty; the manual only calls it average."""
 
 # Method
 
@@ -86,26 +86,30 @@ it (64 × 64 squares of triangles); the direction of its diagonals is not known.
 def plate(element: str, squares: int) -> Result:
     """Solve the loaded plate; return displacements and contact forces of its base.
 
-    Scalars besides those of `contact_result` are the horizontal displacements `u_1` to `u_5` at
-    `PLACES`, and the ends of contact zones, halfway between two nodes: `open_up_to` and
-    `sticking_from`.
+    In addition to those of `contact_result`, scalars are the horizontal displacements `u_1` to
+    `u_5` at `REFERENCE_POSITIONS` and the ends of contact zones, midway between two nodes:
+    `open_up_to` and `sticking_from`.
 
     Args:
-        element: its name.
-        squares: number along a side; a multiple of 16, so that there is a node at each place.
+        element: Name of the element.
+        squares: Number of squares along a side; a multiple of 16, so that there are nodes at the
+            reference positions.
     """
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, partial(_build_mesh, squares), material, StressState.PLANE_STRAIN)
-    load = body.surface_load((0.0, -PRESSURE_TOP), _top)
-    load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _left_side))
-    symmetry = body.supports([prescribe(body.space, 0, _symmetry_line)])
-    ground = ContactPair(_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION)
-    states = solve_contact(body.K, load, symmetry, [ground], body.space)
+    load = body.surface_load((0.0, -PRESSURE_TOP), _is_on_top)
+    load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _is_on_left_side))
+    symmetry = body.supports([prescribe(body.space, 0, _is_on_symmetry_line)])
+    contact_pair = ContactPair(_is_on_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION_COEFFICIENT)
+    states = solve_contact(body.K, load, symmetry, [contact_pair], body.space)
 
-    result = contact_result(body, states, load, _base, PRESSURE_TOP, SI)
-    x, u = result.curves["x"], _base_displacements(result.curves)
-    lengths = {f"u_{i}": float(u[np.argmin(np.abs(x - p))]) for i, p in enumerate(PLACES, start=1)}
-    lengths |= _zone_ends(x, result.curves["status"])
+    result = contact_result(body, states, load, _is_on_base, PRESSURE_TOP, SI)
+    x, u = result.curves["x"], _collect_base_displacements(result.curves)
+    lengths = {
+        f"u_{i}": float(u[np.argmin(np.abs(x - p))])
+        for i, p in enumerate(REFERENCE_POSITIONS, start=1)
+    }
+    lengths |= _find_zone_ends(x, result.curves["status"])
     return replace(
         result,
         scalars={**result.scalars, **lengths},
@@ -114,8 +118,8 @@ def plate(element: str, squares: int) -> Result:
     )
 
 
-def _zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
-    """Return where the open zone ends and the sticking zone begins, along nodes at x (m,)."""
+def _find_zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
+    """Return the end of the open zone and the start of the stick zone; x (m,) are the nodes."""
     last_open = int(np.flatnonzero(status == OPEN).max())
     first_sticking = int(np.flatnonzero(status == STICK).min())
     return {
@@ -124,47 +128,47 @@ def _zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
     }
 
 
-def _base_displacements(curves: Mapping[str, np.ndarray]) -> Array:
-    """Return the horizontal displacements of the contact nodes, in the order of x."""
-    nodes = np.flatnonzero(_base(curves["nodes"].T))
+def _collect_base_displacements(curves: Mapping[str, np.ndarray]) -> Array:
+    """Return the horizontal displacements (m,) of the contact nodes, in the order of x."""
+    nodes = np.flatnonzero(_is_on_base(curves["nodes"].T))
     nodes = nodes[np.argsort(curves["nodes"][nodes, 0])]
     return curves["displacement"][nodes, 0]
 
 
 def _build_mesh(squares: int, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
-    return build(MPI.COMM_SELF, (0.0, 0.0), (SIDE, SIDE), (squares, squares))
+    return build(MPI.COMM_SELF, (0.0, 0.0), (PLATE_SIDE, PLATE_SIDE), (squares, squares))
 
 
-def _base(x: Array) -> npt.NDArray[np.bool_]:
+def _is_on_base(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[1], 0.0)
 
 
-def _top(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[1], SIDE)
+def _is_on_top(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], PLATE_SIDE)
 
 
-def _left_side(x: Array) -> npt.NDArray[np.bool_]:
+def _is_on_left_side(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-def _symmetry_line(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[0], SIDE)
+def _is_on_symmetry_line(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], PLATE_SIDE)
 
 
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
-SQUARES = (16, 32, 64)
-FINEST = {"pw-T6": 128, "galerkin-Q8": 128}
+SQUARE_COUNTS = (16, 32, 64)
+FINEST_SQUARE_COUNTS = {"pw-T6": 128, "galerkin-Q8": 128}
 CASES = [
     Case("V6", f"{element}-{n}", plate, {"element": element, "squares": n})
     for element in ELEMENTS
-    for n in SQUARES
+    for n in SQUARE_COUNTS
 ]
 CASES += [
     Case("V6", f"{element}-{n}", plate, {"element": element, "squares": n})
-    for element, n in FINEST.items()
+    for element, n in FINEST_SQUARE_COUNTS.items()
 ]
 CASES = mark_costly(CASES, "galerkin-Q8-128", "composite-*-64", "*-Q[89]-64")
 
@@ -204,15 +208,15 @@ Largest change of one of the five displacements against the new triangle on 128 
 """
 
 
-def draw(results: Results) -> Figure:
+def draw_displacements_and_stresses(results: Results) -> Figure:
     """GRECO plate: displacements along the base, nodal contact stresses, zones.
 
-    Panels: displacements, fine mesh; stresses, coarse mesh.
+    Panels: displacements on a fine mesh; stresses on a coarse mesh.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.0))
     _draw_displacements(left, results)
     _draw_stresses(right, results)
-    for ax, key in ((left, FINE_KEYS["pw-T6"]), (right, COARSE_KEYS["pw-T6"])):
+    for ax, key in ((left, FINE_CASE_KEYS["pw-T6"]), (right, COARSE_CASE_KEYS["pw-T6"])):
         curves = results.curves(key)
         zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
         ax.set(xlabel="$x$ / mm", xlim=(-1, 41))
@@ -221,20 +225,23 @@ def draw(results: Results) -> Figure:
 
 
 def _draw_displacements(ax: Axes, results: Results) -> None:
-    for (element, key), line in zip(FINE_KEYS.items(), ("-", "--"), strict=True):
+    for (element, key), line in zip(FINE_CASE_KEYS.items(), ("-", "--"), strict=True):
         curves = results.curves(key)
         look = {**LOOK[element], "marker": "", "linestyle": line}
         ax.plot(1e3 * curves["x"], 1e5 * curves["u"], **look)
-    places, published = 1e3 * np.array(PLACES), 1e5 * np.array(PUBLISHED)
+    positions, published = (
+        1e3 * np.array(REFERENCE_POSITIONS),
+        1e5 * np.array(PUBLISHED_DISPLACEMENTS),
+    )
     uncertainty = PUBLISHED_UNCERTAINTY * published
     bars: dict[str, Any] = {"fmt": "ko", "ms": 3.5, "capsize": 2.5, "lw": 0.9}
-    ax.errorbar(places, published, uncertainty, label="published, ± 5 %", **bars)
+    ax.errorbar(positions, published, uncertainty, label="published, ± 5 %", **bars)
     ax.set(title="(a) 64 × 64 squares", ylabel="displacement / 10⁻⁵ m", ylim=(0, 3.2))
     ax.legend(loc="upper right")
 
 
 def _draw_stresses(ax: Axes, results: Results) -> None:
-    for element, key in COARSE_KEYS.items():
+    for element, key in COARSE_CASE_KEYS.items():
         curves = results.curves(key)
         for quantity, line in (("pressure", "-"), ("shear", ":")):
             look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
@@ -247,10 +254,10 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     ax.legend(loc="upper left", fontsize=7)
 
 
-def caption(results: Results) -> str:
+def caption_displacements_and_stresses(results: Results) -> str:
     """Return the caption, with the ends of the contact zones."""
     open_end, stick_start = (
-        zone_end(results, FINE_KEYS["pw-T6"], zone) for zone in ("open", "stick")
+        zone_end(results, FINE_CASE_KEYS["pw-T6"], zone) for zone in ("open", "stick")
     )
     return (
         "GRECO plate. (a) Horizontal displacements of the base, in which both elements coincide, "
@@ -261,16 +268,16 @@ def caption(results: Results) -> str:
     )
 
 
-COARSE_KEYS, FINE_KEYS = (
+COARSE_CASE_KEYS, FINE_CASE_KEYS = (
     {element: f"V6/{element}-{squares}" for element in ("galerkin-T6", "pw-T6")}
     for squares in (16, 64)
 )
 FIGURES = [
     PageFigure(
         "v6_greco",
-        draw,
-        needs=[*COARSE_KEYS.values(), *FINE_KEYS.values()],
-        caption=caption,
+        draw_displacements_and_stresses,
+        needs=[*COARSE_CASE_KEYS.values(), *FINE_CASE_KEYS.values()],
+        caption=caption_displacements_and_stresses,
         alt="A falling curve of displacement over x through five published points within their "
         "error bars. Pressure and shear over x, alike for both elements but where zones end.",
     )

@@ -56,7 +56,7 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
     [
         ("V13", "study.benchmarks.v13_fluxes.page"),
         ("V14", "study.benchmarks.v14_rubber.page"),
-        ("C", "study.benchmarks.c_convergence.loads"),
+        ("C", "study.benchmarks.c_convergence.statics"),
         ("V2", None),
     ],
 )

@@ -1,6 +1,6 @@
-"""Orders and magnitudes against manufactured solutions, on meshes that take no time.
+"""Orders and sizes of errors against manufactured solutions, on coarse meshes.
 
-Those of eigenvalues and of nearly incompressible bodies are recorded numbers: test_findings.py.
+Orders of eigenvalues and errors of nearly incompressible bodies are judged by checks and pins.
 """
 
 from dataclasses import replace
@@ -13,12 +13,12 @@ from scipy.special import j1
 
 from pw_elements._compat import cell_geometry_nodes
 from study.benchmarks.c_convergence import eigenvalues
-from study.benchmarks.c_convergence.page import SETTINGS, compute_errors
+from study.benchmarks.c_convergence.statics import SETTINGS, compute_errors
 from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
 
-def series(element, setting, *sides):
-    rows = [compute_errors(element, SETTINGS[setting], side) for side in sides]
+def measure_orders(element, setting, *cell_sides):
+    rows = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
     h = np.array([row["h"] for row in rows])
     norms = [name for name in rows[0] if name.startswith("error_")]
     return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
@@ -33,7 +33,7 @@ def series(element, setting, *sides):
     ],
 )
 def test_quadratic_elements_have_orders_two_and_three(element, setting):
-    orders, error = series(element, setting, 1 / 4, 1 / 8, 1 / 16)
+    orders, error = measure_orders(element, setting, 1 / 4, 1 / 8, 1 / 16)
     assert orders["error_H1"] == pytest.approx(2, abs=0.2)
     assert orders["error_L2"] == pytest.approx(3, abs=0.3)
     assert orders["error_stress"] == pytest.approx(2, abs=0.25)
@@ -44,49 +44,48 @@ def test_quadratic_elements_have_orders_two_and_three(element, setting):
     assert error["error_force"] < 6 * bound
 
 
-def test_tetrahedra():
-    orders, error = series("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
+def test_tetrahedra_have_orders_two_and_three():
+    orders, error = measure_orders("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
     assert orders["error_H1"] == pytest.approx(2, abs=0.3)
     assert orders["error_L2"] == pytest.approx(3, abs=0.4)
     assert error["error_H1"] < 1e-2
     assert error["error_force"] < 1e-2
 
 
-def test_forces_are_integrals_over_the_elements_own_test_functions():
-    # a linear field has exact nodal forces, whatever the weights
+def test_nodal_forces_of_linear_field_are_exact_for_all_test_functions():
     def field(_, x, __):
         return 0.3 * x[0] + x[1], 0.2 * x[1] - x[0]
 
     linear = replace(SETTINGS["plane-strain"], field=field)
     for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
-        error = compute_errors(element, linear, 1 / 4)
-        assert max(error[name] for name in error if name.startswith("error_")) < 1e-11
+        errors = compute_errors(element, linear, 1 / 4)
+        assert max(errors[name] for name in errors if name.startswith("error_")) < 1e-11
 
 
-def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():
+def test_gmsh_meshes_are_reproducible_and_follow_curved_outlines():
     first, second = on_ring("pw-T6", 1 / 4), on_ring("pw-T6", 1 / 4)
     assert np.array_equal(first.geometry.x, second.geometry.x)
     assert np.array_equal(cell_geometry_nodes(first), cell_geometry_nodes(second))
-    for mesh, measure, within in (
+    for mesh, expected_volume, tolerance in (
         (first, np.pi / 4 * 3, 1e-5),
         (on_hollow_ball("pw-T10", 0.5), np.pi / 6 * 7, 1e-3),
         (on_cube("pw-T10", 0.5), 1.0, 1e-12),
     ):
         dimension = mesh.topology.dim
         volume = cell_size(mesh) ** dimension * mesh.topology.index_map(dimension).size_global
-        assert volume == pytest.approx(measure, rel=within)
+        assert volume == pytest.approx(expected_volume, rel=tolerance)
     radius = np.hypot(*first.geometry.x[:, :2].T)
-    chords = fem.assemble_scalar(fem.form(1 * ufl.ds(domain=first)))
-    assert chords == pytest.approx(1.5 * np.pi + 2, rel=1e-4)
+    outline_length = fem.assemble_scalar(fem.form(1 * ufl.ds(domain=first)))
+    assert outline_length == pytest.approx(1.5 * np.pi + 2, rel=1e-4)
     assert radius.min() == pytest.approx(1, abs=1e-12)
 
 
-def test_order_is_the_slope_of_the_finest_three():
+def test_order_is_the_slope_through_the_finest_three_meshes():
     h = np.array([1.0, 0.5, 0.25, 0.125])
     assert order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
 
 
-def test_exact_eigenvalues():
+def test_exact_eigenvalues_match_wave_formulas():
     square = eigenvalues.square_eigenvalues()
     cube = eigenvalues.cube_eigenvalues()
     cylinder = eigenvalues.cylinder_eigenvalues()

@@ -1,4 +1,4 @@
-"""Section Q: methods against each other, each confirmed by what it does not compute itself."""
+"""Section Q: contact methods, compared with each other and with exact results."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,91 +8,98 @@ import numpy as np
 import pytest
 import ufl
 
-from study.benchmarks.q_rivals.errors import measure_answer, sample_surface
-from study.benchmarks.q_rivals.methods import nitsche_symmetric, penalty
+from study.benchmarks.q_rivals.errors import measure_errors, sample_traction
+from study.benchmarks.q_rivals.methods import nitsche, penalty
 from study.benchmarks.q_rivals.page import METHODS
 from study.solutions.hertz_problem import RADIUS, NoSolution, line
 
 
 @cache
-def problem():
+def make_problem():
     return line(4, 0.375)
 
 
 @cache
-def answer(method):
-    return METHODS[method].solve(problem(), METHODS[method].usual_parameter)
+def solve_with_usual_parameter(method):
+    return METHODS[method].solve(make_problem(), METHODS[method].usual_parameter)
 
 
-def test_each_method_is_one_file_of_forty_lines_at_most():
+def test_method_is_one_file_of_at_most_forty_lines():
     for name, method in METHODS.items():
         path = Path(method.module.__file__)
-        assert path.stem == name.replace("-", "_").lower()
+        assert name.replace("-", "_").lower().startswith(path.stem)
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 40, name
 
 
-def test_lines_of_a_method_include_the_methods_that_it_builds_on():
-    assert METHODS["snes-vi-t"].lines > METHODS["snes-vi"].lines
-    assert METHODS["penalty"].lines == len(Path(penalty.__file__).read_text().splitlines())
+def test_line_count_of_method_includes_methods_that_it_imports():
+    assert METHODS["snes-vi-t"].n_lines > METHODS["snes-vi"].n_lines
+    assert METHODS["penalty"].n_lines == len(Path(penalty.__file__).read_text().splitlines())
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_pressures_add_up_to_hertz_force(method):
-    mesh = answer(method).u.function_space.mesh
-    _, pressure = sample_surface(replace(problem(), mesh=mesh), answer(method).pressure)
-    force = pressure.mean() * problem().zone
-    assert force == pytest.approx(problem().exact.force / 2, rel=0.03)
+def test_pressure_of_each_method_adds_up_to_hertz_force(method):
+    mesh = solve_with_usual_parameter(method).u.function_space.mesh
+    _, pressure = sample_traction(
+        replace(make_problem(), mesh=mesh), solve_with_usual_parameter(method).pressure
+    )
+    force = pressure.mean() * make_problem().zone
+    assert force == pytest.approx(make_problem().exact.force / 2, rel=0.03)
 
 
 @pytest.mark.parametrize("method", sorted(set(METHODS) - {"linear", "pw-T6"}))
-def test_equilibrium_nodal_forces_add_up_to_the_same(method):
-    u, test_space = answer(method).u, answer(method).test_space
+def test_nodal_forces_of_each_method_add_up_to_hertz_force(method):
+    u, test_space = (
+        solve_with_usual_parameter(method).u,
+        solve_with_usual_parameter(method).test_space,
+    )
     nodes = u.function_space.tabulate_dof_coordinates().T
-    force = problem().forces(u, test_space)[problem().may_touch(nodes), 1].sum()
-    assert force == pytest.approx(problem().exact.force / 2, rel=0.02)
+    force = make_problem().forces(u, test_space)[make_problem().may_touch(nodes), 1].sum()
+    assert force == pytest.approx(make_problem().exact.force / 2, rel=0.02)
 
 
-def test_the_new_element_has_the_standard_displacements():
-    new, standard = (answer(method).u.x.array for method in ("pw-T6", "snes-vi"))
+def test_new_element_has_the_displacements_of_the_standard_one():
+    new, standard = (
+        solve_with_usual_parameter(method).u.x.array for method in ("pw-T6", "snes-vi")
+    )
     assert np.abs(new - standard).max() < 1e-13 * np.abs(standard).max()
 
 
-def test_proximal_galerkin_is_the_mortar_method():
+def test_proximal_galerkin_has_the_pressure_of_the_mortar_method():
     mortar, proximal = (
-        sample_surface(problem(), answer(method).pressure)[1]
+        sample_traction(make_problem(), solve_with_usual_parameter(method).pressure)[1]
         for method in ("mortar-p1", "proximal-p1")
     )
     assert proximal == pytest.approx(mortar, abs=1e-6 * mortar.max())
 
 
-def test_nitsche_is_useless_at_a_small_parameter_and_better_inside_at_the_right_one():
-    def inside(parameter):
-        return measure_answer(problem(), nitsche_symmetric.solve(problem(), parameter))[0]
+def test_symmetric_nitsche_is_accurate_at_its_best_parameter_only():
+    def solve_and_measure(parameter):
+        return measure_errors(make_problem(), nitsche.solve(make_problem(), parameter))[0]
 
-    new = measure_answer(problem(), answer("pw-T6"))[0]
-    assert inside(10.0)["pressure_l2_inner"] < new["pressure_l2_inner"]
-    assert inside(1.0)["pressure_l2_inner"] > 10 * new["pressure_l2_inner"]
+    new_element_errors = measure_errors(make_problem(), solve_with_usual_parameter("pw-T6"))[0]
+    new_error = new_element_errors["pressure_l2_inner"]
+    assert solve_and_measure(10.0)["pressure_l2_inner"] < new_error
+    assert solve_and_measure(1.0)["pressure_l2_inner"] > 10 * new_error
 
 
-def test_errors_of_a_known_pressure_are_known():
-    """Hertz' pressure and a tenth more: .1 everywhere; half of it: .5."""
-    standard = answer("snes-vi")
-    exact = problem().exact.peak * ufl.sqrt(ufl.max_value(0, 1 - problem().distance ** 2))
+def test_errors_of_scaled_exact_pressure_are_the_change_of_scale():
+    standard = solve_with_usual_parameter("snes-vi")
+    exact = make_problem().exact.peak * ufl.sqrt(ufl.max_value(0, 1 - make_problem().distance ** 2))
     for factor, error in ((1.1, 0.1), (0.5, 0.5)):
-        errors = measure_answer(problem(), standard._replace(pressure=factor * exact))[0]
+        errors = measure_errors(make_problem(), standard._replace(pressure=factor * exact))[0]
         for name in ("pressure_l2", "pressure_l2_inner", "pressure_l2_edge"):
             assert errors[name] == pytest.approx(error, abs=1e-12)
         assert errors["variation"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_gap_is_the_parabola_less_its_depth():
+def test_gap_is_the_parabola_less_its_depth():
     x = np.array([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]])
-    exact = problem().exact
-    assert problem().gap_at(x) == pytest.approx(x[:, 0] ** 2 / (2 * RADIUS) - exact.approach)
+    exact = make_problem().exact
+    assert make_problem().gap_at(x) == pytest.approx(x[:, 0] ** 2 / (2 * RADIUS) - exact.approach)
     assert exact.half_width == pytest.approx(1.0)
 
 
-def test_what_does_not_converge_is_refused(monkeypatch):
+def test_method_that_does_not_converge_raises_no_solution(monkeypatch):
     monkeypatch.setattr("study.solutions.hertz_problem.MAX_SOLVES", 1)
     with pytest.raises(NoSolution):
-        penalty.solve(problem(), 10.0)
+        penalty.solve(make_problem(), 10.0)

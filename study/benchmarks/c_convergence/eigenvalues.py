@@ -1,4 +1,4 @@
-"""Bodies on smooth rigid walls, their exact eigenvalues, and the errors of an element."""
+"""Bodies between smooth rigid walls, their exact eigenvalues, and the errors of an element."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -35,33 +35,35 @@ UNIAXIAL_STRAIN_MODULUS = (
     YOUNGS_MODULUS * (1 - POISSONS_RATIO) / ((1 + POISSONS_RATIO) * (1 - 2 * POISSONS_RATIO))
 )
 PLANE_STRESS_MODULUS = YOUNGS_MODULUS / (1 - POISSONS_RATIO**2)
-N_COMPARED = 4
-"""The lowest eigenvalues, which are compared."""
-HALF_WAVES = range(4)
-"""Numbers of half-wavelengths along an axis among which the lowest eigenvalues are."""
+N_COMPARED_EIGENVALUES = 4
+"""Number of lowest eigenvalues that are compared."""
+HALF_WAVE_NUMBERS = range(4)
+"""Numbers of half-wavelengths along an axis; they include those of the lowest eigenvalues."""
 
-# Exact eigenvalues; the density is one
+# Exact eigenvalues for density 1
 
 
 def square_eigenvalues() -> Array:
     """Return the lowest eigenvalues of the unit square in plane stress.
 
-    Shear waves and compression waves have whole numbers of half-wavelengths along both sides.
+    Shear and compression waves have whole numbers of half-wavelengths along both sides.
     """
-    squares = [m**2 + n**2 for m in HALF_WAVES for n in HALF_WAVES]
-    shear = [m**2 + n**2 for m in HALF_WAVES for n in HALF_WAVES if m and n]
-    return _select_lowest(
+    squares = [m**2 + n**2 for m in HALF_WAVE_NUMBERS for n in HALF_WAVE_NUMBERS]
+    shear = [m**2 + n**2 for m in HALF_WAVE_NUMBERS for n in HALF_WAVE_NUMBERS if m and n]
+    return _select_lowest_eigenvalues(
         SHEAR_MODULUS * np.pi**2 * np.array(shear),
         PLANE_STRESS_MODULUS * np.pi**2 * np.array(squares),
     )
 
 
 def cube_eigenvalues() -> Array:
-    """Return the lowest eigenvalues of the unit cube, of waves as in the square.
+    """Return the lowest eigenvalues of the unit cube, with waves as in the square.
 
-    A shear wave has two polarisations, but one if it runs in the plane of a wall.
+    A shear wave has two polarisations, or one if it travels parallel to a wall.
     """
-    waves = [(k, m, n) for k in HALF_WAVES for m in HALF_WAVES for n in HALF_WAVES]
+    waves = [
+        (k, m, n) for k in HALF_WAVE_NUMBERS for m in HALF_WAVE_NUMBERS for n in HALF_WAVE_NUMBERS
+    ]
     n_polarisations = {0: 2, 1: 1}  # by the number of axes along which the wave is constant
     shear = [
         k**2 + m**2 + n**2
@@ -69,7 +71,7 @@ def cube_eigenvalues() -> Array:
         for _ in range(n_polarisations.get((k, m, n).count(0), 0))
     ]
     squares = [k**2 + m**2 + n**2 for k, m, n in waves]
-    return _select_lowest(
+    return _select_lowest_eigenvalues(
         SHEAR_MODULUS * np.pi**2 * np.array(shear),
         UNIAXIAL_STRAIN_MODULUS * np.pi**2 * np.array(squares),
     )
@@ -78,13 +80,13 @@ def cube_eigenvalues() -> Array:
 def cylinder_eigenvalues() -> Array:
     """Return the lowest axisymmetric eigenvalues of a cylinder of radius and height 1.
 
-    Modes are u_r = J1(k r) cos(m pi z) with J1(k) = 0, and purely axial ones.
+    The modes are u_r = J1(k r) cos(m pi z) with J1(k) = 0, and purely axial ones.
     """
-    radial = jn_zeros(1, len(HALF_WAVES)) ** 2
-    axial = np.pi**2 * np.array(HALF_WAVES) ** 2
+    radial = jn_zeros(1, len(HALF_WAVE_NUMBERS)) ** 2
+    axial = np.pi**2 * np.array(HALF_WAVE_NUMBERS) ** 2
     shear = radial[:, None] + axial[1:]
     compression = np.append(0.0, radial)[:, None] + axial
-    return _select_lowest(SHEAR_MODULUS * shear, UNIAXIAL_STRAIN_MODULUS * compression)
+    return _select_lowest_eigenvalues(SHEAR_MODULUS * shear, UNIAXIAL_STRAIN_MODULUS * compression)
 
 
 def ring_eigenvalue() -> Array:
@@ -109,9 +111,9 @@ def ring_eigenvalue() -> Array:
     return np.array([PLANE_STRESS_MODULUS * k**2])
 
 
-def _select_lowest(*families: Array) -> Array:
+def _select_lowest_eigenvalues(*families: Array) -> Array:
     eigenvalues = np.sort(np.concatenate([np.ravel(family) for family in families]))
-    return eigenvalues[eigenvalues > 0][:N_COMPARED]
+    return eigenvalues[eigenvalues > 0][:N_COMPARED_EIGENVALUES]
 
 
 # Problems
@@ -119,27 +121,27 @@ def _select_lowest(*families: Array) -> Array:
 
 @dataclass(frozen=True)
 class Vibration:
-    """A body on smooth rigid walls.
+    """A body between smooth rigid walls.
 
     Args:
-        state: plane stress, axisymmetric or solid.
-        exact: returns its lowest eigenvalues, or one of them.
-        mesh: makes a mesh for an element, its sides about a given length long.
-        cell_sides: lengths of the elements' sides, coarse to fine.
-        walls: planes x_i = c that hold the displacement u_i, as pairs (i, c).
-        elements: elements that are compared.
+        state: Plane stress, axisymmetric or solid.
+        exact_eigenvalues: Function that returns the lowest eigenvalues, or one of them.
+        mesh: Function that makes a mesh for an element and a length of the cells' sides.
+        cell_sides: Lengths of the cells' sides, coarse to fine.
+        walls: Planes x_i = c where the displacement u_i is zero, as pairs (i, c).
+        elements: Elements that are compared.
     """
 
     state: StressState
-    exact: Callable[[], Array]
+    exact_eigenvalues: Callable[[], Array]
     mesh: Callable[[str, float], Mesh]
     cell_sides: tuple[float, ...] = (1 / 4, 1 / 8, 1 / 16, 1 / 32)
     walls: tuple[tuple[int, float], ...] = ((0, 0.0), (1, 0.0), (0, 1.0), (1, 1.0))
     elements: tuple[str, ...] = ("galerkin-T6", "pw-T6", "composite-T6")
 
 
-QUADRILATERALS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
-RING = Vibration(
+QUADRILATERAL_ELEMENTS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
+RING_VIBRATION = Vibration(
     StressState.PLANE_STRESS,
     ring_eigenvalue,
     on_ring,
@@ -151,13 +153,13 @@ VIBRATIONS = {
         StressState.PLANE_STRESS,
         square_eigenvalues,
         on_square,
-        elements=(*Vibration.elements, "pwsym-T6", *QUADRILATERALS),
+        elements=(*Vibration.elements, "pwsym-T6", *QUADRILATERAL_ELEMENTS),
     ),
     "cylinder": Vibration(
         StressState.AXISYMMETRIC,
         cylinder_eigenvalues,
         on_square,
-        elements=(*Vibration.elements, *QUADRILATERALS),
+        elements=(*Vibration.elements, *QUADRILATERAL_ELEMENTS),
     ),
     "cube": Vibration(
         StressState.SOLID,
@@ -167,9 +169,9 @@ VIBRATIONS = {
         tuple((i, c) for i in range(3) for c in (0.0, 1.0)),
         ("galerkin-T10", "pw-T10"),
     ),
-    "ring": RING,
+    "ring": RING_VIBRATION,
     "curved-ring": replace(
-        RING,
+        RING_VIBRATION,
         mesh=on_curved_ring,
         cell_sides=Vibration.cell_sides,
         elements=("galerkin-T6", "pw-T6"),
@@ -182,26 +184,27 @@ def modes(
 ) -> Result:
     """Return errors of eigenvalues on all meshes, and their order.
 
-    Curves, a number a mesh: `h`, `dofs`, `error_eigenvalue` (the largest relative one of those
-    compared). Scalars: the order, the error on the finest mesh, and the largest |Im| / |Re|.
+    Curves have one number per mesh: `h`, `dofs` and `error_eigenvalue`, the largest relative error
+    of those compared. Scalars are the order, the error on the finest mesh, and the largest
+    |Im| / |Re|.
 
     Args:
-        element: its name.
-        vibration: name of a body in `VIBRATIONS`.
-        left: left matrix of the condensation, as in `mass_left`.
+        element: Name of the element.
+        vibration: A key of `VIBRATIONS`.
+        left: Left matrix of the condensation, as in `mass_left`.
     """
-    body_on_walls = VIBRATIONS[vibration]
-    exact = body_on_walls.exact()
+    problem = VIBRATIONS[vibration]
+    exact = problem.exact_eigenvalues()
     rows = []
-    for side in body_on_walls.cell_sides:
-        mesh = body_on_walls.mesh(element, side)
+    for side in problem.cell_sides:
+        mesh = problem.mesh(element, side)
         material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-        body = Body(spaces(element, mesh), material, body_on_walls.state)
+        body = Body(spaces(element, mesh), material, problem.state)
         K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
         discretisation = Discretisation(element, body, K)
-        supports = [_support_at_wall(discretisation.space, i, c) for i, c in body_on_walls.walls]
+        supports = [_make_wall_support(discretisation.space, i, c) for i, c in problem.walls]
         reduction = mass_left(discretisation.supports(supports), left)
-        computed = vibration_modes(K, M, reduction, N_COMPARED, is_symmetrised(element))
+        computed = vibration_modes(K, M, reduction, N_COMPARED_EIGENVALUES, is_symmetrised(element))
         eigenvalues = computed.eigenvalues
         if len(exact) == 1:
             eigenvalues = eigenvalues[[np.abs(eigenvalues - exact).argmin()]]
@@ -222,5 +225,5 @@ def modes(
     return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
 
 
-def _support_at_wall(space: fem.FunctionSpace, axis: int, position: float) -> fem.DirichletBC:
+def _make_wall_support(space: fem.FunctionSpace, axis: int, position: float) -> fem.DirichletBC:
     return prescribe(space, axis, lambda x: np.isclose(x[axis], position))

@@ -1,50 +1,28 @@
 """Orders of convergence against manufactured solutions and known eigenvalues."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-
 import matplotlib.pyplot as plt
-import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
-from dolfinx.mesh import Mesh
 from matplotlib.figure import Figure
 
-from pw_elements import Body, Material, as_function, assemble_matrix, prescribe, solve
-from pw_elements.elasticity import StressState
-from pw_elements.spaces import Marker, piecewise_linear_sub_cell_element
 from study.benchmarks.c_convergence.eigenvalues import VIBRATIONS, Vibration, modes
-from study.benchmarks.c_convergence.loads import ManufacturedSolution
+from study.benchmarks.c_convergence.statics import (
+    SCANNED_SETTINGS,
+    SETTINGS,
+    Setting,
+    scan,
+    statics,
+)
 from study.judge.checks import check
 from study.judge.measures.general import smallest
 from study.judge.measures.known_solutions import largest_ratio_on_meshes, ratio_at_poissons_ratio
-from study.meshes.mesh_families import (
-    INNER,
-    cell_size,
-    on_cube,
-    on_curved_ring,
-    on_hollow_ball,
-    on_pairs,
-    on_ring,
-    on_square,
-    order,
-)
-from study.model.discretisation import Discretisation, spaces
-from study.model.units import dimensionless
 from study.publish.plots.style import CLEAR, FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
-from study.run.store import Result, Results
-from study.solutions import manufactured
-from study.solutions.manufactured import Field
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from study.run.store import Results
 
 SECTION = "C"
 TITLE = "Orders of convergence"
 FACTS = {
-    "geometry": "a unit square, a quarter ring of the radii 1 and 2, a unit cube, an eighth of a "
+    "geometry": "a unit square, a quarter ring with radii 1 and 2, a unit cube, an eighth of a "
     "hollow ball",
     "mesh": "unstructured triangles and tetrahedra, mapped quadrilaterals, straight and curved; "
     "three or four sizes, down to 1/64",
@@ -92,191 +70,10 @@ cylinder (zeros of $J_1$) and a cube. In addition, the breathing mode of a quart
 Orders are slopes through the results of the three finest meshes.
 """
 
-YOUNGS_MODULUS = 1.0
-NORMS = ("H1", "L2", "stress", "force")
-SURFACE_TOLERANCE = 1e-6
-"""Distance up to which a node counts as lying on a surface; bodies are 1 to 2 wide."""
+# Cases
 
 
-def _is_anywhere(x: Array) -> Mask:
-    return np.ones(x.shape[1], dtype=bool)
-
-
-def _is_on_bottom(x: Array) -> Mask:
-    return np.asarray(np.abs(x[1]) < SURFACE_TOLERANCE)
-
-
-def _is_on_inner_arc(x: Array) -> Mask:
-    return np.asarray(np.abs(np.hypot(x[0], x[1]) - INNER) < SURFACE_TOLERANCE)
-
-
-def _is_on_inner_sphere(x: Array) -> Mask:
-    return np.asarray(np.abs(np.linalg.norm(x, axis=0) - INNER) < SURFACE_TOLERANCE)
-
-
-def _is_on_axis(x: Array) -> Mask:
-    return np.asarray(np.abs(x[0]) < SURFACE_TOLERANCE)
-
-
-def _is_on_sides_off_axis(x: Array) -> Mask:
-    """Mark the other three sides of the square, each as a whole."""
-    is_on_right = np.abs(x[0] - 1) < SURFACE_TOLERANCE
-    is_on_bottom_or_top = np.abs(x[1] - 0.5) > 0.5 - SURFACE_TOLERANCE
-    return np.asarray(is_on_right | is_on_bottom_or_top)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """A body with a prescribed exact displacement.
-
-    Args:
-        state: plane stress, plane strain, axisymmetric or solid.
-        poissons_ratio: the material's.
-        field: the exact displacement.
-        mesh: makes a mesh for an element, its sides about a given length long.
-        support: side of prescribed displacements, whose nodal forces are compared.
-        cell_sides: lengths of the elements' sides, coarse to fine.
-        elements: elements that are compared.
-    """
-
-    state: StressState
-    poissons_ratio: float = 0.3
-    field: Field = manufactured.plane
-    mesh: Callable[[str, float], Mesh] = on_square
-    support: Marker = _is_on_bottom
-    cell_sides: tuple[float, ...] = (1 / 4, 1 / 8, 1 / 16, 1 / 32)
-    elements: tuple[str, ...] = ("galerkin-T6", "pw-T6", "composite-T6")
-
-
-TRIANGLES = ("galerkin-T6", "pw-T6")
-QUADRILATERALS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
-TETRAHEDRA = ("galerkin-T10", "pw-T10")
-PLANE = (*Setting.elements, *QUADRILATERALS)
-FINER_SIDES = (1 / 8, 1 / 16, 1 / 32, 1 / 64)
-
-PLANE_STRESS = Setting(StressState.PLANE_STRESS, elements=PLANE)
-PLANE_STRAIN = Setting(StressState.PLANE_STRAIN, elements=PLANE)
-AXISYMMETRIC = Setting(StressState.AXISYMMETRIC, field=manufactured.round_about, elements=PLANE)
-RING = Setting(StressState.PLANE_STRESS, mesh=on_ring, support=_is_on_inner_arc)
-CURVED_RING = replace(RING, mesh=on_curved_ring, elements=PLANE, cell_sides=FINER_SIDES)
-SOLID = Setting(
-    StressState.SOLID,
-    field=manufactured.solid,
-    mesh=on_cube,
-    cell_sides=(1 / 2, 1 / 4, 1 / 8),
-    elements=TETRAHEDRA,
-)
-BALL = replace(SOLID, mesh=on_hollow_ball, support=_is_on_inner_sphere, cell_sides=(0.5, 0.35, 0.2))
-PAIRS = replace(PLANE_STRESS, mesh=on_pairs, elements=("galerkin-T6",))
-PRESSURE = replace(PLANE_STRAIN, field=manufactured.plane_pressure)
-PLANE_STRAIN_RING = replace(RING, state=StressState.PLANE_STRAIN, elements=TRIANGLES)
-PLANE_STRAIN_CURVED_RING = replace(PLANE_STRAIN_RING, mesh=on_curved_ring, cell_sides=FINER_SIDES)
-
-SETTINGS = {
-    "plane-stress": PLANE_STRESS,
-    "pairs": PAIRS,
-    "plane-strain": PLANE_STRAIN,
-    "axisymmetric": AXISYMMETRIC,
-    "ring": RING,
-    "curved-ring": CURVED_RING,
-    "solid": SOLID,
-    "ball": BALL,
-}
-NEARLY_INCOMPRESSIBLE = {
-    "incompressible": PLANE_STRAIN,
-    "incompressible-pressure": PRESSURE,
-    "incompressible-axisymmetric": replace(AXISYMMETRIC, elements=TRIANGLES),
-    "incompressible-ring": PLANE_STRAIN_RING,
-    "incompressible-curved-ring": PLANE_STRAIN_CURVED_RING,
-    "incompressible-solid": replace(SOLID, elements=(*TETRAHEDRA, "onecut-T10")),
-}
-SETTINGS |= {
-    name: replace(setting, poissons_ratio=0.4999) for name, setting in NEARLY_INCOMPRESSIBLE.items()
-}
-
-POISSONS_RATIOS = (0.3, 0.4, 0.45, 0.49, 0.499, 0.4999)
-SCANNED_SETTINGS = {
-    "plane-strain": replace(PLANE_STRAIN, elements=TRIANGLES),
-    "pressure": replace(PRESSURE, elements=TRIANGLES),
-    "axisymmetric": replace(AXISYMMETRIC, elements=TRIANGLES),
-    "ring": PLANE_STRAIN_RING,
-    "curved-ring": PLANE_STRAIN_CURVED_RING,
-    "solid": SOLID,
-}
-"""Settings whose Poisson's ratio is varied, on the mesh before the finest."""
-
-
-def statics(element: str, setting: str) -> Result:
-    """Return errors of an element on all meshes of a setting, and their orders.
-
-    Curves, a number a mesh: `h`, the diameter that cells would have if they were cubes, `dofs`,
-    and `error_*` of each norm. Scalars: orders, and the errors on the finest mesh.
-    """
-    settings = SETTINGS[setting]
-    rows = [compute_errors(element, settings, side) for side in settings.cell_sides]
-    curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    scalars = {f"order_{norm}": order(curves["h"], curves[f"error_{norm}"]) for norm in NORMS}
-    scalars |= {f"error_{norm}": float(curves[f"error_{norm}"][-1]) for norm in NORMS}
-    return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
-
-
-def scan(element: str, setting: str) -> Result:
-    """Return errors of an element over Poisson's ratio: curves `nu` and `error_*`."""
-    scanned = SCANNED_SETTINGS[setting]
-    rows = [
-        compute_errors(element, replace(scanned, poissons_ratio=nu), scanned.cell_sides[-2])
-        for nu in POISSONS_RATIOS
-    ]
-    curves = {f"error_{norm}": np.array([row[f"error_{norm}"] for row in rows]) for norm in NORMS}
-    curves["nu"] = np.array(POISSONS_RATIOS)
-    scalars = {f"error_{norm}": float(curves[f"error_{norm}"][-1]) for norm in NORMS}
-    return Result(scalars, dimensionless(scalars), curves, dofs=int(rows[0]["dofs"]))
-
-
-def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str, float]:
-    """Return relative errors `error_*` on one mesh, its cell size `h` and its `dofs`."""
-    mesh = setting.mesh(element, cell_side)
-    material = Material(YOUNGS_MODULUS, setting.poissons_ratio)
-    body = Body(spaces(element, mesh), material, setting.state)
-    discretisation = Discretisation(element, body, assemble_matrix(body.stiffness()))
-    solution = ManufacturedSolution(body, setting.field)
-    K, U = discretisation.K, discretisation.space
-
-    exact = fem.Function(U)
-    exact.x.array[:] = solution.at_nodes(U).ravel()
-    support_nodes = fem.locate_dofs_geometrical(U, setting.support)
-    conditions = [fem.dirichletbc(exact, support_nodes)]
-    is_loaded = _is_anywhere
-    if setting.state is StressState.AXISYMMETRIC:
-        conditions.append(prescribe(U, 0, _is_on_axis))
-        is_loaded = _is_on_sides_off_axis
-    f = solution.load(is_loaded)
-    supports = discretisation.supports(conditions)
-    a = solve(K, f, supports)
-
-    u = as_function(U, a)
-    piecewise_linear = u
-    if element == "composite-T6":  # its own gradient is an assumed one
-        piecewise_linear = as_function(
-            fem.functionspace(mesh, piecewise_linear_sub_cell_element("triangle", (2,))), a
-        )
-    errors = solution.errors(u, piecewise_linear)
-
-    # f also has the traction on the support: reactions are integrals of it times test functions
-    dofs = (support_nodes[:, None] * len(exact) + np.arange(len(exact))).ravel()
-    exact_forces = solution.traction_load(setting.support).array[dofs]
-    force_error = np.linalg.norm((K * a - f).array[dofs]) / np.linalg.norm(exact_forces)
-    errors["force"] = float(force_error)
-    return {f"error_{norm}": error for norm, error in errors.items()} | {
-        "h": cell_size(mesh),
-        "dofs": float(supports.right.getSize()[1]),
-    }
-
-
-# Cases; those of eigenvalues are computed by `modes`
-
-
-def _implied_by_scan(setting: Setting) -> dict[str, object]:
+def _implied_scan_parameters(setting: Setting) -> dict[str, object]:
     return {
         "state": setting.state.value,
         "field": setting.field.__name__,
@@ -284,15 +81,15 @@ def _implied_by_scan(setting: Setting) -> dict[str, object]:
     }
 
 
-def _implied_by_statics(setting: Setting) -> dict[str, object]:
+def _implied_statics_parameters(setting: Setting) -> dict[str, object]:
     return {
-        **_implied_by_scan(setting),
+        **_implied_scan_parameters(setting),
         "poissons_ratio": setting.poissons_ratio,
         "sides": setting.cell_sides,
     }
 
 
-def _implied_by_modes(vibration: Vibration) -> dict[str, object]:
+def _implied_modes_parameters(vibration: Vibration) -> dict[str, object]:
     return {
         "state": vibration.state.value,
         "mesh": vibration.mesh.__name__,
@@ -306,7 +103,7 @@ CASES = [
         f"{element}-{name}",
         statics,
         {"element": element, "setting": name},
-        _implied_by_statics(setting),
+        _implied_statics_parameters(setting),
     )
     for name, setting in SETTINGS.items()
     for element in setting.elements
@@ -317,7 +114,7 @@ CASES += [
         f"{element}-nu-{name}",
         scan,
         {"element": element, "setting": name},
-        _implied_by_scan(setting),
+        _implied_scan_parameters(setting),
     )
     for name, setting in SCANNED_SETTINGS.items()
     for element in setting.elements
@@ -328,7 +125,7 @@ CASES += [
         f"{element}-modes-{name}",
         modes,
         {"element": element, "vibration": name},
-        _implied_by_modes(vibration),
+        _implied_modes_parameters(vibration),
     )
     for name, vibration in VIBRATIONS.items()
     for element in vibration.elements
@@ -339,7 +136,7 @@ CASES += [
         f"{element}-modes-square-same",
         modes,
         {"element": element, "vibration": "square", "left": "same"},
-        _implied_by_modes(VIBRATIONS["square"]),
+        _implied_modes_parameters(VIBRATIONS["square"]),
     )
     for element in ("pw-Q8", "pw-Q9")
 ]
@@ -430,28 +227,28 @@ DETAILS = r"""
 """
 
 PLOTTED_ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-NORM_PANELS = (
+ERROR_PANELS = (
     ("H1 seminorm of the displacements", "plane-stress", "H1", ((1, 5e-3), (2, 6e-5))),
     ("L2 norm of the displacements", "plane-stress", "L2", ((2, 1e-4), (3, 4e-7))),
     ("nodal forces on the held side", "plane-stress", "force", ((1, 4e-3), (2, 1.3e-5))),
     ("lowest four eigenvalues", "modes-square", "eigenvalue", ((2, 3e-4), (4, 5e-7))),
 )
-"""Title, setting, error, and orders whose slopes are drawn, with the error at their fine end."""
-SLOPE_ENDS = (0.014, 0.03)
-"""Sizes between which slopes are drawn."""
+"""Title, setting, error name, and slopes: each an order and the error at the fine end."""
+SLOPE_LINE_RANGE = (0.014, 0.03)
+"""Range of sizes over which slopes are drawn."""
 
 
-def draw_norms(results: Results) -> Figure:
+def draw_orders(results: Results) -> Figure:
     """Orders of convergence: displacements, nodal forces, eigenvalues.
 
-    Relative error over the size of the elements, one panel for each norm.
+    Relative error over the element size, one panel for each kind of error.
     """
     fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.1), sharex=True, layout="constrained")
-    fine, coarse = SLOPE_ENDS
-    for ax, (title, setting, name, slopes) in zip(axes.flat, NORM_PANELS, strict=True):
+    fine, coarse = SLOPE_LINE_RANGE
+    for ax, (title, setting, name, slopes) in zip(axes.flat, ERROR_PANELS, strict=True):
         for element in PLOTTED_ELEMENTS:
             look = dict(LOOK[element])
-            if element == "pw-T6":  # on top of the standard element's
+            if element == "pw-T6":  # drawn over the standard element
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
             elif element == "pw-Q9":
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 7}
@@ -471,7 +268,7 @@ def draw_norms(results: Results) -> Figure:
                 bbox=CLEAR,
             )
         ax.set(title=title)
-        ax.margins(y=0.12)  # the lowest slope's name stays clear of the axis
+        ax.margins(y=0.12)  # keeps the label of the lowest slope clear of the axis
         ax.set_xticks([0.01, 0.02, 0.05, 0.1], ["0.01", "0.02", "0.05", "0.1"])
         ax.set_xticks([], minor=True)
     for ax in axes[1]:
@@ -483,7 +280,7 @@ def draw_norms(results: Results) -> Figure:
     return fig
 
 
-def caption_norms(results: Results) -> str:
+def caption_orders(results: Results) -> str:
     """Return the caption, with the ratios of errors of eigenvalues."""
     pw, galerkin, pairs, standard = (
         results.scalar(f"C/{element}-modes-square", "error_eigenvalue")
@@ -507,24 +304,26 @@ PLOTTED_SCANS = (
     ("curved-ring", "ring, all sides curved", "#6A4C93", "P", "T6"),
     ("solid", "cube of tetrahedra", "#B0568C", "v", "T10"),
 )
-"""Setting, label, colour, marker, nodes of the element."""
+"""Key in `SCANNED_SETTINGS`, label, colour, marker, and node count of the element."""
 
 
-def draw_incompressible(results: Results) -> Figure:
+def draw_near_incompressibility(results: Results) -> Figure:
     """Near incompressibility: from where on the new element is worse than the standard one.
 
-    Ratio of the errors over Poisson's ratio, and both errors over h at 0.4999.
+    Panels: ratio of the errors over Poisson's ratio; both errors over h at 0.4999.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.4), layout="constrained")
     for name, label, color, marker, nodes in PLOTTED_SCANS:
-        pw, galerkin = (results.curves(f"C/{e}-{nodes}-nu-{name}") for e in ("pw", "galerkin"))
+        pw, galerkin = (
+            results.curves(f"C/{element}-{nodes}-nu-{name}") for element in ("pw", "galerkin")
+        )
         look = {"color": color, "marker": marker}
         ratio = pw["error_H1"] / galerkin["error_H1"]
         left.loglog(0.5 - pw["nu"], ratio, label=label, **look)
         for element, line in (("pw", "-"), ("galerkin", ":")):
-            curves = results.curves(f"C/{element}-{nodes}-{_incompressible(name)}")
-            face = {} if element == "pw" else {"markerfacecolor": "none"}
-            right.loglog(curves["h"], curves["error_H1"], linestyle=line, **look, **face)
+            curves = results.curves(f"C/{element}-{nodes}-{_incompressible_setting_name(name)}")
+            marker_face = {} if element == "pw" else {"markerfacecolor": "none"}
+            right.loglog(curves["h"], curves["error_H1"], linestyle=line, **look, **marker_face)
     nu = results.curves("C/pw-T6-nu-pressure")["nu"]
     left.set_xticks(0.5 - nu, [f"{value:g}" for value in nu], rotation=60, fontsize=7)
     left.set_xticks([], minor=True)
@@ -544,12 +343,13 @@ def draw_incompressible(results: Results) -> Figure:
     return fig
 
 
-def _incompressible(scanned_setting: str) -> str:
+def _incompressible_setting_name(scanned_setting: str) -> str:
+    """Return the key in `SETTINGS` of a scanned setting at Poisson's ratio 0.4999."""
     return f"incompressible-{scanned_setting}".removesuffix("-plane-strain")
 
 
-def caption_incompressible(results: Results) -> str:
-    """Return the caption, with ratios of errors at two of Poisson's ratios."""
+def caption_near_incompressibility(results: Results) -> str:
+    """Return the caption, with ratios of errors at two values of Poisson's ratio."""
     scans = [name for name, *_ in PLOTTED_SCANS if name not in ("plane-strain", "pressure")]
     settings = "|".join(scans)
     worst = ratio_at_poissons_ratio(results, settings, "error_H1", 0.4999)
@@ -570,13 +370,13 @@ def caption_incompressible(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "c_orders_norms",
-        draw_norms,
+        draw_orders,
         needs=[
             f"C/{element}-{setting}"
             for setting in ("plane-stress", "modes-square")
             for element in PLOTTED_ELEMENTS
         ],
-        caption=caption_norms,
+        caption=caption_orders,
         alt="Four log-log plots of errors over the elements' size. Displacements: all quadratic "
         "elements fall with slopes two and three, the composite triangle with one and two. Nodal "
         "forces: slope two, the composite triangle one. Eigenvalues: slope four, but two for both "
@@ -584,14 +384,14 @@ FIGURES = [
     ),
     PageFigure(
         "c_orders_incompressible",
-        draw_incompressible,
+        draw_near_incompressibility,
         needs=[
             f"C/{element}-{nodes}-{case}"
             for name, _, _, _, nodes in PLOTTED_SCANS
             for element in ("galerkin", "pw")
-            for case in (f"nu-{name}", _incompressible(name))
+            for case in (f"nu-{name}", _incompressible_setting_name(name))
         ],
-        caption=caption_incompressible,
+        caption=caption_near_incompressibility,
         alt="Six curves of the ratio of errors over Poisson's ratio, all near one up to 0.49, "
         "five of them rising steeply towards one half; and errors over h of both elements; the "
         "new element's curves lie above the standard one's, up to an error of one and more.",

@@ -1,1 +1,1 @@
-"""Section Q: methods that a user would pick instead of the new element, on Hertz' problem."""
+"""Section Q: alternatives to the new element, on Hertz' problem."""

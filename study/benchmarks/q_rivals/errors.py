@@ -1,4 +1,4 @@
-"""Errors of the pressure and of nodal forces that a method gives, against Hertz' solution."""
+"""Errors of pressures and nodal forces of a contact method, against Hertz' solution."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,38 +16,42 @@ from study.solutions.indentation import INNER
 Array = npt.NDArray[Any]
 
 SAMPLES_PER_SIDE = {1: 64, 2: 12}
-"""Parts into which an edge, or a side of a face, is cut to integrate errors, by its dimension."""
-NO_PRESSURE_BELOW = 1e-2
-"""Pressure, relative to Hertz' peak, that does not count as contact."""
+"""Parts of an edge (1), or of each side of a face (2), for the integration of errors."""
+CONTACT_PRESSURE_THRESHOLD = 1e-2
+"""Pressure over Hertz' peak above which a point counts as in contact."""
 ERROR_WITHOUT_SOLUTION = 10.0
-"""Stands for the error of a method that does not converge."""
+"""Value stored as the error of a method that does not converge."""
 
 
-def measure_answer(problem: Problem, answer: Answer) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return errors and curves of an answer.
+def measure_errors(problem: Problem, answer: Answer) -> tuple[dict[str, float], dict[str, Array]]:
+    """Compute the errors of an answer, and curves of its pressures and nodal forces.
 
-    Lengths are over the half width, pressures over Hertz' peak, nodal forces over the exact
-    pressure's integrals with piecewise-linear functions.
+    Lengths are over the half width of the contact, pressures over Hertz' peak, and nodal forces
+    over the integrals of the exact pressure times piecewise-linear functions.
 
     Args:
-        problem: that was solved; the answer may be on a mesh of its own.
-        answer: by one of the methods.
+        problem: Problem that was solved; the mesh of the answer may be another one.
+        answer: Answer of one of the methods.
+
+    Returns:
+        Scalars and curves by their names; curves are empty in space.
     """
     V = answer.u.function_space
     problem = replace(problem, mesh=V.mesh)
     peak, up = problem.exact.peak, problem.up
-    r, pressure = sample_surface(problem, answer.pressure)
+    r, pressure = sample_traction(problem, answer.pressure)
     pressure = pressure / peak
     nodes = V.tabulate_dof_coordinates()
     force = problem.forces(answer.u, answer.test_space)[:, up] / peak
-    exact = ufl.sqrt(ufl.max_value(0, 1 - problem.distance**2))
-    even = test_space(V) if V.element.basix_element.degree == 2 else V
-    shares = assemble_vector(ufl.TestFunction(even)[up] * exact * problem.surface)
-    share = shares.array.reshape(len(nodes), -1)[:, up]
+    exact_pressure = ufl.sqrt(ufl.max_value(0, 1 - problem.distance**2))
+    even_space = test_space(V) if V.element.basix_element.degree == 2 else V
+    v = ufl.TestFunction(even_space)
+    exact_forces = assemble_vector(v[up] * exact_pressure * problem.surface)
+    even_force = exact_forces.array.reshape(len(nodes), -1)[:, up]
     may_touch = problem.may_touch(nodes.T)
     is_inner = may_touch & (np.linalg.norm(nodes[:, :up], axis=1) < INNER)
-    force_ratio = force[is_inner] / share[is_inner]
-    scalars = pressure_errors(r, pressure) | {
+    force_ratio = force[is_inner] / even_force[is_inner]
+    scalars = measure_pressure_errors(r, pressure) | {
         "force_least": force_ratio.min(),
         "force_largest": force_ratio.max(),
         "unknowns": answer.unknowns,
@@ -55,7 +59,7 @@ def measure_answer(problem: Problem, answer: Answer) -> tuple[dict[str, float], 
     }
     curves = {}
     if up == 2:
-        del scalars["variation"]  # is defined along a line
+        del scalars["variation"]  # only defined along a line
     else:
         touching = np.flatnonzero(may_touch)
         touching = touching[np.argsort(nodes[touching, 0])]
@@ -65,51 +69,59 @@ def measure_answer(problem: Problem, answer: Answer) -> tuple[dict[str, float], 
     return {name: float(value) for name, value in scalars.items()}, curves
 
 
-def pressure_errors(r: Array, pressure: Array) -> dict[str, float]:
-    """Return errors of pressures over Hertz' peak at points of equal areas, ordered by r."""
-    exact, is_inner = np.sqrt(np.maximum(0, 1 - r**2)), r < INNER
+def measure_pressure_errors(distance: Array, pressure: Array) -> dict[str, float]:
+    """Compute the errors of a pressure along the surface.
+
+    Args:
+        distance: Increasing distances (n,) of points from the middle, each with an equal area,
+            over the half width of the contact.
+        pressure: Pressures (n,) there, over Hertz' peak.
+    """
+    exact, is_inner = np.sqrt(np.maximum(0, 1 - distance**2)), distance < INNER
     error, total_variation = pressure - exact, np.abs(np.diff(pressure)).sum()
     return {
-        "pressure_l2": _norm(error) / _norm(exact),
-        "pressure_l2_inner": _norm(error[is_inner]) / _norm(exact[is_inner]),
-        "pressure_l2_edge": _norm(error[~is_inner]) / _norm(exact[~is_inner]),
-        "radius": float(r[pressure > NO_PRESSURE_BELOW].max()),
+        "pressure_l2": _euclidean_norm(error) / _euclidean_norm(exact),
+        "pressure_l2_inner": _euclidean_norm(error[is_inner]) / _euclidean_norm(exact[is_inner]),
+        "pressure_l2_edge": _euclidean_norm(error[~is_inner]) / _euclidean_norm(exact[~is_inner]),
+        "radius": float(distance[pressure > CONTACT_PRESSURE_THRESHOLD].max()),
         "variation": float(total_variation - (pressure[0] - pressure[-1])),
     }
 
 
-def _norm(values: Array) -> float:
+def _euclidean_norm(values: Array) -> float:
     return float(np.linalg.norm(values))
 
 
-def sample_surface(problem: Problem, pressure: Form) -> tuple[Array, Array]:
-    """Evaluate a pressure at points of equal areas of the surface that may touch.
+def sample_traction(problem: Problem, traction: Form) -> tuple[Array, Array]:
+    """Evaluate a traction at points with equal areas on the surface that may touch.
 
     Returns:
-        distances (n,) of the points from the middle, increasing; pressures (n,) there.
+        Increasing distances (n,) of the points from the middle, and the tractions (n,) there.
     """
     mesh, n = problem.mesh, SAMPLES_PER_SIDE[problem.up]
     points = ((np.arange(n) + 0.5) / n)[:, None]
-    if problem.up == 2:  # a point and its mirror image in each square: both halves of the triangle
+    if problem.up == 2:  # centroids of n² equal triangles
         thirds = np.concatenate([np.arange(n) + 1 / 3, np.arange(n - 1) + 2 / 3]) / n
         s, t = np.meshgrid(thirds, thirds)
         is_first = np.arange(len(thirds)) < n
-        is_of_one_half = is_first[:, None] == is_first
-        points = np.column_stack([s[is_of_one_half], t[is_of_one_half]])
+        is_centroid = is_first[:, None] == is_first
+        points = np.column_stack([s[is_centroid], t[is_centroid]])
         points = points[points.sum(axis=1) < 1]
-    entities = _cells_and_local_facets(mesh, problem.facets)
-    if not hasattr(fem.Expression, "argument_space"):  # DOLFINx 0.9 takes them in one row
+    entities = _find_cells_and_local_facets(mesh, problem.facets)
+    if not hasattr(fem.Expression, "argument_space"):  # DOLFINx 0.9 takes a flat array
         entities = entities.ravel()
     distance, value = (
         fem.Expression(form, points).eval(mesh, entities).ravel()
-        for form in (problem.distance, pressure)
+        for form in (problem.distance, traction)
     )
     order = np.argsort(distance, kind="stable")
     return distance[order], value[order]
 
 
-def _cells_and_local_facets(mesh: Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Return the cell of each exterior facet and the facet's number there, (n, 2)."""
+def _find_cells_and_local_facets(
+    mesh: Mesh, facets: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
+    """Return the cell of each exterior facet and the facet's number in this cell, (n, 2)."""
     topology, dim = mesh.topology, mesh.topology.dim
     topology.create_connectivity(dim - 1, dim)
     topology.create_connectivity(dim, dim - 1)

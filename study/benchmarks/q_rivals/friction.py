@@ -1,4 +1,4 @@
-"""The methods with Coulomb friction: the line pressed in one increment, by five of them."""
+"""Five methods with Coulomb friction, for the line contact pressed in one increment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from dolfinx import fem
 from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, solve_contact
 from pw_elements.elasticity import StressState
-from study.benchmarks.q_rivals.errors import ERROR_WITHOUT_SOLUTION, sample_surface
+from study.benchmarks.q_rivals.errors import ERROR_WITHOUT_SOLUTION, sample_traction
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.hertz_problem import NU, RADIUS, E, Form, NoSolution, Problem, line, newton
@@ -24,16 +24,16 @@ Array = npt.NDArray[Any]
 
 FRICTION_COEFFICIENT = 0.3
 REFERENCE_EDGES = 32
-"""Edges of the reference, by the new element; the standard one is 0.36 % off it there."""
+"""Edges of the reference mesh, for the new element; the standard one differs by 0.36 % there."""
 
 
 class Tractions(NamedTuple):
-    """Tractions of a method on the surface.
+    """Tractions on the surface by a method, and its cost.
 
     Args:
-        pressure: UFL expression.
-        shear: UFL expression.
-        factorisations: number of linear systems that were solved.
+        pressure: Pressure as a UFL expression.
+        shear: Shear traction as a UFL expression.
+        factorisations: Number of linear systems that were solved.
     """
 
     pressure: Form
@@ -43,12 +43,12 @@ class Tractions(NamedTuple):
 
 @dataclass(frozen=True)
 class FrictionMethod:
-    """A method with friction.
+    """A contact method with friction.
 
     Args:
-        label: its name in tables.
-        solve: function of the problem and, if the method has a parameter, of this.
-        sweep: values of the parameter.
+        label: Name in tables.
+        solve: Function of the problem and of the parameter, if the method has one.
+        sweep: Values of the parameter; empty if there is none.
     """
 
     label: str
@@ -59,8 +59,8 @@ class FrictionMethod:
 # Methods
 
 
-def solve_by_library(problem: Problem, spaces: Spaces) -> Tractions:
-    """Solve by the library's contact with friction; read forces over own weights."""
+def solve_with_library(problem: Problem, spaces: Spaces) -> Tractions:
+    """Solve by pw_elements; divide nodal forces by the integrals of their test functions."""
     body = Body(spaces, Material(E, NU), StressState.PLANE_STRAIN)
     K = assemble_matrix(body.stiffness())
     supports = Reduction.dirichlet(spaces.trial, problem.supports(spaces.trial))
@@ -77,9 +77,9 @@ def solve_by_library(problem: Problem, spaces: Spaces) -> Tractions:
 
 
 def solve_nitsche(problem: Problem, parameter: float, theta: float = 1.0) -> Tractions:
-    """Solve by Nitsche's method, at integration points; theta = -1 is the skew-symmetric form.
+    """Solve by Nitsche's method at integration points; theta = -1 gives the skew-symmetric form.
 
-    The shear is the nearest to sticking that the pressure allows.
+    The shear is the trial shear of sticking, limited by the friction that the pressure allows.
     """
     V = problem.space()
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -97,44 +97,44 @@ def solve_nitsche(problem: Problem, parameter: float, theta: float = 1.0) -> Tra
 
 
 def solve_augmented(problem: Problem, parameter: float) -> Tractions:
-    """Solve by the augmented Lagrangian, with linear multipliers for pressure and shear."""
+    """Solve by the augmented Lagrangian with linear multipliers for pressure and shear."""
     elements = [basix.ufl.element("Lagrange", "triangle", d, shape=(2,)) for d in (2, 1)]
     W = fem.functionspace(problem.mesh, basix.ufl.mixed_element(elements))
     w, (v, m) = fem.Function(W), ufl.TestFunctions(W)
     u, t = ufl.split(w)
-    r = fem.Constant(problem.mesh, parameter * E / problem.size)
-    pressure = ufl.max_value(0, t[1] + r * (u[1] - problem.gap))
+    augmentation = fem.Constant(problem.mesh, parameter * E / problem.size)
+    pressure = ufl.max_value(0, t[1] + augmentation * (u[1] - problem.gap))
     limit = FRICTION_COEFFICIENT * pressure
-    shear = ufl.max_value(-limit, ufl.min_value(limit, t[0] + r * u[0]))
+    shear = ufl.max_value(-limit, ufl.min_value(limit, t[0] + augmentation * u[0]))
     traction = ufl.as_vector((shear, pressure))
-    law = ufl.inner(traction, v) + ufl.inner(traction - t, m) / r
-    outside = [problem.no_multipliers_outside(W.sub(1).sub(axis)) for axis in (0, 1)]
-    supports = [*problem.supports(W.sub(0)), *outside]
+    law = ufl.inner(traction, v) + ufl.inner(traction - t, m) / augmentation
+    no_multipliers = [problem.no_multipliers_outside(W.sub(1).sub(axis)) for axis in (0, 1)]
+    supports = [*problem.supports(W.sub(0)), *no_multipliers]
     count = newton(problem.work(u, v) + law * problem.surface, w, supports)
     return Tractions(t[1], t[0], count)
 
 
-def _solve_new(problem: Problem) -> Tractions:
-    return solve_by_library(problem, Spaces.petrov_galerkin(problem.mesh))
+def _solve_new_element(problem: Problem) -> Tractions:
+    return solve_with_library(problem, Spaces.petrov_galerkin(problem.mesh))
 
 
-def _solve_standard(problem: Problem) -> Tractions:
-    return solve_by_library(problem, Spaces.galerkin(problem.mesh))
+def _solve_standard_element(problem: Problem) -> Tractions:
+    return solve_with_library(problem, Spaces.galerkin(problem.mesh))
 
 
-def _solve_skew(problem: Problem, parameter: float) -> Tractions:
+def _solve_skew_nitsche(problem: Problem, parameter: float) -> Tractions:
     return solve_nitsche(problem, parameter, theta=-1.0)
 
 
 NITSCHE_SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0)
-"""gamma h / E."""
+"""Values of gamma h / E."""
 AUGMENTED_SWEEP = (0.1, 1.0, 10.0, 100.0)
-"""Augmentation times h / E."""
+"""Values of the augmentation times h / E."""
 FRICTION_METHODS = {
-    "new": FrictionMethod("new element", _solve_new),
-    "standard": FrictionMethod("standard, own weights", _solve_standard),
+    "new": FrictionMethod("new element", _solve_new_element),
+    "standard": FrictionMethod("standard, own weights", _solve_standard_element),
     "nitsche": FrictionMethod("Nitsche, symmetric", solve_nitsche, NITSCHE_SWEEP),
-    "skew": FrictionMethod("Nitsche, skew-symmetric", _solve_skew, NITSCHE_SWEEP),
+    "skew": FrictionMethod("Nitsche, skew-symmetric", _solve_skew_nitsche, NITSCHE_SWEEP),
     "augmented": FrictionMethod("augmented Lagrangian P2/P1", solve_augmented, AUGMENTED_SWEEP),
 }
 
@@ -144,12 +144,12 @@ FRICTION_METHODS = {
 def friction(name: str, edges: int, offset: float) -> Result:
     """Return errors of a method at the parameter with the smallest error of the shear.
 
-    Errors are L2 norms relative to those of the reference, for pressure and shear.
+    Errors of pressure and shear are L2 norms relative to those of the reference.
 
     Args:
-        name: of the method.
-        edges: over the half width.
-        offset: where contact ends within an edge.
+        name: Name of the method.
+        edges: Number of edges over the half width.
+        offset: Position within the next edge where contact ends, over the edge's length.
     """
     problem, method = line(edges, offset), FRICTION_METHODS[name]
     candidates: list[dict[str, float]] = []
@@ -157,21 +157,23 @@ def friction(name: str, edges: int, offset: float) -> Result:
         arguments = () if parameter is None else (parameter,)
         try:
             start = process_time()
-            *tractions, count = method.solve(problem, *arguments)
+            *tractions, factorisations = method.solve(problem, *arguments)
             seconds = process_time() - start
         except NoSolution:
             candidates.append({"shear_l2": ERROR_WITHOUT_SOLUTION})
             continue
         errors = {}
         for quantity, traction, reference in zip(
-            ("pressure", "shear"), tractions, _reference(offset), strict=True
+            ("pressure", "shear"), tractions, _compute_reference_tractions(offset), strict=True
         ):
-            x, values = _sample_over_peak(problem, traction)
+            x, values = _sample_traction_over_peak(problem, traction)
             expected = np.interp(x, *reference)
             error = np.linalg.norm(values - expected) / np.linalg.norm(expected)
             errors[f"{quantity}_l2"] = float(error)
-        choice = {} if parameter is None else {"parameter": parameter}
-        candidates.append(errors | choice | {"factorisations": count, "cpu_seconds": seconds})
+        parameters = {} if parameter is None else {"parameter": parameter}
+        candidates.append(
+            errors | parameters | {"factorisations": factorisations, "cpu_seconds": seconds}
+        )
     scalars = min(candidates, key=lambda candidate: candidate["shear_l2"])
     scalars["shear_l2_largest"] = max(candidate["shear_l2"] for candidate in candidates)
     dofs = problem.space().dofmap.index_map.size_local * 2
@@ -179,12 +181,15 @@ def friction(name: str, edges: int, offset: float) -> Result:
 
 
 @cache
-def _reference(offset: float) -> list[tuple[Array, Array]]:
-    """Return points and values of pressure and shear of the new element on a fine mesh."""
+def _compute_reference_tractions(offset: float) -> list[tuple[Array, Array]]:
+    """Return points and values of the new element's pressure and shear on a fine mesh."""
     problem = line(REFERENCE_EDGES, offset)
-    return [_sample_over_peak(problem, traction) for traction in _solve_new(problem)[:2]]
+    return [
+        _sample_traction_over_peak(problem, traction)
+        for traction in _solve_new_element(problem)[:2]
+    ]
 
 
-def _sample_over_peak(problem: Problem, traction: Form) -> tuple[Array, Array]:
-    x, values = sample_surface(problem, traction)
+def _sample_traction_over_peak(problem: Problem, traction: Form) -> tuple[Array, Array]:
+    x, values = sample_traction(problem, traction)
     return x, values / problem.exact.peak

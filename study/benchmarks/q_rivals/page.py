@@ -1,11 +1,12 @@
-"""Methods that a user would pick instead of the new element, on one problem, each at its best.
+"""Alternatives to the new element, each with its best parameter, on one problem.
 
-Each method is a file of the folder `methods`, on the problem of `study.solutions.hertz_problem`.
-Of a method with a parameter the whole sweep is computed, and the value with the smallest error
-counts, on each mesh anew: that takes an exact solution to choose by, which no user has.
+The methods are in the folder `methods`; the problem is that of `study.solutions.hertz_problem`.
+A method with a parameter is solved for all values of its sweep, and on each mesh the value with
+the smallest error is used. Finding it takes an exact solution, which no user has.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from time import process_time
 from types import ModuleType
 from typing import Any
@@ -17,21 +18,17 @@ from matplotlib.figure import Figure
 
 from study.benchmarks.q_rivals.errors import (
     ERROR_WITHOUT_SOLUTION,
-    measure_answer,
-    pressure_errors,
+    measure_errors,
+    measure_pressure_errors,
 )
 from study.benchmarks.q_rivals.friction import FRICTION_METHODS, friction
 from study.benchmarks.q_rivals.methods import (
-    augmented_p1,
-    augmented_p2,
+    augmented,
     linear,
-    mortar_p1,
-    mortar_p2,
-    nitsche_skew,
-    nitsche_symmetric,
+    mortar,
+    nitsche,
     penalty,
-    proximal_p1,
-    proximal_p2,
+    proximal,
     pw_t6,
     snes_vi,
     snes_vi_projected,
@@ -58,7 +55,7 @@ TITLE = "What a user would pick instead"
 FACTS = {
     "geometry": "a rigid parabola on an elastic half plane; a paraboloid on a half space",
     "mesh": "4, 8 and 16 edges of T6 over the half width, 3 and 5 of T10; the contact's edge at "
-    ".375 or .875 of an edge, and at eight places",
+    ".375 or .875 of an edge, and at eight positions",
     "material": "linear elastic, plane strain and solid; E = 1, ν = 0.3",
     "supports": "exact displacements on the far sides, symmetry",
     "load": "the indenter moved to its exact depth, R = 1000 a; friction 0.3 in one comparison",
@@ -69,22 +66,21 @@ SHORT_FACTS = {"uncertainty": "errors are integrated by 64 points an edge"}
 MACROS = r"""
 {% set methods = ("pw-T6", "snes-vi", "snes-vi-t", "snes-vi-projected", "snes-vi-stress", "nitsche-symmetric", "nitsche-skew", "penalty", "augmented-p1", "augmented-p2", "mortar-p1", "mortar-p2", "proximal-p1", "proximal-p2", "linear") %}
 {% macro mean(method, edges, name, digits=2) %}{{ num(100 * measure("rival_mean", method=method, edges=edges, name=name), digits) }}{% endmacro %}
-{% macro places(method, name="pressure_l2") %}{{ num(100 * s("Q/offsets-" ~ method, name), 2) }}{% endmacro %}
+{% macro over_positions(method, name="pressure_l2") %}{{ num(100 * s("Q/offsets-" ~ method, name), 2) }}{% endmacro %}
 """
 
 # Problem
 
 PROBLEM = r"""
-What would a user of today's methods take instead? One problem, Hertz' line contact on triangles (plane strain,
-$\nu = 0.3$, exact displacements on the far sides, no friction), is solved by {{ methods | length }} methods. Where a method
-has a parameter, the whole range is swept and the best value counts on each mesh, which takes an exact solution to choose
-by.
+Which of today's methods would a user take instead? One problem, Hertz' line contact on triangles (plane strain,
+$\nu = 0.3$, exact displacements on the far sides, no friction), is solved by {{ methods | length }} methods. If a method
+has a parameter, the whole range is swept and the best value is used on each mesh; to find it takes an exact solution.
 """
 
 THEORY = r"""
 Meshes have 4, 8 and 16 edges over the half width $a$, and contact ends at 0.375 or 0.875 of the next edge; numbers are
-means of both. The parabola is moved to its exact depth. Errors are integrals over the surface up to $1.3\,a$ of what the
-method gives as pressure: nodal pressures joined linearly, multipliers, or the pressure of the law at each point.
+means of both. The parabola is moved to its exact depth. Errors are integrated over the surface up to $1.3\,a$. The
+pressure of a method is that of its nodes, interpolated linearly, its multiplier, or that of its law at each point.
 """
 
 # Methods
@@ -106,28 +102,27 @@ functions, for $x < 0.8\,a$: even forces are 1. **Factorisations** are linear sy
 
 @dataclass(frozen=True)
 class Method:
-    """A method as tables and figures show it.
+    """A contact method with its name in tables and figures.
 
     Args:
-        module: with a function `solve`, and `SWEEP` if the method has a parameter.
-        label: its name.
-        n_parameters: number of parameters that a user has to choose.
-        usual_parameter: the best one on most meshes, where the sweep is not repeated.
+        module: Module with the method's function `solve`.
+        label: Name in tables and figures.
+        n_parameters: Number of parameters that a user has to choose.
+        usual_parameter: Best parameter on most meshes, used where the sweep is not repeated.
+        sweep: Values of the parameter; empty if there is none.
+        arguments: Keyword arguments of `solve` that select a variant.
     """
 
     module: ModuleType
     label: str
     n_parameters: int = 0
     usual_parameter: float | None = None
+    sweep: tuple[float, ...] = ()
+    arguments: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def sweep(self) -> tuple[float, ...]:
-        """Values of the parameter; none if the method has no parameter."""
-        return getattr(self.module, "SWEEP", ())
-
-    @property
-    def lines(self) -> int:
-        """Lines of the method's file and of those of its folder that it builds on."""
+    def n_lines(self) -> int:
+        """Number of lines of the method's file and of the methods that it imports."""
         folder = f"{self.module.__name__.rpartition('.')[0]}."
         files = collect_imported_sources(self.module.__name__).items()
         sources = [path for name, path in files if name.startswith(folder)]
@@ -135,8 +130,8 @@ class Method:
 
     def solve(self, problem: Problem, parameter: float | None) -> Answer:
         """Solve a problem, with a parameter unless it is None."""
-        arguments = () if parameter is None else (parameter,)
-        answer: Answer = self.module.solve(problem, *arguments)
+        parameters = () if parameter is None else (parameter,)
+        answer: Answer = self.module.solve(problem, *parameters, **self.arguments)
         return answer
 
 
@@ -145,16 +140,28 @@ METHODS = {
     "snes-vi": Method(snes_vi, "standard, SNES VI, own weights"),
     "snes-vi-t": Method(snes_vi_t, "standard times T"),
     "snes-vi-projected": Method(snes_vi_projected, "standard, forces projected"),
-    "snes-vi-stress": Method(snes_vi_stress, "standard, stresses", 1, 2.0),
-    "nitsche-symmetric": Method(nitsche_symmetric, "Nitsche, symmetric", 1, 10.0),
-    "nitsche-skew": Method(nitsche_skew, "Nitsche, skew-symmetric", 1, 3.0),
-    "penalty": Method(penalty, "penalty", 1, 10.0),
-    "augmented-p1": Method(augmented_p1, "augmented Lagrangian P2/P1", 1, 10.0),
-    "augmented-p2": Method(augmented_p2, "augmented Lagrangian P2/P2", 1, 10.0),
-    "mortar-p1": Method(mortar_p1, "mortar P2/P1"),
-    "mortar-p2": Method(mortar_p2, "mortar P2/P2"),
-    "proximal-p1": Method(proximal_p1, "proximal Galerkin P2/P1", 2, 10.0),
-    "proximal-p2": Method(proximal_p2, "proximal Galerkin P2/P2", 2, 10.0),
+    "snes-vi-stress": Method(snes_vi_stress, "standard, stresses", 1, 2.0, snes_vi_stress.SWEEP),
+    "nitsche-symmetric": Method(
+        nitsche, "Nitsche, symmetric", 1, 10.0, nitsche.SYMMETRIC_SWEEP, {"theta": 1.0}
+    ),
+    "nitsche-skew": Method(
+        nitsche, "Nitsche, skew-symmetric", 1, 3.0, nitsche.SKEW_SWEEP, {"theta": -1.0}
+    ),
+    "penalty": Method(penalty, "penalty", 1, 10.0, penalty.SWEEP),
+    "augmented-p1": Method(
+        augmented, "augmented Lagrangian P2/P1", 1, 10.0, augmented.SWEEP, {"degree": 1}
+    ),
+    "augmented-p2": Method(
+        augmented, "augmented Lagrangian P2/P2", 1, 10.0, augmented.SWEEP, {"degree": 2}
+    ),
+    "mortar-p1": Method(mortar, "mortar P2/P1", arguments={"degree": 1}),
+    "mortar-p2": Method(mortar, "mortar P2/P2", arguments={"degree": 2}),
+    "proximal-p1": Method(
+        proximal, "proximal Galerkin P2/P1", 2, 10.0, proximal.SWEEP, {"degree": 1}
+    ),
+    "proximal-p2": Method(
+        proximal, "proximal Galerkin P2/P2", 2, 10.0, proximal.SWEEP, {"degree": 2}
+    ),
     "linear": Method(linear, "linear elements"),
 }
 
@@ -165,30 +172,30 @@ def plane(method: str, edges: int, offset: float) -> Result:
     Curves have the errors over the whole sweep; `ERROR_WITHOUT_SOLUTION` if there is no solution.
 
     Args:
-        method: name.
-        edges: over the half width.
-        offset: position within the next edge where the contact ends, over the edge's length.
+        method: Name of the method.
+        edges: Number of edges over the half width.
+        offset: Position within the next edge where the contact ends, over the edge's length.
     """
-    return sweep_parameter(method, line(edges, offset))
+    return solve_with_best_parameter(method, line(edges, offset))
 
 
 def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
-    """Return errors at many positions of the contact's edge within an element's edge.
+    """Return mean, smallest and largest errors over positions of the contact's edge in an element.
 
-    The parameter is the usual one.
+    The method's usual parameter is used.
 
     Args:
-        method: name.
-        edges: over the half width.
-        offset: first position.
-        offsets: number of positions, evenly spaced.
+        method: Name of the method.
+        edges: Number of edges over the half width.
+        offset: First position.
+        offsets: Number of evenly spaced positions.
     """
     positions = offset + np.arange(offsets) / offsets
     errors = []
     for position in positions:
         problem = line(edges, float(position))
         answer = METHODS[method].solve(problem, METHODS[method].usual_parameter)
-        errors.append(measure_answer(problem, answer)[0])
+        errors.append(measure_errors(problem, answer)[0])
     names = ("pressure_l2", "pressure_l2_inner")
     curves = {name: np.array([scalars[name] for scalars in errors]) for name in names}
     scalars = {name: float(values.mean()) for name, values in curves.items()}
@@ -198,51 +205,63 @@ def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
 
 
 def space(method: str, edges: int, offset: float) -> Result:
-    """Return errors and CPU time of a method on the half space; arguments as of `plane`.
+    """Return errors and CPU time of a method on the half space; for parameters see `plane`.
 
-    The sweep is that within a factor of ten of the usual parameter.
+    The sweep is limited to a factor of ten around the usual parameter.
     """
     usual = METHODS[method].usual_parameter or 1.0
-    return sweep_parameter(method, sphere(edges, offset), usual / 10, 10 * usual, timed=True)
+    return solve_with_best_parameter(
+        method, sphere(edges, offset), usual / 10, 10 * usual, measure_time=True
+    )
 
 
 def seconds(method: str, edges: int, offset: float) -> Result:
-    """Return errors and CPU time of a method on the half plane; arguments as of `plane`."""
-    return sweep_parameter(method, line(edges, offset), timed=True)
+    """Return errors and CPU time of a method on the half plane; for parameters see `plane`."""
+    return solve_with_best_parameter(method, line(edges, offset), measure_time=True)
 
 
-def sweep_parameter(
-    method: str, problem: Problem, low: float = 0.0, high: float = np.inf, timed: bool = False
+def solve_with_best_parameter(
+    method: str,
+    problem: Problem,
+    min_parameter: float = 0.0,
+    max_parameter: float = np.inf,
+    measure_time: bool = False,
 ) -> Result:
     """Return errors of a method on a problem, at its best parameter.
 
     Args:
-        method: name.
-        problem: on a mesh.
-        low: smallest parameter; 0, for stresses as they are, is always tried.
-        high: largest parameter.
-        timed: whether to solve once more for CPU seconds at the best parameter.
+        method: Name of the method.
+        problem: Problem on a mesh.
+        min_parameter: Smallest parameter; 0, which means stresses as they are, is always tried.
+        max_parameter: Largest parameter.
+        measure_time: Whether to solve again at the best parameter to measure the CPU time.
     """
     solve = METHODS[method].solve
-    sweep = [x for x in METHODS[method].sweep if not x or low <= x <= high]
+    sweep = [
+        parameter
+        for parameter in METHODS[method].sweep
+        if parameter == 0 or min_parameter <= parameter <= max_parameter
+    ]
     parameters: list[float | None] = [*sweep] or [None]
     candidates: list[tuple[dict[str, float], dict[str, Array]]] = []
     for parameter in parameters:
         try:
-            candidates.append(measure_answer(problem, solve(problem, parameter)))
+            candidates.append(measure_errors(problem, solve(problem, parameter)))
         except NoSolution:
             names = ("pressure_l2", "pressure_l2_inner", "factorisations")
             candidates.append((dict.fromkeys(names, ERROR_WITHOUT_SOLUTION), {}))
     errors = [scalars["pressure_l2"] for scalars, _ in candidates]
-    order = [(round(one["pressure_l2"], 6), one["factorisations"]) for one, _ in candidates]
-    best = order.index(min(order))
+    ranks = [
+        (round(scalars["pressure_l2"], 6), scalars["factorisations"]) for scalars, _ in candidates
+    ]
+    best = ranks.index(min(ranks))
     scalars, curves = candidates[best]
     if sweep:
         scalars |= {"parameter": sweep[best], "pressure_l2_largest": max(errors)}
         curves |= {"sweep": np.array(sweep), "sweep_l2": np.array(errors)}
         inner_errors = [scalars["pressure_l2_inner"] for scalars, _ in candidates]
         curves["sweep_l2_inner"] = np.array(inner_errors)
-    if timed:
+    if measure_time:
         start = process_time()
         solve(problem, parameters[best])
         scalars["cpu_seconds"] = process_time() - start
@@ -251,12 +270,12 @@ def sweep_parameter(
 
 
 def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
-    """Return errors of CalculiX' own pressures at its best penalty.
+    """Return errors of the pressures that CalculiX prints, at its best penalty.
 
     Args:
-        edges: over the half width.
-        offset: as of `plane`.
-        tracked: digests of the tracked answers, one a penalty.
+        edges: Number of edges over the half width.
+        offset: Position where contact ends, as in `plane`.
+        tracked: Digests of the recorded answers, one for each penalty.
     """
     candidates = []
     for penalty_stiffness, digest in zip(PENALTIES, tracked, strict=True):
@@ -264,7 +283,7 @@ def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
         nodes = peer.numbers["x"]
         x = np.linspace(0, nodes[-1], 64 * len(nodes))
         pressure = np.interp(x, nodes, peer.numbers["pressure"])
-        candidates.append(pressure_errors(x, pressure))
+        candidates.append(measure_pressure_errors(x, pressure))
     errors = [scalars["pressure_l2"] for scalars in candidates]
     best = errors.index(min(errors))
     scalars = candidates[best] | {
@@ -276,29 +295,34 @@ def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
 
 # Cases
 
-EDGES, OFFSETS = (4, 8, 16), (0.375, 0.875)
-N_POSITIONS = 8
+EDGE_COUNTS, CONTACT_OFFSETS = (4, 8, 16), (0.375, 0.875)
+N_CONTACT_OFFSETS = 8
 """Number of positions of the contact's edge within an element."""
-EDGES_IN_SPACE = (3, 5)
-"""Edges over the contact's radius."""
+EDGE_COUNTS_IN_SPACE = (3, 5)
+"""Numbers of edges over the contact's radius."""
 CASES = [
     Case(
         "Q",
         f"{name}-{n}-{offset}",
         plane,
         {"method": name, "edges": n, "offset": offset},
-        {"words": method.label, "choices": method.n_parameters, "lines": method.lines},
+        {"words": method.label, "choices": method.n_parameters, "lines": method.n_lines},
     )
     for name, method in METHODS.items()
-    for n in EDGES
-    for offset in OFFSETS
+    for n in EDGE_COUNTS
+    for offset in CONTACT_OFFSETS
 ]
 CASES += [
     Case(
         "Q",
         f"offsets-{name}",
         scattered,
-        {"method": name, "edges": 8, "offset": 1 / (2 * N_POSITIONS), "offsets": N_POSITIONS},
+        {
+            "method": name,
+            "edges": 8,
+            "offset": 1 / (2 * N_CONTACT_OFFSETS),
+            "offsets": N_CONTACT_OFFSETS,
+        },
         {"words": method.label},
     )
     for name, method in METHODS.items()
@@ -317,8 +341,8 @@ CASES += [
         },
         {"method": "calculix", "words": "CalculiX, faces by a penalty", "choices": 1},
     )
-    for n in EDGES
-    for offset in OFFSETS
+    for n in EDGE_COUNTS
+    for offset in CONTACT_OFFSETS
 ]
 CASES += mark_costly(
     [
@@ -326,12 +350,12 @@ CASES += mark_costly(
             "Q",
             f"{problem.__name__}-{name}-{n}",
             problem,
-            {"method": name, "edges": n, "offset": OFFSETS[0]},
+            {"method": name, "edges": n, "offset": CONTACT_OFFSETS[0]},
             {"words": METHODS[name].label},
         )
         for problem, meshes, names in (
-            (seconds, EDGES[-1:], [*METHODS]),
-            (space, EDGES_IN_SPACE, [name for name in METHODS if not name.endswith("p2")]),
+            (seconds, EDGE_COUNTS[-1:], [*METHODS]),
+            (space, EDGE_COUNTS_IN_SPACE, [name for name in METHODS if not name.endswith("p2")]),
         )
         for n in meshes
         for name in names
@@ -343,11 +367,11 @@ CASES += mark_costly(
             "Q",
             f"friction-{name}-{n}",
             friction,
-            {"name": name, "edges": n, "offset": OFFSETS[0]},
+            {"name": name, "edges": n, "offset": CONTACT_OFFSETS[0]},
             {"method": f"{name}, friction", "words": method.label},
         )
         for name, method in FRICTION_METHODS.items()
-        for n in EDGES
+        for n in EDGE_COUNTS
     ]
 )
 
@@ -355,11 +379,11 @@ CASES += mark_costly(
 
 RESULT = r"""
 {% set label = {"pw-T6": "new element", "snes-vi": "standard, own weights", "snes-vi-t": "standard times T", "snes-vi-projected": "standard, projected", "snes-vi-stress": "standard, stresses", "nitsche-symmetric": "Nitsche, symmetric", "nitsche-skew": "Nitsche, skew", "penalty": "penalty", "augmented-p1": "augm. Lagr. P2/P1", "augmented-p2": "augm. Lagr. P2/P2", "mortar-p1": "mortar P2/P1", "mortar-p2": "mortar P2/P2", "proximal-p1": "proximal P2/P1", "proximal-p2": "proximal P2/P2", "linear": "linear elements"} %}
-{% call table("q-rivals", "Hertz' line contact: in brackets parameters to choose, and lines of code with those of the files that it builds on. Errors of the pressure in % with 4, 8 and 16 edges over the half width; with 8, over eight places of the contact's edge, and spurious variation; with 16, errors inside and beyond 0.8 half widths, nodal forces over even ones, contact radius, unknowns, factorisations, and CPU seconds of different programs (the library, PETSc's SNES, plain Newton methods).", long=True) %}
-| Method | L2, two places | Eight places | $x < 0.8\,a$ | Edge | Var. | Forces | Radius | Dofs | LU | CPU |
+{% call table("q-rivals", "Hertz' line contact: in brackets parameters to choose, and lines of code with those of imported files. Errors of the pressure in % with 4, 8 and 16 edges over the half width; with 8, over eight positions of the contact's edge, and spurious variation; with 16, errors inside and beyond 0.8 half widths, nodal forces over even ones, contact radius, unknowns, factorisations, and CPU seconds of different programs (the library, PETSc's SNES, plain Newton methods).", long=True) %}
+| Method | L2, two positions | Eight positions | $x < 0.8\,a$ | Edge | Var. | Forces | Radius | Dofs | LU | CPU |
 |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|
 {% for m in methods %}{% set p = parameters("Q/" ~ m ~ "-16-0.375") %}
-| {{ label[m] | replace(" ", "\u00a0") }}&nbsp;({{ p.choices }};&nbsp;{{ p.lines }}) | {{ mean(m, 4, "pressure_l2") }} / {{ mean(m, 8, "pressure_l2") }} / {{ mean(m, 16, "pressure_l2") }} | {{ places(m) }}, {{ places(m, "pressure_l2_least") }}–{{ places(m, "pressure_l2_largest") }} | {{ mean(m, 16, "pressure_l2_inner") }} | {{ mean(m, 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method=m, edges=8, name="variation"), 1) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="force_least"), 2) }}–{{ fixed(measure("rival_mean", method=m, edges=16, name="force_largest"), 2) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="radius"), 3) }} | {{ count(s("Q/" ~ m ~ "-16-0.375", "unknowns")) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="factorisations"), 1) }} | {{ num(s("Q/seconds-" ~ m ~ "-16", "cpu_seconds"), 2) }} |
+| {{ label[m] | replace(" ", "\u00a0") }}&nbsp;({{ p.choices }};&nbsp;{{ p.lines }}) | {{ mean(m, 4, "pressure_l2") }} / {{ mean(m, 8, "pressure_l2") }} / {{ mean(m, 16, "pressure_l2") }} | {{ over_positions(m) }}, {{ over_positions(m, "pressure_l2_least") }}–{{ over_positions(m, "pressure_l2_largest") }} | {{ mean(m, 16, "pressure_l2_inner") }} | {{ mean(m, 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method=m, edges=8, name="variation"), 1) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="force_least"), 2) }}–{{ fixed(measure("rival_mean", method=m, edges=16, name="force_largest"), 2) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="radius"), 3) }} | {{ count(s("Q/" ~ m ~ "-16-0.375", "unknowns")) }} | {{ fixed(measure("rival_mean", method=m, edges=16, name="factorisations"), 1) }} | {{ num(s("Q/seconds-" ~ m ~ "-16", "cpu_seconds"), 2) }} |
 {% endfor %}
 | CalculiX, faces&nbsp;(1;&nbsp;–) | {{ mean("calculix", 4, "pressure_l2") }} / {{ mean("calculix", 8, "pressure_l2") }} / {{ mean("calculix", 16, "pressure_l2") }} | – | {{ mean("calculix", 16, "pressure_l2_inner") }} | {{ mean("calculix", 16, "pressure_l2_edge") }} | {{ fixed(100 * measure("rival_mean", method="calculix", edges=8, name="variation"), 1) }} | – | {{ fixed(measure("rival_mean", method="calculix", edges=16, name="radius"), 3) }} | – | – | – |
 {% endcall %}
@@ -391,7 +415,7 @@ DETAILS = r"""
 <p class="note">Results that take longer than three CPU seconds come from a tracked record, which <code>./run python3 -m study.publish.renew_records</code> computes and, with <code>--check</code>, compares. On tetrahedra the sweep of parameters is within a factor of ten of the plane's best. The standard element has no reading over own weights at corners.</p>
 """
 
-METHOD_LOOK: dict[str, dict[str, Any]] = {
+METHOD_STYLES: dict[str, dict[str, Any]] = {
     "pw-T6": {"color": "#0072B2", "marker": "o", "label": "new element"},
     "snes-vi": {"color": "#D55E00", "marker": "^", "label": "standard, own weights"},
     "nitsche-symmetric": {"color": "#007A5A", "marker": "D", "label": "Nitsche, symmetric"},
@@ -401,9 +425,9 @@ METHOD_LOOK: dict[str, dict[str, Any]] = {
     "mortar-p1": {"color": "#B0568C", "marker": "v", "label": "mortar P2/P1"},
     "linear": {"color": "#777777", "marker": "x", "label": "linear elements"},
 }
-"""Colour, marker and label of the methods that are drawn."""
-METHODS_OVER_PARAMETER = ("nitsche-symmetric", "nitsche-skew", "penalty", "augmented-p1")
-METHODS_OVER_POSITION = (
+"""Colour, marker and label of the methods in the figures."""
+METHODS_DRAWN_OVER_PARAMETER = ("nitsche-symmetric", "nitsche-skew", "penalty", "augmented-p1")
+METHODS_DRAWN_OVER_OFFSET = (
     "pw-T6",
     "snes-vi",
     "nitsche-symmetric",
@@ -412,24 +436,24 @@ METHODS_OVER_POSITION = (
     "linear",
 )
 MAX_DRAWN_ERROR = 2.0
-"""Greater errors stand for no solution."""
+"""Larger errors mean that there is no solution."""
 
 
-def draw_parameters(results: Results) -> Figure:
+def draw_error_over_parameter(results: Results) -> Figure:
     """Error of the pressure over the parameter of those methods that have one.
 
-    Means of two positions; a gap where there is no solution at one of them.
+    Means of two positions, with a gap where one of them has no solution.
     """
     fig, ax = plt.subplots(figsize=(SIDE, 1.7))
-    for method in METHODS_OVER_PARAMETER:
-        curves = [results.curves(f"Q/{method}-16-{offset}") for offset in OFFSETS]
+    for method in METHODS_DRAWN_OVER_PARAMETER:
+        curves = [results.curves(f"Q/{method}-16-{offset}") for offset in CONTACT_OFFSETS]
         errors = np.array([sweep["sweep_l2"] for sweep in curves])
         is_solved = (errors < MAX_DRAWN_ERROR).all(axis=0)
         mean = np.where(is_solved, errors.mean(axis=0), np.nan)
-        ax.loglog(curves[0]["sweep"], 100 * mean, **METHOD_LOOK[method])
-    new = [results.scalar(f"Q/pw-T6-16-{offset}", "pressure_l2") for offset in OFFSETS]
-    look = {key: METHOD_LOOK["pw-T6"][key] for key in ("color", "label")}
-    ax.axhline(100 * sum(new) / len(new), linestyle="--", **look)
+        ax.loglog(curves[0]["sweep"], 100 * mean, **METHOD_STYLES[method])
+    new = [results.scalar(f"Q/pw-T6-16-{offset}", "pressure_l2") for offset in CONTACT_OFFSETS]
+    style = {key: METHOD_STYLES["pw-T6"][key] for key in ("color", "label")}
+    ax.axhline(100 * sum(new) / len(new), linestyle="--", **style)
     ax.set(xlabel="parameter", ylabel="L2 error / %")
     plain_ticks(ax)
     fig.legend(
@@ -443,23 +467,23 @@ def draw_parameters(results: Results) -> Figure:
     return fig
 
 
-def draw_positions(results: Results) -> Figure:
-    """Error of the pressure of several methods over the place where contact ends.
+def draw_error_over_offset(results: Results) -> Figure:
+    """Error of the pressure of several methods over the position where contact ends.
 
-    One line a method.
+    One line for each method.
     """
     fig, ax = plt.subplots(figsize=(BESIDE, 1.7))
-    for method in METHODS_OVER_POSITION:
+    for method in METHODS_DRAWN_OVER_OFFSET:
         curves = results.curves(f"Q/offsets-{method}")
-        ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **METHOD_LOOK[method])
-    ax.set(xlabel="place of the contact's edge in an element", ylabel="L2 error / %")
+        ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **METHOD_STYLES[method])
+    ax.set(xlabel="position of the contact's edge in an element", ylabel="L2 error / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
     plain_ticks(ax)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
 
-def describe_positions(results: Results) -> str:
+def describe_error_over_offset(results: Results) -> str:
     """Return the alternative text, with the new element's errors."""
     new = 100 * results.curves("Q/offsets-pw-T6")["pressure_l2"]
     return (
@@ -472,26 +496,26 @@ def describe_positions(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "q_parameters",
-        draw_parameters,
+        draw_error_over_parameter,
         needs=[
             f"Q/{method}-16-{offset}"
-            for method in ("pw-T6", *METHODS_OVER_PARAMETER)
-            for offset in OFFSETS
+            for method in ("pw-T6", *METHODS_DRAWN_OVER_PARAMETER)
+            for offset in CONTACT_OFFSETS
         ],
         caption="Error of the pressure, 16 edges over a, over the parameter (times h/E); means of "
-        "two places. Gap: no convergence.",
+        "two positions. Gap: no convergence.",
         alt="Symmetric Nitsche and penalty have a narrow minimum at 10 and errors of several per "
         "cent ten times above and below, the skew form a wide one at 3; the augmented Lagrangian's "
         "error does not depend on the parameter.",
     ),
     PageFigure(
         "q_places",
-        draw_positions,
-        needs=[f"Q/offsets-{method}" for method in METHODS_OVER_POSITION],
+        draw_error_over_offset,
+        needs=[f"Q/offsets-{method}" for method in METHODS_DRAWN_OVER_OFFSET],
         caption="Error of the pressure below a parabola with 8 edges over the half width, over the "
-        "place where contact ends within an element of the surface (0 and 1: corners, 1/2: "
-        "mid-side node). Tables and the outside reference have the places 0.375 and 0.875.",
-        alt=describe_positions,
+        "position where contact ends within an element of the surface (0 and 1: corners, 1/2: "
+        "mid-side node). Tables and the outside reference have the positions 0.375 and 0.875.",
+        alt=describe_error_over_offset,
     ),
 ]
 
@@ -518,7 +542,7 @@ CHECKS = [
     ),
     check(
         "Q-offsets-skew",
-        "Over eight evenly spaced places of the contact's edge within an element, skew-"
+        "Over eight evenly spaced positions of the contact's edge within an element, skew-"
         "symmetric Nitsche at the parameter 3 has a smaller mean L2 error than the new "
         "element: ratio.",
         lambda results: ratio(
@@ -528,7 +552,7 @@ CHECKS = [
         1.0,
         tolerance_why="none: the bound itself",
         tolerance_set="after",
-        why="The two places at which methods are compared are favourable to the new element.",
+        why="The two positions at which methods are compared favour the new element.",
     ),
     check(
         "Q-even-new",
@@ -546,14 +570,14 @@ CHECKS = [
 ]
 
 FINDINGS = r"""
-1. *Without friction the new element changes nothing but the reading.* Where the same nodes are in contact
+1. *Without friction the new element only changes how forces are read.* Where the same nodes are in contact
    ({{ fixed(measure("same_contacts", method="pw-T6", other="snes-vi"), 0) }} of 6 meshes), its displacements are the
    standard element's to
    {{ num(measure("rivals_apart", method="pw-T6", other="snes-vi", name="node_displacement", same_nodes=True), 1) }}.
-2. *The table's two places favour it.* There it has the smallest error of all. With contact ending at eight places within
-   an element its mean is {{ places("pw-T6") }} %, the standard element's {{ places("snes-vi") }}, symmetric Nitsche's
-   {{ places("nitsche-symmetric") }} and **skew-symmetric Nitsche's {{ places("nitsche-skew") }} %**
-   ({{ ref("q_places") }}): an error that depends on the mesh by a factor of two is no ground to choose by.
+2. *The table's two positions favour it.* There its error is the smallest. With contact ending at eight positions in
+   an element its mean is {{ over_positions("pw-T6") }} %, the standard element's {{ over_positions("snes-vi") }}, symmetric Nitsche's
+   {{ over_positions("nitsche-symmetric") }} and **skew-symmetric Nitsche's {{ over_positions("nitsche-skew") }} %**
+   ({{ ref("q_places") }}): an error that varies by a factor of two with the mesh is no basis for a choice.
 3. *Inside the contact Nitsche is better*,
    {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner", largest=False), 1) }}
    to {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner"), 1) }} times at
@@ -566,7 +590,7 @@ FINDINGS = r"""
    {{ num(measure("rivals_apart", method="proximal-p1", other="mortar-p1", name="pressure"), 1) }} of the pressure, for
    {{ fixed(measure("rival_mean", method="proximal-p1", edges=16, name="factorisations") / measure("rival_mean", method="mortar-p1", edges=16, name="factorisations"), 0) }}
    times the factorisations and two parameters.
-5. *What the new element has alone* are even nodal forces: every other method with quadratic test functions has forces of
+5. *What sets the new element apart* is even nodal forces: every other method with quadratic test functions has forces of
    {{ fixed(measure("rival_mean", method="mortar-p1", edges=16, name="force_least"), 2) }} to
    {{ fixed(measure("rival_mean", method="mortar-p1", edges=16, name="force_largest"), 2) }} of the even ones. Linear elements
    have even ones, too, at
@@ -597,6 +621,6 @@ Nitsche's, mortar and penalty methods, with augmented Lagrangians after {{ cite(
 # Limits
 
 LIMITS = r"""
-The surface is flat, and friction acts in one increment only. Whoever has no exact solution cannot choose the best
-parameter: the table is kind to methods that have one.
+The surface is flat, and friction acts in one increment only. Without an exact solution nobody can choose
+the best parameter: the table favours methods that have one.
 """

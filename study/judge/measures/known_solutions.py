@@ -43,7 +43,7 @@ def greco_change(results: Results, cases: Selection, other: str) -> float:
 def _greco_reference(reference: str) -> tuple[float, ...]:
     """Return the displacements that the page of section V6 has from a reference, in m."""
     constants = read_constants(find_page_source("V6"))
-    displacements: tuple[float, ...] = constants[reference.upper()]
+    displacements: tuple[float, ...] = constants[f"{reference.upper()}_DISPLACEMENTS"]
     return displacements
 
 

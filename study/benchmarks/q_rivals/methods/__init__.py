@@ -1,1 +1,1 @@
-"""Methods of contact on one problem, a file each, so that one can be copied without the others."""
+"""Contact methods for one problem, one file each, so that a single file can be copied."""

@@ -1,4 +1,4 @@
-"""Linear elements by SNES, the cells cut to have as many unknowns as quadratic elements."""
+"""Linear elements by SNES, on cells divided to have as many unknowns as quadratic elements."""
 
 from dataclasses import replace
 
@@ -14,14 +14,14 @@ from study.solutions.hertz_problem import Answer, Problem, make_function
 
 
 def solve(problem: Problem) -> Answer:
-    """Solve with linear elements whose corners are the nodes of the quadratic elements."""
+    """Solve with linear elements whose vertices are the nodes of the quadratic elements."""
     coordinates = problem.mesh.geometry.x[:, : problem.up + 1]
     lines = [np.unique(x.round(12)) for x in coordinates.T]
     x, y, *z = [np.interp(np.arange(0, len(x) - 0.5, 0.5), np.arange(len(x)), x) for x in lines]
     mesh = box("tetrahedron", x, y, *z) if z else on_lines(MPI.COMM_SELF, x, y, "triangle")
-    cut = replace(problem, mesh=mesh)
-    u, count = solve_displacements(cut, degree=1)
-    V, forces = u.function_space, cut.forces(u, u.function_space)[:, cut.up]
-    Q = fem.functionspace(cut.mesh, ("Lagrange", 1))
-    pressure = make_function(Q, cut.divide_by_weights(forces, V))
+    refined = replace(problem, mesh=mesh)
+    u, count = solve_displacements(refined, degree=1)
+    V, forces = u.function_space, refined.forces(u, u.function_space)[:, refined.up]
+    Q = fem.functionspace(refined.mesh, ("Lagrange", 1))
+    pressure = make_function(Q, refined.divide_by_weights(forces, V))
     return Answer(u, pressure, u.x.array.size, count, V)

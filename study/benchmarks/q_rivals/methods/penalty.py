@@ -5,11 +5,11 @@ from dolfinx import fem
 
 from study.solutions.hertz_problem import Answer, E, Problem, newton
 
-SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # stiffness times h / E
+SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # values of the stiffness times h / E
 
 
 def solve(problem: Problem, parameter: float) -> Answer:
-    """Solve with a pressure that is stiffness times penetration."""
+    """Solve with a pressure proportional to the penetration."""
     V = problem.space()
     u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
     stiffness = fem.Constant(problem.mesh, parameter * E / problem.size)

@@ -1,4 +1,4 @@
-"""The new element, by the library: a pressure at every node of the surface."""
+"""The new element by pw_elements, with a pressure at every node of the surface."""
 
 from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, solve_contact

@@ -1,4 +1,4 @@
-"""The standard element by PETSc's SNES for variational inequalities, forces over own weights."""
+"""The standard element by PETSc's SNES for variational inequalities; forces over own weights."""
 
 from petsc4py import PETSc
 
@@ -10,7 +10,7 @@ from study.solutions.hertz_problem import Answer, Problem, make_function, use_lu
 
 
 def solve_displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function, int]:
-    """Return displacements that nowhere exceed the gap, and the number of factorisations."""
+    """Return displacements that exceed the gap at no node, and the number of factorisations."""
     V = problem.space(degree)
     u, v, supports = ufl.TrialFunction(V), ufl.TestFunction(V), problem.supports(V)
     form = fem.form(problem.work(u, v))
@@ -34,7 +34,7 @@ def solve_displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function
 
 
 def solve(problem: Problem) -> Answer:
-    """Solve, and divide each nodal force by the integral of its own shape function."""
+    """Solve and divide each nodal force by the integral of its node's shape function."""
     u, count = solve_displacements(problem)
     pressure = problem.nodal_pressure(u, u.function_space)
     return Answer(u, pressure, u.x.array.size, count, u.function_space)

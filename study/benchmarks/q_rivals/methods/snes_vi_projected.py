@@ -1,4 +1,4 @@
-"""The standard element by SNES, forces projected to linear functions of the surface."""
+"""The standard element by SNES, with forces projected to linear functions on the surface."""
 
 import numpy as np
 import ufl
@@ -10,7 +10,7 @@ from study.solutions.hertz_problem import Answer, Problem, make_function, solve_
 
 
 def solve(problem: Problem) -> Answer:
-    """Return the linear pressure that does the same work on linear functions as the forces."""
+    """Solve for the linear pressure that does the work of the forces on linear functions."""
     u, count = solve_displacements(problem)
     Q1, Q2 = (fem.functionspace(problem.mesh, ("Lagrange", degree)) for degree in (1, 2))
     forces = make_function(Q2, problem.forces(u, u.function_space)[:, problem.up])

@@ -1,4 +1,4 @@
-"""The standard element by SNES, pressures from its stresses."""
+"""The standard element by SNES, with pressures from its stresses."""
 
 import ufl
 from dolfinx import fem
@@ -6,11 +6,11 @@ from dolfinx import fem
 from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
 from study.solutions.hertz_problem import Answer, Problem, make_function, solve_lu
 
-SWEEP = (0.0, 1.0, 2.0)  # 0: stresses as they are; 1, 2: degree of continuous ones
+SWEEP = (0.0, 1.0, 2.0)  # 0: discontinuous stresses; 1, 2: degree of the projected ones
 
 
 def solve(problem: Problem, parameter: float) -> Answer:
-    """Return stresses as they are, or projected to continuous functions of a degree."""
+    """Solve; use stresses as they are (parameter 0) or projected to continuous functions."""
     u, count = solve_displacements(problem)
     stress = problem.stress(u)[problem.up, problem.up]
     if parameter == 0:

@@ -1,4 +1,4 @@
-"""Mortar with standard multipliers, active sets: B. Wohlmuth, doi 10.1017/S0962492911000079."""
+"""Mortar method with standard multipliers: B. Wohlmuth, doi 10.1017/S0962492911000079."""
 
 import numpy as np
 import ufl
@@ -8,7 +8,7 @@ from study.solutions.hertz_problem import MAX_SOLVES, Answer, Mask, NoSolution, 
 
 
 def solve(problem: Problem, degree: int = 1) -> Answer:
-    """Solve by an active set: each multiplier's weighted gap is open or closed."""
+    """Solve by a primal-dual active set, with multipliers of a degree."""
     W = problem.space(multiplier=degree)
     (u, p), (v, m), y = ufl.TrialFunctions(W), ufl.TestFunctions(W), problem.up
     form = problem.work(u, v) + (p * v[y] + u[y] * m) * problem.surface
@@ -27,7 +27,7 @@ def solve(problem: Problem, degree: int = 1) -> Answer:
         right = b - A @ np.where(free, 0.0, x.x.array)
         x.x.array[free] = solve_lu(A[free][:, free], right[free])
         closing = (A @ x.x.array - b)[multipliers] > 0
-        before, active = active, np.where(active, x.x.array[multipliers] > 0, closing)
-        if np.array_equal(before, active):
+        previous, active = active, np.where(active, x.x.array[multipliers] > 0, closing)
+        if np.array_equal(previous, active):
             return problem.make_answer(x, count)
     raise NoSolution

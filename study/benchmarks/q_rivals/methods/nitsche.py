@@ -1,15 +1,16 @@
-"""Nitsche's method, symmetric: F. Chouly, P. Hild, Y. Renard, 10.1090/S0025-5718-2014-02913-X."""
+"""Nitsche's method: F. Chouly, P. Hild, Y. Renard, doi 10.1090/S0025-5718-2014-02913-X."""
 
 import ufl
 from dolfinx import fem
 
 from study.solutions.hertz_problem import Answer, E, Problem, newton
 
-SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # gamma h / E
+SYMMETRIC_SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # values of gamma h / E
+SKEW_SWEEP = (0.01, 0.1, *SYMMETRIC_SWEEP)  # this form is stable for all of them
 
 
 def solve(problem: Problem, parameter: float, theta: float = 1.0) -> Answer:
-    """Solve with contact at integration points; theta = -1 is the skew-symmetric form."""
+    """Solve with contact at integration points; theta = -1 gives the skew-symmetric form."""
     V = problem.space()
     u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
     gamma = fem.Constant(problem.mesh, parameter * E / problem.size)

@@ -5,17 +5,17 @@ from dolfinx import fem
 
 from study.solutions.hertz_problem import Answer, E, Problem, newton
 
-SWEEP = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)  # augmentation times h / E
+SWEEP = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)  # values of the augmentation times h / E
 
 
 def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:
-    """Solve for quadratic displacements and multipliers by one semismooth Newton method."""
+    """Solve by a semismooth Newton method, with multipliers of a degree."""
     W = problem.space(multiplier=degree)
     w, (v, m), y = fem.Function(W), ufl.TestFunctions(W), problem.up
     u, pressure = ufl.split(w)
-    r = fem.Constant(problem.mesh, parameter * E / problem.size)
-    contact_pressure = ufl.max_value(0, pressure + r * (u[y] - problem.gap))
-    law = contact_pressure * v[y] + (contact_pressure - pressure) * m / r
+    augmentation = fem.Constant(problem.mesh, parameter * E / problem.size)
+    contact_pressure = ufl.max_value(0, pressure + augmentation * (u[y] - problem.gap))
+    law = contact_pressure * v[y] + (contact_pressure - pressure) * m / augmentation
     supports = [*problem.supports(W.sub(0)), problem.no_multipliers_outside(W.sub(1))]
     count = newton(problem.work(u, v) + law * problem.surface, w, supports)
     return problem.make_answer(w, count)

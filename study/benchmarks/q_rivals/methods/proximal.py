@@ -6,15 +6,16 @@ from dolfinx import fem
 
 from study.solutions.hertz_problem import Answer, NoSolution, Problem, prepare_newton
 
-SWEEP = (0.1, 1.0, 10.0)  # first proximal step times the peak of the pressure
-GROWTH, MAX_STEPS = 4.0, 30  # factor from step to step (the second parameter); steps
+SWEEP = (0.1, 1.0, 10.0)  # values of the first proximal step times the peak pressure
+STEP_GROWTH = 4.0  # ratio of successive proximal steps: the second parameter
+MAX_STEPS = 30
 
 
 def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:
-    """Solve with a gap that is the exponential of a latent variable of a degree."""
+    """Solve with a gap that is the exponential of a latent variable of the given degree."""
     W = problem.space(multiplier=degree)
-    w, before, (v, m), y = fem.Function(W), fem.Function(W), ufl.TestFunctions(W), problem.up
-    (u, latent), (_, previous_latent) = ufl.split(w), ufl.split(before)
+    w, previous, (v, m), y = fem.Function(W), fem.Function(W), ufl.TestFunctions(W), problem.up
+    (u, latent), (_, previous_latent) = ufl.split(w), ufl.split(previous)
     step = fem.Constant(problem.mesh, parameter / problem.exact.peak)
     pressure, gap = (previous_latent - latent) / step, problem.exact.approach * ufl.exp(latent)
     law = pressure * v[y] + (problem.gap - u[y] - gap) * m
@@ -23,9 +24,9 @@ def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:
     newton = prepare_newton(problem.work(u, v) + law * problem.surface, w, supports)
     for _ in range(MAX_STEPS):
         count += newton()
-        change = np.abs(w.x.array - before.x.array)[displacement_dofs].max()
+        change = np.abs(w.x.array - previous.x.array)[displacement_dofs].max()
         if change < 1e-9 * problem.exact.approach:
             return problem.make_answer(w, count, pressure)
-        before.x.array[:] = w.x.array
-        step.value *= GROWTH
+        previous.x.array[:] = w.x.array
+        step.value *= STEP_GROWTH
     raise NoSolution
