@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from pw_elements import Material
 from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
-from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, wave_speeds_squared
+from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, squared_wave_speeds
 from study.benchmarks.v10_space import partial_slip
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
@@ -218,8 +218,8 @@ def test_slow_waves_in_a_thin_rod_are_those_of_a_bar():
 
 
 def test_wave_speeds_of_plane_states():
-    solid, shear = wave_speeds_squared(MATERIAL, StressState.PLANE_STRAIN)
-    plate, same = wave_speeds_squared(MATERIAL, StressState.PLANE_STRESS)
+    solid, shear = squared_wave_speeds(MATERIAL, StressState.PLANE_STRAIN)
+    plate, same = squared_wave_speeds(MATERIAL, StressState.PLANE_STRESS)
     assert shear == same == pytest.approx(1 / 2.6)
     assert plate / shear == pytest.approx(2 / (1 - 0.3))
     assert solid / shear == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))

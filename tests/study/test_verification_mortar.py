@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from pw_elements.contact.interface import OverlapQuadrature, gather_boundary_facets
-from study.benchmarks.v11_two_bodies.methods import couple_by_multipliers, dual_functions
+from study.benchmarks.v11_two_bodies.methods import (
+    dual_quadratic_functions,
+    integrate_multiplier_coupling,
+)
 from study.benchmarks.v11_two_bodies.problems import hertz
 from tests.contact.two_bodies import StackedBlocks
 
@@ -18,7 +21,7 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
     )
     overlap = OverlapQuadrature.from_slave_and_master(one, other, one.nodes, revolved=False)
     at, N = overlap.functions[0]
-    psi = dual_functions(at, N, overlap.measure, one.space_dim)
+    psi = dual_quadratic_functions(at, N, overlap.measure, one.space_dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
     tested = N.copy()
     if one.space_dim == 3:
@@ -40,7 +43,7 @@ def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     one, other = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
     )
-    found = couple_by_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
+    found = integrate_multiplier_coupling("pw-dual-gap", one, other, len(stack.x), 1.0)
     forces = found.forces.toarray()
     assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)
     assert found.weight.sum() == pytest.approx(1.0)
