@@ -157,7 +157,7 @@ def _vibrate_freely(
     return np.array(time), np.array(amplitude)
 
 
-def _assemble_matrices_and_start(
+def _assemble_matrices_and_deflection(
     mesh: Mesh, stiffness: str, mass: str
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, npt.NDArray[np.float64]]:
     """Return K, M, the clamped reduction, and the reduced displacements under the weight."""
@@ -191,15 +191,19 @@ def _is_clamped(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 # Cases
 
 MATRIX_PAIRS = {
-    "pw-lumped": partial(_assemble_matrices_and_start, stiffness="unsymmetric", mass="lumped"),
+    "pw-lumped": partial(_assemble_matrices_and_deflection, stiffness="unsymmetric", mass="lumped"),
     "pw-consistent": partial(
-        _assemble_matrices_and_start, stiffness="unsymmetric", mass="consistent"
+        _assemble_matrices_and_deflection, stiffness="unsymmetric", mass="consistent"
     ),
     "pwsym-lumped": partial(
-        _assemble_matrices_and_start, stiffness="symmetric part", mass="lumped"
+        _assemble_matrices_and_deflection, stiffness="symmetric part", mass="lumped"
     ),
-    "galerkin-lumped": partial(_assemble_matrices_and_start, stiffness="standard", mass="lumped"),
-    "sibling-lumped": partial(_assemble_matrices_and_start, stiffness="sibling", mass="lumped"),
+    "galerkin-lumped": partial(
+        _assemble_matrices_and_deflection, stiffness="standard", mass="lumped"
+    ),
+    "sibling-lumped": partial(
+        _assemble_matrices_and_deflection, stiffness="sibling", mass="lumped"
+    ),
 }
 ELEMENT_BY_STIFFNESS = {
     "unsymmetric": "pw-T6",

@@ -131,7 +131,7 @@ def _solve_cube(
     element: str, rotation: Array, shear: float, friction: float, poissons_ratio: float
 ) -> Result:
     """Solve a rotated cube on a plane under uniform tractions; `shear` acts along its x axis."""
-    mesh = _cube_mesh(element)
+    mesh = _make_cube_mesh(element)
     mesh.geometry.x[:] = mesh.geometry.x @ rotation.T
     solid = Solid.of(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
 
@@ -172,7 +172,7 @@ def _solve_cube(
     )
 
 
-def _cube_mesh(element: str) -> Mesh:
+def _make_cube_mesh(element: str) -> Mesh:
     """Return a unit cube of unstructured tetrahedra, or of distorted hexahedra."""
     if cell_of(element) == "tetrahedron":
         return on_cube(element, CELL_SIZE)

@@ -54,7 +54,7 @@ INNER_RADIUS = 0.8
 """Distance from the middle within which errors are taken."""
 SLOW_PRESSURE_RATIO = 2.0
 """Largest ratio of pressures at neighbouring nodes for which the pressure varies slowly."""
-NO_PRESSURE_BELOW = 1e-9
+MIN_RELATIVE_PRESSURE = 1e-9
 """Fraction of the largest pressure below which a pressure counts as zero."""
 
 # Patch tests: two blocks of height 1, the lower one of width 1
@@ -179,8 +179,6 @@ N_REFERENCE_EDGES = 32
 """Number of edges of the reference mesh where no exact solution is known."""
 PARTIAL_SLIP_FRICTION, FRICTION_FRACTION = 0.4, 0.5
 """Partial slip: coefficient of friction, and tangential force over the friction limit."""
-N_SOURCES = 64
-"""Number of point forces that replace an elliptic traction on a half plane."""
 
 
 def hertz(way: str, edges: int, ratio: float = MASTER_EDGE_RATIO) -> Result:
@@ -281,7 +279,8 @@ def cattaneo(way: str, edges: int) -> Result:
         nodes = fem.locate_dofs_geometrical(bodies.space, _is_outer_side)
         x = bodies.x[nodes]
         is_upper = (_is_node_above(bodies)[nodes])[:, None]
-        field = _partial_slip_field(body, force, fraction, np.where(is_upper, -x, x))
+        increment = Cattaneo(1.0, force, PARTIAL_SLIP_FRICTION, fraction)
+        field = increment.displacement(body, np.where(is_upper, -x, x))
         prescribed.array.reshape(-1, 2)[nodes] = np.where(is_upper, -field, field)
         load = bodies.K * prescribed
         load.scale(-1.0)
@@ -370,21 +369,6 @@ def _prescribe_outer_sides(bodies: TwoBodies, exact: list[HertzLine]) -> fem.Dir
     values[nodes[is_upper]] = exact[1].displacement(x[is_upper] * [1, -1]) * [1, -1]
     values[nodes[is_upper], 1] -= sum(body.approach for body in exact)
     return fem.dirichletbc(field, nodes)
-
-
-def _partial_slip_field(body: Elastic, force: float, fraction: float, x: Array) -> Array:
-    """Return displacements (n, 2) of the lower half plane under the tractions of partial slip."""
-    theta = np.arange(1, N_SOURCES + 1) * np.pi / (N_SOURCES + 1)
-    s, weight = np.cos(theta), 2 / (N_SOURCES + 1) * np.sin(theta) ** 2
-    normal, none = force * weight, np.zeros(N_SOURCES)
-    stick = np.sqrt(1 - fraction)
-    field = body.line_displacement(
-        x, s, normal, PARTIAL_SLIP_FRICTION * normal if fraction else none
-    )
-    if fraction:
-        in_stick_zone = (1 - fraction) * PARTIAL_SLIP_FRICTION * normal
-        field = field - body.line_displacement(x, stick * s, none, in_stick_zone)
-    return np.asarray(field)
 
 
 # Two spheres: a quarter of them, exact displacements on the outer sides
@@ -726,7 +710,7 @@ def _master_nodes_with_even_pressure(bodies: TwoBodies, solution: ContactSolutio
         bodies.x[solution.master_node, :-1], reach[solution.master_node] + edges[0].max()
     )
     pressures = [solution.pressure[has_pressure][nodes] for nodes in neighbours]
-    smallest = NO_PRESSURE_BELOW * np.nanmax(solution.pressure)
+    smallest = MIN_RELATIVE_PRESSURE * np.nanmax(solution.pressure)
     return np.array(
         [
             len(p) > 0 and smallest < p.min() and p.max() < SLOW_PRESSURE_RATIO * p.min()

@@ -72,14 +72,14 @@ class Rod:
         dilatation, shear = squared_wave_speeds(self.material, StressState.AXISYMMETRIC)
         k_squared, a = (n * np.pi / self.length) ** 2, self.radius
         p_squared, q_squared = (eigenvalue / c - k_squared for c in (dilatation, shear))
-        p_j1 = p_squared * _j1_over_wave_number(p_squared, a)
+        p_j1 = p_squared * _bessel_j1_over_wave_number(p_squared, a)
         if n == 0:
-            return 2 * p_j1 / a - q_squared * _j0(p_squared, a)
-        j1_q = _j1_over_wave_number(q_squared, a)
+            return 2 * p_j1 / a - q_squared * _bessel_j0(p_squared, a)
+        j1_q = _bessel_j1_over_wave_number(q_squared, a)
         return (
             2 / a * (q_squared + k_squared) * p_j1 * j1_q
-            - (q_squared - k_squared) ** 2 * _j0(p_squared, a) * j1_q
-            - 4 * k_squared * p_j1 * _j0(q_squared, a)
+            - (q_squared - k_squared) ** 2 * _bessel_j0(p_squared, a) * j1_q
+            - 4 * k_squared * p_j1 * _bessel_j0(q_squared, a)
         )
 
 
@@ -113,13 +113,13 @@ def squared_wave_speeds(material: Material, state: StressState) -> tuple[float, 
     return stiffness / rho, E / (2 * (1 + nu)) / rho
 
 
-def _j0(p_squared: Array, a: float) -> Array:
+def _bessel_j0(p_squared: Array, a: float) -> Array:
     """Return J_0(pa) for p^2 of either sign."""
     x = np.sqrt(np.abs(p_squared)) * a
     return np.where(p_squared >= 0, jv(0, x), iv(0, x))
 
 
-def _j1_over_wave_number(p_squared: Array, a: float) -> Array:
+def _bessel_j1_over_wave_number(p_squared: Array, a: float) -> Array:
     """Return J_1(pa) / p for p^2 of either sign."""
     p = np.maximum(np.sqrt(np.abs(p_squared)), MIN_WAVE_NUMBER)
     return np.where(p_squared >= 0, jv(1, p * a), iv(1, p * a)) / p

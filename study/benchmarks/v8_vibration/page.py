@@ -150,7 +150,7 @@ def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         modes = _compute_modes(body, ROD_WALLS, N_MODES, treatment)
         return modes.eigenvalues, _mode_quality(modes), body
 
-    return _compare_eigenvalues_on_meshes(
+    return _compare_values_on_meshes(
         solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES)
     )
 
@@ -165,7 +165,7 @@ def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result
         return modes.eigenvalues, _mode_quality(modes), body
 
     exact = rectangle_eigenvalues(MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES)
-    return _compare_eigenvalues_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
+    return _compare_values_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
 
 
 def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
@@ -201,7 +201,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
     theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
     exact = [theory.elasticity(n, "G") for n in modes]
     names = [f"{kind}_{n}" for kind in ("vibration", "buckling") for n in modes]
-    return _compare_eigenvalues_on_meshes(solve_on_mesh, squares, names, exact * 2)
+    return _compare_values_on_meshes(solve_on_mesh, squares, names, exact * 2)
 
 
 def free(element: str, state: str) -> Result:
@@ -241,11 +241,11 @@ def tube(element: str, squares: Sequence[int]) -> Result:
     def solve_on_mesh(n: int) -> MeshSolution:
         sizes = (outer - inner_radius, 1.0)
         body = _discretise_rectangle(element, sizes, (n, n), StressState.AXISYMMETRIC, inner_radius)
-        inside = partial(_is_on_grid_line, 0, inner_radius)
+        inside = partial(_is_at_coordinate, 0, inner_radius)
         error = _largest_displacement_error(body, [], inside, (1.0, 0.0), radial_displacement)
         return np.array([1 + error]), {}, body
 
-    return _compare_eigenvalues_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
+    return _compare_values_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
 
 
 def cylinder(element: str) -> Result:
@@ -254,7 +254,7 @@ def cylinder(element: str) -> Result:
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
     factor = -(1 + nu) * (1 - 2 * nu) / E
     axis: list[Support] = [(0, 0.0, 0)]
-    outside = partial(_is_on_grid_line, 0, 1.0)
+    outside = partial(_is_at_coordinate, 0, 1.0)
     error = _largest_displacement_error(body, axis, outside, (-1.0, 0.0), lambda r: factor * r)
     scalars = {"displacement_error": error}
     return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
@@ -307,16 +307,16 @@ def _make_support_conditions(
     body: Discretisation, supports: list[Support]
 ) -> list[fem.DirichletBC]:
     return [
-        prescribe(body.space, component, partial(_is_on_grid_line, axis, value))
+        prescribe(body.space, component, partial(_is_at_coordinate, axis, value))
         for axis, value, component in supports
     ]
 
 
-def _is_on_grid_line(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_]:
+def _is_at_coordinate(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[axis], value)
 
 
-def _compare_eigenvalues_on_meshes(
+def _compare_values_on_meshes(
     solve_on_mesh: Callable[[int], MeshSolution],
     squares: Sequence[int],
     names: Sequence[str],
