@@ -194,9 +194,9 @@ def _discretise_wedge(element: str, divisions: tuple[int, int]) -> Discretisatio
 
 def _build_wedge_mesh(divisions: tuple[int, int], cell: str) -> Mesh:
     def raise_lower_side(x: Array) -> Array:
-        moved = x.copy()
-        moved[:, 1] += INCLINE_SLOPE * x[:, 0] * (1 - x[:, 1] / HEIGHT)
-        return moved
+        position = x.copy()
+        position[:, 1] += INCLINE_SLOPE * x[:, 0] * (1 - x[:, 1] / HEIGHT)
+        return position
 
     build = triangles if cell == "triangle" else quadrilaterals
     rectangle = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)

@@ -205,14 +205,14 @@ class ContactSolution:
 
         Both are relative to the sum of the magnitudes of the forces.
         """
-        size = np.abs(self.force).sum()
+        magnitude = np.abs(self.force).sum()
         if x.shape[1] == 3:
             moments = np.cross(x, self.force)
         else:
             moments = (x[:, 0] * self.force[:, 1] - x[:, 1] * self.force[:, 0])[:, None]
         return {
-            "balance_force": float(np.abs(self.force.sum(axis=0)).max() / size),
-            "balance_moment": float(np.abs(moments.sum(axis=0)).max() / size),
+            "balance_force": float(np.abs(self.force.sum(axis=0)).max() / magnitude),
+            "balance_moment": float(np.abs(moments.sum(axis=0)).max() / magnitude),
         }
 
 
@@ -279,7 +279,7 @@ def _solve_saddle_point(
     while (
         not settled
         and len(visited) < _MAX_LINEAR_SYSTEMS
-        and not any(np.array_equal(active, before) for before in visited)
+        and not any(np.array_equal(active, earlier_active) for earlier_active in visited)
     ):
         visited.append(active)
         G_active = G_free[active]

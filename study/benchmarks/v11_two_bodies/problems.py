@@ -151,18 +151,18 @@ def _integrate_weights_beyond(
 
 def _cut_simplex_beyond(corner: Array, end: float, dim: int) -> list[Doubles]:
     """Return the pieces of an edge or triangle with x > end by barycentric coordinates of corners."""
-    kept: list[Doubles] = []
+    polygon: list[Doubles] = []
     vertices: list[Doubles] = [np.eye(dim)[k] for k in range(dim)]
     for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         xa, xb = (float(vertex @ corner[:, 0]) for vertex in (a, b))
         if xa > end:
-            kept.append(a)
+            polygon.append(a)
         if (xa > end) != (xb > end):
-            kept.append(a + (end - xa) / (xb - xa) * (b - a))
+            polygon.append(a + (end - xa) / (xb - xa) * (b - a))
     if dim == 2:
-        pieces = [kept[:2]] if len(kept) > 1 else []
+        pieces = [polygon[:2]] if len(polygon) > 1 else []
     else:
-        pieces = [[kept[0], *kept[i : i + 2]] for i in range(1, len(kept) - 1)]
+        pieces = [[polygon[0], *polygon[i : i + 2]] for i in range(1, len(polygon) - 1)]
     return [np.array(piece) for piece in pieces]
 
 
@@ -574,11 +574,13 @@ def r0094(way: str) -> Result:
 
 
 def _restrict_slave_facets(bodies: TwoBodies, is_near: Callable[[Array], Mask]) -> TwoBodies:
-    """Return bodies without the slave's facets that have a node (dim,) outside of a region."""
+    """Return the bodies without those of the slave's facets that have a node outside of a region."""
     trace = gather_boundary_facets(bodies.space, bodies.slave)
     is_node_near = is_near(trace.facet_x.reshape(-1, trace.space_dim))
-    kept = is_node_near.reshape(trace.facet_nodes.shape).all(axis=1)
-    return TwoBodies(bodies.method, bodies.body, bodies.K, bodies.slave[kept], bodies.master)
+    is_facet_near = is_node_near.reshape(trace.facet_nodes.shape).all(axis=1)
+    return TwoBodies(
+        bodies.method, bodies.body, bodies.K, bodies.slave[is_facet_near], bodies.master
+    )
 
 
 def _find_contact_facets(

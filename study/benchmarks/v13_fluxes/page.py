@@ -184,35 +184,39 @@ def trefftz(
     return _make_result(scalars, curves, solution.n_unknowns)
 
 
-def _solve_poisson(way: str, mesh: Mesh) -> Result:
-    spaces = FLUX_METHODS[way].make_spaces(mesh, 0)
+def _solve_poisson(method_name: str, mesh: Mesh) -> Result:
+    spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
-    last = mesh.geometry.dim - 1
+    axis = mesh.geometry.dim - 1
     x = ufl.SpatialCoordinate(mesh)
-    exact = ufl.sin(2 * x[0]) * ufl.exp(x[last]) + x[1] ** 2
+    exact = ufl.sin(2 * x[0]) * ufl.exp(x[axis]) + x[1] ** 2
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     f = assemble_vector(-ufl.div(ufl.grad(exact)) * v * ufl.dx(metadata={"quadrature_degree": 6}))
     nodal = _interpolate_field(
-        spaces.trial, lambda x: np.sin(2 * x[0]) * np.exp(x[last]) + x[1] ** 2
+        spaces.trial, lambda x: np.sin(2 * x[0]) * np.exp(x[axis]) + x[1] ** 2
     )
     boundary = fem.dirichletbc(nodal, _find_boundary_nodes(spaces.trial))
     a = solve(K, f, Reduction.dirichlet(spaces.trial, boundary))
 
     def exact_flux(x: Array) -> Array:
-        return np.sin(2 * x[:, 0]) * np.e + (2 * x[:, 1] if last == 1 else 0.0)
+        return np.sin(2 * x[:, 0]) * np.e + (2 * x[:, 1] if axis == 1 else 0.0)
 
     error = float(np.abs(a.array_r - nodal.x.array).max() / np.abs(nodal.x.array).max())
     scalars = {"temperature_error": error}
-    return _compare_with_exact_flux(way, spaces, reactions(K, a, f), last, exact_flux, scalars)
+    return _compare_with_exact_flux(
+        method_name, spaces, reactions(K, a, f), axis, exact_flux, scalars
+    )
 
 
-def _solve_conduction(way: str, elements: int, problem: ConductionProblem, cell: str) -> Result:
+def _solve_conduction(
+    method_name: str, elements: int, problem: ConductionProblem, cell: str
+) -> Result:
     corners = (0.0, 0.0), (1.0, 1.0)
     if cell == "triangle":
         mesh = triangles(MPI.COMM_SELF, *corners, (elements, elements))
     else:
         mesh = create_rectangle(MPI.COMM_SELF, corners, (elements, elements), CellType[cell])
-    spaces = FLUX_METHODS[way].make_spaces(mesh, 0)
+    spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     dx = ufl.dx(metadata={"quadrature_degree": QUADRATURE_DEGREE})
     x = ufl.SpatialCoordinate(mesh)
@@ -237,12 +241,12 @@ def _solve_conduction(way: str, elements: int, problem: ConductionProblem, cell:
     }
     forces = nonlinear.reactions()
     return _compare_with_exact_flux(
-        way, spaces, forces, 0, lambda x: problem.flux(x[:, 1]), scalars
+        method_name, spaces, forces, 0, lambda x: problem.flux(x[:, 1]), scalars
     )
 
 
 def _compare_with_exact_flux(
-    way: str,
+    method_name: str,
     spaces: Spaces,
     forces: PETSc.Vec,
     axis: int,
@@ -253,7 +257,7 @@ def _compare_with_exact_flux(
 
     Errors are relative to the largest exact flux at these nodes.
     """
-    method = FLUX_METHODS[way]
+    method = FLUX_METHODS[method_name]
     if method.applies_force_transfer:
         forces = force_transfer(spaces.trial) * forces
     side = nodal_flux(spaces, forces, lambda x: np.isclose(x[axis], 1.0), method.area)

@@ -275,9 +275,9 @@ def _move_within_layers(x: Array) -> Array:
     x_moved = x[:, :dim]
     n_half_waves = np.array([1.0, 1.0, 2.0])[-dim:]
     bubble = np.prod(np.sin(np.pi * n_half_waves * x_moved), axis=1, keepdims=True)
-    moved = x.copy()
-    moved[:, :dim] += 0.06 * bubble * np.cos(2 * x_moved + np.arange(dim))
-    return moved
+    position = x.copy()
+    position[:, :dim] += 0.06 * bubble * np.cos(2 * x_moved + np.arange(dim))
+    return position
 
 
 # Stability: trial and weight functions may each form a stable pair with the pressure without being

@@ -471,8 +471,8 @@ def _make_quadratic_mesh(x: Array, y: Array, map_nodes: Callable[[Array], Array]
     return curved_mesh(on_lines(MPI.COMM_SELF, x, y, "triangle"), map_nodes)
 
 
-def _divide_interval(first: float, last: float, cells: int) -> Array:
-    return np.linspace(first, last, cells + 1, dtype=np.float64)
+def _divide_interval(start: float, end: float, cells: int) -> Array:
+    return np.linspace(start, end, cells + 1, dtype=np.float64)
 
 
 def _rotation_matrix(degrees: float) -> Array:
