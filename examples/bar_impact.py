@@ -34,7 +34,7 @@ wall = ContactPair(lambda x: np.isclose(x[1], 0), Plane((0, 0), (0, 1)))
 c = np.sqrt(E / rho)
 duration = 2.4 * length / c
 history = solve_impact(K, M, on_axis, wall, U, duration, thrown, frames=8)
-force = history.pairs[0].total[:, 1] / 1e3
+force = history.pairs[0].total_force[:, 1] / 1e3
 expected = rho * c * speed * np.pi * radius**2 / 1e3
 
 figure = plt.figure(figsize=(9, 7), layout="constrained")

@@ -39,7 +39,7 @@ f = assemble_vector(steel.surface_load((0, -load / (width * 0.1)), top))
 feet = [prescribe(U, i, lambda x: np.isclose(x[1], 0)) for i in (0, 1)]
 held = Reduction.dirichlet(U, feet)
 prestress = steel.stress(as_function(U, solve(K, f, held)))
-K_sigma = assemble_matrix(steel.initial_stress(prestress))
+K_sigma = assemble_matrix(steel.geometric_stiffness(prestress))
 modes = buckling(K, K_sigma, held, count=3)
 
 figure, axes = plt.subplots(1, 3, figsize=(9, 4.2), layout="constrained")

@@ -54,7 +54,7 @@ for k in range(steps):
 
 (pair,) = state.pairs
 scalars = Spaces.petrov_galerkin(mesh, 0)
-areas = SurfaceNodes.from_scalar_spaces(scalars, tread, SurfaceNodes.stretch(u))
+areas = SurfaceNodes.from_scalar_spaces(scalars, tread, SurfaceNodes.area_stretch(u))
 pressure, closed = areas.pressure(pair.force_normal), pair.status != OPEN
 x = (pair.position + pair.displacement)[closed, 0]
 

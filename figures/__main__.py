@@ -25,7 +25,7 @@ from figures.drawing import (
 )
 from study.paper.items import ITEMS
 from study.run.folder import ensure_writable
-from study.run.pool import Failed, Pool, Task
+from study.run.pool import Pool, Task, TaskFailure
 from study.run.store import Results, StudyError, write_json
 from study.run.supervisor import run_supervised
 
@@ -173,7 +173,7 @@ def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Dra
         if isinstance(outcome, Drawn):
             yield name, outcome
         else:
-            why = outcome.why if isinstance(outcome, Failed) else "its process was killed"
+            why = outcome.message if isinstance(outcome, TaskFailure) else "its process was killed"
             yield name, Drawn(None, [], why)
 
 

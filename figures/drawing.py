@@ -24,18 +24,18 @@ import figures
 from figures.narrow import narrowed
 from figures.style import MANY, style
 from study.run import files
-from study.run.cases import SECTIONS, page_source
+from study.run.cases import SECTIONS, find_page_source
 from study.run.pages import list_figures
-from study.run.sources import closure, reached_sources
+from study.run.sources import collect_imported_sources, digest_reached_sources
 from study.run.store import (
     CorruptResult,
     MissingResult,
     Results,
-    Stored,
+    StoredResult,
     StudyError,
     TrackedResults,
+    write_atomically,
     write_json,
-    write_whole,
 )
 
 FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "style"}
@@ -85,7 +85,7 @@ def scripts() -> list[str]:
 
 def page_figures() -> dict[str, str]:
     """Return the section of each figure that stands on the page of a section."""
-    return {name: one for one in SECTIONS for name in list_figures(page_source(one))}
+    return {name: one for one in SECTIONS for name in list_figures(find_page_source(one))}
 
 
 def load_script(name: str) -> Script:
@@ -220,7 +220,7 @@ class _Inputs(TrackedResults):
         self._digest(key)
         return super().__contains__(key)
 
-    def __getitem__(self, key: str) -> Stored:
+    def __getitem__(self, key: str) -> StoredResult:
         self._digest(key)
         return super().__getitem__(key)
 
@@ -276,10 +276,10 @@ def _draw(script: Script, name: str, results: Results) -> tuple[tuple[int, int],
         try:
             size = _pixels(figure)
             _lay_out(figure)
-            write_whole(picture(results.folder, name, "svg"), _svg(figure))
+            write_atomically(picture(results.folder, name, "svg"), _svg(figure))
             narrow = narrowed(script.draw(results))
             _lay_out(narrow)
-            write_whole(picture(results.folder, name, "narrow.svg"), _svg(narrow))
+            write_atomically(picture(results.folder, name, "narrow.svg"), _svg(narrow))
             return size, list(_pixels(narrow))
         finally:
             plt.close("all")
@@ -390,7 +390,7 @@ def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> 
     """
     digest = hashlib.sha256(_sources())
     if (section := page_figures().get(name)) is not None:
-        digest.update(json.dumps(reached_sources(SECTIONS[section], "FIGURES")).encode())
+        digest.update(json.dumps(digest_reached_sources(SECTIONS[section], "FIGURES")).encode())
     else:
         for path in (Path(part, f"{name}.py") for part in figures.__path__):
             digest.update(path.name.encode())
@@ -421,9 +421,9 @@ def _of_the_study(here: Path) -> Iterator[Path]:
     """Yield the sources of the study's modules that figures import."""
     for script in here.glob("*.py"):
         for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):
-            yield from closure(module).values()
+            yield from collect_imported_sources(module).values()
     for path in here.parent.glob("study/judge/measures/*.py"):
-        yield from closure(f"study.judge.measures.{path.stem}").values()
+        yield from collect_imported_sources(f"study.judge.measures.{path.stem}").values()
 
 
 def _note(folder: Path, name: str) -> Path:

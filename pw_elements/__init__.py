@@ -20,9 +20,9 @@ if not find_spec("dolfinx") or re.match(r"0\.([0-8]|10)\.", import_module("dolfi
     )
 
 from pw_elements.algebra import (
-    NoModes,
     PetrovGalerkinProblem,
     Reduction,
+    TooFewModes,
     buckling,
     critical_step,
     reactions,
@@ -59,7 +59,6 @@ __all__ = [
     "Direct",
     "Iterative",
     "Material",
-    "NoModes",
     "NotConverged",
     "PetrovGalerkinProblem",
     "Reduction",
@@ -67,6 +66,7 @@ __all__ = [
     "SingularSystem",
     "Spaces",
     "SurfaceNodes",
+    "TooFewModes",
     "as_function",
     "assemble_matrix",
     "assemble_scalar",

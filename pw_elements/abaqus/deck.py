@@ -47,16 +47,16 @@ KEY_OFFSET_PER_PART = 2**32
 MAX_ELEMENT_TYPES = 1000
 # Limit of the total number of members of all sets, and of keys compared with ranges: the first
 # number plus the second number times the number of nodes and elements
-MAX_SET_MEMBERS, MAX_MEMBERS_PER_ENTITY = 2_000_000, 20
+BASE_LIMIT_OF_TOTAL_SET_MEMBERS, TOTAL_SET_MEMBER_LIMIT_PER_NODE_OR_ELEMENT = 2_000_000, 20
 
-PartAndSetName = tuple[int, str]  # number of the part, and name of the set in the part
+PartNumberAndSetName = tuple[int, str]  # number of the part, and name of the set in the part
 
 
 class SetReference(NamedTuple):
     """Reference to a set in a row of another set; in surfaces, with a face of the elements."""
 
     set_kind: str
-    name: PartAndSetName
+    name: PartNumberAndSetName
     face: str = ""
 
 
@@ -73,7 +73,7 @@ class SetDefinition(NamedTuple):
         references: other sets that are part of the set.
     """
 
-    name: PartAndSetName
+    name: PartNumberAndSetName
     location: str
     set_kind: str
     keys: array
@@ -119,8 +119,8 @@ class AbaqusDeck:
         self.instance_names: dict[int, str] = {}
         self._part_of_instance: dict[str, int] = {}
         self.notes: list[str] = []
-        self.sets: dict[str, dict[PartAndSetName, Indices]] = {}
-        self.surfaces: dict[PartAndSetName, list[SurfaceMembers]] = {}
+        self.sets: dict[str, dict[PartNumberAndSetName, Indices]] = {}
+        self.surfaces: dict[PartNumberAndSetName, list[SurfaceMembers]] = {}
         self._part_numbers, self._current_part = {"": 0}, 0
         self._instance_offsets: dict[int, list[float]] = {}
         self._node_keys, self._coordinates = array("q"), array("d")
@@ -130,11 +130,11 @@ class AbaqusDeck:
         self._overlong_rows: dict[str, int] = {}
         self._blocks: dict[str, list[SetDefinition]] = {"NSET": [], "ELSET": [], "SURFACE": []}
         # names of sets in blocks of nodes and elements, with the range of rows of the block
-        self._rows_of_named_blocks: dict[str, list[tuple[PartAndSetName, int, int]]] = {
+        self._rows_of_named_blocks: dict[str, list[tuple[PartNumberAndSetName, int, int]]] = {
             "NSET": [],
             "ELSET": [],
         }
-        self._member_chunks: dict[str, dict[PartAndSetName, list[Indices]]] = {
+        self._member_chunks: dict[str, dict[PartNumberAndSetName, list[Indices]]] = {
             "NSET": {},
             "ELSET": {},
         }
@@ -230,10 +230,10 @@ class AbaqusDeck:
             self._coordinates.extend(x)
         self._record_set_named_in_block("NSET", block, start, len(self._node_keys))
         largest = max(map(abs, self._coordinates[3 * start :]), default=0.0)
-        if not largest <= arguments.MAX_MAGNITUDE:
+        if not largest <= arguments.MAX_ARGUMENT_MAGNITUDE:
             raise ValueError(
                 f"a coordinate is of the size {largest:.3g}, larger than "
-                f"{arguments.MAX_MAGNITUDE:g}"
+                f"{arguments.MAX_ARGUMENT_MAGNITUDE:g}"
             )
 
     def _add_elements(self, block: KeywordBlock) -> None:
@@ -298,7 +298,7 @@ class AbaqusDeck:
                 (self._read_set_name(block, set_kind), first_row, end_row)
             )
 
-    def _read_set_name(self, block: KeywordBlock, parameter: str) -> PartAndSetName:
+    def _read_set_name(self, block: KeywordBlock, parameter: str) -> PartNumberAndSetName:
         name = normalize_name(block.parameters[parameter], block.location)
         if not name:
             raise KeyError(parameter)
@@ -428,7 +428,10 @@ class AbaqusDeck:
         )  # row of each element in the table of its type
         for positions in self.members:
             self._row_in_table[positions] = np.arange(len(positions))
-        self._members_left = MAX_SET_MEMBERS + MAX_MEMBERS_PER_ENTITY * (len(self.x) + len(keys))
+        self._members_left = (
+            BASE_LIMIT_OF_TOTAL_SET_MEMBERS
+            + TOTAL_SET_MEMBER_LIMIT_PER_NODE_OR_ELEMENT * (len(self.x) + len(keys))
+        )
         for name, count in self._overlong_rows.items():
             self.notes.append(
                 f"{count} rows of {name} have more than {abaqus_element_type(name).n_nodes} nodes: "
@@ -447,8 +450,10 @@ class AbaqusDeck:
         self._members_left -= n_new_members
         if self._members_left < 0:
             raise ValueError(
-                f"{location}: the sets up to here have more than {MAX_SET_MEMBERS:g} members and "
-                f"{MAX_MEMBERS_PER_ENTITY} times the nodes and elements: is a set repeated?"
+                f"{location}: the sets up to here have more than "
+                f"{BASE_LIMIT_OF_TOTAL_SET_MEMBERS:g} members and "
+                f"{TOTAL_SET_MEMBER_LIMIT_PER_NODE_OR_ELEMENT} times the nodes and elements: is a "
+                "set repeated?"
             )
 
     # Sets
@@ -475,14 +480,16 @@ class AbaqusDeck:
         self.sets[set_kind] = {name: self._collect_set_members(set_kind, name, "") for name in sets}
 
     def _append_set_members(
-        self, set_kind: str, name: PartAndSetName, members: Indices, location: str
+        self, set_kind: str, name: PartNumberAndSetName, members: Indices, location: str
     ) -> None:
         chunks = self._member_chunks[set_kind].setdefault(name, [])
         if len(members) and not (len(chunks) == 1 and members is chunks[0]):
             self._spend_set_member_budget(len(members), location)
             chunks.append(members)
 
-    def _collect_set_members(self, set_kind: str, name: PartAndSetName, location: str) -> Indices:
+    def _collect_set_members(
+        self, set_kind: str, name: PartNumberAndSetName, location: str
+    ) -> Indices:
         """Return the positions of all members added to a set up to now, in ascending order."""
         chunks = self._member_chunks[set_kind].get(name)
         if chunks is None:

@@ -20,7 +20,7 @@ MAX_INCLUDED_FILES = 10_000
 MAX_CHARACTERS_PER_LINE = 1_000_000
 # Limit of the text that is read if files are included repeatedly: the first number times the sizes
 # of all files, plus the second number of characters
-MAX_REPETITION_FACTOR, MAX_REPEATED_CHARACTERS = 3, 1_000_000
+MAX_CHARACTERS_READ_OVER_FILE_SIZES, MAX_EXTRA_CHARACTERS_READ_BY_INCLUDES = 3, 1_000_000
 # Largest number of a node or element: the limit of CalculiX, which is higher than that of Abaqus
 MAX_NODE_OR_ELEMENT_NUMBER = 2**31 - 1
 # Parameters without a value
@@ -216,7 +216,8 @@ class _LineReaderWithIncludes:
         self._sizes[file.resolved] = file.size
         if (
             self._n_characters
-            > MAX_REPETITION_FACTOR * sum(self._sizes.values()) + MAX_REPEATED_CHARACTERS
+            > MAX_CHARACTERS_READ_OVER_FILE_SIZES * sum(self._sizes.values())
+            + MAX_EXTRA_CHARACTERS_READ_BY_INCLUDES
         ):
             raise ErrorWithFileAndLine(
                 f"{path} is included too often: its text would be read without end"

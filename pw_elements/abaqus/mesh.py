@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from pw_elements.abaqus.deck import (
     KEY_OFFSET_PER_PART,
     AbaqusDeck,
-    PartAndSetName,
+    PartNumberAndSetName,
     SurfaceMembers,
     sort_distinct,
 )
@@ -112,10 +112,10 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
     )
 
 
-def _make_unique_set_labels(deck: AbaqusDeck) -> dict[str, dict[PartAndSetName, str]]:
+def _make_unique_set_labels(deck: AbaqusDeck) -> dict[str, dict[PartNumberAndSetName, str]]:
     """Return the label of each set, by kind: its name, or "INSTANCE.NAME" if it is not unique."""
     used_parts = set(map(int, deck.used_part_numbers))
-    labels: dict[str, dict[PartAndSetName, str]] = {}
+    labels: dict[str, dict[PartNumberAndSetName, str]] = {}
     names_by_kind = {set_kind: dict.fromkeys(names) for set_kind, names in deck.sets.items()}
     for set_kind, names in {**names_by_kind, "SURFACE": dict.fromkeys(deck.surfaces)}.items():
         labels[set_kind] = {}
@@ -132,7 +132,7 @@ def _make_unique_set_labels(deck: AbaqusDeck) -> dict[str, dict[PartAndSetName, 
 
 def _select_elements(
     deck: AbaqusDeck,
-    set_labels: dict[str, dict[PartAndSetName, str]],
+    set_labels: dict[str, dict[PartNumberAndSetName, str]],
     cell_sets: Sequence[str] | None,
 ) -> Mask:
     """Return a mask of the elements in the ELSETs `cell_sets`, or by default of all used parts."""
@@ -491,7 +491,7 @@ class _NamedCellAndFacetSets:
     def __init__(
         self,
         deck: AbaqusDeck,
-        set_labels: dict[str, dict[PartAndSetName, str]],
+        set_labels: dict[str, dict[PartNumberAndSetName, str]],
         cells: _AbaqusCellTable,
         facets: _FacetTable,
     ) -> None:

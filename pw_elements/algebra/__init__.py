@@ -2,7 +2,7 @@
 
 from pw_elements.algebra.eigen import (
     BucklingModes,
-    NoModes,
+    TooFewModes,
     VibrationModes,
     buckling,
     critical_step,

@@ -20,7 +20,10 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra.linear import factorise, reraise_singular_system_with_cause, symmetric_part
-from pw_elements.algebra.problem_checks import check_problem, refuse_negative_trace_of_displacements
+from pw_elements.algebra.problem_checks import (
+    check_problem,
+    refuse_negative_displacement_block_trace,
+)
 from pw_elements.algebra.reduction import (
     Reduction,
     full_size_masking_reduction,
@@ -43,12 +46,12 @@ from pw_elements.solvers import (
     SolverReport,
     choose_solver,
     compute_with_direct_fallback,
-    is_matrix_free,
+    has_separate_supports,
     to_aij,
 )
 from pw_elements.spaces import AssemblyRecord, SubSpace, is_hybrid
 
-ModesType = TypeVar("ModesType")
+BucklingOrVibrationModes = TypeVar("BucklingOrVibrationModes")
 
 _EIGENSOLVER_RELATIVE_TOLERANCE = 1e-12
 _MAX_EIGENSOLVER_ITERATIONS = 500
@@ -63,7 +66,7 @@ _N_EXTRA_CONVERGED_EIGENVALUES = 6
 _SHIFT_OVER_LOWEST_ELASTIC_EIGENVALUE = 1e-2
 # Ratio of the lowest eigenvalue to the shift below which the body is slender. Copies of multiple
 # eigenvalues may then be missed, and the shift is reduced to this eigenvalue
-_SLENDER_BODY_EIGENVALUE_OVER_SHIFT = 1e-3
+_MAX_EIGENVALUE_OVER_SHIFT_OF_SLENDER_BODY = 1e-3
 # Eigenvalue, relative to that of a mode as short as an element, below which a mode is rigid. Rigid
 # modes of free bars, even slender ones, are below 1e-16. The first elastic mode of a clamped bar
 # that is 500 times as long as high, with elements as long as high, is at 7e-13
@@ -90,10 +93,10 @@ _MAX_LANCZOS_STEPS = 1000
 # Tolerance of the smallest eigenvalue, relative to the norm of the matrix
 _SMALLEST_EIGENVALUE_TOLERANCE_OVER_NORM = 1e-3
 # Size of a negative eigenvalue, relative to the largest eigenvalue, that counts as round-off
-_ROUND_OFF_OVER_LARGEST_EIGENVALUE = 1e-9
+_NEGATIVE_EIGENVALUE_ROUND_OFF_OVER_LARGEST = 1e-9
 
 
-class NoModes(RuntimeError):
+class TooFewModes(RuntimeError):
     """An eigenvalue problem has fewer modes than requested, or some modes did not converge."""
 
 
@@ -178,14 +181,14 @@ def vibration_modes(
         TypeError, ValueError: for arguments that do not fit together or are not finite, for
             matrices whose diagonals add up to less than zero, and for a `count` out of range.
         NotConverged: if an iterative solver does not reach its tolerance.
-        NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
-            for symmetrised matrices, if an eigenvalue lies below the shift.
+        TooFewModes: if fewer than `count` eigenvalues lie above the shift, or some did not
+            converge; for symmetrised matrices, if an eigenvalue lies below the shift.
     """
     request = _EigenmodeRequest(reduction, count, symmetrised, solver)
     request.check_eigenproblem(K, "the mass", M)
-    refuse_negative_trace_of_displacements("the mass", M, reduction.space)
+    refuse_negative_displacement_block_trace("the mass", M, reduction.space)
     K, M = to_aij(K), to_aij(M)
-    return request.compute_with_chosen_solver(
+    return request.compute_with_chosen_solver_or_direct_fallback(
         lambda choice: _compute_vibration_modes(K, M, request, choice)
     )
 
@@ -195,7 +198,7 @@ def _compute_vibration_modes(
     M: PETSc.Mat,
     request: "_EigenmodeRequest",
     solver: LinearSolver,
-    known_lowest_eigenvalue: float | None = None,
+    lowest_eigenvalue_of_first_attempt: float | None = None,
 ) -> VibrationModes:
     """Return vibration modes of a checked request.
 
@@ -204,22 +207,27 @@ def _compute_vibration_modes(
         M: mass (n, n).
         request: supports, number of modes, and whether the matrices are symmetrised.
         solver: linear solver.
-        known_lowest_eigenvalue: lowest eigenvalue, if it is known from an earlier attempt.
+        lowest_eigenvalue_of_first_attempt: lowest eigenvalue, if it is known from an earlier
+            attempt.
     """
     A, B, reduction = request.reduce_matrix_pair(M, K, solver)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
-        raise NoModes("the mass or stiffness matrix is zero or not finite")
+        raise TooFewModes("the mass or stiffness matrix is zero or not finite")
     shortest_eigenvalue = stiffness / mass  # of a mode as short as an element
     compact_shift = -_SHIFT_OVER_LOWEST_ELASTIC_EIGENVALUE * shortest_eigenvalue / B.getSize()[0]
-    shift = compact_shift if known_lowest_eigenvalue is None else -known_lowest_eigenvalue
+    shift = (
+        compact_shift
+        if lowest_eigenvalue_of_first_attempt is None
+        else -lowest_eigenvalue_of_first_attempt
+    )
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest
     # eigenvalue. `axpy` would lose the record of B, but never free the record and its mesh
     AssemblyRecord().attach(B)
-    mass_matrix = M if is_matrix_free(solver) else A
+    mass_matrix = M if has_separate_supports(solver) else A
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(shortest_eigenvalue)
-    if is_matrix_free(solver):  # the solver scales pressures according to B
+    if has_separate_supports(solver):  # the solver scales pressures according to B
         reduction = scale_pressures_to_displacements(
             full_size_masking_reduction(request.reduction), B
         )
@@ -227,7 +235,7 @@ def _compute_vibration_modes(
         A, B, reduction, request, solver, is_B_shifted=True
     )
     if mu.real.min() <= 0:
-        raise NoModes(
+        raise TooFewModes(
             f"only {np.sum(mu.real > 0)} of {request.count} eigenvalues lie above the shift "
             f"{shift:.6g}"
         )
@@ -236,8 +244,8 @@ def _compute_vibration_modes(
     elastic = values[~is_rigid]
     slowest = elastic.real.min(initial=np.inf)
     if (
-        known_lowest_eigenvalue is None
-        and 0 < slowest < -_SLENDER_BODY_EIGENVALUE_OVER_SHIFT * shift
+        lowest_eigenvalue_of_first_attempt is None
+        and 0 < slowest < -_MAX_EIGENVALUE_OVER_SHIFT_OF_SLENDER_BODY * shift
     ):
         modes = _compute_vibration_modes(K, M, request, solver, slowest)
         return replace(modes, report=modes.report.plus(report))
@@ -272,14 +280,14 @@ def buckling(
             stiffness whose diagonal adds up to less than zero, and for a `count` out of range.
         SingularSystem: if the supports leave a rigid motion of the body free.
         NotConverged: if an iterative solver does not reach its tolerance.
-        NoModes: if fewer than `count` factors are positive and belong to buckling, which is the
+        TooFewModes: if fewer than `count` factors are positive and belong to buckling, which is the
             case up to a prestress of 0.6 times the stiffness (`BucklingModes.prestress_ratios`); or
             if some factors did not converge.
     """
     request = _EigenmodeRequest(reduction, count, symmetrised, solver)
     request.check_eigenproblem(K, "the initial stress", K_sigma)
     K, K_sigma = to_aij(K), to_aij(K_sigma)
-    return request.compute_with_chosen_solver(
+    return request.compute_with_chosen_solver_or_direct_fallback(
         lambda choice: _compute_buckling_modes(K, K_sigma, request, choice)
     )
 
@@ -290,7 +298,7 @@ def _compute_buckling_modes(
     A, B, reduction = request.reduce_matrix_pair(K_sigma, K, solver)
     size = A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
-        raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
+        raise TooFewModes("the initial stress matrix is zero or not finite: there is no prestress")
     # -scale K_sigma d = mu K d with mu = scale/factor: the largest mu belongs to the smallest
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
@@ -300,7 +308,7 @@ def _compute_buckling_modes(
     )
     n_positive = np.sum(mu.real > _MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR)
     if mu.real.min() <= _MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR:
-        raise NoModes(
+        raise TooFewModes(
             f"only {n_positive} of {request.count} factors are positive: "
             "the load pulls where it should press"
         )
@@ -341,10 +349,10 @@ def _prestress_over_stiffness_at_unit_factor(
 def _check_prestress_ratios(
     buckling_factors: Array, prestress_ratios: Array, comm: MPI.Comm
 ) -> None:
-    """Raise NoModes if a ratio of prestress to stiffness is too large; warn if one is large."""
+    """Raise TooFewModes if a ratio of prestress to stiffness is too large; warn if one is large."""
     too_large = prestress_ratios > MAX_PRESTRESS_OVER_STIFFNESS
     if too_large.any():
-        raise NoModes(
+        raise TooFewModes(
             f"only {np.sum(~too_large)} of {len(buckling_factors)} factors are of buckling: at "
             "the factor "
             f"{buckling_factors[too_large][0]:.4g} the prestress is "
@@ -384,11 +392,11 @@ class _EigenmodeRequest:
         check_problem(pair, reductions=reductions, solver=self.solver)
         arguments.check_integer("count", self.count, 1)
         arguments.check_flag("symmetrised", self.symmetrised)
-        refuse_negative_trace_of_displacements("the stiffness", K, self.reduction.space)
+        refuse_negative_displacement_block_trace("the stiffness", K, self.reduction.space)
 
-    def compute_with_chosen_solver(
-        self, compute_modes: Callable[[LinearSolver], ModesType]
-    ) -> ModesType:
+    def compute_with_chosen_solver_or_direct_fallback(
+        self, compute_modes: Callable[[LinearSolver], BucklingOrVibrationModes]
+    ) -> BucklingOrVibrationModes:
         """Return `modes(solver)` with the requested solver, or with the one that "auto" chooses."""
         reason = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
         space, supports = self.reduction.space, self.reduction.supports
@@ -408,7 +416,7 @@ class _EigenmodeRequest:
         copy without supports.
         """
         reduction = scale_pressures_to_displacements(self.reduction, B)
-        if is_matrix_free(solver):
+        if has_separate_supports(solver):
             reduction = full_size_masking_reduction(reduction)
             return reduction.matrix(A), B.copy(), reduction
         A, B = reduction.matrix(A), reduction.matrix(B)
@@ -443,7 +451,9 @@ def _compute_modes_of_largest_eigenvalues(
     """
     count = request.count
     if count > A.getSize()[0]:
-        raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
+        raise TooFewModes(
+            f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for"
+        )
     inverse: PreparedSolver
     if isinstance(solver, Iterative):
         inverse = krylov = solver.prepare(B, request.symmetrised, reduction.supports)
@@ -477,12 +487,12 @@ def _compute_modes_of_largest_eigenvalues(
         with report_activity(comm, task):
             eigensolver.solve()
     except PETSc.Error as error:
-        raise NoModes(f"the eigenvalue solver broke down: {error}") from error
+        raise TooFewModes(f"the eigenvalue solver broke down: {error}") from error
     steps, method = eigensolver.getIterationNumber(), inverse.report.method
     summary = f"{task}: {steps} iterations, {method}, {perf_counter() - start:.2f} s"
     log_on_root(comm, logging.INFO, summary, ".eigen")
     if eigensolver.getConverged() < count:
-        raise NoModes(
+        raise TooFewModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
             f"in {steps} iterations"
         )
@@ -495,7 +505,10 @@ def _compute_modes_of_largest_eigenvalues(
             _expand_and_normalise_mode(reduction, imaginary if values[i].imag < 0 else real)
         )
     eigensolver.destroy()
-    if is_matrix_free(solver) and not residuals.max() <= _MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES:
+    if (
+        has_separate_supports(solver)
+        and not residuals.max() <= _MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES
+    ):
         raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), or raise ksp_max_it"
@@ -524,7 +537,7 @@ def _require_positive_definite(factorisation: PreparedSolver) -> None:
             "pair is not known to be positive definite: use Direct() with MUMPS"
         )
     if factorisation.negative_pivots > 0:
-        raise NoModes(
+        raise TooFewModes(
             "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
             "the symmetrised element is no stable one; refine the mesh"
         )
@@ -564,7 +577,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
         TypeError, ValueError: for arguments that do not fit together or are not finite, a stiffness
             that is not symmetric or has negative eigenvalues, or a mass that is not diagonal and
             positive.
-        NoModes: if the highest frequency is not found.
+        TooFewModes: if the highest frequency is not found.
     """
     check_problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
     if not _is_nearly_symmetric(K, _MAX_RELATIVE_ASYMMETRY_FROM_ASSEMBLY):
@@ -587,7 +600,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     eigensolver.setTolerances(_LARGEST_EIGENVALUE_RELATIVE_TOLERANCE, _MAX_LANCZOS_STEPS)
     eigensolver.solve()
     if eigensolver.getConverged() < 1:
-        raise NoModes("the highest frequency, and with it the critical step, was not found")
+        raise TooFewModes("the highest frequency, and with it the critical step, was not found")
     largest = eigensolver.getEigenvalue(0).real
     # a rough smallest eigenvalue suffices: a Ritz value is never below the exact one
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
@@ -596,13 +609,13 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     eigensolver.solve()
     least = eigensolver.getEigenvalue(0).real if eigensolver.getConverged() else 0.0
     eigensolver.destroy()
-    if least < -_ROUND_OFF_OVER_LARGEST_EIGENVALUE * abs(largest):
+    if least < -_NEGATIVE_EIGENVALUE_ROUND_OFF_OVER_LARGEST * abs(largest):
         raise ValueError(
             f"the stiffness over the mass has the eigenvalue {least:.3g}, the largest being "
             f"{largest:.3g}: a body's are not negative; look at the sign of its form"
         )
     if not 0 < largest < np.inf:
-        raise NoModes(f"the largest eigenvalue of mass and stiffness is {largest:.6g}")
+        raise TooFewModes(f"the largest eigenvalue of mass and stiffness is {largest:.6g}")
     return float(2 / np.sqrt(largest))
 
 

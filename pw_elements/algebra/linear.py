@@ -31,10 +31,10 @@ from pw_elements.solvers import (
     choose_solver,
     collect_garbage,
     compute_with_direct_fallback,
-    is_matrix_free,
+    has_separate_supports,
 )
 from pw_elements.spaces import (
-    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
+    CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS,
     SubSpace,
     is_hybrid,
     read_record,
@@ -74,13 +74,13 @@ def _solve_reduced_system(
 ) -> PETSc.Vec:
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
-    if is_matrix_free(solver):
+    if has_separate_supports(solver):
         reduction = scale_pressures_to_displacements(
             full_size_masking_reduction(reduction), K
-        ).for_load(K, f)
+        ).with_offset_for_load(K, f)
         prepared = solver.prepare(K, supports=reduction.supports)
     else:
-        reduction = scale_pressures_to_displacements(reduction, K).for_load(K, f)
+        reduction = scale_pressures_to_displacements(reduction, K).with_offset_for_load(K, f)
         matrix = reduction.matrix(K)
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
@@ -145,7 +145,7 @@ def has_free_constant_pressure(
     infinity = PETSc.NormType.INFINITY
     size = reduced_matrix.norm(infinity) * unknown.norm(infinity)
     return bool(
-        size > 0 and effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * size
+        size > 0 and effect.norm(infinity) <= CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS * size
     )
 
 

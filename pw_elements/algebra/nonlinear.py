@@ -33,7 +33,13 @@ from pw_elements.checks import (
     raise_errors_on_all_processes,
 )
 from pw_elements.progress import log_on_root, report_activity
-from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
+from pw_elements.solvers import (
+    Direct,
+    LinearSolver,
+    NotConverged,
+    SingularSystem,
+    has_separate_supports,
+)
 from pw_elements.spaces import (
     AssemblyRecord,
     Spaces,
@@ -318,7 +324,7 @@ class PetrovGalerkinProblem:
         arguments.check_type("u", u, fem.Function, "fem.Function(V) is an unknown")
         arguments.check_type("the residual", residual, ufl.Form, "an integrand times a measure")
         check_solver_type(solver)
-        if isinstance(solver, str) or is_matrix_free(solver):
+        if isinstance(solver, str) or has_separate_supports(solver):
             raise ValueError(
                 'Iterative() and "auto" solve with one free matrix under supports, not with '
                 "Newton's tangents: use Direct()"

@@ -18,7 +18,7 @@ from pw_elements.checks import arguments, raise_errors_on_all_processes
 from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
 _STIFFNESS_NAME_IN_MESSAGES = "the stiffness"
-_FROBENIUS, _INFINITY = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
+_FROBENIUS_NORM_TYPE, _INFINITY_NORM_TYPE = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
 # Row sum of a matrix above which its sum of squares may overflow although all entries are finite
 _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW = 1e100
 
@@ -78,7 +78,9 @@ def check_problem(
             _check_same_weights_and_stress_state(name, read_record(tensor), K_record)
     for name, matrix in matrices.items():
         # a sum of squares is NaN if any process has NaN; a largest value may lose it
-        frobenius, largest_sum = (matrix.norm(kind) for kind in (_FROBENIUS, _INFINITY))
+        frobenius, largest_sum = (
+            matrix.norm(kind) for kind in (_FROBENIUS_NORM_TYPE, _INFINITY_NORM_TYPE)
+        )
         if (
             not np.isfinite(frobenius)
             and not _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW < largest_sum < np.inf
@@ -88,7 +90,7 @@ def check_problem(
     for name, vector in all_vectors.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
-        arguments.check_magnitude(name, vector.norm(_INFINITY))
+        arguments.check_magnitude(name, vector.norm(_INFINITY_NORM_TYPE))
 
 
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
@@ -108,7 +110,7 @@ def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
         _check_same_weights_and_stress_state(name, record, K_record)
     if not is_finite(load):
         raise ValueError(f"{name} is not finite")
-    arguments.check_magnitude(name, load.norm(_INFINITY))
+    arguments.check_magnitude(name, load.norm(_INFINITY_NORM_TYPE))
 
 
 def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  # noqa: ANN401
@@ -193,7 +195,7 @@ def is_finite(vector: PETSc.Vec) -> bool:
     return bool(vector.comm.tompi4py().allreduce(is_local_part_finite, MPI.LAND))
 
 
-def refuse_negative_trace_of_displacements(
+def refuse_negative_displacement_block_trace(
     name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
 ) -> None:
     """Raise ValueError if the diagonal entries of the displacements have a negative sum.

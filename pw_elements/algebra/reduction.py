@@ -182,9 +182,9 @@ class Reduction:
 
         L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
 
-    A load f on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which `for_load`
-    adds to a_0. Reduced loads are not changed by this, since L^T K Q = 0. For Guyan's reduction,
-    apply the method `matrix` to the mass matrix as well.
+    A load f on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which
+    `with_offset_for_load` adds to a_0. Reduced loads are not changed by this, since L^T K Q = 0.
+    For Guyan's reduction, apply the method `matrix` to the mass matrix as well.
 
     Args:
         left: matrix L (n, n_r); for Dirichlet conditions the same object as `right`.
@@ -306,7 +306,7 @@ class Reduction:
         return cls(left, right, offset, Q, space)
 
     @check_same_arguments_on_all_processes
-    def for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
+    def with_offset_for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Return the reduction for a load f (n,), which may act on inner nodes.
 
         The displacements that the load causes at inner nodes are added to the offset.

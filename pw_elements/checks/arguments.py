@@ -2,7 +2,7 @@
 
 A wrong type raises TypeError, a wrong value raises ValueError. The parameter `name` of a check is
 the name of the user's argument, with which error messages begin. Numbers of any type are accepted
-if they are real, finite and in the range from `MIN_MAGNITUDE` to `MAX_MAGNITUDE`.
+if they are real, finite and in the range from `MIN_ARGUMENT_MAGNITUDE` to `MAX_ARGUMENT_MAGNITUDE`.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -28,7 +28,7 @@ LocalAndGlobalSize = tuple[int, int]  # local and global size of a distributed v
 
 # Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside of it,
 # norms become zero or infinite, and results lose digits without a warning
-MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-75, 1e75
+MIN_ARGUMENT_MAGNITUDE, MAX_ARGUMENT_MAGNITUDE = 1e-75, 1e75
 
 
 def as_list(value: object) -> list[Any]:
@@ -68,13 +68,15 @@ def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
     return callable(value) and not isinstance(value, other_callables)
 
 
-def check_magnitude(name: str, magnitude: float, min_nonzero: float = MIN_MAGNITUDE) -> None:
-    """Raise ValueError unless a magnitude is zero or from `min_nonzero` to `MAX_MAGNITUDE`."""
-    if magnitude > MAX_MAGNITUDE or 0 < magnitude < min_nonzero:
+def check_magnitude(
+    name: str, magnitude: float, min_nonzero: float = MIN_ARGUMENT_MAGNITUDE
+) -> None:
+    """Raise ValueError unless a magnitude is zero or within `min_nonzero` and the largest one."""
+    if magnitude > MAX_ARGUMENT_MAGNITUDE or 0 < magnitude < min_nonzero:
         raise ValueError(
-            f"{name} is of the size {magnitude:.3g}, out of the range {MIN_MAGNITUDE:g} to "
-            f"{MAX_MAGNITUDE:g} in which numbers keep their digits: choose units in which it is "
-            "nearer to one"
+            f"{name} is of the size {magnitude:.3g}, out of the range {MIN_ARGUMENT_MAGNITUDE:g} "
+            f"to {MAX_ARGUMENT_MAGNITUDE:g} in which numbers keep their digits: choose units in "
+            "which it is nearer to one"
         )
 
 
@@ -136,7 +138,7 @@ def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  
     return array.astype(float)
 
 
-def check_function_values(
+def check_user_function_values(
     name: str,
     values: object,
     shape: tuple[int, ...],

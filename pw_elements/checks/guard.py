@@ -63,12 +63,14 @@ _DEFERRED_ERROR_ATTRIBUTE = "_refusal"
 # Largest relative difference of values on two processes that may be due to round-off
 MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS = 1e-8
 # Largest numbers of points at which a function is compared: on each process, and in total
-_MAX_POINTS_PER_PROCESS, _MAX_POINTS = 64, 2**15
+_MAX_FUNCTION_SAMPLE_POINTS_PER_PROCESS, _MAX_FUNCTION_SAMPLE_POINTS_IN_TOTAL = 64, 2**15
 # Stack of flags, one for each open call: whether arguments have been compared already. Within
 # users' functions the last flag is False
-_arguments_compared_by_open_call = [False]
+_has_compared_arguments_by_open_call = [False]
 # Names of attributes that are searched for a communicator
-_ATTRIBUTES_WITH_COMMUNICATOR = "comm mesh function_space space _space u spaces displacement offset"
+_ATTRIBUTE_NAMES_SEARCHED_FOR_COMMUNICATOR = (
+    "comm mesh function_space space _space u spaces displacement offset"
+)
 
 
 @contextmanager
@@ -180,7 +182,13 @@ def check_same_function(
     """
     if comm.size == 1:
         return
-    n_points = max(2, min(_MAX_POINTS_PER_PROCESS, _MAX_POINTS // comm.size))
+    n_points = max(
+        2,
+        min(
+            _MAX_FUNCTION_SAMPLE_POINTS_PER_PROCESS,
+            _MAX_FUNCTION_SAMPLE_POINTS_IN_TOTAL // comm.size,
+        ),
+    )
     own_points = np.concatenate([evenly_spaced_rows(rows, n_points) for rows in points])
     all_points: Array = np.concatenate(comm.allgather(own_points))
     values: Array = np.empty(0)
@@ -230,7 +238,7 @@ def check_same_arguments_on_all_processes(function: DecoratedFunction) -> Decora
 
     @wraps(function)
     def call_checked(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-        if MPI.COMM_WORLD.size == 1 or _arguments_compared_by_open_call[-1]:
+        if MPI.COMM_WORLD.size == 1 or _has_compared_arguments_by_open_call[-1]:
             return function(*args, **kwargs)
         with raise_errors_on_all_processes(
             find_largest_communicator(*args, *kwargs.values())
@@ -286,11 +294,11 @@ def _raise_deferred_error(value: object) -> None:
 
 @contextmanager
 def _temporarily_set_arguments_compared(is_compared: bool) -> Iterator[None]:
-    _arguments_compared_by_open_call.append(is_compared)
+    _has_compared_arguments_by_open_call.append(is_compared)
     try:
         yield
     finally:
-        _arguments_compared_by_open_call.pop()
+        _has_compared_arguments_by_open_call.pop()
 
 
 def find_largest_communicator(*objects: object) -> MPI.Comm:
@@ -316,7 +324,7 @@ def _communicator_of(obj: Any) -> MPI.Comm | None:  # noqa: ANN401
         return next(map(_communicator_of, obj), None)
     if isinstance(obj, type):
         return None
-    for name in _ATTRIBUTES_WITH_COMMUNICATOR.split():
+    for name in _ATTRIBUTE_NAMES_SEARCHED_FOR_COMMUNICATOR.split():
         with suppress(Exception):  # errors of users' properties are raised later, on all processes
             if (owner := getattr(obj, name, None)) is not None:
                 return _communicator_of(owner)

@@ -34,10 +34,10 @@ from pw_elements.progress import log_on_root
 # Largest coordinate with which volumes do not overflow
 MAX_COORDINATE = 1e100
 # Smallest Jacobian determinant, relative to the dim-th power of the cell's size
-_MIN_RELATIVE_JACOBIAN_DETERMINANT = 1e-10
+_MIN_JACOBIAN_DETERMINANT_OVER_SIZE_POW_DIM = 1e-10
 # Largest length of the sum of an inner facet's two area vectors, relative to the sum of their
 # lengths. The ratio is 0, except for round-off, in valid meshes and 1 at a fold
-_MAX_RELATIVE_SUM_OF_AREA_VECTORS = 1e-6
+_MAX_FACET_AREA_VECTOR_SUM_OVER_AREA_SUM = 1e-6
 # Largest distance of points that count as coinciding, relative to the size of a facet
 _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE = 1e-6
 # Number of cells whose Jacobians are in memory at once
@@ -149,7 +149,8 @@ class _CellChecks:
             determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
             size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
             is_flat[batch] = (
-                np.abs(determinant).min(axis=0) <= _MIN_RELATIVE_JACOBIAN_DETERMINANT * size**dim
+                np.abs(determinant).min(axis=0)
+                <= _MIN_JACOBIAN_DETERMINANT_OVER_SIZE_POW_DIM * size**dim
             )
             is_inverted[batch] = determinant.min(axis=0) * determinant.max(axis=0) < 0
             side_cofactors[..., batch] = cofactor[:, :, : side_cofactors.shape[2]] * np.sign(
@@ -158,11 +159,11 @@ class _CellChecks:
         self._raise_if_any_cell(is_flat, "have no volume")
         self._raise_if_any_cell(is_inverted, "are turned inside out in a part of them")
         if dim > 1:
-            self._check_facet_folds_and_sharing(
+            self._set_facet_areas_and_check_folds(
                 np.broadcast_to(side_cofactors, (dim, dim, len(side_midpoints), n_cells))
             )
 
-    def _check_facet_folds_and_sharing(self, side_cofactors: Array) -> None:
+    def _set_facet_areas_and_check_folds(self, side_cofactors: Array) -> None:
         """Check that there are no folds and no facets with more than two cells; collective.
 
         Args:
@@ -197,7 +198,7 @@ class _CellChecks:
         residual_area = np.sqrt(sum(facet_sums[:, column] ** 2 for column in range(dim)))
         is_folded = (
             (n_cells == 2)
-            & (residual_area > _MAX_RELATIVE_SUM_OF_AREA_VECTORS * facet_sums[:, dim])
+            & (residual_area > _MAX_FACET_AREA_VECTOR_SUM_OVER_AREA_SUM * facet_sums[:, dim])
         )[self.facets].any(axis=0)
         self._raise_if_any_cell(
             (n_cells > 2)[self.facets].any(axis=0), "share a facet with two others"

@@ -14,6 +14,9 @@ from pw_elements.elasticity.forces import (
     nodal_flux,
     order_by_position,
 )
-from pw_elements.elasticity.incompressibility import HYBRID_SPACES_REMEDY, TangentBulkShearMonitor
+from pw_elements.elasticity.incompressibility import (
+    SINGULAR_STIFFNESS_WARNING_AND_REMEDY,
+    TangentBulkShearMonitor,
+)
 from pw_elements.elasticity.material import Material
 from pw_elements.elasticity.sibling import Sibling

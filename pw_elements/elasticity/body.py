@@ -35,7 +35,7 @@ from pw_elements.checks import (
     format_points,
 )
 from pw_elements.elasticity.incompressibility import (
-    HYBRID_SPACES_REMEDY,
+    SINGULAR_STIFFNESS_WARNING_AND_REMEDY,
     bulk_over_shear,
     has_only_parallelepiped_cells,
     max_bulk_over_shear_without_pressure,
@@ -57,7 +57,7 @@ VectorCoefficient: TypeAlias = Sequence[float] | Array | Expr
 # modulus). Its effect on natural frequencies is less than 1e-4 of the discretisation error, see
 # section V8 of the study
 _NON_POLYNOMIAL_QUADRATURE_DEGREE = 8
-# Poisson's ratio above which `Body.on` adds a pressure, and above which a warning is logged
+# Poisson's ratio above which `Body.from_mesh` adds a pressure, and above which a warning is logged
 _MIN_POISSONS_RATIO_FOR_HYBRID_SPACES = 0.48
 _MIN_POISSONS_RATIO_FOR_LOCKING_WARNING = 0.49
 _LOCKING_WARNING_MESSAGE = (
@@ -73,7 +73,7 @@ _CONTINUOUS_PRESSURE_WARNING_MESSAGE = (
 # Values up to these are round-off: a row sum of the mass matrix, relative to the diagonal entry; a
 # negative radius, relative to the largest radius
 _LUMPED_MASS_ROUND_OFF_OVER_DIAGONAL = 1e-12
-_RADIUS_ROUND_OFF_OVER_MAX_RADIUS = 1e-12
+_NEGATIVE_RADIUS_ROUND_OFF_OVER_MAX_RADIUS = 1e-12
 
 
 class StressState(Enum):
@@ -150,7 +150,7 @@ class Body:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
             largest_radius = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
-            if radius < -_RADIUS_ROUND_OFF_OVER_MAX_RADIUS * largest_radius:
+            if radius < -_NEGATIVE_RADIUS_ROUND_OFF_OVER_MAX_RADIUS * largest_radius:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
         if hybrid:
@@ -186,7 +186,7 @@ class Body:
 
     @classmethod
     @check_same_arguments_on_all_processes
-    def on(
+    def from_mesh(
         cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
         """Create a body with the element that its material needs.
@@ -195,7 +195,7 @@ class Body:
         the spaces of `Spaces.hybrid`, which is logged. Otherwise it gets the spaces of
         `Spaces.petrov_galerkin`.
 
-            body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
+            body = Body.from_mesh(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
 
         Args:
@@ -231,7 +231,7 @@ class Body:
             return ""
         return (
             f". The bulk modulus is {ratio:.3g} times the shear modulus, more than {limit:g}. "
-            f"With piecewise-linear weights on these cells {HYBRID_SPACES_REMEDY}"
+            f"With piecewise-linear weights on these cells {SINGULAR_STIFFNESS_WARNING_AND_REMEDY}"
         )
 
     def strain(self, u: Expr) -> Expr:
@@ -369,7 +369,7 @@ class Body:
         return self._integrate_over_body(ufl.inner(self._as_vector("force", force), v), 2)
 
     @check_same_arguments_on_all_processes
-    def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
+    def geometric_stiffness(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Return the bilinear form of the initial stress matrix, Eq. (25) and Eq. (26).
 
         Args:

@@ -44,7 +44,7 @@ from pw_elements.spaces import (
     gather_nodal_values,
     is_hybrid,
     locate_exterior_facets,
-    piecewise_linear_element,
+    piecewise_linear_sub_cell_element,
     quadratic_element,
     require_nodes,
     scalar_component_space,
@@ -54,7 +54,7 @@ from pw_elements.spaces import (
 _MIDSIDE_FORCE_FRACTION_KEPT = 3 / 4
 _MIDSIDE_FORCE_FRACTION_TO_VERTEX = 1 / 8
 # Integral of a node's weight function, divided by the tributary area, below which it counts as zero
-_ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA = 1e-9
+_WEIGHT_AREA_ROUND_OFF_OVER_TRIBUTARY_AREA = 1e-9
 
 NodalAreaKind = Literal["geometric", "weight"]
 
@@ -213,7 +213,7 @@ class SurfaceNodes:
     @classmethod
     @check_same_arguments_on_all_processes
     def from_body(
-        cls, body: Body, where: EntitySelection, stretch: Expr | None = None
+        cls, body: Body, where: EntitySelection, area_stretch: Expr | None = None
     ) -> "SurfaceNodes":
         """Collect the nodes of a part of a body's boundary.
 
@@ -225,17 +225,22 @@ class SurfaceNodes:
             where: part of the boundary, given in one of three ways: a marker, a function of points
                 (3, n) that returns a mask (n,) and has to hold at every vertex of a facet; local
                 numbers of facets, such as `MeshTags.find` returns; or a mask of all local facets.
-            stretch: ratio of deformed to undeformed area, from `SurfaceNodes.stretch`, if the areas
-                are to be those of the deformed boundary; by default they are undeformed areas.
+            area_stretch: ratio of deformed to undeformed area, from `SurfaceNodes.area_stretch`, if
+                the areas are to be those of the deformed boundary; by default they are undeformed
+                areas.
 
         Raises:
             ValueError: if no facet is selected, the marker raises an error or does not return truth
                 values, or a number does not belong to a facet.
         """
         arguments.check_type("body", body, Body, "Body(spaces, material, state) makes one")
-        arguments.check_type("stretch", stretch, Expr | None, "SurfaceNodes.stretch(u) makes it")
+        arguments.check_type(
+            "area_stretch", area_stretch, Expr | None, "SurfaceNodes.area_stretch(u) makes it"
+        )
         depth = (
-            body._out_of_plane_depth() if stretch is None else body._out_of_plane_depth() * stretch
+            body._out_of_plane_depth()
+            if area_stretch is None
+            else body._out_of_plane_depth() * area_stretch
         )
         return cls.from_scalar_spaces(
             _scalar_component_spaces(body.spaces.displacements), where, depth
@@ -263,20 +268,22 @@ class SurfaceNodes:
         depth = arguments.check_positive_coefficient("depth", depth, spaces.mesh.comm)
         position, weight_area, node = _gather_nodes_and_weight_areas(spaces, where, depth)
         linear_position, linear_area = position, weight_area
-        if spaces.test.ufl_element() != piecewise_linear_element(spaces.mesh.topology.cell_name()):
+        if spaces.test.ufl_element() != piecewise_linear_sub_cell_element(
+            spaces.mesh.topology.cell_name()
+        ):
             linear_position, linear_area, _ = _gather_nodes_and_weight_areas(
                 Spaces.petrov_galerkin(spaces.mesh, 0), where, depth
             )
         if not linear_area.min(initial=np.inf) > 0:
             raise ValueError("the depth or thickness is not positive: a node there has no area")
-        facets = _gather_nodes_of_facets(spaces.trial, where, node)
+        facets = _gather_facets_as_indices_into_nodes(spaces.trial, where, node)
         edges, rim_nodes = _find_edges_and_rim_nodes(facets, spaces.mesh)
         rim = np.isin(np.arange(len(position)), rim_nodes)
         tributary_area = linear_area[cKDTree(linear_position).query(position)[1]]
         return cls(position, weight_area, tributary_area, edges, rim, node, facets)
 
     @staticmethod
-    def stretch(u: fem.Function) -> Expr:
+    def area_stretch(u: fem.Function) -> Expr:
         """Return the ratio of deformed to undeformed area of a surface (in the plane, of length).
 
         Nominal pressures are contact forces divided by undeformed areas, true pressures are contact
@@ -284,7 +291,7 @@ class SurfaceNodes:
 
             spaces = Spaces.petrov_galerkin(mesh, 0)
             nominal = SurfaceNodes.from_scalar_spaces(spaces, top).pressure(pair.force_normal)
-            deformed = SurfaceNodes.from_scalar_spaces(spaces, top, SurfaceNodes.stretch(u))
+            deformed = SurfaceNodes.from_scalar_spaces(spaces, top, SurfaceNodes.area_stretch(u))
             true = deformed.pressure(pair.force_normal)
 
         Args:
@@ -315,7 +322,7 @@ class SurfaceNodes:
         """
         force = self._check_nodal_values(force)
         has_no_weight = (
-            self.weight_area < _ZERO_WEIGHT_AREA_OVER_TRIBUTARY_AREA * self.tributary_area
+            self.weight_area < _WEIGHT_AREA_ROUND_OFF_OVER_TRIBUTARY_AREA * self.tributary_area
         )
         area = np.where(has_no_weight, np.nan, self.weight_area)
         return (force.T / area).T
@@ -509,7 +516,7 @@ def _gather_nodes_sorted_by_position(
     return position[order], values[order], numbers[order]
 
 
-def _gather_nodes_of_facets(
+def _gather_facets_as_indices_into_nodes(
     space: fem.FunctionSpace, where: EntitySelection, global_nodes: Indices
 ) -> Indices:
     """Gather the facets of all processes.

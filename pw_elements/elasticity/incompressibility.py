@@ -42,7 +42,7 @@ MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS = 250.0
 STRAIGHT_CELL_TOLERANCE_OVER_EXTENT = 1e-8
 PARALLELEPIPED_TOLERANCE_OVER_EDGE = 1e-12
 
-HYBRID_SPACES_REMEDY = (
+SINGULAR_STIFFNESS_WARNING_AND_REMEDY = (
     "the stiffness may be singular there, or its determinant negative, and displacements may be "
     "off by any amount: add a pressure, Spaces.hybrid(mesh), which serves up to and including "
     "nu = 0.5"
@@ -217,7 +217,7 @@ class TangentBulkShearMonitor:
                 f"the tangent's bulk stiffness is up to {largest:.3g} times its shear stiffness, "
                 f"in {len(midpoints)} cells, first around {format_points(midpoints[:3])}, more "
                 f"than {self._limit:g} times. With displacements and piecewise-linear weights on "
-                f"such cells {HYBRID_SPACES_REMEDY}. "
+                f"such cells {SINGULAR_STIFFNESS_WARNING_AND_REMEDY}. "
                 "Signs of determinants do not tell instability there",
                 ".contact",
             )

@@ -26,7 +26,7 @@ from pw_elements.solvers import to_aij
 from pw_elements.spaces import read_record
 
 # Largest round-off in the sum of the weights with which unprescribed nodes enter a coefficient
-_FREE_NODE_WEIGHT_ROUND_OFF = 1e-9
+_MAX_ROUND_OFF_OF_FREE_NODE_WEIGHT_SUM = 1e-9
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Sibling:
             TypeError, ValueError: if f is not a finite vector of the space, or was assembled with
                 other test functions than those of the standard element.
         """
-        self._check_vector_of_space("the load", standard_load)
+        self._check_finite_vector_of_standard_element("the load", standard_load)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard_load, load)
         return replace(read_record(standard_load), sibling=self).attach(load)
@@ -129,7 +129,7 @@ class Sibling:
         Raises:
             TypeError, ValueError: if a is not a finite vector of the space.
         """
-        self._check_vector_of_space("the coefficients", coefficients)
+        self._check_finite_vector_of_standard_element("the coefficients", coefficients)
         return self.basis * coefficients
 
     @check_same_arguments_on_all_processes
@@ -144,7 +144,7 @@ class Sibling:
         Raises:
             TypeError, ValueError: if u is not a finite vector of the space.
         """
-        self._check_vector_of_space("the displacement", displacement)
+        self._check_finite_vector_of_standard_element("the displacement", displacement)
         return self.inverse * displacement
 
     @check_same_arguments_on_all_processes
@@ -163,7 +163,9 @@ class Sibling:
         free = standard.right.getRowSum()
         free_part = (self.basis * free).array_r * (1 - free.array_r)
         dim, block = self.space.mesh.geometry.dim, self.space.dofmap.index_map_bs
-        nodes = np.unique(np.flatnonzero(free_part > _FREE_NODE_WEIGHT_ROUND_OFF) // block)
+        nodes = np.unique(
+            np.flatnonzero(free_part > _MAX_ROUND_OFF_OF_FREE_NODE_WEIGHT_SUM) // block
+        )
         x = self.space.tabulate_dof_coordinates()[nodes, :dim]
         x = np.concatenate(self.space.mesh.comm.allgather(x))
         if len(x):
@@ -175,7 +177,7 @@ class Sibling:
         offset.setArray(offset.array_r * (1 - free.array_r))
         return replace(standard, offset=offset)
 
-    def _check_vector_of_space(self, name: str, vector: PETSc.Vec) -> None:
+    def _check_finite_vector_of_standard_element(self, name: str, vector: PETSc.Vec) -> None:
         with raise_errors_on_all_processes(self.space.mesh.comm):
             arguments.check_petsc_vector(name, vector, "the space", self.space)
             self._check_made_by_standard_element(name, vector)

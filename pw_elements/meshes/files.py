@@ -51,8 +51,8 @@ def from_file(
     Args:
         path: path of the file.
         comm: communicator of the mesh.
-        cells: for an `.inp` file, names of the ELSETs whose elements become cells; by default all
-            elements of the highest dimension.
+        cells: for an `.inp` file, names of the ELSETs whose elements become cells; by default
+            all elements of the highest dimension.
 
     Raises:
         FileNotFoundError: if the file, or a file that it includes, does not exist.

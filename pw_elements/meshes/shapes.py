@@ -136,7 +136,7 @@ def _evaluate_point_map(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
             call_user_function(mesh.comm, "the image of the mesh", point_map, x.copy())
         )
         shape = (len(x), dim if returned.shape[1:] == (dim,) else 3)
-        image_points = arguments.check_function_values(
+        image_points = arguments.check_user_function_values(
             "the image of the mesh", returned, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
         )
         if not np.isfinite(image_points).all():

@@ -5,12 +5,12 @@ from pw_elements.solvers.direct import (
     Direct,
     FreeConstantPressure,
     LinearSolver,
-    MatrixFreeSolver,
     NotConverged,
     PreparedSolver,
+    SeparateSupportsSolver,
     SingularSystem,
     SolverReport,
-    is_matrix_free,
+    has_separate_supports,
 )
 from pw_elements.solvers.iterative import (
     ITERATIVE_NEEDS_SUPPORTS_MESSAGE,

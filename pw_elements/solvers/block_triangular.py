@@ -20,16 +20,16 @@ from pw_elements.solvers.matrices import (
     galerkin_product,
     matrix_from_python_context,
 )
-from pw_elements.solvers.multigrid import Multigrid, linear_space_and_interpolation
+from pw_elements.solvers.multigrid import Multigrid, linear_space_vertex_nodes_and_interpolation
 from pw_elements.spaces import (
-    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
+    CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS,
     SubSpace,
     pressure_equilibration_scales,
 )
 
 # For each cell type: least and largest eigenvalue of the P1 or Q1 mass matrix scaled to a unit
 # diagonal, and degree of the Chebyshev polynomial that approximates the inverse of this matrix
-_MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE = {
+_MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE_BY_CELL = {
     "triangle": (0.5, 2.0, 6),
     "quadrilateral": (0.25, 2.25, 9),
     "tetrahedron": (0.5, 2.5, 6),
@@ -148,7 +148,7 @@ class BlockTriangularPreconditioner:
         operator.mult(constant, effect)
         infinity = PETSc.NormType.INFINITY
         stiffness = self.displacement_block[0].norm(infinity)
-        return bool(effect.norm(infinity) <= MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS * stiffness)
+        return bool(effect.norm(infinity) <= CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS * stiffness)
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         values = x.array_r
@@ -185,7 +185,7 @@ def _pressure_mass_over_twice_shear_modulus(
         volume_change_matrix: matrix that takes displacements to integrals of the volume change.
     """
     mesh = displacement_space.mesh
-    linear, _, P = linear_space_and_interpolation(displacement_space)
+    linear, _, P = linear_space_vertex_nodes_and_interpolation(displacement_space)
     u, v = ufl.TrialFunction(linear), ufl.TestFunction(linear)
     unit = assemble_matrix(fem.form(2 * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx))
     unit.assemble()
@@ -212,7 +212,7 @@ def _pressure_mass_over_twice_shear_modulus(
 
 
 def _create_pressure_mass_solver(mass: PETSc.Mat, cell: str) -> PETSc.KSP:
-    least, largest, degree = _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE[cell]
+    least, largest, degree = _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE_BY_CELL[cell]
     ksp = PETSc.KSP().create(mass.comm)
     ksp.setOperators(mass)
     ksp.setType("chebyshev")

@@ -167,7 +167,7 @@ class LinearSolver(Protocol):
         """
 
 
-class MatrixFreeSolver(Protocol):
+class SeparateSupportsSolver(Protocol):
     """A `LinearSolver` that takes a matrix without supports, and the supports separately.
 
     Other solvers take a matrix that has been reduced by the supports. Here right-hand sides and
@@ -196,7 +196,7 @@ class MatrixFreeSolver(Protocol):
         """
 
 
-def is_matrix_free(solver: object) -> TypeGuard[MatrixFreeSolver]:
+def has_separate_supports(solver: object) -> TypeGuard[SeparateSupportsSolver]:
     """Return whether a solver takes a matrix without supports, and the supports separately."""
     return bool(getattr(solver, "matrix_free", False))
 

@@ -36,9 +36,11 @@ from pw_elements.solvers.multigrid import Multigrid
 from pw_elements.solvers.rigid_components import has_free_rigid_motion
 from pw_elements.spaces import is_hybrid
 
-_VectorMap: TypeAlias = Callable[[Array], Array]
+_ArrayToArrayFunction: TypeAlias = Callable[[Array], Array]
 # (product, precondition, rhs, max_residual) -> x with |rhs - product(x)| <= max_residual
-_ExternalIterateFunction: TypeAlias = Callable[[_VectorMap, _VectorMap, Array, float], Array]
+_UserKrylovSolveFunction: TypeAlias = Callable[
+    [_ArrayToArrayFunction, _ArrayToArrayFunction, Array, float], Array
+]
 
 ITERATIVE_NEEDS_SUPPORTS_MESSAGE = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
@@ -157,7 +159,7 @@ class KrylovSolver:
         matrix: PETSc.Mat,
         supports: Supports,
         settings: Iterative,
-        external_iterate: _ExternalIterateFunction | None = None,
+        external_iterate: _UserKrylovSolveFunction | None = None,
     ) -> None:
         self._matrix, self._external_iterate = matrix, external_iterate
         self.tolerance, self.options = settings.tolerance, settings.options
@@ -291,28 +293,30 @@ class KrylovSolver:
 class _ExternalKrylovMethod:
     """Krylov method of a user's solver, as the Python context of a `PETSc.KSP`."""
 
-    def __init__(self, iterate: _ExternalIterateFunction) -> None:
+    def __init__(self, iterate: _UserKrylovSolveFunction) -> None:
         self._iterate = iterate
         self.error: BaseException | None = None  # PETSc would raise an error of its own instead
 
     def solve(self, ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
         comm, self.error = rhs.comm.tompi4py(), None
 
-        def map_arrays(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> _VectorMap:
+        def as_array_function(
+            apply: Callable[[PETSc.Vec, PETSc.Vec], None],
+        ) -> _ArrayToArrayFunction:
             x, y = rhs.duplicate(), rhs.duplicate()
 
-            def image(values: Array) -> Array:
+            def apply_to_array(values: Array) -> Array:
                 with raise_errors_on_all_processes(comm) as same:  # all processes iterate
                     same["the next step of iterate"] = apply.__name__
                     x.setArray(_check_local_vector_values(values, x))
                 apply(x, y)
                 return np.array(y.array_r)
 
-            return image
+            return apply_to_array
 
         product, precondition = (
-            map_arrays(ksp.getOperators()[0].mult),
-            map_arrays(ksp.getPC().apply),
+            as_array_function(ksp.getOperators()[0].mult),
+            as_array_function(ksp.getPC().apply),
         )
         max_residual = ksp.getTolerances()[1]
         try:
@@ -344,7 +348,7 @@ def solve_with_ksp(
 
 def _check_local_vector_values(values: Array, vector: PETSc.Vec) -> Array:
     layout = "it takes and gives this process' part of vectors (n,)"
-    return arguments.check_function_values(
+    return arguments.check_user_function_values(
         "iterate", np.ravel(values), vector.array_r.shape, layout
     )
 

@@ -24,14 +24,14 @@ from pw_elements.spaces import read_record
 
 # Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
 # any block size. And largest number of parts to convert, since their products have to be added
-_MIN_ROWS_PER_CONVERTED_PART = 12_000
-_MAX_CONVERTED_PARTS = 32
+_MIN_ROWS_PER_AIJ_CONVERSION = 12_000
+_MAX_AIJ_CONVERSIONS_PER_PRODUCT = 32
 # Number of rows of a dense QR factorisation, limited to save memory
 _MAX_ROWS_PER_DENSE_QR = 20_000
 # Largest number of modes for which dense algebra is used, where it is faster than sparse algebra
 _MAX_DENSE_MODES = 60
 # Size of displacements and forces, in a mode of unit size, that counts as round-off
-_ROUND_OFF_IN_UNIT_MODE = 1e-13
+_ENTRY_ROUND_OFF_OVER_MODE_SIZE = 1e-13
 
 
 def is_stored_in_blocks(matrix: PETSc.Mat) -> bool:
@@ -56,8 +56,8 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows_in_K: Indices | None = Non
     comm, P_rows = K.comm, np.arange(*P.getOwnershipRange())
     K_rows = P_rows if rows_in_K is None else rows_in_K
     n_rows = comm.tompi4py().allreduce(len(P_rows), MPI.MAX)
-    step = _MIN_ROWS_PER_CONVERTED_PART * max(
-        1, -(-n_rows // (_MIN_ROWS_PER_CONVERTED_PART * _MAX_CONVERTED_PARTS))
+    step = _MIN_ROWS_PER_AIJ_CONVERSION * max(
+        1, -(-n_rows // (_MIN_ROWS_PER_AIJ_CONVERSION * _MAX_AIJ_CONVERSIONS_PER_PRODUCT))
     )
     K_columns, total = index_set(K_rows, comm), None
     P_columns = index_set(np.arange(*P.getOwnershipRangeColumn()), comm)
@@ -195,7 +195,7 @@ def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Ar
     """
     if isinstance(rows, np.ndarray) or rows.shape[1] <= _MAX_DENSE_MODES:
         return _dense_qr_triangle(rows, comm)
-    rows.data[np.abs(rows.data) < _ROUND_OFF_IN_UNIT_MODE] = 0.0
+    rows.data[np.abs(rows.data) < _ENTRY_ROUND_OFF_OVER_MODE_SIZE] = 0.0
     rows.eliminate_zeros()
     rows = rows[np.diff(rows.indptr) > 0]
     count, group = connected_components(
@@ -351,7 +351,7 @@ class ConstraintProjection:
             constrained = np.einsum("nij,nj->ni", self._free_part, sources[self._nodes])
             vectors[self._nodes] += self._stiffnesses * constrained
 
-    def constrained_nodes_and_projectors(
+    def constrained_nodes_free_projectors_and_stiffness(
         self, extra_nodes: Sequence[int] | Indices = ()
     ) -> tuple[Indices, Array, Array]:
         """Return all nodes with a constraint, together with their projectors.
@@ -380,7 +380,7 @@ class ConstraintProjection:
             nodes: local numbers (k,) of the nodes in ascending order.
         """
         projectors = np.tile(np.eye(self._block), (len(nodes), 1, 1))
-        constrained, free, _ = self.constrained_nodes_and_projectors()
+        constrained, free, _ = self.constrained_nodes_free_projectors_and_stiffness()
         is_asked = np.isin(constrained, nodes)
         projectors[np.searchsorted(nodes, constrained[is_asked])] = free[is_asked]
         return projectors

@@ -40,7 +40,7 @@ _CHANGED_NODE_FRACTION_TO_REAGGREGATE = 0.5
 _MIN_COUNTED_PROJECTOR_CHANGE = 0.3
 
 
-def linear_space_and_interpolation(
+def linear_space_vertex_nodes_and_interpolation(
     space: fem.FunctionSpace,
 ) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
     """Return the space of linear functions on the same mesh, and their interpolation.
@@ -112,7 +112,7 @@ class LinearCoarseLevel:
         space = supports.space
         self._K, self._fine, self._space = K, fine, space
         self._block = space.dofmap.index_map_bs
-        linear, self._vertex_node, self._P = linear_space_and_interpolation(space)
+        linear, self._vertex_node, self._P = linear_space_vertex_nodes_and_interpolation(space)
         free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
         self._coarse = ConstraintProjection(free, self._block)
         at_vertices, at_nodes = self._P.createVecs()
@@ -129,7 +129,7 @@ class LinearCoarseLevel:
         self._matrix: PETSc.Mat | None = None
         self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
 
-    def set_contact_nodes(self, nodes: Indices) -> None:
+    def set_contact_nodes_once(self, nodes: Indices) -> None:
         """Set the nodes that contact may constrain.
 
         Only the first call has an effect.
@@ -306,7 +306,9 @@ class _NodeBlockJacobiSmoother:
     ) -> None:
         """Recompute the inverse blocks at constrained nodes and at nodes with springs."""
         nodes, stiffness = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
-        self._nodes, free, weighted = projection.constrained_nodes_and_projectors(nodes)
+        self._nodes, free, weighted = projection.constrained_nodes_free_projectors_and_stiffness(
+            nodes
+        )
         blocks = np.linalg.inv(self._inverse_diagonal_blocks()[self._nodes])
         blocks[np.searchsorted(self._nodes, nodes)] += stiffness
         self._constrained_inverse = np.asarray(np.linalg.inv(free @ blocks @ free + weighted))
@@ -432,7 +434,7 @@ class Multigrid:
         self._constrained.springs = springs
         if springs is None:
             self._projection.set_constrained_directions(nodes, projectors, stiffnesses)
-            self._linear.set_contact_nodes(nodes)
+            self._linear.set_contact_nodes_once(nodes)
         is_first_call = self._coarse_projectors is None
         if self._coarse_projectors is None or self._aggregate_projectors is None:
             self._coarse_projectors = self._aggregate_projectors = np.zeros_like(projectors)

@@ -87,7 +87,7 @@ class ComponentRigidModes:
         shape = n * block, len(self.centre) * k + n_empty_columns
         return sp.csr_array((values_in_modes[nonzero], mode[nonzero], pointers), shape)
 
-    def resistance_to_modes(
+    def forces_and_support_displacements_of_modes(
         self,
         K: PETSc.Mat,
         free: Mask,
@@ -124,16 +124,22 @@ class ComponentRigidModes:
             multiply(motion, image)
             return image.array_r[rows_in_K].reshape(free.shape)
 
-        def resist(modes: Array) -> Array:
+        def force_or_support_displacement(modes: Array) -> Array:
             columns = [np.where(free, forces(u) / stiffness, u) for u in np.moveaxis(modes, 2, 0)]
             return np.stack(columns, axis=2)
 
         if not self._has_coupled_components(forces, stiffness):
-            return self.matrix_with_mode_columns(resist(self.modes), n_empty_columns)
+            return self.matrix_with_mode_columns(
+                force_or_support_displacement(self.modes), n_empty_columns
+            )
         component = self.component_of_node[: len(free), None, None]
         shape = len(rows_in_K), self.modes.shape[2]
         columns = [
-            sp.csr_array(resist(np.where(component == k, self.modes, 0.0)).reshape(shape))
+            sp.csr_array(
+                force_or_support_displacement(np.where(component == k, self.modes, 0.0)).reshape(
+                    shape
+                )
+            )
             for k in range(len(self.centre))
         ]
         return sp.csr_array(sp.hstack([*columns, sp.csr_array((len(rows_in_K), n_empty_columns))]))
@@ -174,5 +180,7 @@ def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
         supports: free unknowns of the space.
     """
     components = ComponentRigidModes.from_space(supports.space)
-    resistance = qr_triangle(components.resistance_to_modes(K, supports.free), components.comm)
+    resistance = qr_triangle(
+        components.forces_and_support_displacements_of_modes(K, supports.free), components.comm
+    )
     return len(null_space_basis([resistance], _MAX_FREE_OVER_ARBITRARY_MOTION_STIFFNESS)) > 0

@@ -12,9 +12,9 @@ from pw_elements.spaces.assembly import (
     compile_form,
     read_record,
 )
-from pw_elements.spaces.elements import piecewise_linear_element, quadratic_element
+from pw_elements.spaces.elements import piecewise_linear_sub_cell_element, quadratic_element
 from pw_elements.spaces.hybrid import (
-    MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS,
+    CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS,
     SubSpace,
     has_discontinuous_pressure,
     is_hybrid,

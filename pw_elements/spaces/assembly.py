@@ -45,7 +45,7 @@ from pw_elements.spaces.elements import (
 # Key under which the metadata of a body's integrals store the state of stress
 STRESS_STATE_METADATA_KEY = "stress_state"
 
-T = TypeVar("T", PETSc.Mat, PETSc.Vec)
+MatOrVec = TypeVar("MatOrVec", PETSc.Mat, PETSc.Vec)
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class AssemblyRecord:
         }
         return cls(compiled_form, stress_states=frozenset(stress_states - {None}))
 
-    def attach(self, tensor: T) -> T:
+    def attach(self, tensor: MatOrVec) -> MatOrVec:
         """Attach the record, which contains the form, to a matrix or vector, and return it."""
         tensor.setAttr("assembled", self)
         return tensor

@@ -32,7 +32,7 @@ from pw_elements.arrays import Array, Mask
 
 _TETRAHEDRON = CellType.tetrahedron
 # Distance from a side, in the reference cell, below which a point counts as lying on the side
-_SIDE_TOLERANCE_IN_PARENT_CELL = 1e-10
+_SIDE_TOLERANCE_IN_REFERENCE_CELL = 1e-10
 
 SUPPORTED_CELL_NAMES = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
@@ -52,7 +52,7 @@ def tetrahedron_twelve_cell_quadrature(degree: int) -> tuple[Array, Array]:
         scheme = QuadratureType.xiao_gimbutas
         points, weights = basix.make_quadrature(_TETRAHEDRON, degree, rule=scheme)
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
-    corners, _, _ = _twelve_cell_geometry_and_weights()
+    corners, _, _ = _twelve_cell_geometry_and_weight_functions()
     determinant = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     return (barycentric @ corners).reshape(-1, 3), np.outer(determinant, weights).ravel()
 
@@ -94,7 +94,7 @@ class TwelveCellTetrahedron(basix.ufl._BasixElement):
         Raises:
             ValueError: if the sub-cells do not contain equal numbers of quadrature points.
         """
-        _, inverse, nodal = _twelve_cell_geometry_and_weights()
+        _, inverse, nodal = _twelve_cell_geometry_and_weight_functions()
         barycentric = np.einsum(
             "cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points])
         )
@@ -128,10 +128,12 @@ def _refuse_points_unequally_many_in_sub_cells(
     # values may be tabulated at any points, for interpolation for example, except at the points of
     # FFCx's rules for the whole tetrahedron and for a single cut
     rules = [] if derivative_order else _ffcx_tetrahedron_points_by_count().get(len(points), [])
-    is_rule = any(np.allclose(points, rule, atol=_SIDE_TOLERANCE_IN_PARENT_CELL) for rule in rules)
+    is_rule = any(
+        np.allclose(points, rule, atol=_SIDE_TOLERANCE_IN_REFERENCE_CELL) for rule in rules
+    )
     if not (is_inside.any() if derivative_order else is_rule):
         return
-    is_in_cell = least_barycentric[:, is_inside] > _SIDE_TOLERANCE_IN_PARENT_CELL
+    is_in_cell = least_barycentric[:, is_inside] > _SIDE_TOLERANCE_IN_REFERENCE_CELL
     counts = is_in_cell.sum(axis=1)
     if np.any(counts != counts[0]) or counts.sum() != is_inside.sum():
         raise ValueError(
@@ -144,7 +146,9 @@ def _refuse_points_unequally_many_in_sub_cells(
 
 def _is_inside_reference_tetrahedron(points: Array) -> Mask:
     """Return whether points (n, 3) lie in the interior of the reference tetrahedron."""
-    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE_IN_PARENT_CELL
+    return (
+        np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE_IN_REFERENCE_CELL
+    )
 
 
 @functools.cache
@@ -163,7 +167,7 @@ def _ffcx_tetrahedron_points_by_count() -> dict[int, list[Array]]:
 
 
 @functools.cache
-def _twelve_cell_geometry_and_weights() -> tuple[Array, Array, Array]:
+def _twelve_cell_geometry_and_weight_functions() -> tuple[Array, Array, Array]:
     """Return geometry and weight functions of the twelve sub-cells of the reference tetrahedron.
 
     Returns:
@@ -185,7 +189,7 @@ def _twelve_cell_geometry_and_weights() -> tuple[Array, Array, Array]:
 
 
 @functools.cache
-def piecewise_linear_element(
+def piecewise_linear_sub_cell_element(
     cell: str, value_shape: tuple[int, ...] = ()
 ) -> basix.ufl._ElementBase:
     """Create the element of piecewise-linear weight functions, Eq. (15) to Eq. (20).

@@ -21,7 +21,7 @@ from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import count_local_and_global_dofs, raise_errors_on_all_processes
 
 # Effect of a constant pressure, relative to the largest stiffness, below which it is round-off
-MAX_FREE_PRESSURE_EFFECT_OVER_STIFFNESS = 1e-10
+CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS = 1e-10
 
 
 def displacement_pressure_element(

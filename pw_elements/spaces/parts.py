@@ -50,7 +50,7 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     if n == 0:
         return np.zeros(0, dtype=bool)
     layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
-    return arguments.check_function_values(
+    return arguments.check_user_function_values(
         name, call_user_function(comm, name, marker, np.array(x, order="C")), (n,), layout, bool
     )
 
@@ -229,10 +229,10 @@ class _MarkerRecorder:
             return
         where, x, marks = self._where, np.concatenate(self._points), np.concatenate(self._marks)
 
-        def marker_of_rows(points: Array) -> Mask:
+        def evaluate_marker_at_rows(points: Array) -> Mask:
             return cast(Marker, where)(np.array(points.T, order="C"))
 
-        check_same_function(self._comm, self._name, marker_of_rows, x[marks], x[~marks])
+        check_same_function(self._comm, self._name, evaluate_marker_at_rows, x[marks], x[~marks])
 
 
 def piecewise_constants_by_tag(

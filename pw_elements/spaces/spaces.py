@@ -22,7 +22,7 @@ from pw_elements.checks import (
     check_same_arguments_on_all_processes,
     raise_errors_on_all_processes,
 )
-from pw_elements.spaces.elements import piecewise_linear_element, quadratic_element
+from pw_elements.spaces.elements import piecewise_linear_sub_cell_element, quadratic_element
 from pw_elements.spaces.hybrid import (
     SubSpace,
     displacement_pressure_element,
@@ -145,8 +145,8 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 
     Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
     assembled matrix then belongs to the same node as column i. For tetrahedra see
-    `piecewise_linear_element`. For a mixed space of displacements and a pressure (Taylor and
-    Hood's), only the displacements get piecewise-linear test functions.
+    `piecewise_linear_sub_cell_element`. For a mixed space of displacements and a pressure (Taylor
+    and Hood's), only the displacements get piecewise-linear test functions.
 
     Args:
         trial: quadratic Lagrange space on any type of cell, scalar or with components; or a mixed
@@ -162,7 +162,10 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     element = trial.ufl_element()
     hybrid = is_hybrid(trial)
     shape = tuple((element.sub_elements[0] if hybrid else element).reference_value_shape)
-    quadratic, weights = quadratic_element(cell, shape), piecewise_linear_element(cell, shape)
+    quadratic, weights = (
+        quadratic_element(cell, shape),
+        piecewise_linear_sub_cell_element(cell, shape),
+    )
     if hybrid:
         split = has_discontinuous_pressure(trial)
         quadratic, weights = (

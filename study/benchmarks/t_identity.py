@@ -132,16 +132,16 @@ def _assemble_mass(body: Body) -> PETSc.Mat:
 
 
 def _assemble_initial_stress_G(body: Body) -> PETSc.Mat:
-    return assemble_matrix(body.initial_stress(ufl.as_tensor(CONSTANT_STRESS), "G"))
+    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_STRESS), "G"))
 
 
 def _assemble_initial_stress_J(body: Body) -> PETSc.Mat:
-    return assemble_matrix(body.initial_stress(ufl.as_tensor(CONSTANT_STRESS), "J"))
+    return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_STRESS), "J"))
 
 
 def _assemble_initial_stress_linear(body: Body) -> PETSc.Mat:
     prestress = _linear_function(body) * ufl.as_tensor(CONSTANT_STRESS)
-    return assemble_matrix(body.initial_stress(prestress))
+    return assemble_matrix(body.geometric_stiffness(prestress))
 
 
 def _assemble_surface_load(body: Body) -> PETSc.Vec:

@@ -20,7 +20,7 @@ from study.run.cases import SECTIONS
 from study.run.store import (
     CorruptResult,
     MissingResult,
-    NoScalar,
+    MissingScalar,
     Results,
     StudyError,
     write_json,
@@ -458,7 +458,7 @@ def _judged(claim: Claim, results: Results) -> Verdict:
         holds = _is_reference(how, results)
     except MissingResult:
         return Verdict(claim, None, "not judged")
-    except (CorruptResult, NoScalar) as error:
+    except (CorruptResult, MissingScalar) as error:
         return Verdict(claim, None, "not judged", str(error))
     except StudyError:
         raise

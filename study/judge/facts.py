@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeAlias
 from study.judge import claims
 from study.judge.claims import PAPER, Claim, Verdict, judge
 from study.paper.items import TABLE_1, TABLE_2
-from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
+from study.run.store import CorruptResult, MissingResult, Results, StoredResult, StudyError
 
 FILE = Path(__file__).parent / "facts.toml"
 Rows: TypeAlias = dict[str, tuple[float, ...]]
@@ -222,7 +222,7 @@ class _Mutated(Results):
         super().__init__(results.folder)
         self._own, self._mutation = results, mutation
 
-    def __getitem__(self, key: str) -> Stored:
+    def __getitem__(self, key: str) -> StoredResult:
         own, other = [self._own[key]], self._mutation.stored(key)
         if other != key:
             with suppress(MissingResult, CorruptResult):
@@ -253,9 +253,9 @@ class _Mutated(Results):
 class _Later:
     """A stored result that is read when its numbers are asked for."""
 
-    has = Stored.has
+    has = StoredResult.has
 
-    def __init__(self, results: Results, stored: Stored) -> None:
+    def __init__(self, results: Results, stored: StoredResult) -> None:
         self._results = results
         self.key, self.section, self.case = stored.key, stored.section, stored.case
         self.parameters = stored.parameters

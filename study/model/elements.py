@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements import Spaces
-from pw_elements.spaces import piecewise_linear_element, quadratic_element
+from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 
 # Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
 PAPER_NODES = [0, 1, 2, 5, 3, 4]
@@ -55,7 +55,7 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
     """
     return _blocked(
-        basix.ufl._BasixElement(piecewise_linear_element("tetrahedron")._element),
+        basix.ufl._BasixElement(piecewise_linear_sub_cell_element("tetrahedron")._element),
         shape,
     )
 
@@ -63,14 +63,15 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Composite triangle: four linear triangles with one linear gradient over all of them.
 
-    Values are those of `piecewise_linear_element("triangle")`. Wherever a form takes a gradient, it
-    gets the L2 projection of the piecewise constant one onto linear functions of the macro
+    Values are those of `piecewise_linear_sub_cell_element("triangle")`. Wherever a form takes a
+    gradient, it gets the L2 projection of the piecewise constant one onto linear functions of the
+    macro
     triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
     Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for
     small strains. Projecting on the reference triangle is right for straight sides.
     """
     return _blocked(
-        _AssumedGradientElement(piecewise_linear_element("triangle")._element),
+        _AssumedGradientElement(piecewise_linear_sub_cell_element("triangle")._element),
         shape,
     )
 

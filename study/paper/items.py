@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from study.run.cases import SECTIONS, page_source, title
+from study.run.cases import SECTIONS, find_page_source, title
 from study.run.pages import read_constants, section_order
 
 # Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
@@ -159,7 +159,7 @@ def _row(section: str) -> str:
     name = TITLES.get(section) or title(section)
     computed = {item.module for item in mine}
     if section in SECTIONS:
-        computed.add(page_source(section).relative_to(_ROOT).as_posix())
+        computed.add(find_page_source(section).relative_to(_ROOT).as_posix())
     drawn = [
         path
         for path in sorted(_ROOT.glob("figures/*.py"))

@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh, create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
-from pw_elements.spaces import piecewise_linear_element, quadratic_element
+from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 from study.model.elements import PAPER_NODES
 from study.model.matrices import dense, relative_difference
 from study.model.units import dimensionless
@@ -116,7 +116,7 @@ def weight_functions() -> Result:
     Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, `grid` (n, 2) with the
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
     """
-    element = piecewise_linear_element("triangle")
+    element = piecewise_linear_sub_cell_element("triangle")
     nodes = element._element.points[PAPER_NODES]  # in the paper's order
 
     random = np.random.default_rng(SEED)
@@ -230,8 +230,8 @@ def element_matrices() -> Result:
         forms = {
             "stiffness": body.stiffness(),
             "mass": body.mass(),
-            "initial_stress_uniform": body.initial_stress(uniform_stress),
-            "initial_stress_linear": body.initial_stress(uniform_stress * x[1]),
+            "initial_stress_uniform": body.geometric_stiffness(uniform_stress),
+            "initial_stress_linear": body.geometric_stiffness(uniform_stress * x[1]),
         }
         matrices = {kind: dense(assemble_matrix(form)) for kind, form in forms.items()}
         for kind, matrix in matrices.items():
@@ -271,7 +271,7 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
     )
     jacobian = np.array([nodes[1] - nodes[0], nodes[2] - nodes[0]])  # rows: d(x, y)/d(xi), d(eta)
     to_physical = np.linalg.inv(jacobian)
-    shapes, weights = quadratic_element("triangle"), piecewise_linear_element("triangle")
+    shapes, weights = quadratic_element("triangle"), piecewise_linear_sub_cell_element("triangle")
     reference_nodes = weights._element.points[PAPER_NODES]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:

@@ -14,8 +14,8 @@ from dolfinx.fem import petsc
 from pw_elements import (
     Body,
     Material,
-    NoModes,
     Reduction,
+    TooFewModes,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -167,7 +167,7 @@ class HalfBeam:
     ) -> BucklingModes:
         """Return the lowest buckling factor of unit nominal stress: the critical stress."""
         stress = self.body.stress(displacement)
-        K_sigma = assemble_matrix(self.body.initial_stress(stress, form))
+        K_sigma = assemble_matrix(self.body.geometric_stiffness(stress, form))
         return buckling(K, K_sigma, self.supports(mode), symmetrised=self.symmetrised)
 
 
@@ -281,7 +281,7 @@ class _ScannedBeam:
         self._load = model.load_vector(SYMMETRIC)  # the point load is the same in both modes
         self._displacement = fem.Function(body.spaces.trial)
         stress = body.stress(self._displacement)
-        self._initial_stress = fem.form(body.initial_stress(stress, form))
+        self._initial_stress = fem.form(body.geometric_stiffness(stress, form))
         self._supports: dict[tuple[SupportedPart, SupportedPart, int], Reduction] = {}
         self._first_stress_by_end: dict[SupportedPart, float] = {}
 
@@ -313,7 +313,7 @@ class _ScannedBeam:
         K_sigma.assemble()
         try:
             modes = buckling(self.K, K_sigma, supports, symmetrised=self._symmetrised)
-        except NoModes:
+        except TooFewModes:
             return float("nan")
         return float(modes.factors[0])
 

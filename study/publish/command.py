@@ -14,7 +14,7 @@ from study.run import runner
 from study.run.cases import SECTIONS, Case, Section, load_section
 from study.run.files import ForeignFileOrFolder
 from study.run.folder import ensure_writable
-from study.run.pool import ignore_broken_pipes
+from study.run.pool import ignore_broken_pipe_signal
 from study.run.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ USAGE = """\
   study 7.1/pw-T6 3/weights    these cases only, without claims, figures and report
   study --all             also what is otherwise read from tracked records: finer meshes, more
                           elements and variants (29 CPU minutes more), and times and memory of
-                          section K (33 minutes more, one row at a time); results of CalculiX stay
+                          section K (29 minutes more, one row at a time); results of CalculiX stay
                           recorded
   study list              sections and cases, and whether a stored result holds
   study check             judge the claims by the stored results
@@ -289,7 +289,7 @@ def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
 
 def _load(sections: list[str]) -> list[Section]:
     loaded = [load_section(section) for section in sections]
-    ignore_broken_pipes()  # which PETSc, imported just now, takes for a crash
+    ignore_broken_pipe_signal()  # which PETSc, imported just now, takes for a crash
     return loaded
 
 
@@ -320,7 +320,7 @@ def _ensure_stored(out: Path) -> Results:
 
 
 def _any_corrupt(results: Results) -> bool:
-    return any(results.corrupt(section) for section in SECTIONS)
+    return any(results.corrupt_results(section) for section in SECTIONS)
 
 
 def _tell_unreadable(verdicts: "Sequence[Verdict]") -> None:
@@ -350,7 +350,7 @@ def _tell_outdated(results: Results) -> None:
     states = runner.states(cases, results)
     for what in ("outdated", "missing", "corrupt") if cases else ():
         _tell_state(what, [key for key, state in states.items() if state == what], len(cases))
-    corrupt = {key: why for one in SECTIONS for key, why in results.corrupt(one).items()}
+    corrupt = {key: why for one in SECTIONS for key, why in results.corrupt_results(one).items()}
     for key in sorted(corrupt.keys() - states.keys()):
         stray = f"{results.folder / key}.json {runner.STRAY}"
         print(f"study: {stray if cases else corrupt[key]}", file=sys.stderr)

@@ -1,83 +1,308 @@
-"""Compute costly cases, and write their record or compare with it.
+"""Compute recorded numbers again, and write or compare the records.
 
-./run python3 -m study.publish.renew_records                  compute all; write the record
-./run python3 -m study.publish.renew_records V13/cube-pw-16   only these
-./run python3 -m study.publish.renew_records --check          compare all with the record
+./run python3 -m study.publish.renew_records                     compute all; write the records
+./run python3 -m study.publish.renew_records V13/cube-pw-16      this row only
+./run python3 -m study.publish.renew_records 'calculix/*' 'K/*'  all rows of CalculiX and section K
+./run python3 -m study.publish.renew_records --check             compute all; compare
+
+The keys of rows may have the wildcards of a shell. There are three kinds of rows: costly cases,
+time and memory of section K, and answers of CalculiX; see `study.run.records`. Rows of CalculiX are
+skipped where it is not installed; with their keys alone, Python and NumPy are enough to compute
+them. Where times and memory are compared, only counts and norms have to agree.
 """
 
 import argparse
 import sys
 import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
-from time import process_time
+from time import perf_counter, process_time
 
-from study.run import records
+from study.run import compare_versions, records
 from study.run.cases import SECTIONS, Case, load_section
-from study.run.compare_versions import COUNTS, KINDS, compare, table
-from study.run.provenance import versions
 from study.run.records import Row
-from study.run.store import Results, save, write_json
+from study.run.store import Results, StudyError, save
+from study.solutions.calculix import calculix
+from study.solutions.calculix.output import CalculixError
+from study.solutions.calculix.problems import PROBLEMS
+
+# Imports of pages and of section K need the solver, and are made where rows of them are computed
+
+
+class RecordKind(ABC):
+    """One kind of recorded rows, which share a file."""
+
+    title: str
+
+    @property
+    @abstractmethod
+    def path(self) -> Path:
+        """File of the record."""
+
+    @abstractmethod
+    def may_have_key(self, pattern: str) -> bool:
+        """Return whether a key, or keys of a pattern, belong to this kind."""
+
+    @abstractmethod
+    def list_keys(self) -> list[str]:
+        """Return the keys of all rows, in the order of the file."""
+
+    @abstractmethod
+    def compute(self, key: str) -> Row:
+        """Compute a row."""
+
+    @abstractmethod
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+        """Print how computed rows compare with recorded ones; return what differs too much."""
+
+    def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
+        """Return whether a row is computed by CalculiX."""
+        return False
+
+    def is_worth_recording(self, row: Row) -> bool:  # noqa: ARG002
+        """Return whether a row stays in the record."""
+        return True
+
+
+class CostlyCases(RecordKind):
+    """Cases that their pages mark as costly."""
+
+    title = "costly cases"
+
+    def __init__(self) -> None:
+        self._cases: dict[str, Case] = {}
+
+    @property
+    def path(self) -> Path:
+        """File of the record."""
+        return records.COSTLY_CASES
+
+    def may_have_key(self, pattern: str) -> bool:
+        """Return whether a key is none of the other kinds'."""
+        return not pattern.startswith(("K/", "calculix/"))
+
+    def list_keys(self) -> list[str]:
+        """Return the keys of the costly cases of all sections."""
+        self._cases = find_costly_cases()
+        return list(self._cases)
+
+    def compute(self, key: str) -> Row:
+        """Run a case."""
+        case = self._cases[key]
+        start = process_time()
+        result = case.run(**case.parameters)
+        content = {
+            "parameters": case.stored_parameters,
+            "scalars": {name: float(f"{value:.12g}") for name, value in result.scalars.items()},
+            "units": {name: unit for name, unit in result.units.items() if unit != "1"},
+            "dofs": result.dofs,
+            "seconds": round(process_time() - start, 1),
+        }
+        return records.create_row(key, records.digest_input(case.stored_parameters), content)
+
+    def is_worth_recording(self, row: Row) -> bool:
+        """Return whether a case takes long."""
+        return records.is_costly(row)
+
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+        """Compare scalars by the tolerances for two versions of DOLFINx."""
+        return _compare_scalars(recorded, computed)
+
+
+class TimeAndMemory(RecordKind):
+    """Measurements of section K."""
+
+    title = "time and memory of section K"
+
+    @property
+    def path(self) -> Path:
+        """File of the record."""
+        return records.TIME_AND_MEMORY
+
+    def may_have_key(self, pattern: str) -> bool:
+        """Return whether a key is of section K."""
+        return pattern.startswith("K/")
+
+    def list_keys(self) -> list[str]:
+        """Return the keys of all measurements."""
+        from study.benchmarks.k_cost.measure import list_measurements
+
+        return [measurement.key for measurement in list_measurements()]
+
+    def compute(self, key: str) -> Row:
+        """Measure time and memory."""
+        from study.benchmarks.k_cost.measure import list_measurements, measure
+
+        (measurement,) = (one for one in list_measurements() if one.key == key)
+        return measure(measurement)
+
+    def needs_calculix(self, key: str) -> bool:
+        """Return whether CalculiX is measured."""
+        return key.endswith("-CalculiX")
+
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+        """Compare counts and norms; the rest depends on machine and solver."""
+        return _compare_scalars(recorded, computed)
+
+
+class CalculixAnswers(RecordKind):
+    """Answers of CalculiX."""
+
+    title = "answers of CalculiX"
+
+    @property
+    def path(self) -> Path:
+        """File of the record."""
+        return records.CALCULIX
+
+    def may_have_key(self, pattern: str) -> bool:
+        """Return whether a key is one of CalculiX' problems."""
+        return pattern.startswith("calculix/")
+
+    def list_keys(self) -> list[str]:
+        """Return the keys of all problems."""
+        return [calculix.row_key(name) for name in PROBLEMS]
+
+    def compute(self, key: str) -> Row:
+        """Run CalculiX."""
+        name, program = key.partition("/")[2], calculix.find_calculix()
+        if program is None:
+            raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
+        return calculix.create_row(name, calculix.compute_answer(name, program))
+
+    def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
+        """Return whether a row is computed by CalculiX: all are."""
+        return True
+
+    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+        """Compare decks by their digests, and numbers by CalculiX' tolerance."""
+        messages, largest = [], 0.0
+        for key, row in computed.items():
+            if key not in recorded:
+                messages.append(f"{key}: not in the record")
+                continue
+            if row.input_sha256 != recorded[key].input_sha256:
+                messages.append(f"{key}: the deck is not the one of the record")
+                continue
+            new, old = (calculix.answer_of_row(one) for one in (row, recorded[key]))
+            difference = calculix.largest_difference(new, old)
+            largest = max(largest, difference)
+            if difference > calculix.TOLERANCE:
+                versions = f"CalculiX {new.version}, recorded with {old.version}"
+                messages.append(f"{key}: differs by {difference:.1e} ({versions})")
+        print(
+            f"answers of CalculiX: {len(computed)}, largest difference {largest:.1e} "
+            f"(at most {calculix.TOLERANCE:.0e})"
+        )
+        return messages
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute costly cases; write or check the record. The status is 1 if numbers differ."""
-    parser = argparse.ArgumentParser(prog="study.publish.renew_records")
-    parser.add_argument("cases", nargs="*", metavar="case", help="as in V13/cube-pw-16")
-    parser.add_argument("--check", action="store_true", help="compare with the record")
+    """Compute rows; write or compare them.
+
+    Returns:
+        0; 1 if numbers differ, CalculiX fails, or all rows that are asked for are skipped.
+    """
+    parser = argparse.ArgumentParser(
+        prog="study.publish.renew_records",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="as V13/cube-pw-16 or 'calculix/*'")
+    parser.add_argument("--check", action="store_true", help="compare with the records")
     options = parser.parse_args(arguments)
-    costly = costly_cases()
-    for unknown in (key for key in options.cases if key not in costly):
-        parser.error(f"there is no costly case {unknown}, but {', '.join(costly)}")
-    rows = dict(records.read_rows())
-    computed: dict[str, Row] = {}
-    for key in options.cases or costly:
-        computed[key] = _compute(costly[key])
-        print(f"{key}: {computed[key]['seconds']} CPU s", file=sys.stderr, flush=True)
-        if not options.check:
-            _write(rows | computed, list(costly))
-    return _compare(rows, computed) if options.check else 0
+    messages: list[str] = []
+    n_computed, n_skipped = 0, 0
+    for kind in (CalculixAnswers(), CostlyCases(), TimeAndMemory()):
+        patterns = [pattern for pattern in options.keys if kind.may_have_key(pattern)]
+        if options.keys and not patterns:
+            continue
+        all_keys = kind.list_keys()
+        try:
+            keys = select_keys(all_keys, patterns)
+        except StudyError as error:
+            parser.error(f"there are no {kind.title} {error}")
+        possible = [key for key in keys if not kind.needs_calculix(key) or calculix.find_calculix()]
+        if skipped := len(keys) - len(possible):
+            n_skipped += skipped
+            reason = "ccx (CalculiX, Debian's package calculix-ccx) is not installed"
+            print(f"SKIPPED: {skipped} rows of {kind.title}: {reason}", file=sys.stderr, flush=True)
+        computed, failures = _compute_rows(kind, possible, all_keys, write=not options.check)
+        n_computed += len(computed)
+        messages += failures
+        if options.check and computed:
+            messages += kind.compare_rows(records.read_rows(kind.path), computed)
+    for message in messages:
+        print(f"renew_records: {message}", file=sys.stderr)
+    return int(bool(messages) or (n_skipped > 0 and n_computed == 0))
 
 
-def costly_cases() -> dict[str, Case]:
+def select_keys(keys: Sequence[str], patterns: Sequence[str]) -> list[str]:
+    """Return the keys of some patterns, or all if there are no patterns.
+
+    Raises:
+        StudyError: If a pattern has no key.
+    """
+    for pattern in patterns:
+        if not any(fnmatchcase(key, pattern) for key in keys):
+            raise StudyError(f"{pattern}, but {', '.join(keys)}")
+    return [
+        key
+        for key in keys
+        if not patterns or any(fnmatchcase(key, pattern) for pattern in patterns)
+    ]
+
+
+def find_costly_cases() -> dict[str, Case]:
     """Return the costly cases of all sections by their keys."""
     cases = [case for section in SECTIONS for case in load_section(section).cases]
     computed = [case.recomputed or case for case in cases]
     return {case.key: case for case in computed if case.costly}
 
 
-def _compute(case: Case) -> Row:
-    start = process_time()
-    result = case.run(**case.parameters)
-    return {
-        "section": case.section,
-        "case": case.name,
-        "parameters": case.stored_parameters,
-        "scalars": {name: float(f"{value:.12g}") for name, value in result.scalars.items()},
-        "units": {name: unit for name, unit in result.units.items() if unit != "1"},
-        "dofs": result.dofs,
-        "seconds": round(process_time() - start, 1),
-    }
+def _compute_rows(
+    kind: RecordKind, keys: Sequence[str], all_keys: Sequence[str], write: bool
+) -> tuple[dict[str, Row], list[str]]:
+    """Compute rows, and write the file after each; return rows and failures of CalculiX."""
+    rows, computed, failures = dict(records.read_rows(kind.path)), {}, []
+    for key in keys:
+        start = perf_counter()
+        try:
+            rows[key] = computed[key] = kind.compute(key)
+        except CalculixError as error:
+            failures.append(str(error))
+            continue
+        print(f"{key}: {perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+        if write:
+            present = [rows[one] for one in all_keys if one in rows]
+            records.write_rows(kind.path, [one for one in present if kind.is_worth_recording(one)])
+    return computed, failures
 
 
-def _write(rows: dict[str, Row], keys: list[str]) -> None:
-    """Write the record in the order of the keys, without rows of other or of short cases."""
-    kept = [rows[key] for key in keys if key in rows and records.is_costly(rows[key])]
-    write_json(records.RECORD, {"versions": versions(), "rows": kept})
-    records.forget_rows()
-
-
-def _compare(recorded_rows: dict[str, Row], computed_rows: dict[str, Row]) -> int:
-    """Print how the numbers differ; return 1 if they do by more than versions may."""
+def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
+    """Print the largest differences by kinds of numbers; return a message if any is too large."""
+    kinds = (
+        compare_versions.COUNTS_AND_TIMES,
+        *compare_versions.RECORD_KINDS,
+        *compare_versions.KINDS,
+    )
     with tempfile.TemporaryDirectory() as folder:
-        both = Path(folder, "record"), Path(folder, "now")
-        for path, rows in zip(both, (recorded_rows, computed_rows), strict=True):
-            for row in (rows[key] for key in computed_rows if key in rows):
-                result = records.recorded(row["scalars"], row["units"], row["dofs"])
-                save(path, row["section"], row["case"], result, row["parameters"], {})
-        kinds = (COUNTS, *KINDS)  # of which some are of the machine that made the record
-        differences, alone = compare(Results(both[0]), Results(both[1]), kinds)
-    print(table(differences, alone, kinds))
-    return int(bool(alone) or any(difference.too_large for difference in differences))
+        old_folder, new_folder = Path(folder, "recorded"), Path(folder, "computed")
+        for path, rows in ((old_folder, recorded), (new_folder, computed)):
+            for key in computed.keys() & rows.keys():
+                section, _, case = key.partition("/")
+                content = rows[key].content
+                scalars = content.get("scalars") or content["measured"]
+                result = records.recorded(scalars, content.get("units", {}), 0)
+                save(path, section, case, result, {"key": key}, {})
+        differences, unpaired = compare_versions.compare(
+            Results(old_folder), Results(new_folder), kinds
+        )
+    print(compare_versions.format_differences(differences, unpaired, kinds))
+    n_different = len(unpaired) + sum(difference.too_large for difference in differences)
+    return [f"{n_different} numbers differ from the record, see above"] if n_different else []
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Compares all scalars of two folders of results, as two versions of DOLFINx computed them.
+"""Compare all scalars of two folders of results, as of two versions of DOLFINx.
 
 `python3 -m study.run.compare_versions results results-sid` prints the largest difference of each
-kind; its exit status is 1 if one is too large or a case or scalar is in one folder only. Before
-and after a redesign, with one version of everything else, `--tolerance 1e-9` holds all kinds but
-the counts of iterations to one tolerance.
+kind of scalar; its exit status is 1 if one is too large, or if a case or scalar is in one folder
+only. To compare results before and after a redesign, use `--tolerance 1e-9`: one tolerance for all
+kinds but the counts of iterations.
 """
 
 import argparse
@@ -15,20 +15,20 @@ from pathlib import Path
 from typing import Literal
 
 from study.run.cases import SECTIONS
-from study.run.store import Results, Stored, StudyError
+from study.run.store import Results, StoredResult, StudyError
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Scalars that are compared in one way.
+class ScalarKind:
+    """Kind of scalars, with the way to compare them.
 
     Attributes:
-        name: In words.
-        pattern: Found in "section/case scalar".
-        scale: What differences are divided by: the larger of both values, the largest value of
-            the kind in the case, or the larger of both values and one.
-        tolerance: For the quotient.
-        why: Why it is no smaller.
+        name: Name of the kind.
+        pattern: Regular expression that is searched in "section/case scalar".
+        scale: Divisor of differences: "value", the larger of both values; "case", the largest value
+            of the kind in the case; "one", the larger of both values and one.
+        tolerance: Largest quotient.
+        why: Reason why the tolerance is not smaller.
     """
 
     name: str
@@ -38,36 +38,36 @@ class Kind:
     why: str
 
 
-KINDS: tuple[Kind, ...] = (
-    Kind(
+KINDS: tuple[ScalarKind, ...] = (
+    ScalarKind(
         "numbers on Gmsh's meshes",
         r"^C/.*-(curved-ring|ball)\b",
         "value",
         2e-4,
         "versions of Gmsh move some nodes",
     ),
-    Kind(
+    ScalarKind(
         "numbers on Gmsh's tetrahedra",
         r"^V15/cube-.*-T10-|^V12/frequency-cube\S* order",
         "value",
         0.1,
         "versions of Gmsh make other tetrahedra; set after 4 % had been seen",
     ),
-    Kind(
+    ScalarKind(
         "motions that grow",
         r"^V12/bar-\dd-pw-",
         "value",
         1e-4,
         "so does round-off; set after 2e-6 had been seen",
     ),
-    Kind(
+    ScalarKind(
         "counts of Krylov's iterations",
         r" krylov_iterations",
         "value",
         0.1,
         "round-off may make one more",
     ),
-    Kind(
+    ScalarKind(
         "residuals and identities",
         r" .*(residual|difference|penetration|imaginary|unevenness|control_|change|zero|balance)"
         r"| (objectivity|moment_defect|base_defect|last_correction|slave_force_least)",
@@ -75,28 +75,28 @@ KINDS: tuple[Kind, ...] = (
         1e-7,
         "they are round-off, which depends on the way a solver takes; the tests allow them this",
     ),
-    Kind(
+    ScalarKind(
         "ends of zones",
         r" (closed_from|closed_to)$",
         "case",
         1e-8,
         "places, some of which are zero but for round-off",
     ),
-    Kind(
+    ScalarKind(
         "rates of Newton's method",
         r" newton_rate",
         "value",
         1e-2,
         "the last of its corrections are near round-off; set after 3e-3 between two processors",
     ),
-    Kind(
+    ScalarKind(
         "orders",
         r" .*order\b| order_",
         "one",
         1e-4,
         "they are slopes through errors, the smallest of which is 3e-10 and so half round-off",
     ),
-    Kind(
+    ScalarKind(
         "errors",
         r" error| .*_error(_[a-z]+)*$| pressure_l2| variation| master_force_"
         r"|^P/\S+ (exact|reduced)_",
@@ -104,15 +104,15 @@ KINDS: tuple[Kind, ...] = (
         1e-8,
         "they are relative, so that this is the relative difference of what they are errors of",
     ),
-    Kind(
+    ScalarKind(
         "forces", r" (force|acceleration)_", "case", 1e-8, "some of them are zero but for round-off"
     ),
-    Kind("all others", "", "value", 1e-8, "conditioning of the systems times round-off"),
+    ScalarKind("all others", "", "value", 1e-8, "conditioning of the systems times round-off"),
 )
-"""The first whose pattern is found holds."""
+"""Kinds of scalars; the first whose pattern is found applies."""
 
 
-COUNTS = Kind(
+COUNTS_AND_TIMES = ScalarKind(
     "counts of iterations, and times",
     r" (krylov_)?iterations| factorisations| cpu_seconds",
     "value",
@@ -120,17 +120,35 @@ COUNTS = Kind(
     "another way to the same solution may be longer or shorter",
 )
 
+RECORD_KINDS: tuple[ScalarKind, ...] = (
+    ScalarKind(
+        "times, memory, and counts that depend on solver and machine",
+        r"^K/\S+ (\w*seconds|megabytes|over_linear|digits|entries)$",
+        "value",
+        float("inf"),
+        "they are measured, not computed",
+    ),
+    ScalarKind(
+        "counts and norms of measured solutions",
+        r"^K/\S+ (?!difference)",
+        "value",
+        1e-5,
+        "the Krylov solver is exact to its tolerance; set before a value was seen",
+    ),
+)
+"""Kinds of numbers in the record of section K."""
 
-def redesigned(tolerance: float) -> tuple[Kind, ...]:
-    """Return the kinds with one tolerance, for two results of one version of all libraries."""
-    return (COUNTS, *(replace(kind, tolerance=tolerance) for kind in KINDS))
+
+def with_tolerance(tolerance: float) -> tuple[ScalarKind, ...]:
+    """Return the kinds with one tolerance, to compare results of one version of all libraries."""
+    return (COUNTS_AND_TIMES, *(replace(kind, tolerance=tolerance) for kind in KINDS))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One scalar in both folders; `size` is to be compared with the kind's tolerance."""
+    """Scalar in both folders; `size` is its difference over the scale of its kind."""
 
-    kind: Kind
+    kind: ScalarKind
     key: str
     name: str
     first: float
@@ -139,33 +157,37 @@ class Difference:
 
     @property
     def too_large(self) -> bool:
-        """Whether it is beyond the tolerance."""
+        """Whether the difference exceeds the tolerance of the kind."""
         return not self.size <= self.kind.tolerance
 
 
 def compare(
-    first: Results, second: Results, kinds: tuple[Kind, ...] = KINDS, subset: bool = False
+    first: Results, second: Results, kinds: tuple[ScalarKind, ...] = KINDS, subset: bool = False
 ) -> tuple[list[Difference], list[str]]:
-    """Return the differences of all scalars, and what is in one folder only.
+    """Return the differences of all scalars, and names of what is in one folder only.
 
-    Cases that a `subset` of the first folder's lacks are left out of the latter.
+    With `subset`, cases that the second folder lacks are ignored.
     """
     differences: list[Difference] = []
-    alone: list[str] = []
+    unpaired: list[str] = []
     for section in SECTIONS:
         cases = [{case.key: case for case in one.section(section)} for one in (first, second)]
-        alone += sorted(cases[1].keys() - cases[0].keys())
-        alone += [] if subset else sorted(cases[0].keys() - cases[1].keys())
+        unpaired += sorted(cases[1].keys() - cases[0].keys())
+        unpaired += [] if subset else sorted(cases[0].keys() - cases[1].keys())
         for key in sorted(cases[0].keys() & cases[1].keys()):
             one, other = cases[0][key], cases[1][key]
-            alone += [f"{key} {name}" for name in sorted(one.scalars.keys() ^ other.scalars.keys())]
-            differences += _of_case(one, other, kinds)
-    return differences, alone
+            unpaired += [
+                f"{key} {name}" for name in sorted(one.scalars.keys() ^ other.scalars.keys())
+            ]
+            differences += _compare_case(one, other, kinds)
+    return differences, unpaired
 
 
-def _of_case(one: Stored, other: Stored, known: tuple[Kind, ...]) -> Iterator[Difference]:
+def _compare_case(
+    one: StoredResult, other: StoredResult, all_kinds: tuple[ScalarKind, ...]
+) -> Iterator[Difference]:
     common = [name for name in one.scalars if name in other.scalars]
-    kinds = {name: kind_of(f"{one.key} {name}", known) for name in common}
+    kinds = {name: find_kind(f"{one.key} {name}", all_kinds) for name in common}
     size = {name: max(abs(one.scalars[name]), abs(other.scalars[name])) for name in common}
     for name, kind in kinds.items():
         largest = max(size[like] for like in common if kinds[like] is kind)
@@ -174,33 +196,39 @@ def _of_case(one: Stored, other: Stored, known: tuple[Kind, ...]) -> Iterator[Di
         yield Difference(kind, one.key, name, a, b, abs(a - b) / scale if a != b else 0.0)
 
 
-def kind_of(scalar: str, kinds: tuple[Kind, ...] = KINDS) -> Kind:
+def find_kind(scalar: str, kinds: tuple[ScalarKind, ...] = KINDS) -> ScalarKind:
     """Return the kind of a scalar, given as "section/case name"."""
     return next(kind for kind in kinds if re.search(kind.pattern, scalar))
 
 
-def table(differences: list[Difference], alone: list[str], kinds: tuple[Kind, ...] = KINDS) -> str:
+def format_differences(
+    differences: list[Difference], unpaired: list[str], kinds: tuple[ScalarKind, ...] = KINDS
+) -> str:
     """Return the largest difference of each kind, all that are too large, and what is alone."""
     lines = []
     for kind in kinds:
-        mine = sorted((d for d in differences if d.kind is kind), key=lambda d: -d.size)
-        if mine:
-            of = {"value": "relative", "case": "over the case's largest", "one": "over 1 or itself"}
+        of_kind = sorted((d for d in differences if d.kind is kind), key=lambda d: -d.size)
+        if of_kind:
+            scales = {
+                "value": "relative",
+                "case": "over the case's largest",
+                "one": "over 1 or itself",
+            }
             lines.append(
-                f"{kind.name}: {len(mine)}, largest difference {mine[0].size:.1e} "
-                f"({of[kind.scale]}; at most {kind.tolerance:.0e}: {kind.why})"
+                f"{kind.name}: {len(of_kind)}, largest difference {of_kind[0].size:.1e} "
+                f"({scales[kind.scale]}; at most {kind.tolerance:.0e}: {kind.why})"
             )
-            shown = [d for d in mine if d.too_large] or mine[:1]
+            shown = [d for d in of_kind if d.too_large] or of_kind[:1]
             lines += [
                 f"{'  TOO LARGE' if d.too_large else '  largest'}: {d.key} {d.name} "
                 f"{d.first:.12g} and {d.second:.12g}"
                 for d in shown
             ]
-    return "\n".join([*lines, *(f"in one folder only: {name}" for name in alone)])
+    return "\n".join([*lines, *(f"in one folder only: {name}" for name in unpaired)])
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare; return the exit status."""
+    """Compare two folders; return the exit status."""
     parser = argparse.ArgumentParser(prog="study.run.compare_versions", description=__doc__)
     parser.add_argument("folders", nargs=2, type=Path, metavar="DIR")
     parser.add_argument(
@@ -209,31 +237,33 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--subset", action="store_true", help="the second folder may lack cases of the first"
     )
-    given = parser.parse_args(arguments)
-    folders = given.folders
-    kinds = KINDS if given.tolerance is None else redesigned(given.tolerance)
+    options = parser.parse_args(arguments)
+    folders = options.folders
+    kinds = KINDS if options.tolerance is None else with_tolerance(options.tolerance)
     try:
         results = [Results(folder) for folder in folders]
         for folder, one in zip(folders, results, strict=True):
-            print(f"{folder}: {', '.join(_versions(one)) or 'nothing'}")
-        differences, alone = compare(results[0], results[1], kinds, given.subset)
+            print(f"{folder}: {', '.join(_list_versions(one)) or 'nothing'}")
+        differences, unpaired = compare(results[0], results[1], kinds, options.subset)
     except StudyError as error:
         print(f"study.run.compare_versions: {error}", file=sys.stderr)
         return 2
-    print(table(differences, alone, kinds))
-    wrong = sum(d.too_large for d in differences) + len(alone)
-    print(f"{len(differences)} scalars: {wrong} differ" if differences else "there are no scalars")
-    return int(wrong > 0 or not differences)
+    print(format_differences(differences, unpaired, kinds))
+    n_wrong = sum(d.too_large for d in differences) + len(unpaired)
+    print(
+        f"{len(differences)} scalars: {n_wrong} differ" if differences else "there are no scalars"
+    )
+    return int(n_wrong > 0 or not differences)
 
 
-def _versions(results: Results) -> list[str]:
-    """Versions of DOLFINx and PETSc that computed a folder's results."""
-    found = set()
+def _list_versions(results: Results) -> list[str]:
+    """Return the versions of DOLFINx and PETSc that computed the results of a folder."""
+    names = set()
     for section in SECTIONS:
         for case in results.section(section):
             versions = case.provenance.get("versions", {})
-            found.add(f"DOLFINx {versions.get('dolfinx')}, PETSc {versions.get('petsc')}")
-    return sorted(found)
+            names.add(f"DOLFINx {versions.get('dolfinx')}, PETSc {versions.get('petsc')}")
+    return sorted(names)
 
 
 if __name__ == "__main__":

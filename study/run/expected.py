@@ -1,7 +1,7 @@
-"""How long cases take, to start the longest first: `python3 -m study.run.expected [results]`.
+"""Expected times of cases, so that the longest start first.
 
-The command prints the table of the longest ones; it is written to `expected_seconds.json` when
-they have changed much. Only the order depends on it.
+`python3 -m study.run.expected [results]` prints the table of the longest cases, to be written to
+`expected_seconds.json` when times have changed much. Only the order of cases depends on it.
 """
 
 import json
@@ -11,36 +11,39 @@ from pathlib import Path
 
 from study.run.store import Results
 
-TABLE = Path(__file__).with_name("expected_seconds.json")
-LONG = 1.0  # seconds; shorter cases are not in the table, and fill the gaps in any order
+TABLE_FILE = Path(__file__).with_name("expected_seconds.json")
+MIN_TABLE_SECONDS = 1.0
+"""Shorter cases are not in the table: they run last, in any order."""
 
 
-def expected(results: Results) -> dict[str, float]:
-    """Return seconds by keys of cases, from an earlier run if there is one, else the table's."""
-    return expected_table() | earlier(results)
+def expected_seconds(results: Results) -> dict[str, float]:
+    """Return seconds by keys of cases: from stored results, or else from the table."""
+    return read_expected_table() | stored_seconds(results)
 
 
 @cache
-def expected_table() -> dict[str, float]:
+def read_expected_table() -> dict[str, float]:
     """Return the table: seconds by keys of the cases that take longer than `LONG`."""
-    table: dict[str, float] = json.loads(TABLE.read_bytes())
+    table: dict[str, float] = json.loads(TABLE_FILE.read_bytes())
     return table
 
 
-def earlier(results: Results) -> dict[str, float]:
-    """Return the seconds of all stored results, outdated ones too."""
+def stored_seconds(results: Results) -> dict[str, float]:
+    """Return the seconds of all stored results, including outdated ones."""
     seconds = {}
     for path in results.folder.glob("*/*.json"):
         try:
             value = json.loads(path.read_bytes())["provenance"]["seconds"]
             seconds[f"{path.parent.name}/{path.stem}"] = float(value)
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
-            pass  # no result, or none that can be read
+            pass  # not a result, or unreadable
     return seconds
 
 
 if __name__ == "__main__":
-    found = earlier(Results(sys.argv[1] if len(sys.argv) > 1 else "results"))
-    rounded = {key: round(seconds, 1) for key, seconds in found.items()}
-    longest = sorted((-seconds, key) for key, seconds in rounded.items() if seconds >= LONG)
+    stored = stored_seconds(Results(sys.argv[1] if len(sys.argv) > 1 else "results"))
+    rounded = {key: round(seconds, 1) for key, seconds in stored.items()}
+    longest = sorted(
+        (-seconds, key) for key, seconds in rounded.items() if seconds >= MIN_TABLE_SECONDS
+    )
     print(json.dumps({key: -seconds for seconds, key in longest}, indent=1))

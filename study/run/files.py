@@ -1,7 +1,7 @@
-"""The library's module of files, for modules of the study that must not import the solver.
+"""Functions of `pw_elements.files`, for modules of the study that must not import the solver.
 
-`import pw_elements` imports DOLFINx, which reading a result does not need. So the module, which
-imports the standard library alone, is loaded by its place, under its own name.
+`import pw_elements` imports DOLFINx, which is not needed to read a result. The module `files`
+imports the standard library alone, so it is loaded from its file, under its full name.
 """
 
 import sys
@@ -9,25 +9,25 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
-_NAME = "pw_elements.files"
+_MODULE_NAME = "pw_elements.files"
 
 
-def _load() -> ModuleType:
-    if _NAME in sys.modules:
-        return sys.modules[_NAME]
+def _load_library_files() -> ModuleType:
+    if _MODULE_NAME in sys.modules:
+        return sys.modules[_MODULE_NAME]
     package = find_spec("pw_elements")
     assert package is not None
     assert package.submodule_search_locations is not None
     path = Path(package.submodule_search_locations[0], "files.py")
-    spec = spec_from_file_location(_NAME, path)
+    spec = spec_from_file_location(_MODULE_NAME, path)
     assert spec is not None
     assert spec.loader is not None
-    module = sys.modules[_NAME] = module_from_spec(spec)
+    module = sys.modules[_MODULE_NAME] = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-_files = _load()
+_files = _load_library_files()
 ForeignFileOrFolder = _files.ForeignFileOrFolder
 check_file_replaceable = _files.check_file_replaceable
 create_or_claim_folder = _files.create_or_claim_folder

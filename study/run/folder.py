@@ -1,54 +1,57 @@
-"""The folder of results: made and marked, and nobody else's."""
+"""Create and mark the folder of results, and refuse folders that the study has not created."""
 
 import tempfile
 from pathlib import Path
 
 from study.run.cases import SECTIONS
 from study.run.files import ForeignFileOrFolder, create_or_claim_folder
-from study.run.store import StudyError, is_result
+from study.run.store import StudyError, is_result_file
 
-KIND = "a folder of results"
-# What is in it besides the sections' folders
-FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
-FOLDERS = ("figures", "gallery", "site")
+FOLDER_KIND = "a folder of results"
+# Entries besides the folders of sections
+RESULT_FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
+RESULT_FOLDERS = ("figures", "gallery", "site")
 
 
 def ensure_writable(out: Path) -> None:
-    """Make a folder of results, unless it is one, and look whether it can be written to.
+    """Create a folder of results if there is none, and ensure that it can be written to.
 
     Raises:
-        StudyError: If it cannot, or is someone else's.
+        StudyError: If it cannot be written to, or has not been created by the study.
     """
     claim_results_folder(out)
     try:
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
-        raise _not_writable(out, error) from None
+        raise _not_writable_error(out, error) from None
 
 
 def claim_results_folder(out: Path) -> None:
-    """Make a folder of results, unless it is one; one without a mark is known by what is in it.
+    """Create a folder of results if there is none.
+
+    A folder without a mark is accepted if it has results and nothing that the study does not write.
 
     Raises:
-        StudyError: If it cannot be made, or is someone else's: files of some names in it would be
-            replaced.
+        StudyError: If it cannot be created, or has other files, which might be replaced.
     """
     try:
-        create_or_claim_folder(out, KIND, _holds_results)
+        create_or_claim_folder(out, FOLDER_KIND, _is_results_folder)
     except ForeignFileOrFolder as error:
         raise StudyError(str(error)) from None
     except OSError as error:
-        raise _not_writable(out, error) from None
+        raise _not_writable_error(out, error) from None
 
 
-def _not_writable(out: Path, error: OSError) -> StudyError:
+def _not_writable_error(out: Path, error: OSError) -> StudyError:
     return StudyError(f"{out} cannot be written to: {error.strerror}")
 
 
-def _holds_results(folder: Path) -> bool:
-    """Tell whether there is nothing but what the study writes, and at least one result."""
+def _is_results_folder(folder: Path) -> bool:
+    """Return whether a folder has at least one result, and only entries that the study writes."""
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    if names - {*SECTIONS, *FILES, *FOLDERS}:
+    if names - {*SECTIONS, *RESULT_FILES, *RESULT_FOLDERS}:
         return False
-    return any(is_result(path) for one in SECTIONS for path in (folder / one).glob("*.json"))
+    return any(
+        is_result_file(path) for section in SECTIONS for path in (folder / section).glob("*.json")
+    )

@@ -1,28 +1,29 @@
-"""Compilations of forms that were killed, or are slow: neither must cost a case."""
+"""Recover from compilations of forms by other processes that were killed, or are slow."""
 
 import re
 import time
 from pathlib import Path
 
-_BLOCKED = re.compile(r"JIT compilation timed out.* remove (/.*\.c)\)")
-_TWICE = re.compile(r"File exists: '(/.*\.c)\.cached'")
-SLOW = 60.0  # seconds after which a compilation that shows no sign of life has been killed
+_TIMED_OUT = re.compile(r"JIT compilation timed out.* remove (/.*\.c)\)")
+_FILE_EXISTS = re.compile(r"File exists: '(/.*\.c)\.cached'")
+STALE_SECONDS = 60.0
+"""Time without a change of files after which a compilation counts as killed."""
 
 
-def unblocked(error: Exception) -> bool:
-    """Tell whether an exception is about another's compilation, and it is worth trying again.
+def recover_from_jit_conflict(error: Exception) -> bool:
+    """Return whether an exception is due to a compilation by another process; then try again.
 
-    DOLFINx leaves a form to the process that has begun to compile it, and gives up after ten
-    seconds, for ever if that process has been killed. Then its files are removed here; else it
-    is given more time. Two that compiled the same after all are told apart by a new start.
+    DOLFINx leaves a form to the process that has begun to compile it, and fails after ten seconds,
+    on every attempt if that process has been killed. In this case, and where two processes have
+    compiled the same form, its files are removed; otherwise the other process gets more time.
     """
-    blocked, twice = _BLOCKED.search(str(error)), _TWICE.search(str(error))
-    found = blocked or twice
-    if not found:
+    timed_out, file_exists = (p.search(str(error)) for p in (_TIMED_OUT, _FILE_EXISTS))
+    match = timed_out or file_exists
+    if not match:
         return False
-    source = Path(found[1])
-    signs = [path.stat().st_mtime for path in source.parent.glob(f"{source.stem}.*")]
-    if twice or time.time() - max(signs, default=0.0) > SLOW:
+    source = Path(match[1])
+    change_times = [path.stat().st_mtime for path in source.parent.glob(f"{source.stem}.*")]
+    if file_exists or time.time() - max(change_times, default=0.0) > STALE_SECONDS:
         source.with_suffix(".c.cached").unlink(missing_ok=True)
         source.unlink(missing_ok=True)
     return True

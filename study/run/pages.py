@@ -1,4 +1,4 @@
-"""The pages of the study: one for each section, found by their sources and read without import.
+"""Find the pages of the study, one for each section, and read them without importing them.
 
 A page is a module, or the module `page` of a folder, that assigns the name of its section to
 `SECTION`. Texts and facts on a page are constants, so that the report can be written where the
@@ -20,20 +20,21 @@ if TYPE_CHECKING:
 
 STUDY = Path(__file__).parents[1]
 SECTION_LINE = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
-_GROUPS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
-"""Letters of sections in the order of the report; the paper's own sections have none."""
+_SECTION_LETTERS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
+"""Letters of sections in the order of the report; sections of the paper have none."""
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure that stands on the page of its section.
+    """Figure that is drawn by the page of its section.
 
     Attributes:
         name: Name of its files.
-        draw: Draws it from stored results; the first line of its docstring is the title.
+        draw: Function that draws it from stored results; the first line of its docstring is the
+            title.
         needs: Keys of the results that it needs.
-        caption: What it shows, or a function of the results that returns this.
-        alt: The figure in words, for readers who do not see it, or a function that returns this.
+        caption: Caption, or a function of the results that returns it.
+        alt: Description for readers who do not see the figure, or a function that returns it.
     """
 
     name: str
@@ -47,7 +48,7 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
     """Return the module of each section, in the order of the report.
 
     Args:
-        folders: folders of `study` in which pages are looked for.
+        folders: Folders of `study` to search.
     """
     modules = {}
     for folder in folders:
@@ -59,14 +60,14 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
 
 
 def section_order(section: str) -> tuple[int, float, str]:
-    """Return the sorting key of a section: V9 comes before V10, and unknown letters last."""
+    """Return the sorting key of a section: V9 comes before V10, and unknown letters come last."""
     letter = section.rstrip("0123456789.")
-    group = _GROUPS.index(letter) if letter in _GROUPS else len(_GROUPS)
+    group = _SECTION_LETTERS.index(letter) if letter in _SECTION_LETTERS else len(_SECTION_LETTERS)
     return group, float(section.removeprefix(letter) or 0), section
 
 
 def read_constants(path: Path) -> Mapping[str, Any]:
-    """Return the constants that a module assigns as literals, by their names."""
+    """Return the constants to which a module assigns literals, by their names."""
     return _read_constants(path.read_bytes())
 
 

@@ -1,4 +1,4 @@
-"""Tasks in worker processes: one that fails or is killed costs no other, nor does it wait."""
+"""Run tasks in worker processes; a task that fails or is killed does not affect the others."""
 
 import heapq
 import importlib
@@ -14,20 +14,20 @@ from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from study.run.supervisor import signals_blocked
+from study.run.supervisor import block_signals
 
 Channel: TypeAlias = connection.Connection
 
 
 @dataclass(frozen=True)
 class Task:
-    """A call of a function of a module: workers import it.
+    """Call of a function of a module, which the worker process imports.
 
     Attributes:
-        name: What it is for.
-        function: The function; or "module:name" of one that this process need not import.
-        arguments: What it is called with.
-        cost: Expected seconds: the longest starts first.
+        name: Name of the task.
+        function: The function; or "module:name" if this process is not to import the module.
+        arguments: Arguments of the call.
+        cost: Expected seconds; the longest tasks start first.
     """
 
     name: str
@@ -37,146 +37,147 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Failed:
+class TaskFailure:
     """Outcome of a task that raised an exception.
 
     Attributes:
         why: The exception in one line.
     """
 
-    why: str
+    message: str
 
 
 @dataclass(frozen=True)
-class Killed:
-    """Outcome of a task whose process ended under it."""
+class TaskKilled:
+    """Outcome of a task whose process was killed."""
 
 
 class Pool:
-    """Worker processes; iterating gives each task as it ends, with its outcome.
+    """Pool of worker processes; iteration yields each task as it ends, with its outcome.
 
-    Tasks may be added meanwhile. Workers leave signals to this process, and end with it.
+    Tasks can be added during the iteration. Workers do not handle signals, and end with this
+    process.
 
     Args:
-        processes: How many there may be; they start as there is work.
+        processes: Largest number of processes; they start when there are tasks for them.
     """
 
     def __init__(self, processes: int) -> None:
-        self._most = processes
-        self._waiting: list[tuple[float, int, Task]] = []
-        self._count = 0
-        self._idle: list[_Worker] = []
-        self._busy: dict[Channel, tuple[_Worker, Task]] = {}
-        ignore_broken_pipes()
+        self._max_processes = processes
+        self._queue: list[tuple[float, int, Task]] = []
+        self._n_submitted = 0
+        self._idle_workers: list[_Worker] = []
+        self._busy_workers: dict[Channel, tuple[_Worker, Task]] = {}
+        ignore_broken_pipe_signal()
 
     def submit(self, task: Task) -> None:
         """Add a task."""
-        heapq.heappush(self._waiting, (-task.cost, self._count, task))
-        self._count += 1
+        heapq.heappush(self._queue, (-task.cost, self._n_submitted, task))
+        self._n_submitted += 1
 
     def __iter__(self) -> Iterator[tuple[Task, object]]:
         try:
-            while self._waiting or self._busy:
-                self._start()
-                ready = connection.wait(list(self._busy))
-                for channel in [channel for channel in self._busy if channel in ready]:
-                    worker, task = self._busy.pop(channel)
-                    outcome = worker.outcome()
-                    if isinstance(outcome, Killed):
+            while self._queue or self._busy_workers:
+                self._assign_tasks()
+                ready = connection.wait(list(self._busy_workers))
+                for channel in [channel for channel in self._busy_workers if channel in ready]:
+                    worker, task = self._busy_workers.pop(channel)
+                    outcome = worker.wait_for_outcome()
+                    if isinstance(outcome, TaskKilled):
                         worker.kill()
                     else:
-                        self._idle.append(worker)
+                        self._idle_workers.append(worker)
                     yield task, outcome
         finally:
-            for worker, _ in self._busy.values():
+            for worker, _ in self._busy_workers.values():
                 worker.kill()
-            for worker in self._idle:
+            for worker in self._idle_workers:
                 worker.channel.close()
-            for worker in self._idle:
-                worker.end()
-            self._idle, self._busy = [], {}
+            for worker in self._idle_workers:
+                worker.stop()
+            self._idle_workers, self._busy_workers = [], {}
 
-    def _start(self) -> None:
-        """Give waiting tasks to workers that have none."""
-        while self._waiting and len(self._busy) < self._most:
-            worker = self._idle.pop() if self._idle else _Worker()
-            task = self._waiting[0][-1]
-            if worker.give(task):
-                heapq.heappop(self._waiting)
-                self._busy[worker.channel] = (worker, task)
-            else:  # killed while it had nothing to do
+    def _assign_tasks(self) -> None:
+        """Give queued tasks to idle workers, or to new ones up to the largest number."""
+        while self._queue and len(self._busy_workers) < self._max_processes:
+            worker = self._idle_workers.pop() if self._idle_workers else _Worker()
+            task = self._queue[0][-1]
+            if worker.assign(task):
+                heapq.heappop(self._queue)
+                self._busy_workers[worker.channel] = (worker, task)
+            else:  # it was killed while idle
                 worker.kill()
 
 
 class _Worker:
-    """A process, and the channel to it."""
+    """Worker process, and the channel to it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
         self.channel: Channel
-        self.channel, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
-        resource_tracker.ensure_running()  # which would unblock Ctrl-C
+        self.channel, worker_channel = context.Pipe()
+        self._process = context.Process(target=_run_worker, args=(worker_channel,), daemon=True)
+        resource_tracker.ensure_running()  # otherwise start() does, and unblocks Ctrl-C
         try:
-            with signals_blocked():  # the process inherits it from its first moment on
+            with block_signals():  # the process inherits this
                 self._process.start()
         finally:
-            theirs.close()
+            worker_channel.close()
 
-    def give(self, task: Task) -> bool:
-        """Hand a task over; return whether the process is still there."""
+    def assign(self, task: Task) -> bool:
+        """Send a task; return False if the process has ended."""
         try:
             self.channel.send((task.function, task.arguments))
         except OSError:
             return False
         return True
 
-    def outcome(self) -> object:
-        """Return what became of the task."""
+    def wait_for_outcome(self) -> object:
+        """Wait for the end of the task and return its outcome."""
         try:
             return self.channel.recv()
         except (EOFError, OSError):
-            return Killed()
+            return TaskKilled()
 
-    def end(self) -> None:
-        """Let the process end, which has nothing to do."""
+    def stop(self) -> None:
+        """End the process, which is idle."""
         self.channel.close()
         self._process.join(10)
         self.kill()
 
     def kill(self) -> None:
-        """End the process, whatever it does; PETSc has words for any other signal."""
+        """Kill the process; on any other signal PETSc would print messages."""
         self.channel.close()
         self._process.kill()
         self._process.join()
 
 
-def ignore_broken_pipes() -> None:
-    """Have writing fail where nobody reads: PETSc takes the signal for a crash, and aborts."""
+def ignore_broken_pipe_signal() -> None:
+    """Ignore SIGPIPE, so that writing fails instead: PETSc would treat the signal as a crash."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
-def one_line(error: BaseException) -> str:
-    """Return an exception and its place in one line."""
+def format_error_line(error: BaseException) -> str:
+    """Return an exception, with file and line, in one line."""
     lines = str(error).strip().splitlines()
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    what = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
-    return f"{what} ({Path(place.filename).name}, line {place.lineno})"
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    message = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    return f"{message} ({Path(frame.filename).name}, line {frame.lineno})"
 
 
-def _work(channel: Channel) -> None:
-    """Do tasks as they come, until the main process closes the channel or is no more."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+def _run_worker(channel: Channel) -> None:
+    """Run tasks until the main process closes the channel or ends."""
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     while True:
         try:
-            outcome = _done(channel)
-            ignore_broken_pipes()  # once a task may have imported PETSc
+            outcome = _run_task(channel)
+            ignore_broken_pipe_signal()  # again, as PETSc may have been imported
             channel.send(outcome)
         except (EOFError, OSError):
             return
 
 
-def _done(channel: Channel) -> object:
+def _run_task(channel: Channel) -> object:
     data = channel.recv_bytes()
     try:
         function, arguments = pickle.loads(data)
@@ -185,10 +186,10 @@ def _done(channel: Channel) -> object:
             function = getattr(importlib.import_module(module), name)
         return function(*arguments)
     except Exception as error:
-        return Failed(one_line(error))
+        return TaskFailure(format_error_line(error))
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

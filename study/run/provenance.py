@@ -1,4 +1,4 @@
-"""Where a result comes from: commit, versions, time and size."""
+"""Provenance of results: commit, versions, time and size."""
 
 import os
 import subprocess
@@ -17,32 +17,32 @@ PACKAGES = {
     "slepc": ("slepc4py", "slepc4py"),
     "numpy": ("numpy", "numpy"),
 }
-"""Distribution and module of each package; petsc4py and slepc4py carry the libraries' versions."""
+"""Distribution and module of each package; petsc4py and slepc4py have the libraries' versions."""
 
 
 @cache
-def versions() -> dict[str, str]:
-    """Return the versions of the packages, imported only if they carry no metadata."""
-    return {name: _version(*package) for name, package in PACKAGES.items()}
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages, which are imported only if they have no metadata."""
+    return {name: _read_version(*package) for name, package in PACKAGES.items()}
 
 
-def provenance(
+def create_provenance(
     seconds: float, dofs: int, processes: int, fingerprint: str, record: str = ""
 ) -> dict[str, Any]:
-    """Return what is stored beside a result's numbers.
+    """Return the provenance that is stored with a result.
 
     Args:
         seconds: Wall time of the computation.
         dofs: Degrees of freedom of the discrete problem.
-        processes: Number of MPI processes that took part.
+        processes: Number of MPI processes of the computation.
         fingerprint: Digest of all that the result depends on.
         record: Tracked file from which the result was read; empty if it was computed.
     """
-    commit, dirty = _commit()
+    commit, dirty = _read_commit()
     return {
         "commit": commit,
         "dirty": dirty,
-        "versions": dict(versions()),
+        "versions": dict(package_versions()),
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": seconds,
         "dofs": dofs,
@@ -52,7 +52,7 @@ def provenance(
     }
 
 
-def _version(distribution: str, module: str) -> str:
+def _read_version(distribution: str, module: str) -> str:
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -63,19 +63,19 @@ def _version(distribution: str, module: str) -> str:
         return "absent"
 
 
-def _commit() -> tuple[str, bool | None]:
-    """Return the commit and whether files differ from it; ./run may have looked them up."""
+def _read_commit() -> tuple[str, bool | None]:
+    """Return the commit and whether files differ from it, from the environment that ./run sets."""
     commit = os.environ.get("PW_ELEMENTS_COMMIT")
     if commit:
         return commit, {"1": True, "0": False}.get(os.environ.get("PW_ELEMENTS_DIRTY", ""))
     try:
-        return _git("rev-parse", "HEAD"), bool(_git("status", "--porcelain"))
+        return _run_git("rev-parse", "HEAD"), bool(_run_git("status", "--porcelain"))
     except (OSError, subprocess.CalledProcessError):
         return "unknown", None
 
 
-def _git(*arguments: str) -> str:
+def _run_git(*arguments: str) -> str:
     folder = Path(__file__).parent
     command = ["git", "-C", str(folder), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    return process.stdout.strip()

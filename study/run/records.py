@@ -1,19 +1,33 @@
-"""Tracked results of costly cases: read instead of computed, renewed and checked on demand.
+"""Records: tracked numbers that are read instead of computed.
 
-A case is costly if it takes more than about three CPU seconds; its page marks it by `mark_costly`.
-The record has scalars, but no curves.
-`study.publish.renew_records` renews and checks it.
+The three files of `study/run/recorded` have one format: a list of rows, each with a head (key,
+versions of the programs, date, machine where time and memory are measured, digest of the input)
+and its numbers.
+
+    costly_cases.json      cases that take more than about three CPU seconds, which their pages mark
+                           by `mark_costly`; scalars, but no curves
+    time_and_memory.json   rows of section K
+    calculix.json          answers of CalculiX
+
+`./run python3 -m study.publish.renew_records` computes them again and writes or compares them.
 """
 
+import hashlib
 import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from study.run.store import Result
+from study.run.provenance import package_versions
+from study.run.store import Result, StudyError, write_json
 
-RECORD = Path(__file__).with_name("records.json")
-RECORD_NAME = RECORD.relative_to(Path(__file__).parents[2]).as_posix()
+FOLDER = Path(__file__).with_name("recorded")
+COSTLY_CASES = FOLDER / "costly_cases.json"
+TIME_AND_MEMORY = FOLDER / "time_and_memory.json"
+CALCULIX = FOLDER / "calculix.json"
 
 COSTLY_SECONDS = 3.0
 """CPU seconds from which on a case is worth a record."""
@@ -21,37 +35,120 @@ SHARED_REFERENCES = ("W",)
 """Sections whose cases share references from fine meshes, which take longer than this. The seconds
 of a row are without them if an earlier row of the same run has computed them."""
 
-Row = dict[str, Any]
-"""Section, case, parameters, scalars, units other than 1, dofs, and CPU seconds."""
+
+@dataclass(frozen=True)
+class Row:
+    """Recorded numbers of one computation or measurement.
+
+    Attributes:
+        key: Name that is unique among all records.
+        versions: Versions of the programs that computed the numbers.
+        date: Day on which they were computed, as in "2026-11-22".
+        input_sha256: Digest of the input, see `digest_input`.
+        content: Numbers, and what else the kind of record has.
+        machine: Cores, processor and memory; None if the numbers do not depend on them.
+    """
+
+    key: str
+    versions: dict[str, str]
+    date: str
+    input_sha256: str
+    content: dict[str, Any]
+    machine: str | None = None
+
+
+_HEAD = ("key", "versions", "date", "machine", "input_sha256")
+
+
+def create_row(
+    key: str,
+    input_sha256: str,
+    content: dict[str, Any],
+    versions: dict[str, str] | None = None,
+    machine: str | None = None,
+) -> Row:
+    """Return a row of numbers that have been computed today.
+
+    Args:
+        key: Name of the row.
+        input_sha256: Digest of the input.
+        content: The numbers.
+        versions: Versions of the programs; those of the study's packages by default.
+        machine: The machine, if the numbers depend on it.
+    """
+    if versions is None:
+        versions = dict(package_versions())
+    date = datetime.now(UTC).date().isoformat()
+    return Row(key, versions, date, input_sha256, content, machine)
+
+
+def digest_input(parameters: object) -> str:
+    """Return the digest of an input: of a text, or of a value that JSON has."""
+    text = parameters if isinstance(parameters, str) else json.dumps(parameters, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def digest_answer(row: Row) -> str:
+    """Return the digest of numbers, versions and input, which the date does not change."""
+    return digest_input([row.versions, row.input_sha256, row.content])
+
+
+def read_rows(path: Path) -> dict[str, Row]:
+    """Return the rows of a file by their keys; none if there is no file.
+
+    Raises:
+        StudyError: If rows lack a part of the head, or have the same key.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        return dict(_parse_rows(path.read_bytes()))
+    except (KeyError, TypeError, ValueError) as error:
+        raise StudyError(f"{path} is no record ({error!r}): restore it from the history") from None
+
+
+@cache
+def _parse_rows(text: bytes) -> dict[str, Row]:
+    rows = {}
+    for entry in json.loads(text)["rows"]:
+        head = {name: entry[name] for name in _HEAD if name != "machine"}
+        content = {name: value for name, value in entry.items() if name not in _HEAD}
+        if head["key"] in rows:
+            raise ValueError(f"two rows of {head['key']}")
+        rows[head["key"]] = Row(**head, content=content, machine=entry.get("machine"))
+    return rows
+
+
+def write_rows(path: Path, rows: Iterable[Row]) -> None:
+    """Write the rows of a file, all of them or, if the process is killed, none."""
+    entries = []
+    for row in rows:
+        head = {name: getattr(row, name) for name in _HEAD if getattr(row, name) is not None}
+        entries.append(head | row.content)
+    write_json(path, {"rows": entries})
+
+
+def name_in_project(path: Path) -> str:
+    """Return the name of a file relative to the project's folder, or in full outside of it."""
+    project = Path(__file__).parents[2]
+    return path.relative_to(project).as_posix() if path.is_relative_to(project) else str(path)
+
+
+# Costly cases
 
 
 def recorded(measured: dict[str, float], units: dict[str, str], dofs: int) -> Result:
-    """Return the result of a row.
+    """Return the result of a costly case from its row.
 
     Args:
-        measured: its scalars.
-        units: those other than 1.
-        dofs: its number of unknowns.
+        measured: Its scalars.
+        units: Units other than 1.
+        dofs: Its number of unknowns.
     """
     return Result(dict(measured), dict.fromkeys(measured, "1") | units, {}, dofs=dofs)
 
 
-def read_rows() -> dict[str, Row]:
-    """Return the rows of the record by the keys of their cases."""
-    return _read(RECORD) if RECORD.is_file() else {}
-
-
-@cache
-def _read(path: Path) -> dict[str, Row]:
-    rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
-    return {f"{row['section']}/{row['case']}": row for row in rows}
-
-
-def forget_rows() -> None:
-    """Read the record again when rows are asked for."""
-    _read.cache_clear()
-
-
 def is_costly(row: Row) -> bool:
-    """Return whether a row is worth its place in the record."""
-    return row["seconds"] > COSTLY_SECONDS or row["section"] in SHARED_REFERENCES
+    """Return whether a case takes long enough to be recorded."""
+    section = row.key.partition("/")[0]
+    return row.content["seconds"] > COSTLY_SECONDS or section in SHARED_REFERENCES

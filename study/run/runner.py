@@ -1,4 +1,4 @@
-"""Compute cases, several at a time, and store each result as soon as it is there."""
+"""Compute cases in parallel, and store each result as soon as it is computed."""
 
 import logging
 import math
@@ -11,40 +11,42 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from study.run.cases import Case, Section, fingerprints, title
-from study.run.expected import expected
-from study.run.jit import unblocked
-from study.run.pool import Failed, Killed, Pool, Task, one_line
-from study.run.provenance import provenance
+from study.run.cases import Case, Section, compute_fingerprints, title
+from study.run.expected import expected_seconds
+from study.run.jit import recover_from_jit_conflict
+from study.run.pool import Pool, Task, TaskFailure, TaskKilled, format_error_line
+from study.run.provenance import create_provenance
 from study.run.store import (
     CorruptResult,
     OutdatedResult,
     Result,
     Results,
     discard,
-    is_result,
+    is_result_file,
+    remove_unfinished_files,
     save,
-    sweep,
 )
 
-# Cases run beside each other: their lines on what goes on would cross those of the runner, and that
-# the paper's displacements are not small is no news in each of several hundred
+# Log lines of parallel cases would mix with those of the runner, and warnings that displacements
+# are not small would appear for several hundred cases
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
 STRAY = "is the result of no case, and cannot be read: move it away"
-PATIENCE = 20  # times that a case is tried again because another process compiles what it needs
+MAX_COMPILATION_ATTEMPTS = 20
+"""Number of times that a case is tried again because of a compilation by another process."""
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
-Todo = tuple[Case, str]  # with its fingerprint, taken before anything runs
+CaseToRun = tuple[Case, str]
+"""Case, and its fingerprint before any case has run."""
 
 
 @dataclass(frozen=True)
-class Done:
-    """How the computation of a case ended.
+class CaseOutcome:
+    """Outcome of the computation of a case.
 
     Attributes:
-        seconds: What it took.
-        error: What it failed with, in one line; empty if it did not.
+        seconds: Wall time.
+        error: Error in one line; empty if there is none.
     """
 
     seconds: float = 0.0
@@ -70,18 +72,21 @@ class Beside:
 
 
 def states(cases: list[Case], results: Results) -> dict[str, Validity]:
-    """Tell, by keys, whether cases have a stored result, and whether it still holds."""
-    marks = fingerprints(cases)
+    """Return, by keys of cases, whether there is a stored result, and whether it is outdated."""
+    current = compute_fingerprints(cases)
     recomputed = _fingerprints_of_recomputed(cases)
-    return {key: _state(key, {mark, recomputed.get(key)}, results) for key, mark in marks.items()}
+    return {
+        key: _case_state(key, {fingerprint, recomputed.get(key)}, results)
+        for key, fingerprint in current.items()
+    }
 
 
 def _fingerprints_of_recomputed(cases: list[Case]) -> dict[str, str]:
-    """Return, by keys, fingerprints of recorded results that `--all` has computed."""
-    return fingerprints([case.recomputed for case in cases if case.recomputed])
+    """Return, by keys, the fingerprints of recorded results if they are computed, by `--all`."""
+    return compute_fingerprints([case.recomputed for case in cases if case.recomputed])
 
 
-def _state(key: str, marks: set[str | None], results: Results) -> Validity:
+def _case_state(key: str, valid_fingerprints: set[str | None], results: Results) -> Validity:
     if key not in results:
         return "missing"
     try:
@@ -90,110 +95,116 @@ def _state(key: str, marks: set[str | None], results: Results) -> Validity:
         return "outdated"
     except CorruptResult:
         return "corrupt"
-    return "stored" if stored.provenance.get("fingerprint") in marks else "outdated"
+    return "stored" if stored.provenance.get("fingerprint") in valid_fingerprints else "outdated"
 
 
 def discard_others(section: Section, out: Path) -> None:
-    """Remove results that are no case of their section any more: measures would count them.
+    """Remove results of cases that a section no longer has: measures would count them.
 
-    Files that are no results stay, and are named.
+    Files that are not results are kept and reported.
     """
-    known = {case.name for case in section.cases}
-    for stored in sorted(set(Results(out).cases(section.id)) - known):
+    case_names = {case.name for case in section.cases}
+    for stored in sorted(set(Results(out).cases(section.id)) - case_names):
         path = out / section.id / f"{stored}.json"
-        if is_result(path):
+        if is_result_file(path):
             discard(out, section.id, stored)
         else:
-            _say(f"{path} {STRAY}")
+            _print_progress(f"{path} {STRAY}")
 
 
 def run(
     cases: list[Case], out: Path, jobs: int, force: bool, beside: Beside | None = None
 ) -> list[str]:
-    """Compute the cases whose stored results do not hold; tell on stderr of sections as they end.
+    """Compute cases without a valid stored result; report on stderr each section that has ended.
 
-    Sections come in their order, and within one the longest case first.
+    Sections are computed in their order, each with the longest case first.
 
     Args:
-        cases: All that are wanted.
+        cases: The cases.
         out: Folder of the results.
         jobs: Number of processes; if it is 1, the cases run in this one.
-        force: Compute also what is stored and holds.
-        beside: What several processes do besides.
+        force: Compute all cases, also those with a valid stored result.
+        beside: Further tasks if there are several processes.
 
     Returns:
-        Keys of the cases that did not finish. An old result of theirs is kept if it holds, and
-        else removed: it would pass for one of this run.
+        Keys of the cases that did not finish. A stored result of theirs is kept if it is valid, and
+        otherwise removed.
     """
-    sweep(out)
+    remove_unfinished_files(out)
     results = Results(out)
-    marks = fingerprints(cases)
+    current_fingerprints = compute_fingerprints(cases)
     recomputed = _fingerprints_of_recomputed(cases)
-    todo, holds = [], set()
+    to_run, valid_keys = [], set()
     for case in cases:
-        before = _state(case.key, {marks[case.key], recomputed.get(case.key)}, results)
-        if before == "corrupt":
-            _say(f"{case.key}: its stored result cannot be read and is computed again")
-        if before == "stored":
-            holds.add(case.key)
-        if before != "stored" or force:
-            todo.append((case, marks[case.key]))
-    reused = f"{len(cases) - len(todo)} of {len(cases)} results are reused"
-    recorded = sum(bool(case.record) for case, _ in todo)
-    parts = [f"{len(todo) - recorded} to be computed"] if len(todo) > recorded else []
+        state = _case_state(
+            case.key, {current_fingerprints[case.key], recomputed.get(case.key)}, results
+        )
+        if state == "corrupt":
+            _print_progress(f"{case.key}: its stored result cannot be read and is computed again")
+        if state == "stored":
+            valid_keys.add(case.key)
+        if state != "stored" or force:
+            to_run.append((case, current_fingerprints[case.key]))
+    reused = f"{len(cases) - len(to_run)} of {len(cases)} results are reused"
+    recorded = sum(bool(case.record) for case, _ in to_run)
+    parts = [f"{len(to_run) - recorded} to be computed"] if len(to_run) > recorded else []
     parts += [f"{recorded} to be read from tracked records"] if recorded else []
-    _say("; ".join([reused, *parts]))
-    progress = _Progress([case for case, _ in todo])
-    seconds = expected(results)
+    _print_progress("; ".join([reused, *parts]))
+    progress = _Progress([case for case, _ in to_run])
+    seconds = expected_seconds(results)
     order = list(progress.open)
-    todo.sort(key=lambda one: (order.index(one[0].section), -seconds.get(one[0].key, 0.0)))
+    to_run.sort(key=lambda item: (order.index(item[0].section), -seconds.get(item[0].key, 0.0)))
     failed, unfinished = [], []
     if jobs == 1:
-        ended = _serial(todo, out)
+        ended = _run_serially(to_run, out)
     else:
-        ready = {case.key for case in cases} - {case.key for case, _ in todo}
-        ended = _parallel(todo, out, jobs, beside, ready)
-    with closing(ended):  # and with it the processes, if this one is interrupted
-        for case, done in ended:
-            if done is None:
+        ready = {case.key for case in cases} - {case.key for case, _ in to_run}
+        ended = _run_in_parallel(to_run, out, jobs, beside, ready)
+    with closing(ended):  # ends the worker processes if this process is interrupted
+        for case, outcome in ended:
+            if outcome is None:
                 unfinished.append(case.key)
-            elif done.error:
+            elif outcome.error:
                 failed.append(case.key)
-                kept = "; its stored result still holds and is kept" if case.key in holds else ""
-                _say(f"{case.key}: failed: {done.error}{kept}")
-            if (done is None or done.error) and case.key not in holds:
+                kept = (
+                    "; its stored result still holds and is kept" if case.key in valid_keys else ""
+                )
+                _print_progress(f"{case.key}: failed: {outcome.error}{kept}")
+            if (outcome is None or outcome.error) and case.key not in valid_keys:
                 discard(out, case.section, case.name)
-            progress.ended(case, done)
+            progress.record_end(case, outcome)
     if unfinished:
-        _say("a worker process was killed (out of memory?), unfinished: " + ", ".join(unfinished))
+        _print_progress(
+            "a worker process was killed (out of memory?), unfinished: " + ", ".join(unfinished)
+        )
     return failed + unfinished
 
 
-def compute(case: Case, mark: str, out: Path) -> Done:
+def compute_case(case: Case, fingerprint: str, out: Path) -> CaseOutcome:
     """Run one case and store its result under its fingerprint; an exception becomes one line."""
     try:
         start = time.perf_counter()
-        result = _result(case)
+        result = _run_until_compiled(case)
         seconds = time.perf_counter() - start
-        origin = provenance(seconds, result.dofs, result.processes, mark, case.record)
+        origin = create_provenance(seconds, result.dofs, result.processes, fingerprint, case.record)
         save(out, case.section, case.name, result, case.stored_parameters, origin)
     except Exception as error:
-        return Done(error=one_line(error))
-    return Done(seconds)
+        return CaseOutcome(error=format_error_line(error))
+    return CaseOutcome(seconds)
 
 
-def _result(case: Case) -> Result:
-    for _ in range(PATIENCE):
+def _run_until_compiled(case: Case) -> Result:
+    for _ in range(MAX_COMPILATION_ATTEMPTS):
         try:
             return case.run(**case.parameters)
         except Exception as error:
-            if not unblocked(error):
+            if not recover_from_jit_conflict(error):
                 raise
     return case.run(**case.parameters)
 
 
 class _Progress:
-    """Tells of each section when its last case has ended, but in the order of the sections."""
+    """Prints a line for each section whose cases have all ended, in the order of the sections."""
 
     def __init__(self, cases: list[Case]) -> None:
         sections = [case.section for case in cases]
@@ -202,14 +213,14 @@ class _Progress:
         self.recorded: Counter[str] = Counter()
         self.lost: dict[str, Counter[str]] = {section: Counter() for section in self.open}
 
-    def ended(self, case: Case, done: Done | None) -> None:
+    def record_end(self, case: Case, outcome: CaseOutcome | None) -> None:
         self.open[case.section] -= 1
-        if done and not done.error and case.record:
+        if outcome and not outcome.error and case.record:
             self.recorded[case.section] += 1
-        elif done and not done.error:
-            self.seconds[case.section].append(done.seconds)
+        elif outcome and not outcome.error:
+            self.seconds[case.section].append(outcome.seconds)
         else:  # a case whose process was killed has not failed
-            self.lost[case.section]["failed" if done else "unfinished"] += 1
+            self.lost[case.section]["failed" if outcome else "unfinished"] += 1
         while self.open and not next(iter(self.open.values())):
             section = next(iter(self.open))
             del self.open[section]
@@ -219,49 +230,49 @@ class _Progress:
             computed = f"{len(seconds)} computed in {sum(seconds):.1f} s"
             parts = [computed] if seconds or not recorded else []
             parts += [f"{recorded} read from tracked records"] if recorded else []
-            _say(f"{section:4} {title(section)}: {', '.join(parts)}{lost}")
+            _print_progress(f"{section:4} {title(section)}: {', '.join(parts)}{lost}")
 
 
-def _say(line: str) -> None:
+def _print_progress(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _serial(todo: list[Todo], out: Path) -> Generator[tuple[Case, Done | None]]:
-    for case, mark in todo:
-        yield case, compute(case, mark, out)
+def _run_serially(to_run: list[CaseToRun], out: Path) -> Generator[tuple[Case, CaseOutcome | None]]:
+    for case, fingerprint in to_run:
+        yield case, compute_case(case, fingerprint, out)
 
 
-def _parallel(
-    todo: list[Todo],
+def _run_in_parallel(
+    to_run: list[CaseToRun],
     out: Path,
     jobs: int,
     beside: Beside | None,
     ready: set[str],
-) -> Generator[tuple[Case, Done | None]]:
-    """Yield the cases as they end, with None for one whose worker process was killed."""
-    if not todo:
+) -> Generator[tuple[Case, CaseOutcome | None]]:
+    """Yield cases as they end, with the outcome None if the worker process was killed."""
+    if not to_run:
         return
     pool = Pool(jobs)
-    drawings = _Drawings(ready)
+    drawings = _PendingDrawings(ready)
     if beside:
-        if len(todo) > jobs:
+        if len(to_run) > jobs:
             pool.submit(Task(_SHARED, beside.shared, (), math.inf))
         pool.submit(Task(_NEEDS, beside.needs, (), 1.0))
-    cases = {case.key: case for case, _ in todo}
-    for case, mark in todo:
-        pool.submit(Task(case.key, compute, (case, mark, out)))
+    cases = {case.key: case for case, _ in to_run}
+    for case, fingerprint in to_run:
+        pool.submit(Task(case.key, compute_case, (case, fingerprint, out)))
     for task, outcome in pool:
         if task.name in cases:
-            done = _ended(outcome)
-            if done and not done.error:
+            case_outcome = _case_outcome(outcome)
+            if case_outcome and not case_outcome.error:
                 ready.add(task.name)
-            yield cases[task.name], done
+            yield cases[task.name], case_outcome
         elif beside and task.name == _SHARED and isinstance(outcome, list):
             for arguments in outcome:
                 pool.submit(Task("prepare", beside.prepare, arguments, math.inf))
         elif task.name == _NEEDS and isinstance(outcome, dict):
             drawings.waiting = outcome
-        for name in drawings.possible():
+        for name in drawings.take_ready():
             assert beside is not None
             pool.submit(Task("draw", beside.draw, (name, out.resolve())))
 
@@ -270,25 +281,25 @@ def _parallel(
 _SHARED, _NEEDS = "shared", "needs"
 
 
-class _Drawings:
-    """Which drawings still wait for results."""
+class _PendingDrawings:
+    """Drawings that wait for results."""
 
     def __init__(self, ready: set[str]) -> None:
         self.ready = ready
         self.waiting: dict[str, list[str]] = {}
 
-    def possible(self) -> list[str]:
-        """Return those whose results are all there, each once."""
-        now = [name for name, keys in self.waiting.items() if self.ready.issuperset(keys)]
-        for name in now:
+    def take_ready(self) -> list[str]:
+        """Remove and return the drawings whose results are all there."""
+        names = [name for name, keys in self.waiting.items() if self.ready.issuperset(keys)]
+        for name in names:
             del self.waiting[name]
-        return now
+        return names
 
 
-def _ended(outcome: object) -> Done | None:
-    if isinstance(outcome, Failed):  # before the case began
-        return Done(error=outcome.why)
-    if isinstance(outcome, Killed):
+def _case_outcome(outcome: object) -> CaseOutcome | None:
+    if isinstance(outcome, TaskFailure):  # before the case began
+        return CaseOutcome(error=outcome.message)
+    if isinstance(outcome, TaskKilled):
         return None
-    assert isinstance(outcome, Done)
+    assert isinstance(outcome, CaseOutcome)
     return outcome

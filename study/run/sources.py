@@ -1,4 +1,4 @@
-"""Source files of modules, found and read without importing them."""
+"""Find and digest source files of modules without importing them."""
 
 import ast
 import hashlib
@@ -11,14 +11,14 @@ from typing import NamedTuple
 from study.run.pages import SECTION_LINE
 
 
-def source(module: str) -> Path | None:
+def find_source(module: str) -> Path | None:
     """Return the source file of a module or package, or None if there is none."""
     top, *rest = module.split(".")
-    spec = find_spec(top)  # of a top-level name: looks, but imports nothing
+    spec = find_spec(top)  # imports nothing, as the name is a top-level one
     if spec is None:
         return None
     if not rest:
-        return Path(spec.origin) if spec.origin and spec.has_location else None  # or built in
+        return Path(spec.origin) if spec.origin and spec.has_location else None  # None: built in
     for folder in spec.submodule_search_locations or ():
         base = Path(folder, *rest)
         for path in (base.with_name(f"{base.name}.py"), base / "__init__.py"):
@@ -27,94 +27,97 @@ def source(module: str) -> Path | None:
     return None
 
 
-def package_sources(package: str) -> list[Path]:
+def list_package_sources(package: str) -> list[Path]:
     """Return all source files of a top-level package, sorted."""
     spec = find_spec(package)
     folders = (spec.submodule_search_locations if spec else None) or ()
     return sorted(path for folder in folders for path in Path(folder).rglob("*.py"))
 
 
-def imported(module: str) -> frozenset[str]:
-    """Return the names of all modules that a module's source imports, anywhere in it.
+def list_imported_modules(module: str) -> frozenset[str]:
+    """Return the names of all modules that a module imports, also within functions.
 
-    `from a import b` counts as `a` and `a.b`: without importing, b may be either a module or not.
+    `from a import b` counts as `a` and `a.b`, because b may be a module.
     """
-    path = source(module)
+    path = find_source(module)
     if path is None:
         return frozenset()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    return _names(path.read_text(encoding="utf-8"), package)
+    return _parse_imported_names(path.read_text(encoding="utf-8"), package)
 
 
-def closure(*modules: str, without: frozenset[str] = frozenset()) -> dict[str, Path]:
-    """Return the sources of modules and, transitively, of what they import of their packages.
+def collect_imported_sources(
+    *modules: str, without: frozenset[str] = frozenset()
+) -> dict[str, Path]:
+    """Return the sources of modules and of all modules of their packages that they import.
 
     Args:
-        modules: full names of the modules.
-        without: modules not to enter.
+        modules: Full names of the modules.
+        without: Modules to leave out.
     """
     tops = {module.split(".")[0] for module in modules}
-    found: dict[str, Path] = {}
-    waiting, seen = [*modules], set(without)
-    while waiting:
-        name = waiting.pop()
-        if name in seen or name.split(".")[0] not in tops:
+    sources: dict[str, Path] = {}
+    queue, visited = [*modules], set(without)
+    while queue:
+        name = queue.pop()
+        if name in visited or name.split(".")[0] not in tops:
             continue
-        seen.add(name)
-        path = source(name)
+        visited.add(name)
+        path = find_source(name)
         if path is not None:
-            found[name] = path
-            waiting += sorted(imported(name))
-            waiting.append(name.rpartition(".")[0] or name)  # the package around it runs first
-    return dict(sorted(found.items()))
+            sources[name] = path
+            queue += sorted(list_imported_modules(name))
+            queue.append(name.rpartition(".")[0] or name)  # its package is imported with it
+    return dict(sorted(sources.items()))
 
 
-def reached_sources(
+def digest_reached_sources(
     module: str, name: str, without: frozenset[str] = frozenset()
 ) -> dict[str, str]:
-    """Return digests of the code that a definition of a module leads to.
+    """Return digests of all code that a definition of a module uses, directly or indirectly.
 
-    Of the module itself, and of pages of sections from which it takes definitions, only statements
-    count that bind a name which the definition, or what it leads to, uses; of other modules that
-    these import from the same package, all code.
+    Of the module itself, and of pages from which it imports definitions, only statements count that
+    bind names which are used; of other modules of the same package that are imported, all code.
 
     Args:
-        module: full name of the module.
-        name: name of the definition.
-        without: modules not to enter.
+        module: Full name of the module.
+        name: Name of the definition.
+        without: Modules to leave out.
 
     Returns:
-        digests by the names of modules.
+        Digests by names of modules.
     """
-    path = source(module)
+    path = find_source(module)
     if path is None:
         return {}
     statements = _reached_statements(path.read_bytes(), name)
-    digest = hashlib.sha256("".join(one.code for one in statements).encode()).hexdigest()
+    digest = hashlib.sha256(
+        "".join(statement.code for statement in statements).encode()
+    ).hexdigest()
     digests = {module: digest}
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     top = f"{module.partition('.')[0]}."
-    starts: set[str] = set()
-    for node in (one.node for one in statements):
-        named = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-        if isinstance(node, ast.ImportFrom) and named.startswith(top) and _is_page(named):
+    imported_names: set[str] = set()
+    for node in (statement.node for statement in statements):
+        origin = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+        if isinstance(node, ast.ImportFrom) and origin.startswith(top) and _is_page(origin):
             for alias in node.names:
-                part = reached_sources(named, alias.name, without | {module})
-                digests |= {f"{one}:{alias.name}": value for one, value in part.items()}
+                lent = digest_reached_sources(origin, alias.name, without | {module})
+                digests |= {f"{lender}:{alias.name}": value for lender, value in lent.items()}
         elif isinstance(node, ast.Import | ast.ImportFrom):
-            starts |= set(_named(node, package))
-    own = sorted(name for name in starts if f"{name}.".startswith(top))
-    found = closure(*own, without=without | {module})
-    return digests | {other: code_digest(file) for other, file in found.items()}
+            imported_names |= set(_iterate_imported_names(node, package))
+    names_in_package = sorted(name for name in imported_names if f"{name}.".startswith(top))
+    sources = collect_imported_sources(*names_in_package, without=without | {module})
+    return digests | {other: digest_code(file) for other, file in sources.items()}
 
 
 def _is_page(module: str) -> bool:
-    path = source(module)
+    path = find_source(module)
     return path is not None and SECTION_LINE.search(path.read_text(encoding="utf-8")) is not None
 
 
 class _Statement(NamedTuple):
-    """A statement of a module: its code, and the names that it binds or changes, and uses."""
+    """Statement of a module: its code, the names that it binds or changes, and those it uses."""
 
     node: ast.stmt
     code: str
@@ -123,23 +126,23 @@ class _Statement(NamedTuple):
 
 
 def _reached_statements(source: bytes, name: str) -> list[_Statement]:
-    """Return the statements of a module that a name leads to, in their order."""
-    waiting = _statements(source)
+    """Return the statements of a module that a definition uses, in their order."""
+    remaining = _parse_statements(source)
     names, reached = {name}, []
-    while more := [one for one in waiting if not one.bound.isdisjoint(names)]:
-        reached += more
-        names.update(*(one.used for one in more))
-        waiting = [one for one in waiting if one not in more]
-    return [one for one in _statements(source) if one in reached]
+    while binding := [item for item in remaining if not item.bound.isdisjoint(names)]:
+        reached += binding
+        names.update(*(item.used for item in binding))
+        remaining = [item for item in remaining if item not in binding]
+    return [item for item in _parse_statements(source) if item in reached]
 
 
 @cache
-def _statements(source: bytes) -> list[_Statement]:
+def _parse_statements(source: bytes) -> list[_Statement]:
     return [
         _Statement(
             node,
-            repr(_said(node)),
-            _bound_or_changed(node),
+            repr(_without_texts(node)),
+            _list_changed_names(node),
             {
                 part.id
                 for part in ast.walk(node)
@@ -147,11 +150,11 @@ def _statements(source: bytes) -> list[_Statement]:
             },
         )
         for node in ast.parse(source).body
-        if not _is_text(node)
+        if not _is_text_statement(node)
     ]
 
 
-def _bound_or_changed(statement: ast.stmt) -> set[str]:
+def _list_changed_names(statement: ast.stmt) -> set[str]:
     """Return the names that a statement binds, or whose objects it changes by item or attribute.
 
     Variables of comprehensions are bound within these only.
@@ -174,39 +177,45 @@ def _bound_or_changed(statement: ast.stmt) -> set[str]:
         elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
             names.add(node.id)
         elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
-            names.add(_base_name(node))
+            names.add(_name_of_changed_object(node))
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-        names.add(_base_name(statement.value.func))
+        names.add(_name_of_changed_object(statement.value.func))
     return names
 
 
-def _base_name(node: ast.expr) -> str:
+def _name_of_changed_object(node: ast.expr) -> str:
     while isinstance(node, ast.Attribute | ast.Subscript | ast.Call):
         node = node.func if isinstance(node, ast.Call) else node.value
     return node.id if isinstance(node, ast.Name) else ""
 
 
-def code_digest(path: Path) -> str:
-    """Return a digest of a source's code: without comments, docstrings and layout."""
-    return _code_digest(path.read_bytes())
+def digest_code(path: Path) -> str:
+    """Return a digest of the code of a source file, without comments, docstrings and layout."""
+    return _digest_code(path.read_bytes())
 
 
 @cache
-def _code_digest(source: bytes) -> str:
-    return hashlib.sha256(repr(_said(ast.parse(source))).encode()).hexdigest()
+def _digest_code(source: bytes) -> str:
+    return hashlib.sha256(repr(_without_texts(ast.parse(source))).encode()).hexdigest()
 
 
-def _said(node: object) -> object:
-    """Return a tree without places and texts; compiled code would keep the lines of classes."""
+def _without_texts(node: object) -> object:
+    """Return a syntax tree as lists, without line numbers and docstrings.
+
+    Compiled code would contain the line numbers of classes.
+    """
     if isinstance(node, list):
-        return [_said(one) for one in node if not _is_text(one)]
+        return [_without_texts(item) for item in node if not _is_text_statement(item)]
     if not isinstance(node, ast.AST):
         return node
-    return [type(node).__name__, *[_said(getattr(node, name, None)) for name in node._fields]]
+    return [
+        type(node).__name__,
+        *[_without_texts(getattr(node, name, None)) for name in node._fields],
+    ]
 
 
-def _is_text(node: object) -> bool:
-    """Whether this is a text as a statement: a docstring, or the like of an attribute."""
+def _is_text_statement(node: object) -> bool:
+    """Return whether a node is a string as a statement: a docstring, also of an attribute."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
@@ -215,11 +224,11 @@ def _is_text(node: object) -> bool:
 
 
 @cache
-def _names(text: str, package: str) -> frozenset[str]:
-    return frozenset(_named(ast.parse(text), package))
+def _parse_imported_names(text: str, package: str) -> frozenset[str]:
+    return frozenset(_iterate_imported_names(ast.parse(text), package))
 
 
-def _named(tree: ast.AST, package: str) -> Iterator[str]:
+def _iterate_imported_names(tree: ast.AST, package: str) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -227,9 +236,9 @@ def _named(tree: ast.AST, package: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
-                around = package.split(".")
-                above = around[: len(around) - node.level + 1]
-                base = ".".join([*above, base] if base else above)
+                parts = package.split(".")
+                parents = parts[: len(parts) - node.level + 1]
+                base = ".".join([*parents, base] if base else parents)
             yield base
             for alias in node.names:
                 yield f"{base}.{alias.name}"

@@ -1,4 +1,4 @@
-"""Results on disk: `<out>/<section>/<case>.json` for the numbers, `<case>.npz` for the curves."""
+"""Store results: `<out>/<section>/<case>.json` has the numbers, `<case>.npz` the curves."""
 
 import hashlib
 import io
@@ -15,17 +15,17 @@ import numpy as np
 
 from study.run import files
 
-EXIT_CORRUPT = 3  # status of commands that meet stored results which cannot be read
+EXIT_CORRUPT = 3  # exit status of commands if stored results cannot be read
 
-_KIND = "pw_elements study result"
-FORMAT = f"{_KIND} 2"
-_NUMBERS = ("parameters", "scalars", "units", "provenance")
-_KEYS = {"format", "section", "case", *_NUMBERS, "digest"}
-_EARLIER_KEYS = {"case", *_NUMBERS}  # of the first format, which had no name
+_FORMAT_NAME = "pw_elements study result"
+FORMAT = f"{_FORMAT_NAME} 2"
+_TABLES = ("parameters", "scalars", "units", "provenance")
+_ENTRIES = {"format", "section", "case", *_TABLES, "digest"}
+_ENTRIES_OF_FIRST_FORMAT = {"case", *_TABLES}  # of the first format, which had no name
 
 
 class StudyError(Exception):
-    """Something that the user can mend; the command line prints it as one sentence."""
+    """Error that the user can correct; the command line prints it as one sentence."""
 
 
 class MissingResult(StudyError):
@@ -33,20 +33,20 @@ class MissingResult(StudyError):
 
 
 class OutdatedResult(MissingResult):
-    """A result has been stored by another version, in another format."""
+    """A result has the format of another version."""
 
 
 class CorruptResult(StudyError):
-    """A stored file cannot be read, or is not as it was written."""
+    """A stored file cannot be read, or has been changed."""
 
 
-class NoScalar(StudyError):
-    """A stored result has no scalar of a name."""
+class MissingScalar(StudyError):
+    """A stored result has no scalar of this name."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What the run function of a case returns.
+    """Result of a case, as its function returns it.
 
     Units are those in which a problem is stated: kN, kN/m² and m, or N, MPa and mm. A problem that
     states none has "unit force", "unit length" and "unit stress", any consistent ones; one whose
@@ -70,8 +70,8 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Stored:
-    """A result as read from disk; its curves are unpacked when they are first asked for."""
+class StoredResult:
+    """Result that has been read from disk; its curves are unpacked on first use."""
 
     section: str
     case: str
@@ -83,7 +83,7 @@ class Stored:
 
     @cached_property
     def curves(self) -> dict[str, np.ndarray]:
-        """Its arrays by name."""
+        """Arrays by name."""
         return self.unpack()
 
     @property
@@ -97,30 +97,32 @@ class Stored:
         return str(self.provenance.get("record") or "")
 
     def has(self, /, **parameters: object) -> bool:
-        """Tell whether its parameters have these values; a list means any value of it.
+        """Return whether the parameters have these values, or one of the values of a list.
 
-        A parameter that is a list itself, like a mesh's divisions, has to be that list.
+        A parameter that is itself a list, such as the divisions of a mesh, has to equal the list.
         """
-        own = self.parameters
-        return all(name in own and _is(own[name], value) for name, value in parameters.items())
+        return all(
+            name in self.parameters and _has_value(self.parameters[name], value)
+            for name, value in parameters.items()
+        )
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file wholly or not at all, making its folder if need be."""
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write a file completely or not at all; create its folder if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     files.replace_file_atomically(path, data)
 
 
-def sweep(out: Path) -> None:
-    """Remove what killed processes have left unfinished, in the folder and in folders in it."""
+def remove_unfinished_files(out: Path) -> None:
+    """Remove unfinished files of killed processes from a folder and the folders in it."""
     for folder in (Path(out), *Path(out).glob("*/")):
         files.remove_files_of_killed_processes(folder)
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write strict JSON wholly or not at all."""
+    """Write strict JSON completely or not at all."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(path, (text + "\n").encode())
+    write_atomically(path, (text + "\n").encode())
 
 
 def save(
@@ -131,11 +133,11 @@ def save(
     parameters: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> None:
-    """Store a result; a process killed at any point leaves no mixture of old and new behind.
+    """Store a result.
 
-    The file has a digest of all that it says: section, case, parameters, numbers and provenance,
-    which has the fingerprint and the digest of the curves. So neither an edited number, a file of
-    another section nor a `.npz` of another run passes for the result.
+    The file has a digest of its content: section, case, parameters, numbers and provenance with the
+    fingerprint and the digest of the curves. So an edited number, a file of another section, a
+    `.npz` of another run, and a mixture that a killed process leaves are noticed when it is read.
 
     Raises:
         StudyError: If there are no parameters, a scalar is not finite or has no unit, or a unit
@@ -143,14 +145,14 @@ def save(
     """
     scalars = {name: float(value) for name, value in result.scalars.items()}
     units = dict(result.units)
-    _refuse_incomplete(f"{section}/{case}", parameters, scalars, units)
+    _check_complete(f"{section}/{case}", parameters, scalars, units)
     folder = Path(out) / section
     curves = folder / f"{case}.npz"
     digest = None
     if result.curves:
-        data = _packed(result.curves)
+        data = _pack_curves(result.curves)
         digest = hashlib.sha256(data).hexdigest()
-        write_whole(curves, data)
+        write_atomically(curves, data)
     content: dict[str, Any] = {
         "format": FORMAT,
         "section": section,
@@ -160,8 +162,8 @@ def save(
         "units": units,
         "provenance": {**provenance, "curves_sha256": digest},
     }
-    content["digest"] = _digest(content)
-    write_json(folder / f"{case}.json", content)  # last: it declares the result complete
+    content["digest"] = _digest_content(content)
+    write_json(folder / f"{case}.json", content)  # last, as it makes the result complete
     if digest is None:
         files.remove_file_if_present(curves)
 
@@ -172,23 +174,25 @@ def discard(out: Path, section: str, case: str) -> None:
         files.remove_file_if_present(Path(out) / section / f"{case}{suffix}")
 
 
-def is_result(path: Path) -> bool:
-    """Tell whether a file is a stored result, by its keys; of this or an earlier format."""
+def is_result_file(path: Path) -> bool:
+    """Return whether a file is a stored result of this or another format, by its keys."""
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(content, dict) and ({*content} == _KEYS or _of_another_version(content))
+    return isinstance(content, dict) and ({*content} == _ENTRIES or _is_other_version(content))
 
 
-def _of_another_version(content: object) -> bool:
+def _is_other_version(content: object) -> bool:
     if not isinstance(content, dict):
         return False
-    named = str(content.get("format")).startswith(f"{_KIND} ") and content["format"] != FORMAT
-    return named or {*content} == _EARLIER_KEYS
+    is_other_format = (
+        str(content.get("format")).startswith(f"{_FORMAT_NAME} ") and content["format"] != FORMAT
+    )
+    return is_other_format or {*content} == _ENTRIES_OF_FIRST_FORMAT
 
 
-def _refuse_incomplete(
+def _check_complete(
     key: str,
     parameters: Mapping[str, Any],
     scalars: Mapping[str, float],
@@ -196,31 +200,33 @@ def _refuse_incomplete(
 ) -> None:
     if not parameters:
         raise StudyError(f"{key} has no parameters")
-    bad = [f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)]
-    if bad:
-        raise StudyError(f"{key} has numbers that are not finite: {', '.join(bad)}")
-    bare = [name for name in scalars if not units.get(name)]
-    if bare:
-        raise StudyError(f"{key} has numbers without a unit: {', '.join(bare)}")
-    idle = [name for name in units if name not in scalars]
-    if idle:
-        raise StudyError(f"{key} has units of no number: {', '.join(idle)}")
+    not_finite = [
+        f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)
+    ]
+    if not_finite:
+        raise StudyError(f"{key} has numbers that are not finite: {', '.join(not_finite)}")
+    without_unit = [name for name in scalars if not units.get(name)]
+    if without_unit:
+        raise StudyError(f"{key} has numbers without a unit: {', '.join(without_unit)}")
+    superfluous = [name for name in units if name not in scalars]
+    if superfluous:
+        raise StudyError(f"{key} has units of no number: {', '.join(superfluous)}")
 
 
-def _digest(content: Mapping[str, Any]) -> str:
-    """Digest of all else that a file says, whatever the order and the layout."""
-    said = {name: part for name, part in content.items() if name != "digest"}
-    text = json.dumps(said, sort_keys=True, allow_nan=False)
+def _digest_content(content: Mapping[str, Any]) -> str:
+    """Return the digest of all other entries, independent of order and layout."""
+    entries = {name: part for name, part in content.items() if name != "digest"}
+    text = json.dumps(entries, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _is(own: object, wanted: object) -> bool:
-    if isinstance(wanted, list | tuple):
-        return own == list(wanted) if isinstance(own, list) else own in wanted
-    return own == wanted
+def _has_value(stored: object, expected: object) -> bool:
+    if isinstance(expected, list | tuple):
+        return stored == list(expected) if isinstance(stored, list) else stored in expected
+    return stored == expected
 
 
-def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
+def _pack_curves(curves: Mapping[str, np.ndarray]) -> bytes:
     arrays = {name: np.asarray(curve) for name, curve in curves.items()}
     objects = [name for name, array in arrays.items() if array.dtype.hasobject]
     if objects:
@@ -233,36 +239,36 @@ def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
 class Results:
     """Read access to a folder of results, by keys such as "7.1/pw-T6".
 
-    Results and their names are read once and remembered; make a new object to see later changes.
+    Results and their names are read once; create a new object to see later changes.
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self._read: dict[str, Stored] = {}
-        self._failed: dict[str, StudyError] = {}
+        self._stored: dict[str, StoredResult] = {}
+        self._errors: dict[str, StudyError] = {}
         self._names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
         return self._path(key).is_file()
 
-    def __getitem__(self, key: str) -> Stored:
-        if key in self._failed:
-            raise self._failed[key]
-        if key not in self._read:
+    def __getitem__(self, key: str) -> StoredResult:
+        if key in self._errors:
+            raise self._errors[key]
+        if key not in self._stored:
             try:
-                self._read[key] = self._load(key)
+                self._stored[key] = self._load(key)
             except StudyError as error:
-                self._failed[key] = error
+                self._errors[key] = error
                 raise
-        return self._read[key]
+        return self._stored[key]
 
     def scalar(self, key: str, name: str) -> float:
         """Return one number of a result."""
         scalars = self[key].scalars
         if name not in scalars:
-            raise NoScalar(
+            raise MissingScalar(
                 f"{self._path(key)} has no scalar {name!r} (but {', '.join(sorted(scalars))}): "
-                f"{_remedy(key)} --force"
+                f"{_format_remedy(key)} --force"
             )
         return scalars[name]
 
@@ -280,32 +286,32 @@ class Results:
             )
         return stored.curves
 
-    def section(self, section: str) -> list[Stored]:
+    def section(self, section: str) -> list[StoredResult]:
         """Return all results of a section, sorted by case."""
         return [self[f"{section}/{case}"] for case in self.cases(section)]
 
-    def readable(self, section: str) -> list[Stored]:
+    def readable_results(self, section: str) -> list[StoredResult]:
         """Return the results of a section that can be read, sorted by case."""
-        found = []
+        results = []
         for case in self.cases(section):
             with suppress(MissingResult, CorruptResult):
-                found.append(self[f"{section}/{case}"])
-        return found
+                results.append(self[f"{section}/{case}"])
+        return results
 
-    def corrupt(self, section: str) -> dict[str, str]:
-        """Return what is wrong with the results of a section that cannot be read, by their keys."""
-        found = {}
+    def corrupt_results(self, section: str) -> dict[str, str]:
+        """Return, by keys, messages of the results of a section that cannot be read."""
+        messages = {}
         for case in self.cases(section):
             try:
                 self[f"{section}/{case}"]
             except MissingResult:
                 pass
             except CorruptResult as error:
-                found[f"{section}/{case}"] = str(error)
-        return found
+                messages[f"{section}/{case}"] = str(error)
+        return messages
 
-    def where(self, section: str, /, **parameters: object) -> list[Stored]:
-        """Return the results of a section with these parameters, see `Stored.has`."""
+    def where(self, section: str, /, **parameters: object) -> list[StoredResult]:
+        """Return the results of a section with these parameters, see `StoredResult.has`."""
         return [stored for stored in self.section(section) if stored.has(**parameters)]
 
     def cases(self, section: str) -> list[str]:
@@ -316,7 +322,7 @@ class Results:
         return self._names[section]
 
     def claims(self) -> list[dict[str, Any]]:
-        """Return the judged claims, as `study.judge.claims.write` left them."""
+        """Return the judged claims, which `study.judge.claims` has written."""
         path = self.folder / "claims.json"
         remedy = "write it again with ./run study report"
         try:
@@ -332,43 +338,43 @@ class Results:
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.json"
 
-    def _load(self, key: str) -> Stored:
+    def _load(self, key: str) -> StoredResult:
         path = self._path(key)
         section, _, case = key.partition("/")
         try:
-            content = json.loads(path.read_bytes(), parse_constant=_refuse)
-            if _of_another_version(content):
-                raise OutdatedResult(f"{path} is of another version: {_remedy(key)}")
-            _check(content, section, case)
+            content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
+            if _is_other_version(content):
+                raise OutdatedResult(f"{path} is of another version: {_format_remedy(key)}")
+            _check_content(content, section, case)
             digest = content["provenance"].get("curves_sha256")
-            data = _data(path.with_suffix(".npz"), digest) if digest else b""
-            scalars = _floats(content["scalars"])
+            data = _read_curves(path.with_suffix(".npz"), digest) if digest else b""
+            scalars = _to_floats(content["scalars"])
         except FileNotFoundError as error:
             if error.filename == str(path):
-                raise MissingResult(f"there is no result {path}: {_remedy(key)}") from None
-            raise CorruptResult(f"{error.filename} is missing: {_remedy(key)}") from None
+                raise MissingResult(f"there is no result {path}: {_format_remedy(key)}") from None
+            raise CorruptResult(f"{error.filename} is missing: {_format_remedy(key)}") from None
         except (OSError, ValueError, OverflowError, RecursionError) as error:
-            raise CorruptResult(f"{path} cannot be used ({error}): {_remedy(key)}") from None
-        return Stored(
+            raise CorruptResult(f"{path} cannot be used ({error}): {_format_remedy(key)}") from None
+        return StoredResult(
             section,
             case,
             content["parameters"],
             scalars,
             content["units"],
-            partial(_unpacked, data),
+            partial(_unpack_curves, data),
             content["provenance"],
         )
 
 
 class TrackedResults(Results):
-    """Results that note what is read of them.
+    """Results that record which of them are read.
 
     Args:
-        source: The results; they stay as they are.
+        source: The results, which are not changed.
 
     Attributes:
-        keys: Keys of the results that were read, or whose presence was asked for.
-        listed: Sections whose cases were listed.
+        keys: Keys of results that have been read or looked up.
+        listed: Sections whose cases have been listed.
     """
 
     def __init__(self, source: Results) -> None:
@@ -381,7 +387,7 @@ class TrackedResults(Results):
         self.keys.add(key)
         return key in self._source
 
-    def __getitem__(self, key: str) -> Stored:
+    def __getitem__(self, key: str) -> StoredResult:
         self.keys.add(key)
         return self._source[key]
 
@@ -392,26 +398,26 @@ class TrackedResults(Results):
 
     @property
     def sections(self) -> set[str]:
-        """Sections of all that was read."""
+        """Sections of all results that have been read, looked up or listed."""
         return self.listed | {key.partition("/")[0] for key in self.keys}
 
 
-def _remedy(key: str) -> str:
+def _format_remedy(key: str) -> str:
     return f"run ./run study {key}"
 
 
-def _refuse(constant: str) -> float:
+def _refuse_constant(constant: str) -> float:
     raise ValueError(f"it contains {constant}")
 
 
-def _check(content: object, section: str, case: str) -> None:
-    if not isinstance(content, dict) or {*content} != _KEYS:
-        raise ValueError(f"its keys are not {', '.join(sorted(_KEYS))}")
+def _check_content(content: object, section: str, case: str) -> None:
+    if not isinstance(content, dict) or {*content} != _ENTRIES:
+        raise ValueError(f"its keys are not {', '.join(sorted(_ENTRIES))}")
     if content["format"] != FORMAT:
         raise ValueError("its format has no name of the study's")
     if (content["section"], content["case"]) != (section, case):
         raise ValueError(f"it is of the case {content['section']}/{content['case']}")
-    for part in _NUMBERS:
+    for part in _TABLES:
         if not isinstance(content[part], dict):
             raise ValueError(f"its {part} are no table")
     for name, value in content["scalars"].items():
@@ -420,22 +426,22 @@ def _check(content: object, section: str, case: str) -> None:
     for name, unit in content["units"].items():
         if not isinstance(unit, str):
             raise ValueError(f"the unit of {name} is no text")
-    if content["digest"] != _digest(content):
+    if content["digest"] != _digest_content(content):
         raise ValueError("it has been edited since the run")
 
 
-def _floats(numbers: Mapping[str, float]) -> dict[str, float]:
+def _to_floats(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items()}
 
 
-def _data(path: Path, digest: str) -> bytes:
+def _read_curves(path: Path, digest: str) -> bytes:
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
         raise ValueError(f"{path.name} is not of the same run")
     return data
 
 
-def _unpacked(data: bytes) -> dict[str, np.ndarray]:
+def _unpack_curves(data: bytes) -> dict[str, np.ndarray]:
     if not data:
         return {}
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:

@@ -1,15 +1,15 @@
-"""One supervisor for every command: a signal ends all of its processes, and tells one line.
+"""Supervise commands: a signal ends all processes of a command, with one line of output.
 
-A command's work runs in a process of its own. The process that the user knows does nothing but
-wait: at SIGHUP, SIGINT or SIGTERM it kills all of its descendants, whatever they are doing, and
-says which signal it was and what is kept. Results are written wholly or not at all, so that there
-is nothing to wait for, and no work has to answer signals: PETSc, MPI, compilers, CalculiX and
-Sphinx each would in their own way, or not at all.
+The work of a command runs in a separate process, the worker. The process that the user starts, the
+leader, only waits: on SIGHUP, SIGINT or SIGTERM it kills all of its descendants and prints the
+signal and what is kept. As results are written completely or not at all, nothing has to be waited
+for, and no code has to handle signals, which PETSc, MPI, compilers, CalculiX and Sphinx would do in
+different ways, or not at all.
 
-Between the two stands a guard, which does the same where the leader itself is killed. Leader and
-guard adopt whatever their descendants leave behind (`PR_SET_CHILD_SUBREAPER`), and each process
-of the three ends with the one above it (`PR_SET_PDEATHSIG`). Elsewhere than on Linux a command runs
-without them, and only Ctrl-C ends it with a line.
+A guard process between the two does the same if the leader itself is killed. Leader and guard adopt
+orphaned descendants (`PR_SET_CHILD_SUBREAPER`), and each of the three processes ends with its
+parent (`PR_SET_PDEATHSIG`). On other systems than Linux a command runs without them, and only
+Ctrl-C ends it with a line.
 
     python3 -m study.run.supervisor MODULE [ARGUMENT ...]
 
@@ -25,35 +25,34 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-# Other modules are imported where they are used: until `supervise` is called, a signal has its
-# usual effect
+# Other modules are imported in functions, because a signal before `supervise` has its usual effect
 
 SIGNALS: set[signal.Signals] = {signal.SIGHUP, signal.SIGINT, signal.SIGTERM}
-"""Signals that end a command with one line; where one is ignored, as by nohup, it stays so."""
+"""Signals that end a command with one line, unless they are ignored, as by nohup."""
 
-KEPT = {
+RESUME_HINTS = {
     "study": "the results so far are kept, and the same command without --force computes the rest",
     "figures": "results and figures so far are kept, and the same command goes on with the rest",
     "site": "an earlier site is kept, and the same command makes it anew",
 }
-"""What is kept when a command is ended, and how to go on."""
+"""Messages by commands: what is kept when the command is ended, and how to resume it."""
 
 SUPERVISOR = "PW_ELEMENTS_SUPERVISOR"
-"""Variable in which descendants find the process that supervises them."""
+"""Environment variable with the process that supervises the descendants."""
 
 _SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # options of prctl(2)
-_LAST_ATTEMPT = 10.0  # seconds after which processes that SIGKILL does not end are given up
-_PAUSE = 0.002  # seconds between two attempts
+_MAX_KILL_SECONDS = 10.0  # after this time processes that SIGKILL does not end are given up
+_PAUSE_SECONDS = 0.002  # between two attempts to kill
 
 
 def supervise(command: Callable[[], int], name: str) -> int:
-    """Run a command in a process of its own, and end all of its descendants with it.
+    """Run a command in a separate process, and end all of its descendants with it.
 
-    To be called before MPI is initialised and before there are threads, which no fork survives.
+    To be called before MPI is initialised and threads are started, because the process forks.
 
     Args:
-        command: Does the work and returns the exit status; it may raise SystemExit, too.
-        name: The command's name in messages; for those in `KEPT`, they tell what is kept.
+        command: Function that does the work and returns the exit status, or raises SystemExit.
+        name: Name of the command in messages, and in `RESUME_HINTS`.
 
     Returns:
         The exit status of the command, or 128 and the number of the signal that ended it.
@@ -62,26 +61,26 @@ def supervise(command: Callable[[], int], name: str) -> int:
     if _has_supervisor():
         return command()
     if sys.platform != "linux":
-        return _run_alone(command, name)
+        return _run_without_supervisor(command, name)
     stopping: set[signal.Signals] = {
-        one for one in SIGNALS if signal.getsignal(one) != signal.SIG_IGN
+        number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN
     }
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {*stopping, signal.SIGTERM, signal.SIGCHLD})
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, no status is left
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it were ignored, there would be no status
     _control_process(_SET_SUBREAPER, 1)
     sys.stdout.flush()
     sys.stderr.flush()
     leader, folder = os.getpid(), _make_temporary_folder()
     guard = os.fork()
     if guard:
-        status = _lead(guard, stopping)
+        status = _run_leader(guard, stopping)
         _remove_folder(folder)
         if status > 128 and status != 128 + signal.SIGPIPE:
-            with suppress(OSError):  # a terminal that has gone reads nothing
-                print(_farewell(name, status - 128), file=sys.stderr, flush=True)
+            with suppress(OSError):  # the terminal may be closed
+                print(_format_signal_message(name, status - 128), file=sys.stderr, flush=True)
         return status
-    _guard_worker(leader, folder)
-    # the worker: the signals stay blocked, in all that it starts as well
+    _start_worker_under_guard(leader, folder)
+    # In the worker and its descendants the signals stay blocked
     signal.pthread_sigmask(signal.SIG_SETMASK, before | stopping)
     os.environ[SUPERVISOR] = str(leader)
     if folder:
@@ -92,19 +91,18 @@ def supervise(command: Callable[[], int], name: str) -> int:
 def run_supervised(command: Callable[[], int], name: str) -> NoReturn:
     """Run a command as `supervise` does, and end this process with its status.
 
-    The process ends without the libraries' own finalisation, as everything has been written: where
-    Python itself loads MPI at start-up, UCX shares descriptors with the worker, which has closed
-    them, and crashes in the leader.
+    The libraries are not finalised: where Python loads MPI at start-up, UCX shares descriptors with
+    the worker, which has closed them, and would crash in the leader.
     """
     status = supervise(command, name)
-    with suppress(OSError, ValueError, AttributeError):  # nobody reads any more
+    with suppress(OSError, ValueError, AttributeError):  # a closed pipe
         sys.stdout.flush()
         sys.stderr.flush()
     os._exit(status)
 
 
 def _open_closed_streams() -> None:
-    """Let standard streams that are closed, as under some daemons, be those of the null device."""
+    """Open standard streams that are closed, as under some daemons, on the null device."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         if getattr(sys, name) is None:
             null = os.open(os.devnull, os.O_RDWR)
@@ -115,8 +113,8 @@ def _open_closed_streams() -> None:
 
 
 @contextmanager
-def signals_blocked() -> Iterator[None]:
-    """Let processes that are started meanwhile leave these signals to this one."""
+def block_signals() -> Iterator[None]:
+    """Block `SIGNALS`, also in processes that are started within the context."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -124,20 +122,20 @@ def signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def descendants(process: int) -> list[int]:
-    """Return the processes below a process, of all generations."""
-    parents = _parents()
-    below = {process}
-    while more := {child for child, parent in parents.items() if parent in below} - below:
-        below |= more
-    return sorted(below - {process})
+def list_descendants(process: int) -> list[int]:
+    """Return the descendants of a process, of all generations."""
+    parents = _read_parents()
+    family = {process}
+    while children := {child for child, parent in parents.items() if parent in family} - family:
+        family |= children
+    return sorted(family - {process})
 
 
-def _lead(guard: int, stopping: set[signal.Signals]) -> int:
-    """Wait for a signal or the end of the guard; return the status when nothing is left."""
+def _run_leader(guard: int, stopping: set[signal.Signals]) -> int:
+    """Wait for a signal or the end of the guard; end all descendants and return the status."""
     while True:
         caught = signal.sigwait({*stopping, signal.SIGCHLD})
-        status = _reap(guard)
+        status = _collect_ended_children(guard)
         if status is None and caught in stopping:
             status = 128 + caught
         if status is not None:
@@ -145,68 +143,68 @@ def _lead(guard: int, stopping: set[signal.Signals]) -> int:
             return status
 
 
-def _guard_worker(leader: int, folder: str | None) -> None:
+def _start_worker_under_guard(leader: int, folder: str | None) -> None:
     """Fork the worker, in which this returns, and stay behind until it or the leader has ended."""
     guard = os.getpid()
     _control_process(_SET_SUBREAPER, 1)
-    _control_process(_SET_DEATH_SIGNAL, signal.SIGTERM)  # which is blocked, and waited for
+    _control_process(_SET_DEATH_SIGNAL, signal.SIGTERM)  # blocked, for sigwait
     worker = os.fork()
     if not worker:
         _control_process(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() != guard:  # it ended before
+        if os.getppid() != guard:  # the guard has ended already
             os._exit(1)
         return
     status = None
     while status is None and os.getppid() == leader:
         signal.sigwait({signal.SIGTERM, signal.SIGCHLD})
-        status = _reap(worker)
+        status = _collect_ended_children(worker)
     _end_descendants()
     if os.getppid() != leader:
         _remove_folder(folder)
     os._exit(status or 0)
 
 
-def _reap(child: int) -> int | None:
-    """Collect all children that have ended; return the status of this one if it is among them."""
-    found = None
+def _collect_ended_children(child: int) -> int | None:
+    """Reap all children that have ended; return the status of `child` if it is among them."""
+    status = None
     with suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
             if ended[0] == child:
                 code = os.waitstatus_to_exitcode(ended[1])
-                found = code if code >= 0 else 128 - code
-    return found
+                status = code if code >= 0 else 128 - code
+    return status
 
 
 def _end_descendants() -> None:
-    """Kill all descendants of this process; those whose parents end become its children."""
-    deadline = time.monotonic() + _LAST_ATTEMPT
+    """Kill all descendants of this process, which adopts those whose parents end."""
+    deadline = time.monotonic() + _MAX_KILL_SECONDS
     while time.monotonic() < deadline:
-        for process in descendants(os.getpid()):
+        for process in list_descendants(os.getpid()):
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-        except ChildProcessError:  # there is none any more
+        except ChildProcessError:  # no child is left
             return
-        time.sleep(_PAUSE)
+        time.sleep(_PAUSE_SECONDS)
 
 
 def _has_supervisor() -> bool:
-    """Tell whether a process above this one supervises it."""
-    supervisor, parents, process = os.environ.get(SUPERVISOR, ""), _parents(), os.getppid()
+    """Return whether an ancestor of this process supervises it."""
+    supervisor, parents, process = os.environ.get(SUPERVISOR, ""), _read_parents(), os.getppid()
     while process and str(process) != supervisor:
         process = parents.get(process, 0)
     return bool(process)
 
 
-def _parents() -> dict[int, int]:
-    """Return the parent of each process that can be seen."""
+def _read_parents() -> dict[int, int]:
+    """Return the parents of all visible processes."""
     parents = {}
     for process in os.listdir("/proc"):
         if not process.isdecimal():
             continue
-        with suppress(OSError), open(f"/proc/{process}/stat", "rb") as stream:  # if it is there yet
+        with suppress(OSError), open(f"/proc/{process}/stat", "rb") as stream:  # it may have ended
             parents[int(process)] = int(stream.read().rpartition(b")")[2].split()[1])
     return parents
 
@@ -219,7 +217,7 @@ def _control_process(option: int, value: int) -> None:
 
 
 def _make_temporary_folder() -> str | None:
-    """Return a folder for all temporary files of the command, or None where none can be made."""
+    """Create a folder for temporary files of the command; return None if this fails."""
     import tempfile
 
     try:
@@ -235,26 +233,26 @@ def _remove_folder(folder: str | None) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _run_alone(command: Callable[[], int], name: str) -> int:
+def _run_without_supervisor(command: Callable[[], int], name: str) -> int:
     try:
         return command()
     except KeyboardInterrupt:
-        print(_farewell(name, signal.SIGINT), file=sys.stderr, flush=True)
+        print(_format_signal_message(name, signal.SIGINT), file=sys.stderr, flush=True)
         return 128 + signal.SIGINT
 
 
-def _farewell(name: str, number: int) -> str:
-    """Return the line that tells which signal ended a command, and what is kept."""
-    known = {one.value for one in signal.Signals}
-    what = signal.Signals(number).name if number in known else f"signal {number}"
-    how = "interrupted" if number in SIGNALS else "ended"
+def _format_signal_message(name: str, number: int) -> str:
+    """Return the line with the signal that ended a command, and what is kept."""
+    numbers = {one.value for one in signal.Signals}
+    signal_name = signal.Signals(number).name if number in numbers else f"signal {number}"
+    verb = "interrupted" if number in SIGNALS else "ended"
     cause = " (out of memory?)" if number == signal.SIGKILL else ""
-    kept = KEPT.get(name, "files that it has written are kept")
-    return f"{name}: {how} by {what}{cause}; {kept}"
+    kept = RESUME_HINTS.get(name, "files that it has written are kept")
+    return f"{name}: {verb} by {signal_name}{cause}; {kept}"
 
 
 def _run_module() -> int:
-    """Run the module that the first argument names."""
+    """Run the module whose name is the first argument."""
     module = sys.argv[1]
     del sys.argv[0]
     runpy.run_module(module, run_name="__main__", alter_sys=True)

@@ -15,7 +15,7 @@ from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import SubSpace, cell_measure
 from study.model.discretisation import spaces
-from study.solutions.calculix.cylinder import BULK
+from study.solutions.calculix.cylinder import BULK_MODULUS
 
 Array = npt.NDArray[np.float64]
 
@@ -78,10 +78,10 @@ class RubberBody:
             self._energy = (energy + p**2 / (2 * lame)) * dx
         elif calculix_energy:
             shear_stress = J ** (-2 / 3) * (F - (ufl.inner(F, F) + 1) / 3 * inverse)
-            stress = shear_stress + BULK * (J - 1) * J * inverse
+            stress = shear_stress + BULK_MODULUS * (J - 1) * J * inverse
             self.residual = ufl.inner(stress, ufl.grad(test)) * dx
             distortion = J ** (-2 / 3) * (ufl.inner(F, F) + 1) - 3
-            self._energy = (distortion / 2 + BULK / 2 * (J - 1) ** 2) * dx
+            self._energy = (distortion / 2 + BULK_MODULUS / 2 * (J - 1) ** 2) * dx
         else:
             stress = F - inverse + lame * ufl.ln(J) * inverse
             self.residual = ufl.inner(stress, ufl.grad(test)) * dx
@@ -113,7 +113,7 @@ class RubberBody:
             order = np.argsort(surface.node)
             return surface.weight_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
 
-        return integrate(1.0), integrate(SurfaceNodes.stretch(self.solution))
+        return integrate(1.0), integrate(SurfaceNodes.area_stretch(self.solution))
 
 
 @dataclass(frozen=True)

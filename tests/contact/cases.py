@@ -25,7 +25,7 @@ from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
 from study.model.elements import serendipity
 
-PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
+PETROV_GALERKIN, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
 def on_plane(axis, coordinate):
@@ -88,7 +88,14 @@ class ElasticBody:
     """A linear elastic body on a mesh, with its stiffness, loads, supports and contact problems."""
 
     def __init__(
-        self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
+        self,
+        mesh,
+        method=PETROV_GALERKIN,
+        state="plane strain",
+        E=1000.0,
+        nu=0.3,
+        thickness=1.0,
+        material=None,
     ):
         self.mesh, self.dim = mesh, mesh.geometry.dim
         self.body = Body(method(mesh), material or Material(E, nu), state, thickness)
@@ -118,7 +125,7 @@ class ElasticBody:
     def initial_stress_matrix(self, load, supports, form="G"):
         """Assemble the initial stress matrix of the stresses that a load causes."""
         displacement = as_function(self.space, solve(self.K, load, supports))
-        return assemble_matrix(self.body.initial_stress(self.body.stress(displacement), form))
+        return assemble_matrix(self.body.geometric_stiffness(self.body.stress(displacement), form))
 
     def traction_load(self, traction, where):
         surface = boundary_measure(self.mesh, where)
@@ -151,7 +158,7 @@ class ElasticBody:
 class BlockOnFloor(ElasticBody):
     """Block 4 x 2 on a rough plane, pressed by a traction of 200, then pulled at its right side."""
 
-    def __init__(self, n, method=PW, comm=MPI.COMM_SELF):
+    def __init__(self, n, method=PETROV_GALERKIN, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
         super().__init__(mesh, method, "plane stress")
         self.no_supports = self.make_supports()
@@ -166,9 +173,9 @@ class BlockOnFloor(ElasticBody):
             *(self.pressure_load + load_factor * pull for load_factor in load_factors),
         ]
 
-    def floor_pair(self, mu, frictionless_end=0.2):
+    def floor_pair(self, mu, frictionless_end_length=0.2):
         """Return the contact pair of the base, which is frictionless near both ends."""
-        end = frictionless_end - 1e-9
+        end = frictionless_end_length - 1e-9
         return ContactPair(
             on_plane(1, 0.0),
             Plane((0, 0), (0, 1)),
@@ -187,7 +194,12 @@ class PunchedBlock(ElasticBody):
     """
 
     def __init__(
-        self, divisions=(19, 4), method=PW, build=triangles, grade=1.5, comm=MPI.COMM_SELF
+        self,
+        divisions=(19, 4),
+        method=PETROV_GALERKIN,
+        build=triangles,
+        grade=1.5,
+        comm=MPI.COMM_SELF,
     ):
         def scale_and_grade(x):
             s = x[:, 0]
@@ -207,7 +219,7 @@ class PunchedBlock(ElasticBody):
 class GrecoFrictionBenchmark(ElasticBody):
     """GRECO/Raous plate (code_aster SSNV128) with friction 1; its nodes are open, stick or slip."""
 
-    def __init__(self, n, method=PW):
+    def __init__(self, n, method=PETROV_GALERKIN):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))
         super().__init__(mesh, method, E=1.3e11, nu=0.2)
         self.edge_load = self.traction_load((0.0, -5e7), on_plane(1, 0.04)) + self.traction_load(

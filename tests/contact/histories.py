@@ -32,7 +32,7 @@ def make_punch_problem_and_steps(comm=MPI.COMM_SELF):
     ]
 
 
-def make_rubber_problem_and_steps(comm=MPI.COMM_SELF):
+def make_incompressible_blocks_problem_and_steps(comm=MPI.COMM_SELF):
     """Return the history of an incompressible block that is pressed on another one and pulled.
 
     It is pulled back and forth.
@@ -48,7 +48,7 @@ def make_rubber_problem_and_steps(comm=MPI.COMM_SELF):
 
 
 HISTORY_MAKERS_BY_NAME = {
-    "rubber": make_rubber_problem_and_steps,
+    "rubber": make_incompressible_blocks_problem_and_steps,
     "block": make_block_problem_and_steps,
     "punch": make_punch_problem_and_steps,
 }
@@ -82,7 +82,7 @@ def collect_comparable_fields(state):
     return values
 
 
-def history_scale_of_field(field_name, states):
+def largest_force_or_length_in_history(field_name, states):
     """Return the largest force or length of a history, as a scale of a field's differences."""
     kind = field_name.split()[0]
     if "force" in kind:

@@ -24,16 +24,14 @@ class SolidBlock(ElasticBody):
         super().__init__(mesh, method, "solid", nu=nu)
         self.no_supports = self.make_supports()
 
-    def solve_contact_arguments(self, case_name):
+    def contact_arguments_of_case(self, case_name):
         """Return the arguments of `solve_contact` for one of `SOLID_CASE_MAKERS_BY_NAME`."""
         loads, supports, pairs = SOLID_CASE_MAKERS_BY_NAME[case_name](self)
         return self.K, loads, supports, pairs, self.space
 
-    def base_supports(self, x_displacement=0.0):
+    def base_supports_moved_by_1_2_3_times(self, length=0.0):
         """Return supports that displace the base along the axes by 1, 2 and 3 times a length."""
-        return self.make_supports(
-            *((i, on_plane(2, 0.0), x_displacement * (i + 1)) for i in range(3))
-        )
+        return self.make_supports(*((i, on_plane(2, 0.0), length * (i + 1)) for i in range(3)))
 
     def press_and_push_load(self):
         """Assemble the load of a pressure on the top and of a traction at one side."""

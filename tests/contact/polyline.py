@@ -16,7 +16,7 @@ def unit_left_normals(vectors: PointArray) -> PointArray:
 
 
 @dataclass(frozen=True)
-class Polyline:
+class PolylineSurface:
     """Polygonal line in the plane; its first and last segments extend to infinity.
 
     The body lies to the left of the direction from the first to the last point. Corners that

@@ -132,7 +132,9 @@ def recompute_residuals_per_step(
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
-        r, force_round_off, stiffness = _nodal_forces_and_round_off(problem.K, a, problem.loads[k])
+        r, force_round_off, stiffness = _nodal_forces_round_off_and_max_stiffness(
+            problem.K, a, problem.loads[k]
+        )
         force = max(force, np.linalg.norm(r, axis=1).max())
         length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
         length_round_off = 64 * _MACHINE_EPSILON * (np.abs(x).max() + length)
@@ -176,7 +178,7 @@ def recompute_residuals_per_step(
                 nodes,
                 still_inside,
             )
-            faced, values, on_supports, slack = _contact_law_residuals(
+            faced, values, on_supports, slack = _contact_law_residuals_and_support_friction(
                 pair.surface, scale, *node_data
             )
             balanced[nodes[faced]] = False
@@ -223,7 +225,7 @@ class _ReferenceForceAndLength:
         return float(((lengths - self.length_round_off) / self.length).max(initial=0.0))
 
 
-def _contact_law_residuals(
+def _contact_law_residuals_and_support_friction(
     surface,
     scale: _ReferenceForceAndLength,
     positions_in_surface_frame,
@@ -269,11 +271,15 @@ def _contact_law_residuals(
     r_t = r_t + on_supports
     friction, slip_length = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
 
-    def both_nonzero(force: Array, length: Array, factor: Array | float = 0.0) -> float:
+    def largest_complementarity_error(
+        force: Array, length: Array, friction_coefficient: Array | float = 0.0
+    ) -> float:
         """Return the largest relative min(force, length), of which one has to be zero."""
-        force = np.maximum(0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, factor))
+        force = np.maximum(
+            0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, friction_coefficient)
+        )
         length = np.maximum(0.0, length - scale.length_round_off)
-        relative = force / np.maximum(1.0, factor) / scale.force
+        relative = force / np.maximum(1.0, friction_coefficient) / scale.force
         return float(np.minimum(relative, length / scale.length).max(initial=0.0))
 
     # force times slip, divided by the product of the reference force and length
@@ -283,9 +289,9 @@ def _contact_law_residuals(
     values = {
         "penetration": scale.largest_relative_length(-gap),
         "tension": scale.largest_relative_force(-r_n, nodes),
-        "complementarity": both_nonzero(r_n, gap),
+        "complementarity": largest_complementarity_error(r_n, gap),
         "cone": scale.largest_relative_force(friction - mu * r_n, nodes, mu),
-        "stick": both_nonzero(mu * r_n - friction, slip_length, mu),
+        "stick": largest_complementarity_error(mu * r_n - friction, slip_length, mu),
         "direction": scale.largest_relative_force(direction_error / scale.length, nodes, mu),
     }
     return faced, values, on_supports.sum(axis=0), slack.sum(axis=0)
@@ -327,7 +333,7 @@ def _surface_motion_and_balance_residuals(
     }
 
 
-def _nodal_forces_and_round_off(
+def _nodal_forces_round_off_and_max_stiffness(
     K: PETSc.Mat, a: Array, load: PETSc.Vec
 ) -> tuple[Array, Array, float]:
     """Return nodal forces K a - load (nodes, dim), their round-off (nodes,), and max|K|."""

@@ -17,12 +17,16 @@ from tests.contact.cases import (
 from tests.contact.two_bodies import join_meshes
 
 
-def mesh_of_two_rectangles(lower_corners, upper_corners, divisions, map_nodes, comm=MPI.COMM_SELF):
+def mesh_of_two_rectangles(
+    corners_of_lower, corners_of_upper, divisions, map_nodes, comm=MPI.COMM_SELF
+):
     """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by
     `map_nodes`.
     """
     meshes = []
-    for body, (box, n) in enumerate(zip((lower_corners, upper_corners), divisions, strict=True)):
+    for body, (box, n) in enumerate(
+        zip((corners_of_lower, corners_of_upper), divisions, strict=True)
+    ):
         mesh = create_rectangle(MPI.COMM_SELF, box, n, CellType.triangle)
         x = mesh.geometry.x
         x[:, :2] = np.stack(map_nodes(*x[:, :2].T, body), axis=1)
@@ -63,7 +67,7 @@ class SlidingBodies:
             self.residual, self.u, self.conditions, self.pair, **options
         )
 
-    def prescribe_base_and_top(self, top_translation, degrees):
+    def prescribe_base_and_top(self, top_translation, rotation_degrees):
         """Prescribe a translation of the top, and a rotation (degrees) of both base and top.
 
         The rotation is about the origin, after the translation.
@@ -71,7 +75,7 @@ class SlidingBodies:
         x = self.space.tabulate_dof_coordinates()[:, :2]
         end_positions = x.copy()
         end_positions[self.top] += top_translation
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        c, s = np.cos(np.radians(rotation_degrees)), np.sin(np.radians(rotation_degrees))
         self.prescribed_displacement.x.array[:] = (
             end_positions @ np.array([[c, s], [-s, c]]) - x
         ).ravel()
@@ -114,12 +118,12 @@ def make_die_on_block(
 ):
     """Return a block and a parabolic die on it; by default the die's lower side is the slave."""
 
-    def shape(x, y, body):
+    def map_node_coordinates(x, y, body_index):
         bottom = 0.01 + curvature * x**2 / 2
-        return (x, y) if body == 0 else (x, bottom + y * (1 - bottom))
+        return (x, y) if body_index == 0 else (x, bottom + y * (1 - bottom))
 
     boxes = ((-half_width, -1.0), (half_width, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
-    mesh = mesh_of_two_rectangles(*boxes, divisions, shape, comm)
+    mesh = mesh_of_two_rectangles(*boxes, divisions, map_node_coordinates, comm)
 
     def on_die_bottom(x):
         within_width = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)
@@ -138,10 +142,12 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
     are divided by the length of the longest facet.
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
-    slip, _ = projected.measure_slip_and_position_derivatives(
+    slip, _ = projected.measure_slip_and_gap_slip_angle_derivatives(
         mortar.make_slip_reference(start_positions), end_positions
     )
-    facing_parts = [mortar.evaluate_for_verification(x) for x in (start_positions, end_positions)]
+    facing_parts = [
+        mortar.evaluate_mortar_matrices_independently(x) for x in (start_positions, end_positions)
+    ]
     gap, slip_vector = measure_gap_and_slip(*facing_parts, start_positions, end_positions)
     assert np.array_equal(facing_parts[0].faces_master, projected_start.faces_master)
     assert np.array_equal(np.isfinite(gap), projected.faces_master)

@@ -16,18 +16,18 @@ from pw_elements.contact import (
     FreeBody,
     Motion,
     NoEquilibrium,
-    NotFound,
     NotUnique,
     Parabola,
     Plane,
     SignedDistance,
+    SolutionNotFound,
     Sphere,
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import move_nodes, triangles
 from tests.contact.cases import BlockOnFloor, ElasticBody, GrecoFrictionBenchmark, on_plane
 
-BLOCK, FLOOR, BELOW = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
+BLOCK, FLOOR, ON_BASE = BlockOnFloor(4), Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 
 
 def solve_block(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports, **options):
@@ -37,7 +37,7 @@ def solve_block(pair=None, load=BLOCK.pressure_load, reduction=BLOCK.no_supports
     )
 
 
-def floor_pair_with(mu=0.3, motions=(), nodes=BELOW):
+def floor_pair_with(mu=0.3, motions=(), nodes=ON_BASE):
     return ContactPair(nodes, FLOOR, mu, motions)
 
 
@@ -86,7 +86,7 @@ def flat_pair_with_normal(normal):
 
 
 N_BLOCK_NODES = len(BLOCK.x)
-PASSING_ARC_PAIR = base_pair_with_surface(
+ARC_PAIR_WITH_NAN_GAP_AFTER_MOTION = base_pair_with_surface(
     SurfaceWithGapFunction(gap_to_circle_or_nan), 0.3, [Motion((0, 0)), Motion((-5, 0))]
 )
 WALL_PAIR = ContactPair(on_plane(0, 0.0), Plane((0, 0), (1, 0)))
@@ -150,7 +150,10 @@ INVALID_CALLS_AND_MESSAGES = [
         lambda: solve_block(reduction=displacement_doubling_reduction()),
         "combines the displacements",
     ),
-    (lambda: solve_block(PASSING_ARC_PAIR, [BLOCK.pressure_load] * 2), "gap is not a number"),
+    (
+        lambda: solve_block(ARC_PAIR_WITH_NAN_GAP_AFTER_MOTION, [BLOCK.pressure_load] * 2),
+        "gap is not a number",
+    ),
     (lambda: solve_block(remedies=("prayer",)), "give some of 'springs', 'cutback'"),
 ]
 
@@ -181,12 +184,12 @@ def test_invalid_problems_are_refused_with_their_cause(attempt, message):
         ),
         (
             lambda: GrecoFrictionBenchmark(16).solve(10.0, remedies=()),
-            NotFound,
+            SolutionNotFound,
             "runs through the same",
         ),
         (
             lambda: GrecoFrictionBenchmark(16).solve(1, max_iterations=3, remedies=()),
-            NotFound,
+            SolutionNotFound,
             "after 3 iterations",
         ),
     ],
@@ -269,7 +272,7 @@ def test_large_friction_without_a_unique_solution_is_reported():
     assert below_limit.pairs[0].status.tolist() == [SLIP]
 
     # the slip equations have no solution here, and infinitely many at the limit of stick
-    with pytest.raises(NotFound, match="the equations have no solution"):
+    with pytest.raises(SolutionNotFound, match="the equations have no solution"):
         solve_pulled(critical, 2 * critical, remedies=())
     lifted = solve_pulled(critical, 2 * critical)
     assert lifted.pairs[0].status.tolist() == [OPEN]
@@ -325,7 +328,7 @@ class BlockInGroove:
         self.pressed = self.problem.step(self.problem.undeformed, self.top_load)
 
 
-GROOVE_MOTIONS = {
+GROOVE_MOTIONS_BY_CASE = {
     "unloaded": [None, None],
     "the groove sinks": [Motion((0.0, -0.1))] * 2,
     "the groove opens": [Motion((-0.1, 0.0)), Motion((0.1, 0.0))],
@@ -334,8 +337,8 @@ GROOVE_MOTIONS = {
 }
 
 
-@pytest.mark.parametrize("case", GROOVE_MOTIONS)
-def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(case):
+@pytest.mark.parametrize("case", GROOVE_MOTIONS_BY_CASE)
+def test_a_body_that_loses_all_contact_forces_has_no_unique_position(case):
     """A body that no contact force holds any more is refused, as its position is not unique.
 
     The computed state can be moved to where no gap closes, which gives another state.
@@ -343,7 +346,7 @@ def test_a_body_that_ends_clear_of_all_forces_has_no_unique_position(case):
     groove = BlockInGroove()
     assert groove.pressed.pairs[0].force[1] == pytest.approx(1.0)
     with pytest.raises(NotUnique, match=r"the body is loose.*Nothing stops") as caught:
-        groove.problem.step(groove.pressed, 0.0 * groove.top_load, GROOVE_MOTIONS[case])
+        groove.problem.step(groove.pressed, 0.0 * groove.top_load, GROOVE_MOTIONS_BY_CASE[case])
     state = caught.value.state
     assert not state.converged
     assert max(np.abs(pair.force_vector).max() for pair in state.pairs) < 1e-9
@@ -362,22 +365,22 @@ def test_planes_that_touch_without_force_may_fix_a_body():
     body = ElasticBody(mesh, E=1e4)
     sides = {(0, 0.0): (1, 0), (0, 1.0): (-1, 0), (1, 0.0): (0, 1), (1, 1.0): (0, -1)}
 
-    def step_between(*names):
-        where = {name: on_plane(*name) for name in names}
+    def solve_between_planes(*side_keys):
+        where = {name: on_plane(*name) for name in side_keys}
         corners = lambda x: np.isclose(np.abs(x[0] - 0.5) + np.abs(x[1] - 0.5), 1.0)  # noqa: E731
         pairs = [
             ContactPair(
                 lambda x, name=name: where[name](x) & ~corners(x),
                 Plane(np.eye(2)[name[0]] * name[1], sides[name]),
             )
-            for name in names
+            for name in side_keys
         ]
         problem = body.contact_problem(pairs, body.make_supports())
         return problem.step(
             problem.undeformed, 0.0 * body.traction_load((0.0, 1.0), on_plane(1, 1.0))
         )
 
-    assert step_between(*sides).residuals.largest() < 1e-9  # the body is fixed on all sides
+    assert solve_between_planes(*sides).residuals.largest() < 1e-9  # the body is fixed on all sides
     for missing in ((0, 1.0), (1, 0.0)):
         with pytest.raises((NotUnique, FreeBody)):
-            step_between(*(name for name in sides if name != missing))
+            solve_between_planes(*(name for name in sides if name != missing))

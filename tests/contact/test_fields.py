@@ -131,7 +131,7 @@ def test_as_function_overwrites_the_values_of_a_function():
         as_function(BlockOnFloor(6).space, doubled_load)
 
 
-def solve_hertz_and_measure_error(edges_per_half_width, cell=None):
+def solve_hertz_and_measure_error_and_indicator(edges_per_half_width, cell=None):
     """Solve Hertz' contact; return the true stress error, its indicator, cell size and half width.
 
     Without a cell type, the problem is a line contact on triangles. With a cell type, it is a
@@ -181,7 +181,7 @@ def solve_hertz_and_measure_error(edges_per_half_width, cell=None):
     exact = exact_solution.peak * ufl.sqrt(ufl.max_value(0.0, 1 - squared_radius / a**2))
     squared_error = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
     error = np.sqrt(assemble_scalar(squared_error * boundary_measure(mesh, near_contact, 12)))
-    return error, fields.indicator(), h, a
+    return error, fields.error_indicator(), h, a
 
 
 def test_the_indicator_is_the_error_of_the_stresses():
@@ -192,7 +192,7 @@ def test_the_indicator_is_the_error_of_the_stresses():
     """
     norms = []
     for edges in (6, 12):
-        error, indicator, h, a = solve_hertz_and_measure_error(edges)
+        error, indicator, h, a = solve_hertz_and_measure_error_and_indicator(edges)
         norms.append(np.linalg.norm(indicator.x.array))
         assert 0.85 < norms[-1] / error < 1.05
         mesh = indicator.function_space.mesh
@@ -208,17 +208,17 @@ def test_the_indicator_is_the_error_of_the_stresses():
     ("cell", "bounds"), [(CellType.tetrahedron, (0.85, 1.05)), (CellType.hexahedron, (1.1, 1.4))]
 )
 def test_the_indicator_is_near_the_error_in_space(cell, bounds):
-    error, indicator, _, _ = solve_hertz_and_measure_error(3, cell)
+    error, indicator, _, _ = solve_hertz_and_measure_error_and_indicator(3, cell)
     assert bounds[0] < np.linalg.norm(indicator.x.array) / error < bounds[1]
 
 
 def test_an_error_indicator_without_a_stress_is_refused():
     body, (*_, state) = solve_ball_on_block()
     with pytest.raises(ValueError, match="one that is not hybrid"):
-        ContactFields.from_state(state, body.space).indicator()
+        ContactFields.from_state(state, body.space).error_indicator()
     body, (*_, state) = solve_ball_on_block(method=GALERKIN)
     with pytest.raises(ValueError, match="nodes of this element have no weight"):
-        ContactFields.from_state(state, body.body).indicator()
+        ContactFields.from_state(state, body.body).error_indicator()
 
 
 def test_states_of_another_body_or_of_other_nodes_are_refused():

@@ -98,7 +98,7 @@ def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
     assert pair.friction == pytest.approx(tau / p, rel=1e-8)
 
 
-def assert_friction_law(pair, friction_limit, half_force):
+def assert_friction_law(pair, friction_limit, law_parameter):
     """Check force and slip of each node against the friction law by independent arithmetic."""
     largest = pair.force_normal.max()
     assert pair.force_normal.min() > -1e-9 * largest
@@ -106,7 +106,7 @@ def assert_friction_law(pair, friction_limit, half_force):
     for force, normal_force, slip in zip(
         pair.force_tangential, pair.force_normal, pair.slip, strict=True
     ):
-        limit = friction_limit(max(normal_force, 0.0), half_force)
+        limit = friction_limit(max(normal_force, 0.0), law_parameter)
         size, length = np.linalg.norm(force), np.linalg.norm(slip)
         assert size < limit + 1e-8 * largest
         assert np.linalg.norm(force * length + limit * slip) < 1e-8 * largest * max(length, 1e-6)

@@ -16,8 +16,8 @@ from pw_elements.contact import (
     ContactPair,
     Motion,
     NoEquilibrium,
-    NotFound,
     Plane,
+    SolutionNotFound,
 )
 from pw_elements.meshes import quadrilaterals
 from tests.contact.cases import ElasticBody, on_plane
@@ -405,7 +405,7 @@ def test_random_plates_on_random_supports_obey_the_friction_law(seed):
     supports = Reduction.dirichlet(body.space, problem.conditions)
     try:
         states = body.solve_contact(problem.pairs, supports, problem.loads)
-    except NotFound as error:
+    except SolutionNotFound as error:
         assert seed in UNSOLVED_SEEDS
         states = error.states
     assert (

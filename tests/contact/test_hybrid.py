@@ -146,7 +146,7 @@ def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
         problem := ContactProblem.of_residual(residual, w, conditions, pair)
     )._large_strain_stepping
     zero_motion = [Motion((0.0, 0.0))]
-    target = TargetLoadsAndMotions.from_load_and_motions(None, zero_motion, n_motions=3)
+    target = TargetLoadsAndMotions.from_load_and_motions(None, zero_motion, n_motions_per_surface=3)
     state, system = problem.undeformed, stepping._cached_contact_system_for(target.free_motions)
     increment, kinematics = stepping._make_equations_and_kinematics(
         state, target, system, state.unknowns

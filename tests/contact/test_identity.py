@@ -129,10 +129,10 @@ PROBLEM_CHANGES_BY_MESSAGE = {
 }
 
 
-def load_error_message(load_file):
+def catch_load_error_message(load_call):
     """Return the error message of a call that loads a file."""
     with pytest.raises(ValueError, match=r"state\.npz ") as caught:
-        load_file()
+        load_call()
     return str(caught.value)
 
 
@@ -145,7 +145,7 @@ def test_a_second_object_of_the_same_problem_loads_the_state(saved_state_path):
 
 @pytest.mark.parametrize("message", PROBLEM_CHANGES_BY_MESSAGE)
 def test_each_changed_part_of_a_problem_is_named(message, saved_state_path):
-    assert message in load_error_message(
+    assert message in catch_load_error_message(
         lambda: VariableRubberProblem(**PROBLEM_CHANGES_BY_MESSAGE[message]).problem.load(
             saved_state_path
         )
@@ -169,7 +169,7 @@ def test_laws_and_surfaces_differ_even_if_their_values_on_the_undeformed_body_ag
         assert np.array_equal(pair.gap, other_pair.gap)
         assert np.array_equal(pair.friction, other_pair.friction)
         case.problem.save(case.problem.undeformed, path)
-        assert "it differs by" in load_error_message(
+        assert "it differs by" in catch_load_error_message(
             lambda case=other_case: case.problem.load(path)
         )
         assert make_case().problem.load(path).increment == 0
@@ -178,7 +178,7 @@ def test_laws_and_surfaces_differ_even_if_their_values_on_the_undeformed_body_ag
 def test_intended_changes_have_to_be_named(saved_state_path):
     case = VariableRubberProblem(shear=1.1, friction=0.2)
     for changed in ([], ["friction"], [case.shear], ["constants"], ["residual", "friction"]):
-        assert "of a problem with another" in load_error_message(
+        assert "of a problem with another" in catch_load_error_message(
             lambda changed=changed: case.problem.load(saved_state_path, changed=changed)
         )
     for changed in (["friction", case.shear], ("constants", "friction")):
@@ -205,7 +205,7 @@ def test_constants_and_functions_that_loads_change_may_differ(tmp_path):
             state, tmp_path / "again.npz"
         )  # the file still records the loads' values
         assert VariableRubberProblem(load=0.5).problem.load(tmp_path / "again.npz").increment == 1
-    assert "constant 0 of" in load_error_message(
+    assert "constant 0 of" in catch_load_error_message(
         lambda: VariableRubberProblem(shear=1.1, load=0.3).problem.load(path)
     )
     unloaded_case = VariableRubberProblem()  # its load has other values than the file's load
@@ -224,7 +224,7 @@ def test_saving_and_loading_do_not_change_the_problem(tmp_path):
         assert np.array_equal(array, values)
 
 
-def make_block_of_two_moduli(left_modulus, right_modulus):
+def make_block_of_two_moduli_and_problem(left_modulus, right_modulus):
     """Return a symmetric block whose halves differ in Young's modulus, and its problem."""
     mesh = triangles(SELF_COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
@@ -241,15 +241,15 @@ ON_BASE = on_plane(1, 0.0)
 def test_stiffnesses_of_equal_norm_are_told_apart(tmp_path):
     path = tmp_path / "state.npz"
     (case, problem), (mirrored_case, mirrored_problem) = (
-        make_block_of_two_moduli(100.0, 200.0),
-        make_block_of_two_moduli(200.0, 100.0),
+        make_block_of_two_moduli_and_problem(100.0, 200.0),
+        make_block_of_two_moduli_and_problem(200.0, 100.0),
     )
     assert case.K.norm() == pytest.approx(mirrored_case.K.norm(), rel=1e-12)
     problem.save(problem.undeformed, path)
-    assert "with another stiffness: it differs by" in load_error_message(
+    assert "with another stiffness: it differs by" in catch_load_error_message(
         lambda: mirrored_problem.load(path)
     )
-    assert make_block_of_two_moduli(100.0, 200.0)[1].load(path).increment == 0
+    assert make_block_of_two_moduli_and_problem(100.0, 200.0)[1].load(path).increment == 0
     assert mirrored_problem.load(path, changed=["stiffness"]).increment == 0
 
 
@@ -261,14 +261,14 @@ def test_other_supports_and_other_facets_are_refused(tmp_path):
     problem_on_rollers = stack.contact_problem(
         stack.make_pair("upper"), stack.make_supports((0, on_plane(0, 0.0)), (1, on_plane(1, 0.0)))
     )
-    assert "with other supports: it differs by" in load_error_message(
+    assert "with other supports: it differs by" in catch_load_error_message(
         lambda: problem_on_rollers.load(path)
     )
     partial_surface = DeformableSurface(stack.sides["lower"][1:])
     problem_on_part = stack.contact_problem(
         ContactPair(stack.make_pair("upper").nodes, partial_surface), supports
     )
-    assert "contact pair 0" in load_error_message(lambda: problem_on_part.load(path))
+    assert "contact pair 0" in catch_load_error_message(lambda: problem_on_part.load(path))
 
 
 def evaluate_problem_identity(comm, state_path):
@@ -291,12 +291,14 @@ def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
                 assert np.allclose(parallel[name], values, rtol=0, atol=1e-11 * largest), name
 
 
-def test_another_version_is_named_where_a_residual_differs(tmp_path):
+def test_another_dolfinx_version_is_named_where_a_residual_differs(tmp_path):
     path, case = tmp_path / "state.npz", VariableRubberProblem()
     case.problem.save(case.problem.undeformed, path)
     forge_state_file(path, lambda arrays, _: arrays.update({"problem version": np.array("0.8.0")}))
     assert case.problem.load(path).increment == 0
-    message = load_error_message(lambda: VariableRubberProblem(quadratic=1e-3).problem.load(path))
+    message = catch_load_error_message(
+        lambda: VariableRubberProblem(quadratic=1e-3).problem.load(path)
+    )
     assert "The file was written with DOLFINx 0.8.0" in message
 
 
@@ -320,7 +322,7 @@ def value_setter(name, value):
     return lambda _, values: values.update({name: value})
 
 
-def entry_setter(name, entry, value):
+def dictionary_entry_setter(name, entry, value):
     """Return a function that sets an entry of a dictionary among the plain values of a file."""
     return lambda _, values: values[name].update({entry: value})
 
@@ -330,47 +332,49 @@ def array_changer(name, change):
     return lambda arrays, _: arrays.update({name: change(arrays[name])})
 
 
-def item_setter(value, index=0):
+def array_item_setter(value, index=0):
     """Return a function that copies an array and sets one of its items."""
 
-    def change(values):
+    def copy_and_set_item(values):
         values = values.copy()
         values.flat[index] = value
         return values
 
-    return change
+    return copy_and_set_item
 
 
 # fmt: off
 FORGERIES_BY_MESSAGE = {
-    "the scale of forces is 1e+30": entry_setter("scale", "force", 1e30),
-    "the scale of lengths is 1e+30": entry_setter("scale", "length", 1e30),
-    "force of scale = nan": entry_setter("scale", "force", np.nan),
-    "length of scale is -1": entry_setter("scale", "length", -1.0),
-    "contact pair 0: status has [0, 1, 7]": array_changer("status_0", item_setter(7)),
+    "the scale of forces is 1e+30": dictionary_entry_setter("scale", "force", 1e30),
+    "the scale of lengths is 1e+30": dictionary_entry_setter("scale", "length", 1e30),
+    "force of scale = nan": dictionary_entry_setter("scale", "force", np.nan),
+    "length of scale is -1": dictionary_entry_setter("scale", "length", -1.0),
+    "contact pair 0: status has [0, 1, 7]": array_changer("status_0", array_item_setter(7)),
     "contact pair 0: status has the shape": array_changer("status_0", lambda v: v.astype(float)),
     "residuals does not have the fields": value_setter("residuals", {}),
     "allowance does not have the fields": value_setter("allowance", None),
-    "equilibrium of residuals = None": entry_setter("residuals", "equilibrium", None),
+    "equilibrium of residuals = None": dictionary_entry_setter("residuals", "equilibrium", None),
     "displacement is of the type complex128": array_changer("displacement", lambda v: v + 0j),
     "displacement of the shape (225, 1)": array_changer("displacement", lambda v: v[:, :1]),
     "displacement of the shape (225, 2) and the type float64":
-        array_changer("displacement", item_setter(np.nan)),
-    "a displacement is 1e+30": array_changer("displacement", item_setter(1e30)),
+        array_changer("displacement", array_item_setter(np.nan)),
+    "a displacement is 1e+30": array_changer("displacement", array_item_setter(1e30)),
     "contact pair 0: displacement differs": array_changer("displacement_0", lambda v: v + 0.01),
     "contact pair 0: force_normal has values that": array_changer(
-        "force_normal_0", item_setter(np.inf)
+        "force_normal_0", array_item_setter(np.inf)
     ),
-    "contact pair 0: force_normal is 1e+40": array_changer("force_normal_0", item_setter(1e40)),
-    "contact pair 0: gap has values that are": array_changer("gap_0", item_setter(np.nan)),
+    "contact pair 0: force_normal is 1e+40": array_changer(
+        "force_normal_0", array_item_setter(1e40)
+    ),
+    "contact pair 0: gap has values that are": array_changer("gap_0", array_item_setter(np.nan)),
     "contact pair 0: slip has the shape (24, 2)": array_changer("slip_0", lambda v: v[1:]),
     "contact pair 0: normal has vectors": array_changer("normal_0", lambda v: 2 * v),
     "contact pair 0: friction is negative": array_changer("friction_0", lambda v: -v),
     "contact pair 0: node has numbers of other": array_changer(
         "node_0", lambda v: v[[0, *range(24)]]
     ),
-    "node has numbers of other nodes": array_changer("node_0", item_setter(10**6)),
-    "contact pair 0: translation is 1e+12": array_changer("translation_0", item_setter(1e12)),
+    "node has numbers of other nodes": array_changer("node_0", array_item_setter(10**6)),
+    "contact pair 0: translation is 1e+12": array_changer("translation_0", array_item_setter(1e12)),
     "iterations is -1": value_setter("iterations", -1),
     "iterations is True": value_setter("iterations", True),
     "increment is 0.5": value_setter("increment", 0.5),
@@ -383,7 +387,7 @@ FORGERIES_BY_MESSAGE = {
     "rotation of smallness is -0.1":
         value_setter("smallness", {"strain": 0.0, "rotation": -0.1, "slip": 0.0}),
     "report does not have the fields": value_setter("report", {"method": "LU"}),
-    "factorisations is '3'": entry_setter("report", "factorisations", "3"),
+    "factorisations is '3'": dictionary_entry_setter("report", "factorisations", "3"),
     "pairs is 'one'": value_setter("pairs", "one"),
 }
 # fmt: on
@@ -397,6 +401,6 @@ def test_invalid_values_are_refused_in_spite_of_a_valid_digest(message, saved_st
     case = VariableRubberProblem()
     assert case.problem.load(path).increment == 1
     forge_state_file(path, FORGERIES_BY_MESSAGE[message])
-    assert f"holds no contact state: {message}" in load_error_message(
+    assert f"holds no contact state: {message}" in catch_load_error_message(
         lambda: case.problem.load(path)
     )

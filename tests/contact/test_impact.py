@@ -79,7 +79,7 @@ def test_momentum_changes_by_impulses_and_energy_by_work():
     )
     dt, steps = history.step, len(history.time) - 1
     momentum = (THROWN_BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
-    contact_impulse = history.pairs[0].total.sum(axis=0) * dt
+    contact_impulse = history.pairs[0].total_force.sum(axis=0) * dt
     # velocities belong to the middle of steps, so that half a step of the load is missing
     load_impulse = THROWN_BLOCK.total_mass * gravity * dt * (steps - 0.5)
     assert momentum == pytest.approx(
@@ -110,7 +110,7 @@ def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
     velocity = (block.mass * history.velocity.array)[::2].sum() / block.total_mass
     assert abs(velocity) < 0.01 * speed
     is_sliding = history.time[:-1] < 0.9 * stopping_time
-    drag = -history.pairs[0].total[is_sliding, 0].mean()
+    drag = -history.pairs[0].total_force[is_sliding, 0].mean()
     assert drag == pytest.approx(mu * gravity * block.total_mass, rel=0.01)
     assert (history.frames[0].pairs[0].status == STICK).all()
 
@@ -131,7 +131,7 @@ def test_forces_are_the_same_in_a_moving_frame():
 
 
 @pytest.mark.parametrize("scheme", ["hrz", "sibling"])
-def test_a_bar_moves_as_in_the_sections_own_scheme(scheme):
+def test_a_bar_moves_as_in_the_time_loop_of_the_study(scheme):
     """A bar that hits a wall moves as computed by section V12 of the study.
 
     The time loop of that section's scheme `pw` shares no code with the library.
@@ -162,7 +162,7 @@ def test_the_critical_step_is_that_of_the_highest_frequency():
 
 
 @pytest.mark.parametrize("name", ["Coulomb's", "falling"])
-def test_the_law_holds_at_random_points(name):
+def test_contact_and_friction_law_hold_for_random_nodal_data(name):
     """Random nodal data give forces that obey the contact and friction law.
 
     Where slip remains, friction is opposite to it and at its limit.
@@ -203,7 +203,7 @@ def test_the_law_holds_at_random_points(name):
     assert 0 < (slip_length[is_closed] < 1e-12).sum() < is_closed.sum()
 
 
-def test_the_law_holds_at_random_points_that_supports_hold_along_the_surface():
+def test_contact_and_friction_law_hold_at_random_supported_nodes():
     """The contact law holds for random data at nodes whose tangential motion is prescribed.
 
     Supports prescribe a part of the slip, and friction opposes all of it.

@@ -14,8 +14,8 @@ from pw_elements.contact import (
     ContactProblem,
     FreeBody,
     Motion,
-    NotFound,
     Plane,
+    SolutionNotFound,
     solve_contact,
 )
 from pw_elements.contact.model import MatchingNodes
@@ -95,13 +95,13 @@ def solve_and_compare_with_direct_solver(
 def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
     is_hybrid = method in (HYBRID, TAYLOR_HOOD)
     solve_and_compare_with_direct_solver(
-        SolidBlock(cell, method, nu=nu).solve_contact_arguments(case), is_hybrid
+        SolidBlock(cell, method, nu=nu).contact_arguments_of_case(case), is_hybrid
     )
 
 
 @pytest.mark.parametrize("method", [PW, HYBRID])
 def test_the_solvers_tolerance_is_used_in_contact(method):
-    arguments, previous = SolidBlock(method=method).solve_contact_arguments("rough floor"), None
+    arguments, previous = SolidBlock(method=method).contact_arguments_of_case("rough floor"), None
     for tolerance in (1e-13, 1e-11, 1e-2):  # at most 1e-10 is used as the tolerance
         (state,) = solve_contact(*arguments, solver=Iterative(tolerance=tolerance))
         n_krylov = state.report.krylov_iterations
@@ -114,7 +114,7 @@ def test_the_solvers_tolerance_is_used_in_contact(method):
 
 def test_steps_may_start_from_any_state():
     solid = SolidBlock()
-    K, loads, supports, pair, U = solid.solve_contact_arguments("sphere")
+    K, loads, supports, pair, U = solid.contact_arguments_of_case("sphere")
     problem = solid.contact_problem(pair, supports, solver=Iterative())
     pressed_state = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
     moved_state = problem.step(pressed_state, loads[0], [pair.motions[1]])
@@ -138,12 +138,12 @@ def test_bodies_that_nearly_slide_are_solved():
 
 def test_failures_are_the_same_as_with_a_direct_solver():
     solid = SolidBlock()
-    K, load, supports, pair, U = solid.solve_contact_arguments("rough floor")
+    K, load, supports, pair, U = solid.contact_arguments_of_case("rough floor")
     reversed_load = load.copy()
     reversed_load.scale(-1.0)
     with pytest.raises(FreeBody):
         solve_contact(K, reversed_load, supports, pair, U, solver=Iterative())
-    with pytest.raises(NotFound):
+    with pytest.raises(SolutionNotFound):
         solve_contact(K, load, supports, pair, U, max_iterations=2, solver=Iterative())
 
 
@@ -185,7 +185,9 @@ def test_enclosed_incompressible_bodies_are_refused(friction):
         on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), friction, [Motion((0, 0, -0.01))]
     )
     body = ElasticBody(mesh, HYBRID, "solid", 1.0, 0.5)
-    with pytest.raises(NotFound, match="Supports and contact enclose an incompressible body"):
+    with pytest.raises(
+        SolutionNotFound, match="Supports and contact enclose an incompressible body"
+    ):
         body.solve_contact(lid, body.make_supports(*walls), solver=Iterative())
     body = ElasticBody(mesh, HYBRID, "solid", 1.0, nu)
     (state,) = solve_and_compare_with_direct_solver(
@@ -223,7 +225,7 @@ def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
     One problem has a free surface, whose translations add rows and columns to the matrix. The other
     one has two bodies.
     """
-    plate_arguments = SolidBlock(n=2).solve_contact_arguments("plate by forces")
+    plate_arguments = SolidBlock(n=2).contact_arguments_of_case("plate by forces")
     stacked_arguments = upper_on_lower_contact_arguments(
         StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83)), "upper"
     )
@@ -246,4 +248,4 @@ def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
 
 def test_an_invalid_solver_is_refused():
     with pytest.raises(TypeError, match="the solver is 'quick'"):
-        solve_contact(*SolidBlock().solve_contact_arguments("rough floor"), solver="quick")
+        solve_contact(*SolidBlock().contact_arguments_of_case("rough floor"), solver="quick")

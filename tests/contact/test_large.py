@@ -28,16 +28,16 @@ from pw_elements.contact import (
     ContactProblem,
     FlatPunch,
     Motion,
-    NotFound,
     Parabola,
     Plane,
     SignedDistance,
+    SolutionNotFound,
     Sphere,
     SurfacePassed,
     plot,
     write,
 )
-from pw_elements.contact.interface import RIGID
+from pw_elements.contact.interface import FACED_INDEX_OF_RIGID_SURFACE
 from pw_elements.contact.iteration import CellInversionCheck
 from pw_elements.contact.nodes import (
     SLIP,
@@ -50,7 +50,7 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
-from study.benchmarks.k_cost.measure import Row, run_alone
+from study.benchmarks.k_cost.measure import Measurement, measure_in_new_processes
 from study.model.matrices import dense
 from tests.contact.cases import (
     make_finite_strain_unknown_and_residual,
@@ -112,12 +112,12 @@ def make_hardening_rubber_and_hardness(comm=MPI.COMM_SELF, **options):
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
     hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
 
-    def update():
+    def increase_hardness():
         hardness.x.array[:] += 1.0
 
     stress = lambda F: (1 + 0.1 * hardness) * neo_hookean_piola_stress(F)  # noqa: E731
     return RubberUnderCircle(
-        mesh=mesh, stress=stress, history=[hardness], update=update, **options
+        mesh=mesh, stress=stress, history=[hardness], update=increase_hardness, **options
     ), hardness
 
 
@@ -126,7 +126,7 @@ def ellipse_level_set(x):
     return x[:, 0] ** 2 / 4 + x[:, 1] ** 2 - 1
 
 
-SURFACES = {
+SURFACES_BY_NAME = {
     "plane": Plane((0.1, 0.2), (0.3, 1.0)),
     "circle": Sphere((0.1, -0.2), 1.3),
     "sphere": Sphere((0.1, -0.2, 0.3), 1.3),
@@ -138,9 +138,9 @@ SURFACES = {
 }
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", SURFACES_BY_NAME)
 def test_closest_points_are_exact_and_their_derivatives_consistent(name):
-    surface, rng = SURFACES[name], np.random.default_rng(4)
+    surface, rng = SURFACES_BY_NAME[name], np.random.default_rng(4)
     dim = 3 if name == "sphere" else 2
     directions = rng.normal(size=(40, dim))
     x = (
@@ -149,7 +149,7 @@ def test_closest_points_are_exact_and_their_derivatives_consistent(name):
         * rng.uniform(1.2, 2.2, (40, 1))
     )
     x *= [2.0, *[1.0] * (dim - 1)]
-    gap, normal, normal_gradient = surface.closest(x)
+    gap, normal, normal_gradient = surface.gap_normal_and_curvature(x)
     closest_points = x - gap[:, None] * normal
     assert np.abs(surface.gap(closest_points)).max() < 1e-9
     assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-12
@@ -160,7 +160,10 @@ def test_closest_points_are_exact_and_their_derivatives_consistent(name):
         assert np.abs(gap - distances).max() < 1e-6
     difference_step, tolerance = (1e-2, 1e-3) if name == "differences" else (1e-5, 1e-8)
     for axis, h in enumerate(difference_step * np.eye(dim)):
-        forward, backward = surface.closest(x + h), surface.closest(x - h)
+        forward, backward = (
+            surface.gap_normal_and_curvature(x + h),
+            surface.gap_normal_and_curvature(x - h),
+        )
         assert (
             np.abs((forward[0] - backward[0]) / (2 * difference_step) - normal[:, axis]).max()
             < tolerance
@@ -180,8 +183,8 @@ def make_interface_stand_in(surface, positions, dim):
         pair=np.zeros(len(positions), dtype=int),
         equation=np.zeros((len(positions), dim), dtype=int),
         held_components=np.zeros((len(positions), dim), dtype=bool),
-        faced=np.full(len(positions), RIGID),
-        evaluate_gaps_normals_and_curvatures=lambda displacement: surface.closest(
+        faced=np.full(len(positions), FACED_INDEX_OF_RIGID_SURFACE),
+        evaluate_gaps_normals_and_curvatures=lambda displacement: surface.gap_normal_and_curvature(
             positions + displacement
         ),
         gather_values=lambda values: values,
@@ -222,14 +225,14 @@ def test_no_accepted_state_has_inverted_cells(stress):
     rubber = RubberUnderCircle(2, stress=stress)
     guard, states = CellInversionCheck(rubber.u, rubber.residual), [rubber.problem.undeformed]
 
-    def press():
+    def press_and_check_volume_ratios():
         for k in range(1, 8):
             motion = Motion((0.0, -0.142 * k))  # the block has space up to 1
             states.append(rubber.problem.step(states[-1], motions=motion))
             assert guard.compute_min_volume_ratio() > 0
 
-    with pytest.raises(NotFound, match="halved further") as raised:
-        press()
+    with pytest.raises(SolutionNotFound, match="halved further") as raised:
+        press_and_check_volume_ratios()
     assert len(states) > 1
     fraction, reached_state = raised.value.last_substate
     assert 0 < fraction < 1
@@ -318,7 +321,9 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes a quarter of an hour, with --nightly")
-    small, large = (run_alone(Row("sliding", "pw-T10", n, "Iterative")) for n in (8, 17))
+    small, large = (
+        measure_in_new_processes(Measurement("sliding", "pw-T10", n, "Iterative")) for n in (8, 17)
+    )
     assert round(large["dofs"], -3) == 500_000
     assert large["megabytes"] * 2**20 < 4e9
     assert large["pressed"] == pytest.approx(small["pressed"], rel=0.03)
@@ -381,7 +386,7 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
         lambda levels: (rebuilt.append(levels), renew(levels)),
     )
 
-    def count_work():
+    def count_iterations_and_rebuilds():
         rebuilt.clear()
         states = step_through(
             RubberUnderCircle(mesh=mesh, solver=Iterative()).problem, CIRCLE_MOTIONS
@@ -391,11 +396,11 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
         )
         return n_iterations, n_krylov, len(rebuilt)
 
-    n_iterations, n_krylov, n_rebuilt = count_work()
+    n_iterations, n_krylov, n_rebuilt = count_iterations_and_rebuilds()
     monkeypatch.setattr(
         KrylovTangent, "_count_floating_point_operations", lambda _: 0.0
     )  # rebuilding costs nothing in this computation
-    _, n_krylov_rebuilding, n_rebuilt_always = count_work()
+    _, n_krylov_rebuilding, n_rebuilt_always = count_iterations_and_rebuilds()
     assert 0 < n_rebuilt < n_iterations / 3 < n_rebuilt_always
     assert n_krylov < 1.5 * n_krylov_rebuilding
 
@@ -423,7 +428,7 @@ def test_surface_areas_include_the_stretch():
     rubber = RubberUnderCircle()
     (pair,) = step_through(rubber.problem, CIRCLE_MOTIONS)[-1].pairs
     scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
-    surface = SurfaceNodes.from_scalar_spaces(scalars, ON_TOP, SurfaceNodes.stretch(rubber.u))
+    surface = SurfaceNodes.from_scalar_spaces(scalars, ON_TOP, SurfaceNodes.area_stretch(rubber.u))
     x = pair.position + pair.displacement
     current_length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
     assert surface.weight_area.sum() == pytest.approx(current_length, rel=0.02)
@@ -445,13 +450,13 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
     w, tests = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     (u, p), (v, q) = (ufl.split(f) if is_hybrid else (f, None) for f in (w, tests))
 
-    def gradient(f):  # gradient in three dimensions
+    def gradient_in_3d(f):  # gradient in three dimensions
         columns = [[f[i].dx(j) if max(i, j) < dim else 0 for j in range(3)] for i in range(3)]
         if is_ring:
             columns[2][2] = f[0] / ufl.SpatialCoordinate(mesh)[0]
         return ufl.as_matrix(columns)
 
-    def stress(F, pressure=None):  # first Piola stress
+    def piola_stress(F, pressure=None):  # first Piola stress
         inverse_transpose, J = ufl.inv(F).T, ufl.det(F)
         return (
             F
@@ -459,8 +464,8 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
             + (1.5 * ufl.ln(J) if pressure is None else -pressure * J) * inverse_transpose
         )
 
-    F = ufl.Identity(3) + gradient(u)
-    density = ufl.inner(stress(F, p), gradient(v))
+    F = ufl.Identity(3) + gradient_in_3d(u)
+    density = ufl.inner(piola_stress(F, p), gradient_in_3d(v))
     density -= q * (ufl.det(F) - 1 + p / 1e4) if is_hybrid else 0
     depth = 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] if is_ring else 1.0
     residual = density * depth * ufl.dx(metadata={"quadrature_degree": 5})
@@ -517,7 +522,7 @@ SURFACE_WITHOUT_CLOSEST_POINT = SignedDistance(
         # a node is at the centre of curvature
         (
             lambda it: it.press(it.problem_with(surface=SURFACE_WITHOUT_CLOSEST_POINT)),
-            NotFound,
+            SolutionNotFound,
             "no closest point",
         ),
     ],
@@ -538,24 +543,26 @@ class NearlyIncompressibleBlock:
         strain, trial = (lambda w: ufl.sym(ufl.grad(w))), ufl.TrialFunction(self.spaces.trial)
         dx = ufl.dx(metadata={"quadrature_degree": 4})
 
-        def virtual_work(u):
+        def virtual_work_density(u):
             return 2 * ufl.inner(strain(u), strain(v)) + self.lame * ufl.div(u) * ufl.div(v)
 
-        self.stiffness = virtual_work(trial) * dx
+        self.stiffness = virtual_work_density(trial) * dx
         self.conditions = [prescribe(self.spaces.trial, k, on_plane(1, 0.0)) for k in (0, 1)]
         x = self.spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.node = int(np.argmin(np.linalg.norm(x - [0.5, 1.0], axis=1)))
         pair = ContactPair(np.array([self.node]), Sphere(x[self.node] + [0.0, 1.0], 1.0))
         self.problem = ContactProblem.of_residual(
-            virtual_work(self.u) * dx, self.u, self.conditions, pair
+            virtual_work_density(self.u) * dx, self.u, self.conditions, pair
         )
         self.states = [self.problem.undeformed]
 
     def press(self, depth, lame_lambda):
-        def load(_):
+        def set_lame_lambda(_):
             self.lame.value = lame_lambda
 
-        self.states.append(self.problem.step(self.states[-1], load, Motion((0.0, -depth))))
+        self.states.append(
+            self.problem.step(self.states[-1], set_lame_lambda, Motion((0.0, -depth)))
+        )
         return self.states[-1]
 
     def reaction_by_numpy(self, depth):
@@ -611,8 +618,8 @@ class SphereWithNormalErrors(Sphere):
 
     normal_factor, gradient_factor = 1.0, 1.0
 
-    def closest(self, x):
-        gap, normal, normal_gradient = super().closest(x)
+    def gap_normal_and_curvature(self, x):
+        gap, normal, normal_gradient = super().gap_normal_and_curvature(x)
         rotation_error = (self.normal_factor - 1) * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
         return gap, normal + rotation_error, self.gradient_factor * normal_gradient
 

@@ -10,8 +10,8 @@ from pw_elements.contact import (
     ContactPair,
     ContactProblem,
     Motion,
-    NotFound,
     Plane,
+    SolutionNotFound,
     Sphere,
     SurfacePassed,
 )
@@ -57,7 +57,7 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
 
 # Largest number of linear systems in an increment of a die with sharp corners. Without an early end
 # of iterations there are 237, 664 and 231
-MAX_SYSTEMS = 140
+MAX_LINEAR_SYSTEMS_PER_INCREMENT = 140
 
 
 @pytest.mark.parametrize(
@@ -76,11 +76,11 @@ def test_a_sharp_die_is_solved_or_refused_after_few_linear_systems(upper_is_slav
     if upper_is_slave:
         slide_along_path(bodies, path)
     else:
-        with pytest.raises(NotFound, match="which cannot be halved further"):
+        with pytest.raises(SolutionNotFound, match="which cannot be halved further"):
             slide_along_path(bodies, path)
     n_systems = Counter(report.increment for report in reports if report.state is None)
     assert sorted(n_systems) == list(range(len(path)))
-    assert max(n_systems.values()) <= MAX_SYSTEMS
+    assert max(n_systems.values()) <= MAX_LINEAR_SYSTEMS_PER_INCREMENT
 
 
 @pytest.mark.parametrize("moving_part", ["tool", "supports"])
@@ -108,25 +108,25 @@ def test_a_tool_slides_off_in_one_step(moving_part):
     assert np.abs(state.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
 
 
-def test_a_step_is_solved_in_the_usual_way_if_the_direct_attempt_fails(monkeypatch):
+def test_a_step_is_solved_as_usual_if_immediate_separation_fails(monkeypatch):
     rubber = RubberUnderCircle()
     (pressed_state,) = step_through(rubber.problem, [Motion((0.0, -0.2))])
     stepping, is_direct = rubber.problem._large_strain_stepping, []
     solve = stepping._solve_substep
 
-    def fail_direct_attempt(*arguments):
+    def fail_immediate_separation(*arguments):
         is_direct.append(arguments[-1] is not None)
         if is_direct[-1]:
-            raise NotFound("not at once")
+            raise SolutionNotFound("not at once")
         return solve(*arguments)
 
-    monkeypatch.setattr(stepping, "_solve_substep", fail_direct_attempt)
+    monkeypatch.setattr(stepping, "_solve_substep", fail_immediate_separation)
     state = rubber.problem.step(pressed_state, motions=Motion((0.0, 2.0)))
     assert is_direct == [True, False]
     assert (state.pairs[0].status == OPEN).all()
 
 
-def is_separated_by_move(problem, start_and_end_positions, unknowns):
+def is_separated_by_move(problem, start_and_end_translations, unknowns):
     """Return whether a circle separates from the rubber as it moves between two positions."""
     stepping = problem._large_strain_stepping
     fractions = np.linspace(0, 1, 129)
@@ -135,8 +135,8 @@ def is_separated_by_move(problem, start_and_end_positions, unknowns):
             [
                 [
                     *(
-                        (1 - fraction) * np.array(start_and_end_positions[0])
-                        + fraction * np.array(start_and_end_positions[1])
+                        (1 - fraction) * np.array(start_and_end_translations[0])
+                        + fraction * np.array(start_and_end_translations[1])
                     ),
                     0,
                 ]
@@ -148,7 +148,7 @@ def is_separated_by_move(problem, start_and_end_positions, unknowns):
     pieces = PiecesMovingWithSupports.fit_rigid_motions_to_supports(
         stepping._supports.node_positions,
         stepping._supports.is_supported,
-        stepping._supports.node_component,
+        stepping._supports.connected_piece_of_node,
         displacements,
         stepping.interface.comm,
     )
@@ -219,7 +219,7 @@ def test_a_tool_may_move_to_supports_of_a_body_behind_a_gap():
     node_data = (
         stepping._supports.node_positions,
         stepping._supports.is_supported,
-        0 * stepping._supports.node_component,
+        0 * stepping._supports.connected_piece_of_node,
     )  # positions and supports of one connected body
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)

@@ -12,7 +12,7 @@ from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.two_bodies import join_meshes
 
-HEIGHT, LENGTH = 1.0, 2.0
+BLOCK_HEIGHT, BLOCK_LENGTH = 1.0, 2.0
 
 
 def nodes_of_block_at_height(space, height, of_upper):
@@ -29,11 +29,11 @@ class MatchingBlocks(ElasticBody):
 
     def __init__(self, method=PW, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
         lower, upper = (
-            triangles(MPI.COMM_SELF, (0.0, y), (LENGTH, y + HEIGHT), divisions)
-            for y in (0.0, HEIGHT + gap)
+            triangles(MPI.COMM_SELF, (0.0, y), (BLOCK_LENGTH, y + BLOCK_HEIGHT), divisions)
+            for y in (0.0, BLOCK_HEIGHT + gap)
         )
         super().__init__(join_meshes(lower, upper, comm), method, E=100.0)
-        self.gap, self.top = gap, 2 * HEIGHT + gap
+        self.gap, self.top = gap, 2 * BLOCK_HEIGHT + gap
         self.base_supports = self.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
 
     def traction_load(self, traction, where=None):
@@ -41,12 +41,12 @@ class MatchingBlocks(ElasticBody):
 
     def nodes_facing_other_block(self, of_upper):
         return nodes_of_block_at_height(
-            self.space, HEIGHT + self.gap if of_upper else HEIGHT, of_upper
+            self.space, BLOCK_HEIGHT + self.gap if of_upper else BLOCK_HEIGHT, of_upper
         )
 
     def make_pair(self, friction=0.3, slave_is_upper=True, shape=None):
         direction = 1.0 if slave_is_upper else -1.0
-        level = HEIGHT if slave_is_upper else HEIGHT + self.gap
+        level = BLOCK_HEIGHT if slave_is_upper else BLOCK_HEIGHT + self.gap
         shape = shape or Plane((0.0, level), (0.0, direction))
         surface = MatchingNodes(
             self.nodes_facing_other_block(not slave_is_upper), shape, (0.0, -direction * self.gap)
@@ -66,7 +66,7 @@ def test_uniform_pressure_is_transferred_exactly(method, slave_is_upper):
     expected = np.full(13, 2 * end)
     expected[1::2] = middle
     expected[[0, -1]] = end
-    assert pair.force_normal == pytest.approx(expected * 3.0 * LENGTH / 6, rel=1e-10)
+    assert pair.force_normal == pytest.approx(expected * 3.0 * BLOCK_LENGTH / 6, rel=1e-10)
     assert np.abs(pair.gap).max() < 1e-12
     assert state.residuals.largest() < 1e-10
     # forces on both bodies are equal and opposite; K a - f vanishes elsewhere, except at the base
@@ -88,8 +88,10 @@ def test_either_side_may_be_the_slave(gap):
         sign = (
             -1.0 if slave_is_upper else 1.0
         )  # the rigid side of a parabola is above it if its radius is positive
-        level = HEIGHT if slave_is_upper else HEIGHT + gap
-        pair = blocks.make_pair(0.2, slave_is_upper, Parabola((LENGTH / 2, level), sign * 10.0))
+        level = BLOCK_HEIGHT if slave_is_upper else BLOCK_HEIGHT + gap
+        pair = blocks.make_pair(
+            0.2, slave_is_upper, Parabola((BLOCK_LENGTH / 2, level), sign * 10.0)
+        )
         loads = [blocks.traction_load((pull, -2.0)) for pull in (0.0, 0.3)]
         state = blocks.solve_contact(pair, blocks.make_clamping_supports(on_plane(1, 0.0)), loads)[
             -1
@@ -104,15 +106,15 @@ def test_either_side_may_be_the_slave(gap):
 
 
 SEPARATED_BLOCKS = MatchingBlocks(gap=0.1)
-LOWER_NODES, UPPER_NODES = (
+LOWER_INTERFACE_NODES, UPPER_INTERFACE_NODES = (
     SEPARATED_BLOCKS.nodes_facing_other_block(False),
     SEPARATED_BLOCKS.nodes_facing_other_block(True),
 )
 
 
 def make_matching_pair(
-    nodes=UPPER_NODES,
-    opposite_nodes=LOWER_NODES,
+    nodes=UPPER_INTERFACE_NODES,
+    opposite_nodes=LOWER_INTERFACE_NODES,
     plane_point=(0, 1),
     plane_normal=(0, 1),
     offset=(0.0, -0.1),
@@ -127,14 +129,17 @@ def make_matching_pair(
     [
         (make_matching_pair(offset=None), "face no node of the opposite side"),
         (make_matching_pair(offset=(0.0, 0.0, 0.1)), "offset .* is not 2-D"),
-        (make_matching_pair(opposite_nodes=LOWER_NODES[:3]), "face no node of the opposite"),
+        (
+            make_matching_pair(opposite_nodes=LOWER_INTERFACE_NODES[:3]),
+            "face no node of the opposite",
+        ),
         (make_matching_pair(opposite_nodes=lambda x: x[1] > 9), "no opposite nodes"),
         (
             make_matching_pair(plane_point=(0, 1, 0), plane_normal=(0, 1, 0)),
             "the point of its surface has 3 components",
         ),
         (
-            [make_matching_pair(), ContactPair(LOWER_NODES, Plane((0, 0), (0, 1)))],
+            [make_matching_pair(), ContactPair(LOWER_INTERFACE_NODES, Plane((0, 0), (0, 1)))],
             "belong to two contact pairs",
         ),
         (

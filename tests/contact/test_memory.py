@@ -15,7 +15,7 @@ from pw_elements.contact import ContactPair, Motion, Sphere
 from tests.contact.cases import PW, ElasticBody, on_plane
 from tests.parallel import run_on
 
-MAX_MEMORY_OVER_NODE_FRACTION = 1.25
+MAX_MEMORY_SHARE_OVER_NODE_SHARE = 1.25
 
 
 class HeapStatistics(ctypes.Structure):
@@ -62,7 +62,7 @@ class PeakMemoryRecorder:
         return result
 
 
-def measure_memory_of_stages(comm, cells_per_height, state_path):
+def measure_nodes_and_memory_of_stages(comm, cells_per_height, state_path):
     """Return the number of nodes, the peak bytes of each stage, and the bytes in use at the end.
 
     The problem is a block of 2 n x n x n cells under a ball.
@@ -91,12 +91,12 @@ def measure_memory_of_stages(comm, cells_per_height, state_path):
 def measure_memory_of_large_and_small_block(comm, state_path):
     """Return the number of nodes and the bytes of a block, and the bytes of a very small block."""
     small_path = state_path.with_name(f"{comm.rank}.npz")
-    measure_memory_of_stages(
+    measure_nodes_and_memory_of_stages(
         MPI.COMM_SELF, 2, small_path
     )  # imports and compiles before any measurement
-    return *measure_memory_of_stages(comm, 8, state_path), measure_memory_of_stages(
-        MPI.COMM_SELF, 2, small_path
-    )[1]
+    return *measure_nodes_and_memory_of_stages(
+        comm, 8, state_path
+    ), measure_nodes_and_memory_of_stages(MPI.COMM_SELF, 2, small_path)[1]
 
 
 @pytest.mark.random  # tests of this mark run at night
@@ -119,6 +119,6 @@ def test_a_process_holds_its_share_of_all_data_but_contact_surfaces(request, tmp
                     fraction = (n_bytes - small_bytes[stage]) / (
                         serial_bytes[stage] - small_bytes[stage]
                     )
-                    assert fraction < MAX_MEMORY_OVER_NODE_FRACTION * own_nodes / nodes, (
+                    assert fraction < MAX_MEMORY_SHARE_OVER_NODE_SHARE * own_nodes / nodes, (
                         f"{stage}, process {rank} of {count}"
                     )

@@ -234,23 +234,36 @@ def test_a_motion_moves_the_opposite_body_closer(motion):
 
 
 STACKED_BLOCKS = StackedBlocks((3, 2))
-UPPER_NODES, LOWER_FACETS = STACKED_BLOCKS.side_node_mask("upper"), STACKED_BLOCKS.sides["lower"]
+UPPER_SIDE_NODE_MASK, LOWER_SIDE_FACETS = (
+    STACKED_BLOCKS.side_node_mask("upper"),
+    STACKED_BLOCKS.sides["lower"],
+)
 
 
 @pytest.mark.parametrize(
     ("nodes", "facets", "kind", "message"),
     [
-        (UPPER_NODES, STACKED_BLOCKS.sides["upper"], ValueError, "belong to both sides"),
+        (UPPER_SIDE_NODE_MASK, STACKED_BLOCKS.sides["upper"], ValueError, "belong to both sides"),
         (
-            UPPER_NODES & (STACKED_BLOCKS.x[:, 0] > 0.9),
-            LOWER_FACETS,
+            UPPER_SIDE_NODE_MASK & (STACKED_BLOCKS.x[:, 0] > 0.9),
+            LOWER_SIDE_FACETS,
             ValueError,
             "belong to no facet that is all in their pair",
         ),
-        (on_plane(1, 2.0), LOWER_FACETS, ValueError, "on the far side of its body"),
-        (UPPER_NODES, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
-        (UPPER_NODES, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1), ValueError, "do not overlap"),
-        (UPPER_NODES, Plane((0, 0), (0, 1)), TypeError, "a surface is given in place of facets"),
+        (on_plane(1, 2.0), LOWER_SIDE_FACETS, ValueError, "on the far side of its body"),
+        (UPPER_SIDE_NODE_MASK, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
+        (
+            UPPER_SIDE_NODE_MASK,
+            lambda x: np.isclose(x[0], 0.0) & (x[1] < 1),
+            ValueError,
+            "do not overlap",
+        ),
+        (
+            UPPER_SIDE_NODE_MASK,
+            Plane((0, 0), (0, 1)),
+            TypeError,
+            "a surface is given in place of facets",
+        ),
     ],
 )
 def test_invalid_mortar_pairs_are_refused(nodes, facets, kind, message):
@@ -344,9 +357,11 @@ def test_overlapping_bodies_are_refused():
         stack.solve_contact(stack.make_pair(), stack.fixed_base_moved_top_supports([0.0, 0.0]))
 
 
-def hat_functions(x, nodes):
+def hat_functions(x, node_positions):
     """Return the piecewise-linear hat functions (n, m) of sorted nodes (m,) at points (n,)."""
-    return np.stack([np.interp(x, nodes, row) for row in np.eye(len(nodes))], axis=1)
+    return np.stack(
+        [np.interp(x, node_positions, row) for row in np.eye(len(node_positions))], axis=1
+    )
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])

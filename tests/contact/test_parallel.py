@@ -30,7 +30,7 @@ from tests.contact.histories import (
     HISTORY_MAKERS_BY_NAME,
     INCREMENTS_BEFORE_RESUME,
     collect_comparable_fields,
-    history_scale_of_field,
+    largest_force_or_length_in_history,
     resume_history,
     solve_history,
 )
@@ -106,7 +106,7 @@ def numbers_in_surface_passed_error(comm, surface, depth):
     return [float(number) for number in re.findall(r"-?[0-9.]*[0-9]", str(error.value))]
 
 
-def solve_cases_and_collect_numbers(comm, folder):
+def solve_and_write_cases_and_collect_numbers(comm, folder):
     """Return all numbers of the cases by name, and write the cases' files."""
     numbers = {
         "ball passes": numbers_in_surface_passed_error(comm, Sphere((0, 6), 2.0), 5.0),
@@ -182,7 +182,7 @@ def write_with_failure_on_rank_1(comm, folder):
 
     with (
         patch.object(ContactFields, "fill", fail_on_rank_1),
-        patch(f"{write.__module__}._MAX_WAIT", 1.0),
+        patch(f"{write.__module__}._MAX_WAIT_AFTER_ERROR_IN_SECONDS", 1.0),
     ):
         write(folder / "block.bp", states, body.body)
 
@@ -281,7 +281,7 @@ def compute_results_to_compare(comm, resume_folder, folder):
     Histories that were stopped on fewer processes are continued from `resume_folder`.
     """
     results = {
-        "numbers": solve_cases_and_collect_numbers(comm, folder),
+        "numbers": solve_and_write_cases_and_collect_numbers(comm, folder),
         "words": collect_refusal_messages(comm),
         "histories": {},
     }
@@ -364,7 +364,7 @@ def assert_same_histories(name, serial_result, parallel_results, folder):
                 scale = (
                     values
                     if field == "displacement"
-                    else history_scale_of_field(field, resumed_states)
+                    else largest_force_or_length_in_history(field, resumed_states)
                 )
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
+from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, SolutionNotFound
 from pw_elements.contact.iteration.updates import (
     ActiveSetHistory,
     ActiveSetUpdate,
@@ -61,9 +61,9 @@ def test_nodes_that_cycle_change_one_at_a_time():
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),
     )
-    assert not update.record_and_detect_cycle(first_set)
-    assert not update.record_and_detect_cycle(second_set)
-    assert update.record_and_detect_cycle(first_set)
+    assert not update.record_set_and_limit_cycling_nodes(first_set)
+    assert not update.record_set_and_limit_cycling_nodes(second_set)
+    assert update.record_set_and_limit_cycling_nodes(first_set)
     cycling_nodes = make_contact_nodes(
         [[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1]
     )
@@ -76,10 +76,10 @@ def test_nodes_that_cycle_change_one_at_a_time():
         OPEN,
         OPEN,
     ]
-    assert not update.record_and_detect_cycle(first_set)
-    assert not update.record_and_detect_cycle(second_set)
-    with pytest.raises(NotFound, match="2 active sets"):
-        update.record_and_detect_cycle(first_set)
+    assert not update.record_set_and_limit_cycling_nodes(first_set)
+    assert not update.record_set_and_limit_cycling_nodes(second_set)
+    with pytest.raises(SolutionNotFound, match="2 active sets"):
+        update.record_set_and_limit_cycling_nodes(first_set)
 
 
 def test_a_recurring_set_is_kept_until_its_equations_are_solved():

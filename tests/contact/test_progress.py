@@ -87,15 +87,15 @@ def test_the_callback_receives_iterations_and_increments():
 
 
 def test_a_callback_that_raises_ends_the_computation():
-    class Enough(Exception):
+    class CallbackError(Exception):
         pass
 
-    def raise_at_end(event):
+    def raise_at_end_of_increment(event):
         if event.state is not None:
-            raise Enough(str(event))
+            raise CallbackError(str(event))
 
-    with pytest.raises(Enough, match=r"\d+ open, \d+ stick, \d+ slip"):
-        solve_block_in_three_increments(raise_at_end)
+    with pytest.raises(CallbackError, match=r"\d+ open, \d+ stick, \d+ slip"):
+        solve_block_in_three_increments(raise_at_end_of_increment)
     problem = BLOCK_ON_FLOOR.contact_problem(
         BLOCK_ON_FLOOR.floor_pair(0.3), callback=lambda _: 1 / 0
     )

@@ -12,7 +12,14 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe
-from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
+from pw_elements.contact import (
+    SLIP,
+    ContactFields,
+    ContactPair,
+    DeformableSurface,
+    Plane,
+    SolutionNotFound,
+)
 from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.meshes.mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
@@ -99,7 +106,7 @@ class NestedShells(ElasticBody):
         )
 
     @property
-    def exact_pressure(self):
+    def exact_contact_pressure(self):
         """Return the exact pressure between the two shells."""
         power = self.power
         return (
@@ -216,7 +223,7 @@ def press_fit_pressure_error(
     """
     is_plane, is_nominal = state == "plane strain", interference is not True
 
-    def ring(inner_radius, outer_radius, n):
+    def make_ring_mesh(inner_radius, outer_radius, n):
         ends = [(inner_radius, 0.0), (outer_radius, 1.0 if is_plane else 0.5)]
         strip = create_rectangle(MPI.COMM_SELF, ends, (n // 2, n) if is_plane else (n, n // 2))
         return curved_mesh(strip, _roll_strip_into_quarter_circle) if is_plane else strip
@@ -226,8 +233,8 @@ def press_fit_pressure_error(
 
     bore = INTERFACE_RADIUS - (0.0 if is_nominal else depth)
     mesh = join_meshes(
-        ring(INNER_RADIUS, INTERFACE_RADIUS, cells_per_ring[0]),
-        ring(bore, OUTER_RADIUS, cells_per_ring[1]),
+        make_ring_mesh(INNER_RADIUS, INTERFACE_RADIUS, cells_per_ring[0]),
+        make_ring_mesh(bore, OUTER_RADIUS, cells_per_ring[1]),
     )
     rings = ElasticBody(mesh, PW, state, 1.0, NU)
     near_interface = lambda x: np.abs(radius(x) - INTERFACE_RADIUS) < 2 * depth  # noqa: E731
@@ -277,15 +284,15 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
     """
     mu, radial_displacement, rotation = 0.3, 1e-3, 2e-3
 
-    def ring(inner_radius, outer_radius, size):
-        def build():
+    def make_ring_mesh(inner_radius, outer_radius, size):
+        def build_ring_geometry():
             disks = [
                 [(2, gmsh.model.occ.addDisk(0, 0, 0, rim_radius, rim_radius))]
                 for rim_radius in (outer_radius, inner_radius)
             ]
             gmsh.model.occ.cut(*disks)
 
-        return meshed(build, 2, size, 2)
+        return meshed(build_ring_geometry, 2, size, 2)
 
     lame, shear = NU / (1 + NU) / (1 - 2 * NU), 1 / 2 / (1 + NU)
     A, B = np.linalg.solve(
@@ -297,8 +304,8 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
     errors_by_size = []
     for size in (0.2, 0.1):
         mesh = join_meshes(
-            ring(INNER_RADIUS, INTERFACE_RADIUS, size),
-            ring(INTERFACE_RADIUS, OUTER_RADIUS, 1.3 * size),
+            make_ring_mesh(INNER_RADIUS, INTERFACE_RADIUS, size),
+            make_ring_mesh(INTERFACE_RADIUS, OUTER_RADIUS, 1.3 * size),
         )
         rings = ElasticBody(mesh, PW, "plane strain", 1.0, NU)
         on_interface = lambda x: np.isclose(np.hypot(x[0], x[1]), INTERFACE_RADIUS)  # noqa: E731
@@ -409,7 +416,7 @@ def test_a_fit_in_substeps_obeys_the_law_in_each_of_them(monkeypatch):
 
     def fail_above_half(state, target, *arguments):
         if target.load_factor - (0.0 if state is undeformed else 0.5) > 0.5:
-            raise NotFound("too much")
+            raise SolutionNotFound("too much")
         return solve_part(state, target, *arguments)
 
     monkeypatch.setattr(problem._small_strain_stepping, "_solve_substep", fail_above_half)

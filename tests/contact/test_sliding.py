@@ -17,12 +17,12 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     Motion,
-    NotFound,
+    SolutionNotFound,
     SurfacePassed,
 )
 from pw_elements.contact.interface import BoundaryFacets, SlidingMortar
 from pw_elements.contact.steps import finite
-from pw_elements.contact.steps.smallness import log_slip_differences
+from pw_elements.contact.steps.smallness import warn_if_slip_and_path_slip_differ
 from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
     DIE_TOP_TRANSLATIONS,
@@ -38,18 +38,20 @@ from tests.contact.sliding import (
 FRICTION = 0.3
 
 
-def make_curve_trace(n_facets, curve, first_node, outward_y):
+def make_boundary_facets_of_curve(n_facets, curve, first_node, outward_normal_y):
     """Return a curve over the interval [-1, 1] that consists of n quadratic facets."""
     s = np.linspace(-1, 1, 2 * n_facets + 1)
     x = np.stack([s, curve(s)], axis=1)
     node = 2 * np.arange(n_facets)[:, None] + [0, 2, 1]
-    return BoundaryFacets(node + first_node, x[node], np.tile([0.0, outward_y], (n_facets, 1)))
+    return BoundaryFacets(
+        node + first_node, x[node], np.tile([0.0, outward_normal_y], (n_facets, 1))
+    )
 
 
 def make_mortar_and_disturbed_positions(revolved):
     """Return a mortar of two curved sides and two disturbed sets of positions of its nodes."""
-    slave_side = make_curve_trace(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
-    master_side = make_curve_trace(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
+    slave_side = make_boundary_facets_of_curve(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
+    master_side = make_boundary_facets_of_curve(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
@@ -68,10 +70,10 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
     assert (projected.faces_master & ~reference.faced_master).any()
     assert (projected.faces_master & reference.faced_master).any()
 
-    def quantities(x):
+    def evaluate_mortar_quantities(x):
         projected = mortar.linearise(x)
         angles = np.arctan2(projected.normals[:, 1], projected.normals[:, 0])
-        slip, _ = projected.measure_slip_and_position_derivatives(reference, x)
+        slip, _ = projected.measure_slip_and_gap_slip_angle_derivatives(reference, x)
         return [
             (projected.master_fractions.T @ force).ravel(),
             projected.mean_distance.ravel(),
@@ -83,11 +85,11 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
     derivatives = [
         projected.differentiate_master_forces(force),
         projected.distance_rate,
-        *projected.measure_slip_and_position_derivatives(reference, x)[1],
+        *projected.measure_slip_and_gap_slip_angle_derivatives(reference, x)[1],
     ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
-        end_values = [quantities(x + sign * step) for sign in (1, -1)]
+        end_values = [evaluate_mortar_quantities(x + sign * step) for sign in (1, -1)]
         for derivative, forward, backward in zip(derivatives, *end_values, strict=True):
             column = derivative.toarray()[:, k]
             assert (
@@ -137,7 +139,8 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     )
     for reference in (start, unfaced_start):
         assert (
-            np.abs(projected.measure_slip_and_position_derivatives(reference, end)[0]).max() < 1e-13
+            np.abs(projected.measure_slip_and_gap_slip_angle_derivatives(reference, end)[0]).max()
+            < 1e-13
         )
 
 
@@ -146,8 +149,8 @@ def test_linear_fields_are_transferred_exactly():
 
     The sides are straight, have non-matching meshes, and cover each other in part.
     """
-    slave_side = make_curve_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    master_side = make_curve_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
     x = mortar.x + shift[:, None] * [1, 0]
@@ -187,17 +190,23 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
     The normal at the end of the die's side lies in this plane. The bodies may be axisymmetric.
     """
 
-    def bottom(x):
+    def die_bottom_height(x):
         return 0.01 + 0.6 * x**2
 
-    def shape(x, y, body):
-        return (x, y) if body == 0 else (x, bottom(x) + y * (1 - bottom(x)))
+    def map_node_coordinates(x, y, body_index):
+        return (
+            (x, y)
+            if body_index == 0
+            else (x, die_bottom_height(x) + y * (1 - die_bottom_height(x)))
+        )
 
     def on_die_bottom(x):
-        return (x[0] < 0.5 + 1e-9) & (x[1] > 0.005) & (np.abs(x[1] - bottom(x[0])) < 0.02)
+        return (
+            (x[0] < 0.5 + 1e-9) & (x[1] > 0.005) & (np.abs(x[1] - die_bottom_height(x[0])) < 0.02)
+        )
 
     boxes = ((0.0, -1.0), (1.5, 0.0)), ((0.0, 0.0), (0.5, 1.0))
-    mesh = mesh_of_two_rectangles(*boxes, ((8, 3), (5, 3)), shape)
+    mesh = mesh_of_two_rectangles(*boxes, ((8, 3), (5, 3)), map_node_coordinates)
     half_die = SlidingBodies(
         mesh, on_die_bottom, on_plane(1, 0.0), on_plane(1, -1.0), on_plane(1, 1.0), FRICTION
     )
@@ -278,8 +287,8 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
 
     A hollow slave side is moved so far away that the other side lies beyond this point.
     """
-    slave_side = make_curve_trace(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
-    master_side = make_curve_trace(4, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_boundary_facets_of_curve(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
+    master_side = make_boundary_facets_of_curve(4, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
@@ -324,17 +333,17 @@ def test_slip_agrees_with_that_of_the_path(die_states_and_violations, caplog):
         assert (difference < 0.06 * path_length)[is_sliding].all()
     interface, warned_pairs = bodies.problem._large_strain_stepping.interface, set()
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
-        log_slip_differences(states[-1], interface, warned_pairs)
+        warn_if_slip_and_path_slip_differ(states[-1], interface, warned_pairs)
         assert not caplog.records
         (pair,) = states[-1].pairs
         state_without_slip = replace(states[-1], pairs=(replace(pair, slip=0 * pair.slip),))
-        log_slip_differences(state_without_slip, interface, warned_pairs)
-        log_slip_differences(state_without_slip, interface, warned_pairs)
+        warn_if_slip_and_path_slip_differ(state_without_slip, interface, warned_pairs)
+        warn_if_slip_and_path_slip_differ(state_without_slip, interface, warned_pairs)
     (record,) = caplog.records
     assert record.getMessage().startswith("increment 3, contact pair 0: slip differs")
     frictionless_pair = replace(pair, slip=0 * pair.slip, friction=0 * pair.friction)
     frictionless_state = replace(state_without_slip, pairs=(frictionless_pair,))
-    log_slip_differences(frictionless_state, interface, set())
+    warn_if_slip_and_path_slip_differ(frictionless_state, interface, set())
     assert len(caplog.records) == 1
 
 
@@ -357,7 +366,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
         )
 
     monkeypatch.setattr(SlidingMortar, "make_slip_reference", make_reference_by_closest_points)
-    with pytest.raises(NotFound, match="computed anew"):
+    with pytest.raises(SolutionNotFound, match="computed anew"):
         slide_along_path(make_block_under_narrow_punch(6), [(0.0, -0.11)])
     monkeypatch.setattr(finite, "verify_state", lambda state, *_, **__: state)
     with caplog.at_level(logging.WARNING, "pw_elements.contact"):
@@ -401,8 +410,8 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
 
     It is zero for nodes that were not outside of the other body at first.
     """
-    slave_side = make_curve_trace(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
-    master_side = make_curve_trace(3, lambda s: 0.0 * s, 100, 1.0)
+    slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
     mortar = SlidingMortar(slave_side, master_side, False)
     is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]

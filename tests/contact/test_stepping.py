@@ -19,7 +19,7 @@ from tests.contact.histories import (
     HISTORY_MAKERS_BY_NAME,
     INCREMENTS_BEFORE_RESUME,
     collect_comparable_fields,
-    history_scale_of_field,
+    largest_force_or_length_in_history,
     resume_history,
     solve_history,
 )
@@ -37,7 +37,7 @@ def largest_relative_field_difference(states, reference_states, scale_states=())
     """Return the largest difference of any field, relative to its scale in a history."""
     largest = 0.0
     for name in collect_comparable_fields(reference_states[-1]):
-        scale = history_scale_of_field(name, [*reference_states, *scale_states])
+        scale = largest_force_or_length_in_history(name, [*reference_states, *scale_states])
         for state, reference in zip(states, reference_states, strict=True):
             largest = max(
                 largest,
@@ -229,12 +229,12 @@ def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkey
     assert path.read_bytes() == old_content
     replace_file = os.replace
 
-    def write_meanwhile(source, target):
+    def save_state_before_replacing_file(source, target):
         monkeypatch.setattr("os.replace", replace_file)
         BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
         replace_file(source, target)
 
-    monkeypatch.setattr("os.replace", write_meanwhile)
+    monkeypatch.setattr("os.replace", save_state_before_replacing_file)
     BLOCK_PROBLEM.save(BLOCK_PROBLEM.undeformed, path)
     assert BLOCK_PROBLEM.load(path).increment == 0
     assert list(tmp_path.iterdir()) == [path]

@@ -19,28 +19,28 @@ from pw_elements.contact import (
 from pw_elements.contact.model import measure_gradient_change_at_half_step
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
-from tests.contact.polyline import Polyline
+from tests.contact.polyline import PolylineSurface
 
 RNG = np.random.default_rng(5)
 
 # from left to right, the body above: a step up (a re-entrant and a protruding corner) and a tip
 STEP_AND_TIP_CORNERS = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
 
-SURFACES = {
+SURFACES_BY_NAME = {
     "plane": Plane((1.0, 2.0), (1.0, -3.0)),
     "plane in space": Plane((1.0, 2.0, 3.0), (1.0, -3.0, 2.0)),
     "circle": Sphere((0.5, -0.2), 0.3),
     "sphere": Sphere((0.5, -0.2, 1.0), 0.3),
     "flat punch": FlatPunch((0.0, 1.0), (0.0, -2.0), 10.0),
-    "line": Polyline(STEP_AND_TIP_CORNERS),
-    "rounded line": Polyline(STEP_AND_TIP_CORNERS, 0.2),
+    "line": PolylineSurface(STEP_AND_TIP_CORNERS),
+    "rounded line": PolylineSurface(STEP_AND_TIP_CORNERS, 0.2),
     "signed distance": SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1),
 }
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", SURFACES_BY_NAME)
 def test_the_normal_is_the_gradient_of_the_gap(name):
-    surface = SURFACES[name]
+    surface = SURFACES_BY_NAME[name]
     dim = 3 if "sp" in name and "signed" not in name else 2
     x = RNG.uniform(-3, 3, (200, dim))
     normal = surface.normal(x)
@@ -106,7 +106,7 @@ def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
 
 @pytest.mark.parametrize("component", [0, 1])
 def test_a_gradient_that_contradicts_its_function_is_refused_where_it_is_used(component):
-    def circle(x):
+    def circle_level_set(x):
         return x[:, 0] ** 2 + (x[:, 1] - 3.0) ** 2 - 1.0
 
     def gradient(x, factor=1.0):
@@ -116,10 +116,10 @@ def test_a_gradient_that_contradicts_its_function_is_refused_where_it_is_used(co
 
     x = np.array([[0.1, 2.0], [-0.4, 1.7]])
     exact, wrong_surface = (
-        SignedDistance(circle, lambda x, factor=factor: gradient(x, factor))
+        SignedDistance(circle_level_set, lambda x, factor=factor: gradient(x, factor))
         for factor in (1.0, 1.001)
     )
-    for method in ("normal", "closest"):
+    for method in ("normal", "gap_normal_and_curvature"):
         getattr(exact, method)(x)
         with pytest.raises(ValueError, match="differences of its function give"):
             getattr(wrong_surface, method)(x)
@@ -138,9 +138,9 @@ def test_an_edge_of_a_function_does_not_contradict_its_gradient():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_centre_has_no_closest_point(dim):
+def test_the_centre_of_a_sphere_has_no_closest_point(dim):
     x = np.array([[0.5] * dim, [0.5] * (dim - 1) + [1.0]])
-    gap, normal, normal_gradient = Sphere([0.5] * dim, 2.0).closest(x)
+    gap, normal, normal_gradient = Sphere([0.5] * dim, 2.0).gap_normal_and_curvature(x)
     assert np.isnan(gap).tolist() == [True, False]
     assert all(np.isnan(values[0]).all() for values in (normal, normal_gradient))
     assert all(np.isfinite(values[1]).all() for values in (normal, normal_gradient))
@@ -190,12 +190,15 @@ def test_closest_points_are_infinitely_far_where_nothing_is_faced():
     Differences near the edge are one-sided, elsewhere they are central.
     """
 
-    def half_circle(x):
+    def half_circle_distance(x):
         return np.where(x[:, 0] <= 0.5, np.hypot(x[:, 0], x[:, 1]) - 1.0, np.inf)
 
     circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1.0)
     x = np.array([[0.1, 1.2], [-0.7, 0.9], [0.5, np.sqrt(0.75)], [0.500001, 1.0], [2.0, 0.0]])
-    values, expected = SignedDistance(half_circle).closest(x), circle.closest(x)
+    values, expected = (
+        SignedDistance(half_circle_distance).gap_normal_and_curvature(x),
+        circle.gap_normal_and_curvature(x),
+    )
     assert np.array_equal(np.isposinf(values[0]), [False, False, False, True, True])
     is_faced = np.isfinite(values[0])
     assert values[0][is_faced] == pytest.approx(expected[0][is_faced], abs=1e-8)

@@ -18,7 +18,7 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     Motion,
-    NotFound,
+    SolutionNotFound,
     Sphere,
 )
 from pw_elements.contact.iteration import (
@@ -117,7 +117,9 @@ def increment_solution_and_start():
     problem = punch.contact_problem(punch.punch_pair(0.6), punch.base_supports)
     stepping, motion = problem._small_strain_stepping, Motion((0.02, None), (0, -217.3))
     start = problem.undeformed
-    target = TargetLoadsAndMotions.from_load_and_motions(punch.zero_load, [motion], n_motions=2)
+    target = TargetLoadsAndMotions.from_load_and_motions(
+        punch.zero_load, [motion], n_motions_per_surface=2
+    )
     increment, kinematics = stepping._make_equations_and_kinematics(start, target)
     linearised = stepping._check_and_linearise_initial_kinematics(
         increment, kinematics, start, target
@@ -180,7 +182,9 @@ def test_no_state_is_accepted_that_its_residuals_reject(increment_solution_and_s
             force[node_of_status[SLIP], 1] += sign * error
         if disturbed is solution:
             disturbed = replace(solution, nodes=replace(contact, force=force, gap=gap, slip=slip))
-        _, force_size, length_size = increment.reference_sizes(disturbed, start.scale)
+        _, force_size, length_size = increment.updated_scale_and_reference_force_and_length(
+            disturbed, start.scale
+        )
         residuals = increment.largest_residuals(disturbed, force_size, length_size)
         assert (law_violation_over_tolerance(increment, disturbed) <= 1) == (
             relative_error == 1e-10
@@ -217,7 +221,7 @@ def test_a_ball_released_to_zero_force_just_touches(mu):
 
 
 def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
-    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as caught:
+    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(SolutionNotFound) as caught:
         make_problem(104).solve()
     for remedy in ("by springs", "in parts"):
         assert f"{remedy}, at the cost of at most 150 linear systems" in caplog.text
@@ -248,7 +252,7 @@ def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch)
     for multiple in (0.1, 3.0):
         budgets.clear()
         remaining_budgets.clear()
-        with pytest.raises(NotFound):
+        with pytest.raises(SolutionNotFound):
             make_problem(93).solve(remedies={"springs": multiple, "cutback": multiple})
         remaining_budgets.append(budgets[-1][0]())
         assert [initial_budget for _, initial_budget in budgets] == [50 * multiple] * 2

@@ -31,7 +31,7 @@ from tests.contact.cases import BlockOnFloor, make_finite_strain_unknown_and_res
 from tests.contact.test_large import (
     ON_TOP,
     SOLVERS_BY_NAME,
-    SURFACES,
+    SURFACES_BY_NAME,
     RubberUnderCircle,
     collect_first_pair_fields,
     make_interface_stand_in,
@@ -60,7 +60,7 @@ def make_rubber_under_roller(pivot=PIVOT, mesh=None, friction=0.3, **options):
 
 @pytest.mark.parametrize("name", ["plane", "circle", "sphere", "ellipse"])
 def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
-    surface, rng = SURFACES[name], np.random.default_rng(3)
+    surface, rng = SURFACES_BY_NAME[name], np.random.default_rng(3)
     dim, m, h = (3 if name == "sphere" else 2), 20, 1e-5
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
     axis = (1.0, -2.0, 0.5) if dim == 3 else None
@@ -78,7 +78,7 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     linearised = kinematics.linearise(q, a, r)
     R, w = np.eye(dim) + surfaces.rotation_minus_identity(q), linearised.torque_map.w
 
-    def invariants(step, motion, displacement_change):
+    def quantities_in_surface_frame(step, motion, displacement_change):
         """Return quantities in the surface's frame for motions and displacements changed by a step.
 
         They are gap, slip, normal, force, magnitude of the shear force, and torque.
@@ -106,7 +106,8 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     for motion, displacement_change in zip(motions, displacement_changes, strict=True):
         displacement_change = np.tile(displacement_change, (m, 1))
         derivatives = (
-            invariants(h, motion, displacement_change) - invariants(-h, motion, displacement_change)
+            quantities_in_surface_frame(h, motion, displacement_change)
+            - quantities_in_surface_frame(-h, motion, displacement_change)
         ) / (2 * h)
         split_derivatives = np.split(derivatives, np.cumsum([1, dim, dim, dim, 1]), axis=1)
         gap, slip, normal, force, shear, torque = split_derivatives
@@ -343,15 +344,15 @@ def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
     problem = make_rubber_under_roller().problem
     pressed = problem.step(problem.undeformed, motions=PRESSING_MOTION)
 
-    def rotation_steps():
+    def rotation_angles_of_substeps():
         state = problem.step(pressed, motions=MOTION_UNDER_FORCE_AND_TORQUE)
         ends = [pressed, *(substate for _, substate in state.substates), state]
         return np.abs(np.diff([float(substate.pairs[0].rotation) for substate in ends]))
 
-    uncut_steps = rotation_steps()
+    uncut_steps = rotation_angles_of_substeps()
     max_turn = 0.6 * uncut_steps.max()
     monkeypatch.setattr(finite, "MAX_SURFACE_RADIANS_PER_SUBSTEP", max_turn)
-    cut_steps = rotation_steps()
+    cut_steps = rotation_angles_of_substeps()
     assert len(cut_steps) > len(uncut_steps)
     assert cut_steps.max() <= max_turn
 
@@ -369,7 +370,7 @@ def make_ball_problem(friction, **options):
     return ContactProblem.of_residual(residual, u, conditions, pair, **options)
 
 
-def test_a_ball_rotates_about_an_axis():
+def test_a_ball_rotating_about_its_axis_has_a_friction_torque():
     """A ball that rotates about its vertical axis has a friction torque, or none without friction.
 
     If this torque is prescribed, the ball rotates by the same angle.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pw_elements.contact import ContactFailed, ContactPair, Motion, NotFound, Plane
+from pw_elements.contact import ContactFailed, ContactPair, Motion, Plane, SolutionNotFound
 from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import IncrementEquations
 from pw_elements.contact.nodes import LargeStrainKinematics, SmallStrainKinematics
@@ -76,7 +76,9 @@ def test_a_state_that_the_iteration_accepts_too_early_is_refused(name, monkeypat
     obey the law.
     """
     monkeypatch.setattr(IncrementEquations, "max_residual_to_tolerance_ratio", lambda *_: 0.0)
-    with pytest.raises(NotFound, match=r"violates .*, computed anew from its displacements"):
+    with pytest.raises(
+        SolutionNotFound, match=r"violates .*, computed anew from its displacements"
+    ):
         HISTORY_SOLVERS_BY_NAME[name]()
 
 
@@ -109,7 +111,7 @@ def test_wrong_kinematics_lead_to_no_state(wrong, monkeypatch):
 def test_wrong_kinematics_of_small_displacements_lead_to_no_state(wrong, monkeypatch):
     linearise, change = SmallStrainKinematics.linearise, CORRUPTIONS_OF_KINEMATICS[wrong]
     monkeypatch.setattr(SmallStrainKinematics, "linearise", lambda *a: change(linearise(*a)))
-    with pytest.raises(NotFound, match="computed anew"):
+    with pytest.raises(SolutionNotFound, match="computed anew"):
         HISTORY_SOLVERS_BY_NAME["punch"]()
 
 
@@ -131,19 +133,24 @@ def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
     The verification computes gap, normal, slip and forces on the master by independent code.
     """
     bodies = make_die_on_block(friction=0.3)
-    meet, motions = SlidingMortar.linearise, LinearisedMortar.measure_slip_and_position_derivatives
+    meet, motions = (
+        SlidingMortar.linearise,
+        LinearisedMortar.measure_slip_and_gap_slip_angle_derivatives,
+    )
     if wrong == "slip":
 
-        def slip_too_far(projected, *arguments):
+        def measure_slip_with_error(projected, *arguments):
             slip, derivatives = motions(projected, *arguments)
             return slip + 1e-4 * projected.faces_master, derivatives
 
-        monkeypatch.setattr(LinearisedMortar, "measure_slip_and_position_derivatives", slip_too_far)
+        monkeypatch.setattr(
+            LinearisedMortar, "measure_slip_and_gap_slip_angle_derivatives", measure_slip_with_error
+        )
     else:
         monkeypatch.setattr(
             SlidingMortar, "linearise", lambda *a: CORRUPTIONS_OF_LINEARISED_MORTAR[wrong](meet(*a))
         )
-    with pytest.raises(NotFound, match="computed anew"):
+    with pytest.raises(SolutionNotFound, match="computed anew"):
         slide_along_path(bodies, DIE_TOP_TRANSLATIONS[:2])
 
 

@@ -30,7 +30,7 @@ from pw_elements.contact.steps.smallness import (
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.model.elements import composite, serendipity
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
-from tests.contact.polyline import Polyline
+from tests.contact.polyline import PolylineSurface
 from tests.contact.test_matching import MatchingBlocks
 
 BLOCK_4_BY_2 = BlockOnFloor(16)  # 4 x 2, on a clamped base in these tests
@@ -40,11 +40,16 @@ PLATE_ABOVE = Plane((0, 2), (0, -1))
 
 
 def solve_under_moved_surface(
-    surface, *motions, friction=0.0, body=BLOCK_4_BY_2, supports=BASE_SUPPORTS, level=2.0
+    surface,
+    *motions,
+    friction=0.0,
+    body=BLOCK_4_BY_2,
+    supports=BASE_SUPPORTS,
+    contact_face_height=2.0,
 ):
     """Return the states of the block under a surface that is moved by the given translations."""
     motions = [motion if isinstance(motion, Motion) else Motion(motion) for motion in motions]
-    on_surface = on_plane(len(motions[0].translation) - 1, level)
+    on_surface = on_plane(len(motions[0].translation) - 1, contact_face_height)
     return body.solve_contact(ContactPair(on_surface, surface, friction, motions), supports)
 
 
@@ -165,7 +170,7 @@ def test_leaving_the_range_of_small_displacements_is_logged_once(caplog):
 # -- surfaces that pass through - -------------------------------------------------------------
 
 BALL_LEVEL_SET = SignedDistance(lambda x: (x[:, 0] - 2) ** 2 + (x[:, 1] - 3) ** 2 - 1)
-TIP_POLYLINE = Polyline([(6, 4), (2, 2), (-2, 4)])
+TIP_POLYLINE = PolylineSurface([(6, 4), (2, 2), (-2, 4)])
 SMALL_DOWNWARD_TRANSLATIONS = [(0, -0.1 * k) for k in range(1, 25)]
 
 REFUSED_SURFACE_PATHS = {

@@ -23,7 +23,7 @@ from tests.contact.cases import ElasticBody, on_plane
 
 TOP_PRESSURE_OVER_MODULUS = 1e-3  # divided by Young's modulus of the lower block
 PLANE_CELLS = ("triangle", "quadrilateral")
-COMPARISON_ELEMENTS = {"composite": composite, "taylor_hood": taylor_hood}
+COMPARISON_SPACE_MAKERS_BY_NAME = {"composite": composite, "taylor_hood": taylor_hood}
 
 
 def join_meshes(lower, upper, comm=MPI.COMM_SELF):
@@ -38,14 +38,16 @@ def join_meshes(lower, upper, comm=MPI.COMM_SELF):
     return create_mesh(comm, cells=cells, x=x, e=lower.ufl_domain().ufl_coordinate_element())
 
 
-def split_facets_by_side(elastic, marker, is_cell_beyond):
+def split_facets_by_side(elastic_body, marker, is_cell_beyond):
     """Return two arrays of the marked exterior facets: before and beyond an interface.
 
     The function `is_cell_beyond` decides this by the midpoints (n, dim) of cells.
     """
-    facets = locate_exterior_facets(elastic.mesh, marker)
-    is_beyond_cell = is_cell_beyond(elastic.x[elastic.displacement_space.dofmap.list].mean(axis=1))
-    cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
+    facets = locate_exterior_facets(elastic_body.mesh, marker)
+    is_beyond_cell = is_cell_beyond(
+        elastic_body.x[elastic_body.displacement_space.dofmap.list].mean(axis=1)
+    )
+    cells = elastic_body.mesh.topology.connectivity(elastic_body.dim - 1, elastic_body.dim)
     is_beyond_facet = np.array([is_beyond_cell[cells.links(f)[0]] for f in facets], dtype=bool)
     return facets[~is_beyond_facet], facets[is_beyond_facet]
 
@@ -75,15 +77,15 @@ class StackedBlocks(ElasticBody):
         dim = 2 if cell in PLANE_CELLS else 3
         self.up = dim - 1
 
-        def block(n, sides, bottom):
-            low = [sides[0]] * self.up + [bottom]
-            high = [sides[1]] * self.up + [bottom + 1.0]
+        def make_block_mesh(n, side_range, bottom):
+            low = [side_range[0]] * self.up + [bottom]
+            high = [side_range[1]] * self.up + [bottom + 1.0]
             build = create_box if dim == 3 else create_rectangle
             return build(MPI.COMM_SELF, [low, high], [n, n + 1, n][:dim], CellType[cell])
 
         lower_mesh, upper_mesh = (
-            block(divisions[0], lower_range, 0.0),
-            block(divisions[1], upper_range, 1.0),
+            make_block_mesh(divisions[0], lower_range, 0.0),
+            make_block_mesh(divisions[1], upper_range, 1.0),
         )
         if map_upper is not None:
             upper_mesh.geometry.x[:] = map_upper(upper_mesh.geometry.x)
@@ -94,7 +96,7 @@ class StackedBlocks(ElasticBody):
             tags = meshtags(mesh, dim, cells, is_upper.astype(np.int32))
             material = Material.by_tag(mesh, tags, {0: material, 1: Material(modulus_ratio, nu)})
         state = state or ("solid" if dim == 3 else "plane strain")
-        spaces = COMPARISON_ELEMENTS.get(element) or getattr(Spaces, element)
+        spaces = COMPARISON_SPACE_MAKERS_BY_NAME.get(element) or getattr(Spaces, element)
         super().__init__(mesh, spaces, state, material=material)
         low, high = split_facets_by_side(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0

@@ -9,15 +9,19 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 # Corners of the cells on a lattice with steps of two; mid-side nodes have odd coordinates
-QUAD_CORNERS_PER_SQUARE = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
-TRIANGLE_CORNERS_PER_SQUARE = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
-BRICK_CORNERS_PER_CUBE = [[(*at, z) for z in (0, 2) for at in QUAD_CORNERS_PER_SQUARE[0]]]
+LATTICE_CORNERS_OF_QUADS_IN_SQUARE = [[(0, 0), (2, 0), (2, 2), (0, 2)]]
+LATTICE_CORNERS_OF_TRIANGLES_IN_SQUARE = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2, 2), (0, 2)]]
+LATTICE_CORNERS_OF_BRICKS_IN_CUBE = [
+    [(*at, z) for z in (0, 2) for at in LATTICE_CORNERS_OF_QUADS_IN_SQUARE[0]]
+]
 # tetrahedra along paths of edges between opposite corners of a brick, with positive volume
-TETRAHEDRON_CORNERS_PER_CUBE = []
+LATTICE_CORNERS_OF_TETRAHEDRA_IN_CUBE = []
 for axes in permutations(range(3)):
     path = [tuple(2 * (axis in axes[:k]) for axis in range(3)) for k in range(4)]
     odd = sum(a > b for a, b in combinations(axes, 2)) % 2
-    TETRAHEDRON_CORNERS_PER_CUBE.append([path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))])
+    LATTICE_CORNERS_OF_TETRAHEDRA_IN_CUBE.append(
+        [path[k] for k in ((0, 1, 3, 2) if odd else (0, 1, 2, 3))]
+    )
 EDGES_BY_CORNER_COUNT = {
     3: [(0, 1), (1, 2), (2, 0)],
     4: [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -68,11 +72,19 @@ def make_distorted_lattice_mesh(element_type):
     """Return the points (n, 3), the cells as lists of indices of points, and the lattice points."""
     n_nodes, is_solid = count_nodes(element_type), element_type.startswith("C3D")
     if is_solid:
-        pattern = BRICK_CORNERS_PER_CUBE if n_nodes in (8, 20) else TETRAHEDRON_CORNERS_PER_CUBE
+        pattern = (
+            LATTICE_CORNERS_OF_BRICKS_IN_CUBE
+            if n_nodes in (8, 20)
+            else LATTICE_CORNERS_OF_TETRAHEDRA_IN_CUBE
+        )
         corner_edges = EDGES_BY_CORNER_COUNT[8] if n_nodes in (8, 20) else TETRAHEDRON_EDGES
         blocks = product(range(2), range(2), range(2))
     else:
-        pattern = TRIANGLE_CORNERS_PER_SQUARE if n_nodes in (3, 6) else QUAD_CORNERS_PER_SQUARE
+        pattern = (
+            LATTICE_CORNERS_OF_TRIANGLES_IN_SQUARE
+            if n_nodes in (3, 6)
+            else LATTICE_CORNERS_OF_QUADS_IN_SQUARE
+        )
         corner_edges = EDGES_BY_CORNER_COUNT[3] if n_nodes in (3, 6) else EDGES_BY_CORNER_COUNT[4]
         blocks = product(range(3), range(2))
     lattice: dict[tuple, int] = {}

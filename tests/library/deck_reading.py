@@ -211,19 +211,19 @@ class IndependentDeckReader:
             (corners, face_nodes) for corners, face_nodes in faces.values() if n_cells[corners] == 1
         ]
 
-        def facets_within(members):
+        def find_outer_facet_corners(node_numbers):
             return {
                 self._get_coordinate_set(corners)
                 for corners, face_nodes in outer_faces
-                if members >= set(face_nodes)
+                if node_numbers >= set(face_nodes)
             }
 
-        sets = {name: facets_within(nodes) for name, nodes in self.sets["NSET"].items()}
+        sets = {name: find_outer_facet_corners(nodes) for name, nodes in self.sets["NSET"].items()}
         for name, rows in self.surfaces.items():
             sets[name] = set()
             for members, face in rows:
                 if face is None:
-                    sets[name] |= facets_within(members)
+                    sets[name] |= find_outer_facet_corners(members)
                 else:
                     named_faces = [faces[n, face][0] for n in members if (n, face) in faces]
                     sets[name] |= {self._get_coordinate_set(corners) for corners in named_faces}

@@ -1,15 +1,15 @@
 """More than 150 hostile decks; carelessly read, they give wrong meshes or exhaust memory or time.
 
-`HOSTILE_DECKS` has, for the name of each case, its files, of which "deck.inp" is read. It also says
-whether the deck has to be refused (True), has to be read (False), or may be either (None). A mesh
-that is read has to agree with a second, independent reading.
+`HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME` has, for the name of each case, its files, of which
+"deck.inp" is read. It also says whether the deck has to be refused (True), has to be read (False),
+or may be either (None). A mesh that is read has to agree with a second, independent reading.
 """
 
 import random
 
 from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
 
-LONG_DECK_CHARACTERS = 900_000  # characters of long decks
+LONG_DECK_SIZE_IN_CHARACTERS = 900_000  # characters of long decks
 
 VALID_DECK_OF_TWO_QUADS = """*NODE
 1, 0., 0.
@@ -48,7 +48,7 @@ TEN_NODE_TETRAHEDRON_DECK_TEMPLATE = """*NODE
 """
 
 
-def make_lines_until_size(make_line, min_characters=LONG_DECK_CHARACTERS):
+def make_lines_until_size(make_line, min_characters=LONG_DECK_SIZE_IN_CHARACTERS):
     """Return the lines `make_line(k)` for k = 0, 1, ... until they have a minimum size."""
     lines, length = [], 0
     while length < min_characters:
@@ -356,17 +356,21 @@ def _yield_long_decks():
     """Yield decks below 1 MB that could take excessive memory or time."""
     ranges = make_lines_until_size(lambda k: f"1,{2**31 - 1 - k},{1 + k % 5000}", 400_000)
     mesh = make_square_grid_deck(70)
-    yield "one long line", "*NODE\n" + "1," * (LONG_DECK_CHARACTERS // 2), True
+    yield "one long line", "*NODE\n" + "1," * (LONG_DECK_SIZE_IN_CHARACTERS // 2), True
     yield "a long keyword", "*NODE" + ",\n" + ",\n".join(f"A{k}=1" for k in range(90_000)), True
-    yield "blank lines", VALID_DECK_OF_TWO_QUADS + "\n" * LONG_DECK_CHARACTERS, False
-    yield "comments", VALID_DECK_OF_TWO_QUADS + "** \n" * (LONG_DECK_CHARACTERS // 4), False
-    yield "keywords", VALID_DECK_OF_TWO_QUADS + "*A\n" * (LONG_DECK_CHARACTERS // 3), False
+    yield "blank lines", VALID_DECK_OF_TWO_QUADS + "\n" * LONG_DECK_SIZE_IN_CHARACTERS, False
+    yield "comments", VALID_DECK_OF_TWO_QUADS + "** \n" * (LONG_DECK_SIZE_IN_CHARACTERS // 4), False
+    yield "keywords", VALID_DECK_OF_TWO_QUADS + "*A\n" * (LONG_DECK_SIZE_IN_CHARACTERS // 3), False
     yield (
         "quotation marks",
-        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n" + '"",' * (LONG_DECK_CHARACTERS // 3),
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n" + '"",' * (LONG_DECK_SIZE_IN_CHARACTERS // 3),
         None,
     )
-    yield "commas", VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n1" + "," * LONG_DECK_CHARACTERS, False
+    yield (
+        "commas",
+        VALID_DECK_OF_TWO_QUADS + "*NSET,NSET=A\n1" + "," * LONG_DECK_SIZE_IN_CHARACTERS,
+        False,
+    )
     yield "ranges", mesh + "*NSET,NSET=A,GENERATE\n" + ranges, None
     yield (
         "ranges of few numbers",
@@ -449,7 +453,8 @@ def _yield_long_decks():
         None,
     )
     yield "INCLUDEs of a file", {
-        "deck.inp": VALID_DECK_OF_TWO_QUADS + "*INCLUDE,INPUT=e\n" * (LONG_DECK_CHARACTERS // 17),
+        "deck.inp": VALID_DECK_OF_TWO_QUADS
+        + "*INCLUDE,INPUT=e\n" * (LONG_DECK_SIZE_IN_CHARACTERS // 17),
         "e": ""
     }, None  # fmt: skip
 
@@ -490,4 +495,4 @@ def _yield_all_hostile_decks():
             yield name, (files, is_refused)
 
 
-HOSTILE_DECKS = dict(_yield_all_hostile_decks())
+HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME = dict(_yield_all_hostile_decks())

@@ -87,18 +87,18 @@ def _make_contradictory_files():
     """Return files of each format whose numbers contradict each other or are not finite."""
     nan, mesh = float("nan"), make_grouped_lattice_mesh("triangle", 2)
 
-    def change_mesh(function, mesh_data=mesh):
+    def make_changed_mesh_copy(function, mesh_data=mesh):
         copy = deepcopy(mesh_data)
         function(copy)
         return copy
 
-    def set_node(k, value):
-        return lambda m: m.nodes[3].__setitem__(k, value)
+    def make_node_entry_setter(entry_index, value):
+        return lambda m: m.nodes[3].__setitem__(entry_index, value)
 
-    def set_element(k, value):
-        return lambda m: m.blocks[0].elements[1].__setitem__(k, value)
+    def make_element_entry_setter(entry_index, value):
+        return lambda m: m.blocks[0].elements[1].__setitem__(entry_index, value)
 
-    def swap_middle_nodes(m):
+    def swap_middle_nodes_of_first_element(m):
         row = m.blocks[0].elements[0]
         row[4], row[5] = row[5], row[4]
 
@@ -106,39 +106,81 @@ def _make_contradictory_files():
     corner = next(n for row in first_elements for n in row[1:4] if n not in first_elements[1])
     no_node, count_message = "has the node {}, which is not there", "states|than it"
     false_meshes = {
-        "missing node": (change_mesh(set_element(2, 9999)), {}, no_node.format(9999)),
-        "missing middle node": (change_mesh(set_element(6, 9999)), {}, no_node.format(9999)),
-        "negative node": (change_mesh(set_element(2, -5)), {}, no_node.format(-5)),
-        "node zero": (change_mesh(set_element(2, 0)), {}, no_node.format(0)),
-        "largest node": (change_mesh(set_element(2, 2**31 - 1)), {}, no_node.format(2**31 - 1)),
+        "missing node": (
+            make_changed_mesh_copy(make_element_entry_setter(2, 9999)),
+            {},
+            no_node.format(9999),
+        ),
+        "missing middle node": (
+            make_changed_mesh_copy(make_element_entry_setter(6, 9999)),
+            {},
+            no_node.format(9999),
+        ),
+        "negative node": (
+            make_changed_mesh_copy(make_element_entry_setter(2, -5)),
+            {},
+            no_node.format(-5),
+        ),
+        "node zero": (
+            make_changed_mesh_copy(make_element_entry_setter(2, 0)),
+            {},
+            no_node.format(0),
+        ),
+        "largest node": (
+            make_changed_mesh_copy(make_element_entry_setter(2, 2**31 - 1)),
+            {},
+            no_node.format(2**31 - 1),
+        ),
         "node twice in a cell": (
-            change_mesh(set_element(2, first_elements[1][1])),
+            make_changed_mesh_copy(make_element_entry_setter(2, first_elements[1][1])),
             {},
             "has a node twice",
         ),
-        "middle node on a corner": (change_mesh(set_element(4, corner)), {}, "middle of an edge"),
-        "middle nodes exchanged": (change_mesh(swap_middle_nodes), {}, "middle of an edge"),
+        "middle node on a corner": (
+            make_changed_mesh_copy(make_element_entry_setter(4, corner)),
+            {},
+            "middle of an edge",
+        ),
+        "middle nodes exchanged": (
+            make_changed_mesh_copy(swap_middle_nodes_of_first_element),
+            {},
+            "middle of an edge",
+        ),
         "two nodes with one number": (
-            change_mesh(set_node(0, mesh.nodes[5][0])),
+            make_changed_mesh_copy(make_node_entry_setter(0, mesh.nodes[5][0])),
             {},
             "has node .* twice",
         ),
         "two elements with one number": (
-            change_mesh(set_element(0, 11)),
+            make_changed_mesh_copy(make_element_entry_setter(0, 11)),
             {},
             "has element 11 twice",
         ),
         "two equal cells": (
-            change_mesh(lambda m: m.blocks[0].elements.append([999, *first_elements[0][1:]])),
+            make_changed_mesh_copy(
+                lambda m: m.blocks[0].elements.append([999, *first_elements[0][1:]])
+            ),
             {},
             "elements 11 and 999 have the same nodes",
         ),
-        "negative number": (change_mesh(set_node(0, -7)), {}, "has node -7"),
-        "no nodes stated": (change_mesh(lambda m: m.nodes.clear()), {}, "has no nodes"),
-        "nan": (change_mesh(set_node(1, nan)), {}, "lies at"),
-        "infinity": (change_mesh(set_node(2, float("inf"))), {}, "lies at"),
-        "overflow": (change_mesh(set_node(2, 1e300)), {}, "lies at"),
-        "bent plane": (change_mesh(set_node(3, 0.75)), {}, "not lie in one plane"),
+        "negative number": (
+            make_changed_mesh_copy(make_node_entry_setter(0, -7)),
+            {},
+            "has node -7",
+        ),
+        "no nodes stated": (make_changed_mesh_copy(lambda m: m.nodes.clear()), {}, "has no nodes"),
+        "nan": (make_changed_mesh_copy(make_node_entry_setter(1, nan)), {}, "lies at"),
+        "infinity": (
+            make_changed_mesh_copy(make_node_entry_setter(2, float("inf"))),
+            {},
+            "lies at",
+        ),
+        "overflow": (make_changed_mesh_copy(make_node_entry_setter(2, 1e300)), {}, "lies at"),
+        "bent plane": (
+            make_changed_mesh_copy(make_node_entry_setter(3, 0.75)),
+            {},
+            "not lie in one plane",
+        ),
         "unknown type": (deepcopy(mesh), {"kind": 99}, "type 99 are not known"),
         "more nodes": (mesh, {"false_counts": {"nodes": len(mesh.nodes) + 1}}, count_message),
         "fewer nodes": (mesh, {"false_counts": {"nodes": len(mesh.nodes) - 1}}, count_message),

@@ -1,9 +1,9 @@
 """Read mesh files in child processes under limits of CPU time and memory.
 
 `python3 -m tests.library.limited_reading COMPARISON FILE ...` reads files one after the other, and
-prints a line of JSON for each. The process ends if a file takes more than `CPU_SECONDS`. COMPARISON
-is the name "module:name" of a function. Its arguments are a mesh and the path of the mesh's file,
-and it returns their differences.
+prints a line of JSON for each. The process ends if a file takes more than
+`MAX_CPU_SECONDS_PER_FILE`. COMPARISON is the name "module:name" of a function. Its arguments are a
+mesh and the path of the mesh's file, and it returns their differences.
 """
 
 import json
@@ -17,7 +17,7 @@ import traceback
 from importlib import import_module
 from pathlib import Path
 
-CPU_SECONDS, MAX_MEGABYTES = 2.0, 500
+MAX_CPU_SECONDS_PER_FILE, MAX_MEGABYTES_OF_MEMORY_PER_FILE = 2.0, 500
 ROOT = Path(__file__).parents[2]
 # Includes address space that the libraries reserve without using it
 _MAX_ADDRESS_SPACE_BYTES = 8_000_000_000
@@ -56,7 +56,7 @@ def _read_file_and_measure_resources(path, compare):
     result, part = {"message": "", "differences": ""}, None
     Path("/proc/self/clear_refs").write_text("5")  # resets the peak of memory
     megabytes, start = _read_process_memory_in_mb("VmRSS"), time.process_time()
-    signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)  # its signal ends the process
+    signal.setitimer(signal.ITIMER_PROF, MAX_CPU_SECONDS_PER_FILE)  # its signal ends the process
     try:
         part = from_file(path, MPI.COMM_SELF)
         result["outcome"] = "read"

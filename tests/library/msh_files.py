@@ -188,13 +188,15 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
     false_counts, binary = dict(false_counts), "binary" in words
     order, count_letter = (">" if ">" in words else "<"), ("i" if "4" in words else "q")
 
-    def row(letters, *values):
+    def encode_row(struct_letters, *values):
         if not binary:
             return " ".join(map(_format_number, values)) + "\n"
-        return struct.pack(order + letters.replace("q", count_letter), *values).decode("latin-1")
+        return struct.pack(order + struct_letters.replace("q", count_letter), *values).decode(
+            "latin-1"
+        )
 
     text = f"$MeshFormat\n{version} {int(binary)} {'4' if count_letter == 'i' else '8'}\n"
-    text += row("i", 1) + "\n" if binary else ""
+    text += encode_row("i", 1) + "\n" if binary else ""
     text += "$EndMeshFormat\n"
     if mesh_data.names:
         text += f"$PhysicalNames\n{false_counts.get('names', len(mesh_data.names))}\n"
@@ -205,8 +207,8 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
     rows = [(block, element) for block in mesh_data.blocks for element in block.elements]
     if version[0] == "2":
         text += f"$Nodes\n{false_counts.get('nodes', n_nodes)}\n"
-        text += "".join(row("iddd", *node) for node in mesh_data.nodes)
-        rows = [(block, *r) for block, r in rows for block in _split_by_group(block)]
+        text += "".join(encode_row("iddd", *node) for node in mesh_data.nodes)
+        rows = [(block, *r) for block, r in rows for block in _make_empty_block_per_group(block)]
         text += f"\n$EndNodes\n$Elements\n{false_counts.get('elements', len(rows))}\n"
         is_repeated = any(len(block.groups) > 1 for block in mesh_data.blocks)
         for k, (block, element_number, *nodes) in enumerate(rows):
@@ -215,47 +217,47 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
             element_number = k + 1 if is_repeated else element_number
             type_and_tag_count = () if binary else (block.kind, 2)
             values = (*block_header, element_number, *type_and_tag_count, *tags, *nodes)
-            text += row("i" * len(values), *values)
+            text += encode_row("i" * len(values), *values)
         return (text + "\n$EndElements\n").encode("latin-1")
     is_4_1 = version == "4.1"
     if groups_by_entity is None:
         groups_by_entity = {(block.dim, block.entity): block.groups for block in mesh_data.blocks}
     entities_by_dim = [[key for key in groups_by_entity if key[0] == dim] for dim in range(4)]
-    text += "$Entities\n" + row("qqqq", *map(len, entities_by_dim))
+    text += "$Entities\n" + encode_row("qqqq", *map(len, entities_by_dim))
     for dim, entity in [key for keys in entities_by_dim for key in keys]:
         groups, box = groups_by_entity[dim, entity], [0.0] * (3 if dim == 0 and is_4_1 else 6)
         bounding_entities = (0,) if dim else ()
         letters = "i" + "d" * len(box) + "q" + "i" * len(groups) + "q" * len(bounding_entities)
-        text += row(letters, entity, *box, len(groups), *groups, *bounding_entities)
+        text += encode_row(letters, entity, *box, len(groups), *groups, *bounding_entities)
     text += "\n$EndEntities\n$Nodes\n"
     n_nodes, n_half = false_counts.get("nodes", n_nodes), n_nodes // 2
     extremes = (
         (1, max((int(abs(node[0])) for node in mesh_data.nodes), default=0) + 1) if is_4_1 else ()
     )
-    text += row("qq" + "q" * len(extremes), 2, n_nodes, *extremes)
+    text += encode_row("qq" + "q" * len(extremes), 2, n_nodes, *extremes)
     for node_block in (mesh_data.nodes[:n_half], mesh_data.nodes[n_half:]):
         count = false_counts.get("node block", len(node_block))
         entity = (mesh_data.blocks[0].dim, mesh_data.blocks[0].entity)
-        text += row("iiiq", *(entity if is_4_1 else entity[::-1]), 0, count)
+        text += encode_row("iiiq", *(entity if is_4_1 else entity[::-1]), 0, count)
         if is_4_1:
-            text += "".join(row("q", node[0]) for node in node_block)
-            text += "".join(row("ddd", *node[1:]) for node in node_block)
+            text += "".join(encode_row("q", node[0]) for node in node_block)
+            text += "".join(encode_row("ddd", *node[1:]) for node in node_block)
         else:
-            text += "".join(row("iddd", *node) for node in node_block)
+            text += "".join(encode_row("iddd", *node) for node in node_block)
     text += "\n$EndNodes\n$Elements\n"
-    text += row(
+    text += encode_row(
         "qq" + "q" * len(extremes), n_blocks, false_counts.get("elements", len(rows)), *extremes
     )
     for block in mesh_data.blocks:
         entity = (block.dim, block.entity)
         count = false_counts.get("element block", len(block.elements))
-        text += row("iiiq", *(entity if is_4_1 else entity[::-1]), block.kind, count)
+        text += encode_row("iiiq", *(entity if is_4_1 else entity[::-1]), block.kind, count)
         letter = "q" if is_4_1 else "i"
-        text += "".join(row(letter * len(element), *element) for element in block.elements)
+        text += "".join(encode_row(letter * len(element), *element) for element in block.elements)
     return (text + "\n$EndElements\n").encode("latin-1")
 
 
-def _split_by_group(block):
+def _make_empty_block_per_group(block):
     if len(block.groups) < 2:
         return [block]
     return [ElementBlock(block.kind, block.entity, (group,), []) for group in block.groups]
@@ -300,9 +302,9 @@ def decode_msh(file_bytes):
     version, binary, size = format_line.decode().split()
     order = "<" if binary == "0" or byte_order_mark[:4] == b"\1\0\0\0" else ">"
 
-    def source(name):
+    def make_section_reader(section_name):
         letter = "i" if size == "4" else "q"
-        return _SectionNumberReader(sections[name], binary == "1", order, letter)
+        return _SectionNumberReader(sections[section_name], binary == "1", order, letter)
 
     names = {}
     for line in sections.get("PhysicalNames", b"").split(b"\n")[1:]:
@@ -315,7 +317,7 @@ def decode_msh(file_bytes):
             names[int(dim), int(group)] = name.strip()[1:-1]
     nodes, blocks = [], []
     if version[0] == "2":
-        node_source, element_source = source("Nodes"), source("Elements")
+        node_source, element_source = make_section_reader("Nodes"), make_section_reader("Elements")
         nodes = [node_source.read_numbers("iddd") for _ in range(node_source.read_count_line())]
         n_left = element_source.read_count_line()
         while n_left > 0:
@@ -337,7 +339,7 @@ def decode_msh(file_bytes):
         return MshFileContent(nodes, blocks, names)
     is_4_1, groups_of = version == "4.1", {}
     if "Entities" in sections:
-        entity_source = source("Entities")
+        entity_source = make_section_reader("Entities")
         for dim, count in enumerate(entity_source.read_numbers("qqqq")):
             for _ in range(count):
                 (entity,) = entity_source.read_numbers("i")
@@ -346,7 +348,7 @@ def decode_msh(file_bytes):
                 if dim:
                     entity_source.read_numbers("i" * entity_source.read_numbers("q")[0])
                 groups_of[dim, entity] = tuple({abs(group) for group in groups})
-    node_source, element_source = source("Nodes"), source("Elements")
+    node_source, element_source = make_section_reader("Nodes"), make_section_reader("Elements")
     for _ in range(node_source.read_numbers("qqqq" if is_4_1 else "qq")[0]):
         a, b, parametric, count = node_source.read_numbers("iiiq")
         parametric_letters = "d" * ((a if is_4_1 else b) * parametric)

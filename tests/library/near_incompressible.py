@@ -33,7 +33,7 @@ from study.model.matrices import dense
 DEFAULT_POISSONS_RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
 CELLS_PER_SIDE_BY_CELL = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
 # Random shifts of vertices, or of mid-side nodes on curved meshes, relative to the size of cells
-MAX_SHIFTS_RELATIVE_TO_CELL_SIZE = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
+SHIFTS_OVER_CELL_SIZE_BY_MOVES_MID_NODES = {False: (0.0, 0.1, 0.2), True: (0.02, 0.05)}
 
 
 class SingularityMeasures(NamedTuple):
@@ -56,7 +56,7 @@ def make_distorted_mesh(
     mesh = build(MPI.COMM_SELF, ends, [cells_per_side] * dim, CellType[cell])
     rng = np.random.default_rng(seed)
 
-    def shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def random_node_shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return random shifts (n, 3), zero in the base, and zero at vertices if `mid_nodes`."""
         shift = np.zeros_like(x)
         shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * relative_shift / cells_per_side
@@ -66,8 +66,8 @@ def make_distorted_mesh(
         return shift
 
     if moves_mid_nodes:
-        return curved_mesh(mesh, lambda x: x + shifts(x))
-    mesh.geometry.x[:] += shifts(mesh.geometry.x)
+        return curved_mesh(mesh, lambda x: x + random_node_shifts(x))
+    mesh.geometry.x[:] += random_node_shifts(mesh.geometry.x)
     return mesh
 
 
@@ -114,7 +114,7 @@ def measure_singularity(
     return result
 
 
-def print_singular_value_map() -> None:
+def print_least_singular_value_map() -> None:
     """Print the map as a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=4)
@@ -131,7 +131,7 @@ def print_singular_value_map() -> None:
     print(f"{'':32s}" + "".join(f"{nu:>13g}" for nu in options.ratios))
     for cell in options.cells:
         for mid_nodes in (False, True):
-            for distortion in MAX_SHIFTS_RELATIVE_TO_CELL_SIZE[mid_nodes]:
+            for distortion in SHIFTS_OVER_CELL_SIZE_BY_MOVES_MID_NODES[mid_nodes]:
                 n = CELLS_PER_SIDE_BY_CELL[cell]
                 ratios_of_meshes = [
                     measure_singularity(
@@ -150,4 +150,4 @@ def print_singular_value_map() -> None:
 
 
 if __name__ == "__main__":
-    print_singular_value_map()
+    print_least_singular_value_map()

@@ -91,7 +91,7 @@ class PlacedElasticBody:
     state: str = "plane stress"
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
-    def transform(self, placement, modulus=1.0, density=1.0, grid=None):
+    def make_transformed_copy(self, placement, modulus=1.0, density=1.0, grid=None):
         material = Material(modulus, self.material.poissons_ratio, density)
         return PlacedElasticBody(grid or self.grid, placement, self.method, self.state, material)
 
@@ -128,7 +128,7 @@ class PlacedElasticBody:
     def side_marker(self, axis, coordinate=0.0):
         return self.placement.side_marker(axis, coordinate)
 
-    def clamp(self, axis=0):
+    def clamped_side_reduction(self, axis=0):
         conditions = [
             prescribe(self.space, i, self.side_marker(axis)) for i in range(self.grid.dim)
         ]
@@ -137,7 +137,7 @@ class PlacedElasticBody:
     def solve_statics(self, body_force):
         """Return displacements, reactions and loads, each (n, dim), under a body force."""
         f = assemble_vector(self.body.body_load(body_force))
-        a = solve(self.K, f, self.clamp())
+        a = solve(self.K, f, self.clamped_side_reduction())
         vectors = (a, reactions(self.K, a, f), f)
         return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
 

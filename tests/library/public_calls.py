@@ -35,7 +35,7 @@ from pw_elements.meshes import triangles
 from tests.contact.cases import BlockOnFloor, on_plane
 
 ROOT = Path(__file__).parents[2]
-FOOT, TOP = on_plane(1, 0.0), on_plane(1, 2.0)
+BOTTOM_MARKER, TOP_MARKER = on_plane(1, 0.0), on_plane(1, 2.0)
 
 
 def collect_public_callables_by_name():
@@ -60,7 +60,7 @@ def make_valid_collective_calls(comm):
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
-    w.foot = [prescribe(w.U, i, FOOT) for i in (0, 1)]
+    w.foot = [prescribe(w.U, i, BOTTOM_MARKER) for i in (0, 1)]
     w.held = Reduction.dirichlet(w.U, w.foot)
     w.M = assemble_matrix(w.body.mass())
     w.a = solve(w.K, w.load, w.held)
@@ -73,16 +73,16 @@ def make_valid_collective_calls(comm):
     sibling = Sibling.from_space(V)
     S, lumped = sibling.matrix(K), lumped_mass(sibling.matrix(M), V)
     zero_vector = S.createVecRight()
-    ds = boundary_measure(w.mesh, TOP)
+    ds = boundary_measure(w.mesh, TOP_MARKER)
     problem = ContactProblem(w.K, w.block.no_supports, w.pair, w.U)
     state = problem.step(problem.undeformed, w.load)
     u, v = fem.Function(w.U), ufl.TestFunction(w.spaces.test)
     depth = fem.Constant(w.mesh, 0.01)
     F = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-    conditions = [*w.foot, prescribe(w.U, 1, TOP, depth)]
+    conditions = [*w.foot, prescribe(w.U, 1, TOP_MARKER, depth)]
     nonlinear = PetrovGalerkinProblem(F, u, conditions)
-    floor = pw_elements.contact.ContactPair(FOOT, Plane((0, 0), (0, 1)))
-    top_conditions = [prescribe(w.U, i, TOP) for i in (0, 1)]
+    floor = pw_elements.contact.ContactPair(BOTTOM_MARKER, Plane((0, 0), (0, 1)))
+    top_conditions = [prescribe(w.U, i, TOP_MARKER) for i in (0, 1)]
     residual_arguments = {"residual": F, "u": u, "conditions": top_conditions, "pairs": floor}
     displacement_function, fields = as_function(w.U, w.a), ContactFields.from_state(state, w.body)
     condensed_nodes = np.zeros(0, dtype=np.int32)
@@ -111,18 +111,18 @@ def make_valid_collective_calls(comm):
             {"spaces": w.spaces, "material": Material(1.0, 0.3), "state": "plane stress"}
             | {"thickness": 1.0, "quadrature_degree": None},
         ),
-        "Body.on": (Body.on, {**body_arguments, "parts": None}),
+        "Body.from_mesh": (Body.from_mesh, {**body_arguments, "parts": None}),
         "Body.stiffness": (w.body.stiffness, {}),
         "Body.mass": (w.body.mass, {}),
         "Body.surface_load": (w.body.surface_load, {"traction": (0.0, 1.0), "surface": ds}),
         "Body.body_load": (w.body.body_load, {"force": fem.Constant(w.mesh, (0.0, 1.0))}),
-        "Body.initial_stress": (
-            w.body.initial_stress,
+        "Body.geometric_stiffness": (
+            w.body.geometric_stiffness,
             {"stress": w.body.stress(displacement_function), "form": "G"},
         ),
         "ContactFields.from_state": (ContactFields.from_state, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
-        "ContactFields.indicator": (fields.indicator, {}),
+        "ContactFields.indicator": (fields.error_indicator, {}),
         "ContactProblem": (
             ContactProblem,
             contact_arguments | option_arguments | {"callback": None},
@@ -171,7 +171,7 @@ def make_valid_collective_calls(comm):
             Reduction.condensation,
             {"K": w.K, "space": w.U, "nodes": condensed_nodes, "conditions": w.foot},
         ),
-        "Reduction.for_load": (w.held.for_load, {"K": w.K, "f": w.load}),
+        "Reduction.with_offset_for_load": (w.held.with_offset_for_load, {"K": w.K, "f": w.load}),
         "Reduction.matrix": (w.held.matrix, {"K": w.K}),
         "Reduction.load": (w.held.load, {"K": w.K, "f": w.load}),
         "Sibling.from_space": (Sibling.from_space, {"space": V}),
@@ -186,11 +186,11 @@ def make_valid_collective_calls(comm):
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
         "SurfaceNodes.from_body": (
             SurfaceNodes.from_body,
-            {"body": w.body, "where": FOOT, "stretch": None},
+            {"body": w.body, "where": BOTTOM_MARKER, "area_stretch": None},
         ),
         "SurfaceNodes.from_scalar_spaces": (
             SurfaceNodes.from_scalar_spaces,
-            {"spaces": Spaces.galerkin(w.mesh, 0), "where": FOOT, "depth": 2.0},
+            {"spaces": Spaces.galerkin(w.mesh, 0), "where": BOTTOM_MARKER, "depth": 2.0},
         ),
         "as_function": (
             as_function,
@@ -201,7 +201,7 @@ def make_valid_collective_calls(comm):
         "assemble_vector": (pw_elements.assemble_vector, {"form": w.body.body_load((0.0, 1.0))}),
         "boundary_measure": (
             boundary_measure,
-            {"mesh": w.mesh, "where": FOOT, "quadrature_degree": 4},
+            {"mesh": w.mesh, "where": BOTTOM_MARKER, "quadrature_degree": 4},
         ),
         "buckling": (
             pw_elements.buckling,
@@ -226,7 +226,10 @@ def make_valid_collective_calls(comm):
             | {"edges": True},
         ),
         "force_transfer": (pw_elements.force_transfer, {"space": V}),
-        "forces_along": (pw_elements.forces_along, {"space": w.U, "forces": w.r, "where": FOOT}),
+        "forces_along": (
+            pw_elements.forces_along,
+            {"space": w.U, "forces": w.r, "where": BOTTOM_MARKER},
+        ),
         "from_file": (
             pw_elements.meshes.from_file,
             {"path": str(ROOT / "examples/gasket.msh"), "comm": comm},
@@ -239,7 +242,7 @@ def make_valid_collective_calls(comm):
         "move_nodes": (pw_elements.meshes.move_nodes, {"mesh": w.mesh, "point_map": lambda x: x}),
         "nodal_flux": (
             pw_elements.nodal_flux,
-            {"spaces": w.spaces, "reactions": w.r, "where": FOOT, "area": "geometric"}
+            {"spaces": w.spaces, "reactions": w.r, "where": BOTTOM_MARKER, "area": "geometric"}
             | {"depth": 1.0},
         ),
         "plot": (
@@ -247,7 +250,10 @@ def make_valid_collective_calls(comm):
             {"state": state, "body": w.body, "pair": 0, "axes": None, "along": 0}
             | {"opposite": False, "unit": ""},
         ),
-        "prescribe": (prescribe, {"space": w.U, "component": 1, "where": FOOT, "value": depth}),
+        "prescribe": (
+            prescribe,
+            {"space": w.U, "component": 1, "where": BOTTOM_MARKER, "value": depth},
+        ),
         "quadrilaterals": (pw_elements.meshes.quadrilaterals, rectangle_arguments),
         "reactions": (reactions, {"K": w.K, "a": w.a, "f": w.load}),
         "solve": (
@@ -278,7 +284,7 @@ def make_valid_collective_calls(comm):
     }
 
 
-def altered_values(value):
+def yield_altered_values(value):
     """Yield values that differ from a given one: valid values of its type, then invalid ones."""
     if isinstance(value, bool):
         yield not value

@@ -17,14 +17,14 @@ from scipy.spatial import cKDTree
 
 from tests.oracle.elements import REFERENCE_ELEMENTS
 
-CELL_DIMENSION = {
+DIMENSION_BY_CELL_NAME = {
     "interval": 1,
     "triangle": 2,
     "quadrilateral": 2,
     "tetrahedron": 3,
     "hexahedron": 3,
 }
-CELL_NAMES = tuple(CELL_DIMENSION)
+CELL_NAMES = tuple(DIMENSION_BY_CELL_NAME)
 BODY_CELL_NAMES = CELL_NAMES[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
@@ -44,7 +44,7 @@ class Grid:
 
     @property
     def dim(self):
-        return CELL_DIMENSION[self.cell]
+        return DIMENSION_BY_CELL_NAME[self.cell]
 
     def mesh(self):
         return create_mesh(
@@ -73,7 +73,7 @@ class Grid:
         """Return the relative round-off of shape functions' gradients due to rounded vertices."""
         return MACHINE_EPSILON * np.abs(self.x).max() / self.min_cell_thickness_bound()
 
-    def renumber(self, seed):
+    def make_renumbered_copy(self, seed):
         """Return the same grid with vertices, cells and corners of cells in random order.
 
         The corners of quadrilaterals and hexahedra are permuted by symmetries of the cube.
@@ -88,7 +88,7 @@ class Grid:
 
 
 def _random_corner_permutation(cell, rng):
-    dim = CELL_DIMENSION[cell]
+    dim = DIMENSION_BY_CELL_NAME[cell]
     if cell in SIMPLICES:
         return rng.permutation(dim + 1)
     corners = np.arange(2**dim).reshape((2,) * dim).transpose(rng.permutation(dim))
@@ -107,16 +107,16 @@ class AffinePlacement:
     offset: np.ndarray | float = 0.0
 
     def place_points(self, x):
-        return self.unit * self.place_vectors(np.asarray(x) + self.offset)
+        return self.unit * self.map_vectors_by_matrix(np.asarray(x) + self.offset)
 
-    def place_vectors(self, v):
+    def map_vectors_by_matrix(self, v):
         """Map directions (..., dim) by the matrix, without the factor `unit`."""
         v = np.asarray(v, dtype=float)
         return v @ self.matrix.T if np.ndim(self.matrix) else v
 
     def map_points_back(self, x):
         inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
-        return AffinePlacement(1.0, inverse).place_vectors(x / self.unit) - self.offset
+        return AffinePlacement(1.0, inverse).map_vectors_by_matrix(x / self.unit) - self.offset
 
     def side_marker(self, axis, coordinate):
         """Return a function that marks the placed image of the plane x[axis] = value."""
@@ -179,7 +179,7 @@ def structured_grid(cell, coordinate_lines, seed=0, distortion=0.0):
     `distortion` (0 to 1) scales the random shifts of the vertices. Vertices on sides stay on them.
     """
     rng = np.random.default_rng(seed)
-    dim, shape = CELL_DIMENSION[cell], tuple(len(line) for line in coordinate_lines)
+    dim, shape = DIMENSION_BY_CELL_NAME[cell], tuple(len(line) for line in coordinate_lines)
     x = np.stack(np.meshgrid(*coordinate_lines, indexing="ij"), axis=-1).reshape(-1, dim)
     vertex_numbers = np.arange(len(x)).reshape(shape)
     offsets = np.array(np.meshgrid(*[(0, 1)] * dim, indexing="ij")).reshape(dim, -1)[::-1].T
@@ -245,7 +245,7 @@ def grids(draw, cells=CELL_NAMES, box_lengths=None, max_divisions=None):
         draw(SEED_STRATEGY),
         draw(st.booleans()),
     )
-    dim = CELL_DIMENSION[cell]
+    dim = DIMENSION_BY_CELL_NAME[cell]
     max_divisions = max_divisions or {1: 8, 2: 4, 3: 2}[dim]
     lines = [
         random_graded_line(draw(st.integers(1, max_divisions)), length, (seed, axis))
@@ -264,7 +264,7 @@ def random_deformation_gradient(dim, seed):
     )
 
 
-def log_uniform_numbers(min_exponent, max_exponent):
+def log_uniform_strategy(min_exponent, max_exponent):
     """Draw numbers from 10**low to 10**high whose exponents are uniformly distributed."""
     return st.integers(10 * min_exponent, 10 * max_exponent).map(
         lambda exponent: 10.0 ** (exponent / 10)
@@ -272,4 +272,4 @@ def log_uniform_numbers(min_exponent, max_exponent):
 
 
 LENGTH_UNIT_STRATEGY = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
-YOUNGS_MODULUS_STRATEGY = log_uniform_numbers(-9, 12)
+YOUNGS_MODULUS_STRATEGY = log_uniform_strategy(-9, 12)

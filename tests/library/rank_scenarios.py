@@ -61,7 +61,12 @@ from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from tests.contact.cases import BlockOnFloor, on_plane
 
 COMM = MPI.COMM_WORLD
-FOOT, TOP, FLOOR, STILL = on_plane(1, 0.0), on_plane(1, 2.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+BOTTOM_MARKER, TOP_MARKER, FLOOR, ZERO_MOTION = (
+    on_plane(1, 0.0),
+    on_plane(1, 2.0),
+    Plane((0, 0), (0, 1)),
+    Motion((0, 0)),
+)
 NAN, INF = float("nan"), float("inf")
 
 
@@ -80,7 +85,7 @@ class BlockWithDifferingRank:
         candidate = COMM.rank if np.isclose(owned[:, 1], 0.0).any() else -1
         self.rank = COMM.allreduce(candidate, MPI.MAX)
         self.is_selected = COMM.rank == self.rank
-        self.foot_conditions = [prescribe(self.U, i, FOOT) for i in (0, 1)]
+        self.foot_conditions = [prescribe(self.U, i, BOTTOM_MARKER) for i in (0, 1)]
         self.clamped = Reduction.dirichlet(self.U, self.foot_conditions)
 
     def pick(self, on_differing_rank, elsewhere):
@@ -103,11 +108,11 @@ class BlockWithDifferingRank:
     ):
         """Solve one increment of a problem that is given by a residual."""
         u, v = fem.Function(self.U), ufl.TestFunction(self.spaces.test)
-        top_conditions = [prescribe(self.U, i, TOP) for i in (0, 1)]
+        top_conditions = [prescribe(self.U, i, TOP_MARKER) for i in (0, 1)]
         form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
         for history_function in history:
             form += history_function * v[1] * ufl.dx
-        pair = ContactPair(FOOT, surface, friction)
+        pair = ContactPair(BOTTOM_MARKER, surface, friction)
         problem = ContactProblem.of_residual(
             form, u, [*top_conditions, *conditions], pair, history=list(history), **options
         )
@@ -148,7 +153,7 @@ class BlockWithDifferingRank:
 
 
 def floor_pair(friction=0.3, surface=FLOOR, motions=(), **options):
-    return ContactPair(FOOT, surface, friction, motions, **options)
+    return ContactPair(BOTTOM_MARKER, surface, friction, motions, **options)
 
 
 class PlaneWithPrivateData:
@@ -163,15 +168,15 @@ class PlaneWithPrivateData:
     def normal(self, x):
         return np.tile([0.0, 1.0], (len(x), 1))
 
-    def closest(self, x):
+    def gap_normal_and_curvature(self, x):
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
 class PlaneWithWrongClosestPoints(PlaneWithPrivateData):
     """Plane with wrong derivatives of its closest points."""
 
-    def closest(self, x):
-        gap, normal, bend = super().closest(x)
+    def gap_normal_and_curvature(self, x):
+        gap, normal, bend = super().gap_normal_and_curvature(x)
         return gap, normal, bend + self._height
 
     def gap(self, x):
@@ -207,11 +212,11 @@ class CommunicatingPlane(PlaneWithPrivateData):
     def normal(self, x):
         return communicate_and_return(super().normal(x))
 
-    def closest(self, x):
-        return communicate_and_return(super().closest(x))
+    def gap_normal_and_curvature(self, x):
+        return communicate_and_return(super().gap_normal_and_curvature(x))
 
 
-class CommunicatingLaw(FrictionLawWithPrivateData):
+class CommunicatingFrictionLaw(FrictionLawWithPrivateData):
     """Friction law that communicates with other processes in each of its methods."""
 
     def parameter_at(self, x):
@@ -233,8 +238,8 @@ def gradient_of_distance_to_circle(x, radius=50.0):
 def make_value_setter(function, value):
     """Return a function of the load factor that sets the values of a finite-element function."""
 
-    def set_values(share=1.0):
-        function.x.array[:] = value * share
+    def set_values(load_factor=1.0):
+        function.x.array[:] = value * load_factor
 
     return set_values
 
@@ -292,23 +297,25 @@ CALLS_INVALID_ON_ONE_RANK = {
     "friction a word": lambda w: w.solve_contact(floor_pair(w.pick("x", 0.3))),
     "interference a word": lambda w: w.solve_contact(floor_pair(interference=w.pick("x", False))),
     "no surface": lambda w: w.solve_contact(floor_pair(surface=w.pick(None, FLOOR))),
-    "no nodes": lambda w: w.solve_contact(ContactPair(w.pick(None, FOOT), FLOOR)),
+    "no nodes": lambda w: w.solve_contact(ContactPair(w.pick(None, BOTTOM_MARKER), FLOOR)),
     "surface and nodes exchanged": lambda w: w.solve_contact(
-        ContactPair(*w.pick((FLOOR, FOOT), (FOOT, FLOOR)))
+        ContactPair(*w.pick((FLOOR, BOTTOM_MARKER), (BOTTOM_MARKER, FLOOR)))
     ),
-    "motions of a pair 0.1": lambda w: w.solve_contact(floor_pair(motions=w.pick([0.1], STILL))),
+    "motions of a pair 0.1": lambda w: w.solve_contact(
+        floor_pair(motions=w.pick([0.1], ZERO_MOTION))
+    ),
     "axis without pivot": lambda w: w.solve_contact(floor_pair(axis=w.pick((0, 0, 1), None))),
     "deformable, no facets": lambda w: w.solve_contact(
-        floor_pair(surface=DeformableSurface(w.pick(None, TOP)))
+        floor_pair(surface=DeformableSurface(w.pick(None, TOP_MARKER)))
     ),
     "deformable, revolved a word": lambda w: w.solve_contact(
-        floor_pair(surface=DeformableSurface(TOP, w.pick("x", False)))
+        floor_pair(surface=DeformableSurface(TOP_MARKER, w.pick("x", False)))
     ),
     "matching without shape": lambda w: w.solve_contact(
-        floor_pair(surface=MatchingNodes(TOP, w.pick(0.3, FLOOR)))
+        floor_pair(surface=MatchingNodes(TOP_MARKER, w.pick(0.3, FLOOR)))
     ),
     "matching, offset nan": lambda w: w.solve_contact(
-        floor_pair(surface=MatchingNodes(TOP, FLOOR, (0, w.pick(NAN, 2.0))))
+        floor_pair(surface=MatchingNodes(TOP_MARKER, FLOOR, (0, w.pick(NAN, 2.0))))
     ),
     "direct, options 3": lambda w: solve(w.K, w.load, w.clamped, Direct(w.pick(3, {}))),
     "direct, an option None": lambda w: solve(
@@ -324,7 +331,9 @@ CALLS_INVALID_ON_ONE_RANK = {
     "iterative, endless": lambda w: solve(
         w.K, w.load, w.clamped, Iterative(options=w.pick({"mg_levels_1_ksp_max_it": -3}, {}))
     ),
-    "material by tag": lambda w: Body.on(w.mesh, Material(w.pick(-2.0, 2.0)), "plane strain"),
+    "material by tag": lambda w: Body.from_mesh(
+        w.mesh, Material(w.pick(-2.0, 2.0)), "plane strain"
+    ),
     "motion in a sequence": lambda w: w.solve_contact(
         floor_pair(motions=[Motion((0, w.pick(INF, 0)))])
     ),
@@ -336,7 +345,7 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "modulus by the last digit": lambda w: w.make_body(w.pick(1.0 + 2**-52, 1.0), 0.3),
     "density": lambda w: w.make_body(1.0, 0.3, w.pick(2.0, 1.0)),
     "modulus, a constant": lambda w: w.make_body(w.make_constant(w.pick(2.0, 1.0))),
-    "state of stress": lambda w: Body.on(
+    "state of stress": lambda w: Body.from_mesh(
         w.mesh, Material(1.0, 0.3), w.pick("plane stress", "plane strain")
     ),
     "height of a plane": lambda w: w.solve_contact(
@@ -395,7 +404,9 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "depth of an interference": lambda w: w.solve_contact(
         floor_pair(interference=w.pick(True, False))
     ),
-    "number of motions": lambda w: w.solve_contact(floor_pair(motions=[STILL] * w.pick(2, 1))),
+    "number of motions": lambda w: w.solve_contact(
+        floor_pair(motions=[ZERO_MOTION] * w.pick(2, 1))
+    ),
     "number of loads": lambda w: w.solve_contact(loads=[w.load] * w.pick(2, 1)),
     "maximum of iterations": lambda w: w.solve_contact(max_iterations=w.pick(40, 50)),
     "remedies": lambda w: w.solve_contact(remedies=w.pick(("springs",), ("cutback",))),
@@ -405,17 +416,19 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     ),
     "tolerance": lambda w: w.solve_contact(solver=Iterative(w.pick(1e-10, 1e-11))),
     "marker of a pair": lambda w: w.solve_contact(
-        ContactPair(w.pick(lambda x: FOOT(x) & (x[0] < 3.6), FOOT), FLOOR, 0.3)
+        ContactPair(w.pick(lambda x: BOTTOM_MARKER(x) & (x[0] < 3.6), BOTTOM_MARKER), FLOOR, 0.3)
     ),
-    "marker of supports": lambda w: prescribe(w.U, 0, w.pick(TOP, FOOT)),
-    "marker of a load": lambda w: nodal_load(w.U, w.pick(TOP, FOOT), (1.0, 0.0)),
-    "marker of facets": lambda w: boundary_measure(w.mesh, w.pick(TOP, FOOT)),
-    "marker of a surface": lambda w: SurfaceNodes.from_body(w.block.body, w.pick(TOP, FOOT)),
-    "marker of forces": lambda w: forces_along(w.U, w.load, w.pick(FOOT, TOP)),
-    "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.pick(0.1, 0.0)),
-    "prescribed component": lambda w: prescribe(w.U, w.pick(1, 0), FOOT),
+    "marker of supports": lambda w: prescribe(w.U, 0, w.pick(TOP_MARKER, BOTTOM_MARKER)),
+    "marker of a load": lambda w: nodal_load(w.U, w.pick(TOP_MARKER, BOTTOM_MARKER), (1.0, 0.0)),
+    "marker of facets": lambda w: boundary_measure(w.mesh, w.pick(TOP_MARKER, BOTTOM_MARKER)),
+    "marker of a surface": lambda w: SurfaceNodes.from_body(
+        w.block.body, w.pick(TOP_MARKER, BOTTOM_MARKER)
+    ),
+    "marker of forces": lambda w: forces_along(w.U, w.load, w.pick(BOTTOM_MARKER, TOP_MARKER)),
+    "prescribed value": lambda w: prescribe(w.U, 0, BOTTOM_MARKER, w.pick(0.1, 0.0)),
+    "prescribed component": lambda w: prescribe(w.U, w.pick(1, 0), BOTTOM_MARKER),
     "prescribed constant": lambda w: Reduction.dirichlet(
-        w.U, [prescribe(w.U, 0, FOOT, w.make_constant(w.pick(0.1, 0.0)))]
+        w.U, [prescribe(w.U, 0, BOTTOM_MARKER, w.make_constant(w.pick(0.1, 0.0)))]
     ),
     "conditions": lambda w: Reduction.dirichlet(w.U, w.foot_conditions[: w.pick(1, 2)]),
     "image": lambda w: move_nodes(square_mesh(), w.pick(lambda x: 1.1 * x, lambda x: x)),
@@ -448,7 +461,10 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
         "/nowhere/a.npz", w.pick(["friction"], [])
     ),
     "depth of a flux": lambda w: nodal_flux(
-        Spaces.petrov_galerkin(w.mesh, 0), make_flux_vector(w), FOOT, depth=w.pick(2.0, 1.0)
+        Spaces.petrov_galerkin(w.mesh, 0),
+        make_scalar_reaction_vector(w),
+        BOTTOM_MARKER,
+        depth=w.pick(2.0, 1.0),
     ),
     "times of a file": lambda w: write(
         "/nowhere/a.bp", make_undeformed_states(w), w.block.body, [w.pick(1.0, 2.0)]
@@ -495,7 +511,8 @@ CALLS_NAN_ON_ONE_RANK = {
         w.U,
         [
             fem.dirichletbc(
-                w.make_function(w.pick(NAN, 0.0), w.U), fem.locate_dofs_geometrical(w.U, FOOT)
+                w.make_function(w.pick(NAN, 0.0), w.U),
+                fem.locate_dofs_geometrical(w.U, BOTTOM_MARKER),
             )
         ],
     ),
@@ -514,11 +531,13 @@ CALLS_NAN_ON_ONE_RANK = {
     "history from the start": lambda w: w.solve_residual_step(
         history=[w.make_function(w.pick(NAN, 0.0))]
     ),
-    "reactions": lambda w: forces_along(w.U, w.load_differing_on_one_rank(NAN), FOOT),
-    "flux": lambda w: nodal_flux(Spaces.petrov_galerkin(w.mesh, 0), make_flux_vector(w, NAN), FOOT),
-    "prescribed value": lambda w: prescribe(w.U, 0, FOOT, w.pick(NAN, 0.0)),
+    "reactions": lambda w: forces_along(w.U, w.load_differing_on_one_rank(NAN), BOTTOM_MARKER),
+    "flux": lambda w: nodal_flux(
+        Spaces.petrov_galerkin(w.mesh, 0), make_scalar_reaction_vector(w, NAN), BOTTOM_MARKER
+    ),
+    "prescribed value": lambda w: prescribe(w.U, 0, BOTTOM_MARKER, w.pick(NAN, 0.0)),
     "traction": lambda w: w.block.body.surface_load(
-        (0.0, w.pick(NAN, 1.0)), boundary_measure(w.mesh, TOP)
+        (0.0, w.pick(NAN, 1.0)), boundary_measure(w.mesh, TOP_MARKER)
     ),
     "traction, a function": lambda w: solve(
         w.K,
@@ -560,11 +579,11 @@ CALLS_SUCCEEDING_ON_ALL_RANKS = {
             )
         )
     ),
-    "law talks": lambda w: w.solve_contact(floor_pair(CommunicatingLaw())),
+    "law talks": lambda w: w.solve_contact(floor_pair(CommunicatingFrictionLaw())),
     "friction talks": lambda w: w.solve_contact(
         floor_pair(lambda x: communicate_and_return(0.3 + 0 * x[0]))
     ),
-    "marker talks": lambda w: prescribe(w.U, 0, lambda x: communicate_and_return(FOOT(x))),
+    "marker talks": lambda w: prescribe(w.U, 0, lambda x: communicate_and_return(BOTTOM_MARKER(x))),
     "load talks": lambda w: w.solve_residual_step(load=lambda share: communicate_and_return(None)),
     "update talks": lambda w: w.solve_residual_step(update=lambda: communicate_and_return(None)),
     "path talks": lambda w: w.solve_impact(paths=lambda t: communicate_and_return((0, 0))),
@@ -572,7 +591,7 @@ CALLS_SUCCEEDING_ON_ALL_RANKS = {
         callback=w.pick(lambda progress: None, None)
     ),
     "numbers of nodes": lambda w: w.solve_contact(
-        ContactPair(fem.locate_dofs_geometrical(w.U, FOOT), FLOOR, 0.3)
+        ContactPair(fem.locate_dofs_geometrical(w.U, BOTTOM_MARKER), FLOOR, 0.3)
     ),
     "zero of either sign": lambda w: w.solve_contact(
         floor_pair(surface=Plane((0, w.pick(-0.0, 0.0)), (0, 1)))
@@ -599,7 +618,7 @@ def state_with_nan_on_differing_rank(block):
     return replace(state, pairs=(replace(pair, force_normal=force),))
 
 
-def make_flux_vector(block, value_on_differing_rank=0.0):
+def make_scalar_reaction_vector(block, value_on_differing_rank=0.0):
     scalars = Spaces.petrov_galerkin(block.mesh, 0).trial.dofmap.index_map
     vector = PETSc.Vec().createMPI((scalars.size_local, scalars.size_global), comm=COMM)
     if block.is_selected:
@@ -618,8 +637,8 @@ def diagonal_matrix(K, vector):
 def solve_step_with_prescribed_constant(block, displacement):
     load = block.make_constant(0.0)
 
-    def set_load(share):
-        load.value = displacement * share
+    def set_load(load_factor):
+        load.value = displacement * load_factor
 
     return block.solve_residual_step(
         load=set_load,

@@ -41,9 +41,9 @@ from tests.contact.cases import BlockOnFloor, on_plane
 from tests.contact.iterative import SolidBlock
 from tests.library.public_calls import (
     ROOT,
-    altered_values,
     collect_public_callables_by_name,
     make_valid_collective_calls,
+    yield_altered_values,
 )
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
 from tests.parallel import run_on
@@ -53,13 +53,13 @@ SCENARIOS_TIMEOUT_SECONDS = 600
 
 COMM = MPI.COMM_WORLD
 BLOCK_ON_FLOOR = BlockOnFloor(8, comm=COMM)
-U, K, MESH, LOAD = (
+DISPLACEMENT_SPACE, K, MESH, LOAD = (
     BLOCK_ON_FLOOR.space,
     BLOCK_ON_FLOOR.K,
     BLOCK_ON_FLOOR.body.spaces.mesh,
     BLOCK_ON_FLOOR.pressure_load,
 )
-FOOT, FLOOR, STILL = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
+BOTTOM_MARKER, FLOOR, ZERO_MOTION = on_plane(1, 0.0), Plane((0, 0), (0, 1)), Motion((0, 0))
 # The process on which calls fail: the last one that owns nodes on the floor
 OWNED_NODE_POSITIONS = BLOCK_ON_FLOOR.x[: BLOCK_ON_FLOOR.space.dofmap.index_map.size_local]
 FAILING_RANK = max(
@@ -88,11 +88,11 @@ def return_or_fail_on_one_rank(value):
 
 
 def marker_failing_on_one_rank(x):
-    return return_or_fail_on_one_rank(FOOT(x))
+    return return_or_fail_on_one_rank(BOTTOM_MARKER(x))
 
 
 def marker_giving_scalar_on_one_rank(x):
-    return FOOT(x) if not IS_FAILING_RANK else True
+    return BOTTOM_MARKER(x) if not IS_FAILING_RANK else True
 
 
 def square_mesh(n_rows):
@@ -102,14 +102,16 @@ def square_mesh(n_rows):
 def solve_block_contact(
     pair=None, loads=LOAD, reduction=BLOCK_ON_FLOOR.no_supports, K=K, **options
 ):
-    return solve_contact(K, loads, reduction, pair or BLOCK_ON_FLOOR.floor_pair(0.3), U, **options)
+    return solve_contact(
+        K, loads, reduction, pair or BLOCK_ON_FLOOR.floor_pair(0.3), DISPLACEMENT_SPACE, **options
+    )
 
 
 class PlaneWithClosestPointsFailingOnOneRank(Plane):
     """Plane whose method for closest points fails on one process."""
 
-    def closest(self, x):
-        return return_or_fail_on_one_rank(super().closest(x))
+    def gap_normal_and_curvature(self, x):
+        return return_or_fail_on_one_rank(super().gap_normal_and_curvature(x))
 
 
 class FrictionLawFailingOnOneRank:
@@ -152,17 +154,17 @@ class KrylovSolverFailingOnOneRank:
 
 def solve_plate_contact(solver):
     solid = SolidBlock(n=2, comm=COMM)
-    plate = solid.solve_contact_arguments("plate by forces")
+    plate = solid.contact_arguments_of_case("plate by forces")
     return solve_contact(*plate, solver=solver)
 
 
-def solve_contact_at_large_strain(surface=FLOOR, load=None, conditions=(), **options):
-    u, v = fem.Function(U), ufl.TestFunction(BLOCK_ON_FLOOR.body.spaces.test)
-    top_conditions = [prescribe(U, i, on_plane(1, 2.0)) for i in (0, 1)]
+def solve_residual_step(surface=FLOOR, load=None, conditions=(), **options):
+    u, v = fem.Function(DISPLACEMENT_SPACE), ufl.TestFunction(BLOCK_ON_FLOOR.body.spaces.test)
+    top_conditions = [prescribe(DISPLACEMENT_SPACE, i, on_plane(1, 2.0)) for i in (0, 1)]
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
     all_conditions = [*top_conditions, *conditions]
     problem = ContactProblem.of_residual(
-        form, u, all_conditions, ContactPair(FOOT, surface), **options
+        form, u, all_conditions, ContactPair(BOTTOM_MARKER, surface), **options
     )
     return problem.step(problem.undeformed, load, motions=Motion((0, 0.01)))
 
@@ -198,7 +200,7 @@ class PlaneFailingOnOneRank:
         return self.return_or_fail("normal", np.tile([0.0, 1.0], (len(x), 1)))
 
 
-class ObjectFailingOnOneRank:
+class ObjectWithMeshFailingOnOneRank:
     """Object that is passed instead of a reduction; one attribute fails on one process."""
 
     @property
@@ -261,29 +263,33 @@ def solve_block_impact(duration=1.0, velocity=None, pair=None, **options):
         diagonal_matrix(K, vector_of_ones()),
         BLOCK_ON_FLOOR.no_supports,
         pair or BLOCK_ON_FLOOR.floor_pair(0.3),
-        U,
+        DISPLACEMENT_SPACE,
     )
     return solve_impact(*body, duration, velocity or vector_of_ones(), **options)
 
 
-def clamped_foot():
-    return Reduction.dirichlet(U, [prescribe(U, i, FOOT) for i in (0, 1)])
+def make_clamped_bottom_reduction():
+    return Reduction.dirichlet(
+        DISPLACEMENT_SPACE, [prescribe(DISPLACEMENT_SPACE, i, BOTTOM_MARKER) for i in (0, 1)]
+    )
 
 
 def solve_nonlinear(load, **options):
-    u = fem.Function(U)
-    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(U))) * ufl.dx
-    PetrovGalerkinProblem(F, u, prescribe(U, 0, FOOT), **options).solve(load)
+    u = fem.Function(DISPLACEMENT_SPACE)
+    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(DISPLACEMENT_SPACE))) * ufl.dx
+    PetrovGalerkinProblem(F, u, prescribe(DISPLACEMENT_SPACE, 0, BOTTOM_MARKER), **options).solve(
+        load
+    )
 
 
 FAILING_CALLS_WITH_MESSAGES = [
     (
         f"the marker of the prescribed nodes failed on process {FAILING_RANK}: KeyError: 'x'",
-        lambda: prescribe(U, 0, marker_failing_on_one_rank),
+        lambda: prescribe(DISPLACEMENT_SPACE, 0, marker_failing_on_one_rank),
     ),
     (
         "the marker of the prescribed nodes gave bool of",
-        lambda: prescribe(U, 0, marker_giving_scalar_on_one_rank),
+        lambda: prescribe(DISPLACEMENT_SPACE, 0, marker_giving_scalar_on_one_rank),
     ),
     (
         "the marker of the boundary gave bool of the shape ()",
@@ -305,24 +311,33 @@ FAILING_CALLS_WITH_MESSAGES = [
     ),
     (
         f"force: {DIFFERENCE_MESSAGE}",
-        lambda: nodal_load(U, FOOT, (np.nan if IS_FAILING_RANK else 1.0, 0.0)),
+        lambda: nodal_load(
+            DISPLACEMENT_SPACE, BOTTOM_MARKER, (np.nan if IS_FAILING_RANK else 1.0, 0.0)
+        ),
     ),
     (
         "the mass matrix has entries that are not",
-        lambda: lumped_mass(diagonal_matrix(K, copy_with_nan_on_one_rank(vector_of_ones())), U),
+        lambda: lumped_mass(
+            diagonal_matrix(K, copy_with_nan_on_one_rank(vector_of_ones())), DISPLACEMENT_SPACE
+        ),
     ),
     (
         f"the nodes to be condensed have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
-        lambda: Reduction.condensation(K, U, NODE_NUMBERS_INVALID_ON_FAILING_RANK),
+        lambda: Reduction.condensation(K, DISPLACEMENT_SPACE, NODE_NUMBERS_INVALID_ON_FAILING_RANK),
     ),
-    ("the load is not finite", lambda: solve(K, copy_with_nan_on_one_rank(LOAD), clamped_foot())),
     (
-        "TypeError: the reduction is of the type ObjectFailingOnOneRank",
-        lambda: solve(K, LOAD, ObjectFailingOnOneRank()),
+        "the load is not finite",
+        lambda: solve(K, copy_with_nan_on_one_rank(LOAD), make_clamped_bottom_reduction()),
+    ),
+    (
+        "TypeError: the reduction is of the type ObjectWithMeshFailingOnOneRank",
+        lambda: solve(K, LOAD, ObjectWithMeshFailingOnOneRank()),
     ),
     (
         f"the nodes of contact pair 0 have the numbers 1000000 to {INVALID_NUMBER_MESSAGE_PART}",
-        lambda: solve_block_contact(ContactPair([10**6] if IS_FAILING_RANK else FOOT, FLOOR)),
+        lambda: solve_block_contact(
+            ContactPair([10**6] if IS_FAILING_RANK else BOTTOM_MARKER, FLOOR)
+        ),
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
@@ -344,7 +359,7 @@ FAILING_CALLS_WITH_MESSAGES = [
     ),
     (
         f"pairs: {DIFFERENCE_MESSAGE}",
-        lambda: solve_block_contact(floor_pair(motions=[STILL] * (1 + IS_FAILING_RANK))),
+        lambda: solve_block_contact(floor_pair(motions=[ZERO_MOTION] * (1 + IS_FAILING_RANK))),
     ),
     (
         "the load of increment 0 is not finite",
@@ -384,10 +399,12 @@ FAILING_CALLS_WITH_MESSAGES = [
 
 # Calls of users' functions of all kinds, which fail on one process
 CALLS_WITH_FAILING_USER_FUNCTION = {
-    "marker of nodes": lambda: prescribe(U, 0, marker_failing_on_one_rank),
-    "marker of loaded nodes": lambda: nodal_load(U, marker_failing_on_one_rank, (1.0, 0.0)),
+    "marker of nodes": lambda: prescribe(DISPLACEMENT_SPACE, 0, marker_failing_on_one_rank),
+    "marker of loaded nodes": lambda: nodal_load(
+        DISPLACEMENT_SPACE, marker_failing_on_one_rank, (1.0, 0.0)
+    ),
     "marker of facets": lambda: boundary_measure(MESH, marker_failing_on_one_rank),
-    "marker of a line": lambda: forces_along(U, LOAD, marker_failing_on_one_rank),
+    "marker of a line": lambda: forces_along(DISPLACEMENT_SPACE, LOAD, marker_failing_on_one_rank),
     "marker of a surface": lambda: SurfaceNodes.from_body(
         BLOCK_ON_FLOOR.body, marker_failing_on_one_rank
     ),
@@ -407,13 +424,13 @@ CALLS_WITH_FAILING_USER_FUNCTION = {
     "normal": lambda: solve_block_contact(
         floor_pair(surface=PlaneFailingOnOneRank(fails="normal"))
     ),
-    "closest points": lambda: solve_contact_at_large_strain(
+    "closest points": lambda: solve_residual_step(
         PlaneWithClosestPointsFailingOnOneRank((0, 0), (0, 1))
     ),
-    "signed distance": lambda: solve_contact_at_large_strain(
+    "signed distance": lambda: solve_residual_step(
         SignedDistance(lambda x: return_or_fail_on_one_rank(x[:, 1]))
     ),
-    "its gradient": lambda: solve_contact_at_large_strain(
+    "its gradient": lambda: solve_residual_step(
         SignedDistance(lambda x: x[:, 1], lambda x: return_or_fail_on_one_rank(0 * x + [0, 1]))
     ),
     "callback": lambda: solve_block_contact(callback=return_or_fail_on_one_rank),
@@ -421,11 +438,9 @@ CALLS_WITH_FAILING_USER_FUNCTION = {
         callback=return_or_fail_on_one_rank if IS_FAILING_RANK else None
     ),
     "load of a residual": lambda: solve_nonlinear(return_or_fail_on_one_rank),
-    "load of a step": lambda: solve_contact_at_large_strain(load=return_or_fail_on_one_rank),
-    "update": lambda: solve_contact_at_large_strain(update=lambda: return_or_fail_on_one_rank(0)),
-    "callback at large strains": lambda: solve_contact_at_large_strain(
-        callback=return_or_fail_on_one_rank
-    ),
+    "load of a step": lambda: solve_residual_step(load=return_or_fail_on_one_rank),
+    "update": lambda: solve_residual_step(update=lambda: return_or_fail_on_one_rank(0)),
+    "callback at large strains": lambda: solve_residual_step(callback=return_or_fail_on_one_rank),
     "load of an impact": lambda: solve_block_impact(
         load=lambda _: return_or_fail_on_one_rank(LOAD)
     ),
@@ -434,7 +449,7 @@ CALLS_WITH_FAILING_USER_FUNCTION = {
     "iterate, between products": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(2)),
     "iterate, at the end": lambda: solve_plate_contact(KrylovSolverFailingOnOneRank(3, 4)),
 }
-USER_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
+USER_FUNCTION_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
 
 
 def collect_unexpected_outcomes(comm, user_errors):
@@ -480,7 +495,7 @@ def collect_undetected_argument_changes(comm, max_values_per_argument):
     failures, count = [], 0
     for name, (function, arguments) in make_valid_collective_calls(comm).items():
         for argument, value in arguments.items():
-            for altered in islice(altered_values(value), max_values_per_argument):
+            for altered in islice(yield_altered_values(value), max_values_per_argument):
                 changed_arguments = arguments | (
                     {argument: altered} if comm.rank == comm.size - 1 else {}
                 )
@@ -501,9 +516,9 @@ def collect_all_failures(comm, user_errors, max_values_per_argument):
 
 @pytest.mark.random
 def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_words(request):
-    processes, errors, max_values = 2, USER_ERRORS[:1], 1
+    processes, errors, max_values = 2, USER_FUNCTION_ERRORS[:1], 1
     if request.config.getoption("--nightly"):
-        processes, errors, max_values = 3, USER_ERRORS, 10
+        processes, errors, max_values = 3, USER_FUNCTION_ERRORS, 10
     limit = (1 + len(errors)) * SCENARIOS_TIMEOUT_SECONDS
     for failures, argument_failures, count in run_on(
         processes, collect_all_failures, errors, max_values, limit=limit

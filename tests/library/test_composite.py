@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.meshes import move_nodes, triangles
-from pw_elements.spaces import piecewise_linear_element
+from pw_elements.spaces import piecewise_linear_sub_cell_element
 from study.meshes.distortion import smooth_distortion
 from study.model.elements import composite
 from study.model.matrices import dense
@@ -34,7 +34,7 @@ def test_composite_stiffness_is_that_of_the_assumed_strain_method(state, reduced
     q, and D the elasticity matrix.
     """
     K = dense(ElasticBody(DISTORTED_MESH, composite, state, E).K)
-    W = fem.functionspace(DISTORTED_MESH, piecewise_linear_element("triangle", (2,)))
+    W = fem.functionspace(DISTORTED_MESH, piecewise_linear_sub_cell_element("triangle", (2,)))
     Q = fem.functionspace(DISTORTED_MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)
     stress = E / (1 + NU) * (strain + reduced * ufl.tr(strain) * ufl.Identity(2))

@@ -85,7 +85,7 @@ def test_condensation_changes_no_displacement_or_reaction(square_load_and_inner_
 def test_reduced_load_does_not_depend_on_the_inner_offset(square_load_and_inner_dofs):
     body, f, _ = square_load_and_inner_dofs
     reduction = body.supports([prescribe(body.space, 1, on_left_side, 0.03)])
-    loaded = reduction.for_load(body.K, f)
+    loaded = reduction.with_offset_for_load(body.K, f)
     assert (loaded.offset - reduction.offset).norm() > 1e-3
     difference = loaded.load(body.K, f) - reduction.load(body.K, f)
     assert difference.norm() < 1e-13

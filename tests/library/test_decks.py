@@ -16,7 +16,7 @@ from pw_elements.meshes import from_file
 from tests.library import deck_calculix
 from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
 from tests.library.deck_reading import IndependentDeckReader
-from tests.library.hostile_decks import HOSTILE_DECKS
+from tests.library.hostile_decks import HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME
 
 COMM = MPI.COMM_SELF
 needs_calculix = pytest.mark.skipif(
@@ -333,4 +333,6 @@ def test_deck_errors_name_file_and_line(tmp_path):
     with pytest.raises(ValueError, match=r"deck\.inp, line 4, \*NODE: 'nan' is no number"):
         read_deck_text(tmp_path, "*NODE\n1, 0., 0.\n** comment\n3, nan, 0.\n")
     with pytest.raises(ValueError, match="edge between nodes 2 and 3 has the node"):
-        read_deck_text(tmp_path, HOSTILE_DECKS["middles that differ"][0]["deck.inp"])
+        read_deck_text(
+            tmp_path, HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME["middles that differ"][0]["deck.inp"]
+        )

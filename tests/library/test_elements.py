@@ -33,7 +33,7 @@ from pw_elements import (
 from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import (
     add_sub_cell_quadrature_rules,
-    piecewise_linear_element,
+    piecewise_linear_sub_cell_element,
     quadratic_element,
 )
 from pw_elements.spaces.elements import SUPPORTED_CELL_NAMES, tetrahedron_twelve_cell_quadrature
@@ -52,7 +52,7 @@ from tests.oracle.elements import (
 def test_weight_functions_equal_basixs_macro_element(cell):
     points = random_cell_points(cell, 200, 1)
     builtin = basix.ufl.element("iso", cell, 1)
-    ours = one_cut_element() if cell == "tetrahedron" else piecewise_linear_element(cell)
+    ours = one_cut_element() if cell == "tetrahedron" else piecewise_linear_sub_cell_element(cell)
     ours = ours.tabulate(0, points)
     assert np.abs(ours - builtin.tabulate(0, points)).max() < 1e-14
 
@@ -60,7 +60,7 @@ def test_weight_functions_equal_basixs_macro_element(cell):
 @pytest.mark.parametrize("cell", SUPPORTED_CELL_NAMES)
 def test_weight_gradients_equal_differences_of_the_values(cell):
     # Basix 0.9's own slopes are wrong on intervals, quadrilaterals and hexahedra
-    element, step = piecewise_linear_element(cell), 1e-3
+    element, step = piecewise_linear_sub_cell_element(cell), 1e-3
     points = random_cell_points(cell, 200, 1)
     table = element.tabulate(1, points)
     for direction, slope in enumerate(table[1:]):
@@ -88,17 +88,17 @@ def test_serendipity_is_nodal_and_holds_the_right_polynomials():
     assert interpolation_error(lambda x, y: x**2 * y**2) > 1e-2  # contained in Q9, not in Q8
 
 
-UNIT_SQUARE = [(0.0, 0.0), (1.0, 1.0)]
-UNIT_CUBE = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]
+UNIT_SQUARE_OPPOSITE_CORNERS = [(0.0, 0.0), (1.0, 1.0)]
+UNIT_CUBE_OPPOSITE_CORNERS = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]
 
 
 def create_meshes_of_all_cell_types():
     comm = MPI.COMM_WORLD
     yield create_interval(comm, 5, [0.0, 1.0])
-    yield create_rectangle(comm, UNIT_SQUARE, [4, 3], CellType.triangle)
-    yield create_rectangle(comm, UNIT_SQUARE, [4, 3], CellType.quadrilateral)
-    yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.tetrahedron)
-    yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.hexahedron)
+    yield create_rectangle(comm, UNIT_SQUARE_OPPOSITE_CORNERS, [4, 3], CellType.triangle)
+    yield create_rectangle(comm, UNIT_SQUARE_OPPOSITE_CORNERS, [4, 3], CellType.quadrilateral)
+    yield create_box(comm, UNIT_CUBE_OPPOSITE_CORNERS, [2, 3, 2], CellType.tetrahedron)
+    yield create_box(comm, UNIT_CUBE_OPPOSITE_CORNERS, [2, 3, 2], CellType.hexahedron)
 
 
 @pytest.mark.parametrize(
@@ -120,12 +120,12 @@ def test_poisson_reproduces_a_quadratic_solution(mesh):
     assert np.abs(a.array - exact.x.array[: a.getLocalSize()]).max() < 1e-12
 
 
-STANDARD, MACRO = basix.PolysetType.standard, basix.PolysetType.macroedge
+STANDARD_POLYSET, MACROEDGE_POLYSET = basix.PolysetType.standard, basix.PolysetType.macroedge
 QUADRATURE_DEGREES = (0, 1, 2, 4, 5, 7, 20)
 TETRAHEDRON_NODES = np.array(REFERENCE_ELEMENTS["T10"].nodes) / 2
 
 
-def yield_octahedron_cuts():
+def yield_tetrahedron_sub_cells_per_cut():
     """Yield the eight sub-cells (8, 4) of a tetrahedron for each of the three cuts.
 
     The diagonals 4-9, 5-8 and 6-7 of the octahedron join the middles of opposite edges.
@@ -145,7 +145,7 @@ def integrate_mean_over_cuts(integrand):
     points, measure = gauss_points_and_weights(True, 3, 4)
     hats = np.column_stack([1 - points.sum(axis=1), points])
     total = 0.0
-    for cells in yield_octahedron_cuts():
+    for cells in yield_tetrahedron_sub_cells_per_cut():
         for cell in map(list, cells):
             corners = np.column_stack([np.ones(4), TETRAHEDRON_NODES[cell]])
             weights, slopes = np.zeros((len(points), 10)), np.zeros((3, 10))
@@ -186,7 +186,7 @@ def test_twelve_cell_rule_is_exact_on_each_cell_of_every_cut(degree):
     gauss_points, gauss_weights = gauss_points_and_weights(True, 3, (degree + 4) // 2)
     hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
     direction = np.array([0.3, -0.7, 0.5])
-    for cells in yield_octahedron_cuts():
+    for cells in yield_tetrahedron_sub_cells_per_cut():
         for cell in map(list, cells):
             corners = np.column_stack([np.ones(4), TETRAHEDRON_NODES[cell]])
             hat = np.column_stack([np.ones(len(points)), points]) @ np.linalg.inv(corners)
@@ -224,19 +224,22 @@ def test_user_forms_are_integrated_on_the_twelve_cells():
     w.x.array[:] = np.sin(np.arange(len(w.x.array)))
     on_side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0))
 
-    def of(dx):
+    def yield_user_forms(volume_measure):
         """Yield forms of matrices and of vectors, some with a function of the test space."""
         wind = ufl.as_vector((1.0, 2.0, x[0]))
-        yield ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * dx + u * v * dx
-        yield ufl.dot(wind, ufl.grad(u)) * v * dx + u * v * on_side
-        yield ufl.derivative(ufl.inner(ufl.grad(w), ufl.grad(w)) / 2 * dx, w, v)
-        yield w**2 * v * dx + v * ufl.ds
-        yield ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
-        yield x[0] * ufl.inner(ufl.grad(w), ufl.grad(v)) * dx
-        yield (x[0] * v.dx(1) + v) * dx
-        yield w * ufl.TestFunction(spaces.trial) * dx
+        yield (
+            ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * volume_measure
+            + u * v * volume_measure
+        )
+        yield ufl.dot(wind, ufl.grad(u)) * v * volume_measure + u * v * on_side
+        yield ufl.derivative(ufl.inner(ufl.grad(w), ufl.grad(w)) / 2 * volume_measure, w, v)
+        yield w**2 * v * volume_measure + v * ufl.ds
+        yield ufl.inner(ufl.grad(u), ufl.grad(v)) * volume_measure
+        yield x[0] * ufl.inner(ufl.grad(w), ufl.grad(v)) * volume_measure
+        yield (x[0] * v.dx(1) + v) * volume_measure
+        yield w * ufl.TestFunction(spaces.trial) * volume_measure
 
-    for plain, exact in zip(of(ufl.dx), of(fine), strict=True):
+    for plain, exact in zip(yield_user_forms(ufl.dx), yield_user_forms(fine), strict=True):
         assemble = assemble_matrix if len(plain.arguments()) == 2 else assemble_vector
         ours, reference = assemble(plain), assemble(exact)
         size = reference.norm()
@@ -260,7 +263,7 @@ def test_user_forms_are_integrated_on_the_twelve_cells():
 
 def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
     scalar = basix.ufl.element("Lagrange", "tetrahedron", 1)
-    weights = piecewise_linear_element("tetrahedron", (3,))
+    weights = piecewise_linear_sub_cell_element("tetrahedron", (3,))
     for degree in (1, 2):
         box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         mesh = box if degree == 1 else curved_mesh(box, lambda x: x + 0.1 * x**2)
@@ -288,12 +291,12 @@ def test_subdomain_tags_are_kept_in_assembled_loads():
 
 
 @pytest.mark.parametrize("degree", QUADRATURE_DEGREES)
-@pytest.mark.parametrize("polyset", [STANDARD, MACRO])
+@pytest.mark.parametrize("polyset", [STANDARD_POLYSET, MACROEDGE_POLYSET])
 def test_tabulation_at_basixs_quadrature_points_is_refused(degree, polyset):
     points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree, polyset_type=polyset)
     for derivatives in (0, 1):
         with pytest.raises(ValueError, match="cell_measure"):
-            piecewise_linear_element("tetrahedron").tabulate(derivatives, points)
+            piecewise_linear_sub_cell_element("tetrahedron").tabulate(derivatives, points)
     one_cut_element().tabulate(1, points)
 
 
@@ -321,7 +324,7 @@ def test_dolfinx_own_integrals_of_weight_functions_are_refused():
 
 
 def test_weights_can_be_tabulated_and_interpolated_at_nodes():
-    element, nodes = piecewise_linear_element("tetrahedron"), TETRAHEDRON_NODES
+    element, nodes = piecewise_linear_sub_cell_element("tetrahedron"), TETRAHEDRON_NODES
     assert np.abs(element.tabulate(1, nodes)[0] - np.eye(10)).max() < 1e-15
     somewhere = np.array([[0.2, 0.3, 0.1]])
     assert np.abs(element.tabulate(0, somewhere)[0].sum() - 1) < 1e-15

@@ -252,11 +252,11 @@ def test_unfinished_files_of_killed_but_not_of_live_processes_are_removed(tmp_pa
 
 
 def test_without_file_locks_files_are_written_and_none_removed(tmp_path, monkeypatch):
-    def no_locks(*_):
+    def raise_no_locks_error(*_):
         raise OSError(errno.ENOLCK, "No locks available")
 
     (tmp_path / ".0123456789abcdef.pw-elements-unfinished").write_text("perhaps another's")
-    monkeypatch.setattr(fcntl, "flock", no_locks)
+    monkeypatch.setattr(fcntl, "flock", raise_no_locks_error)
     replace_file_atomically(tmp_path / "file", NEW_CONTENT)
     replace_folder_with_files(tmp_path / "made", one="1")
     assert len(os.listdir(tmp_path)) == 3
@@ -268,11 +268,11 @@ def test_without_file_locks_files_are_written_and_none_removed(tmp_path, monkeyp
 def test_temporary_names_are_unpredictable_and_long_names_work(tmp_path, monkeypatch):
     temporary_names, replace = [], os.replace
 
-    def record_name(source, target):
+    def record_name_and_replace(source, target):
         temporary_names.append(source)
         replace(source, target)
 
-    monkeypatch.setattr(os, "replace", record_name)
+    monkeypatch.setattr(os, "replace", record_name_and_replace)
     for _ in range(2):
         replace_file_atomically(tmp_path / ("n" * 255), NEW_CONTENT)
     assert len({*temporary_names}) == 2

@@ -2,8 +2,11 @@
 
 import pytest
 
-from tests.library.hostile_decks import HOSTILE_DECKS
-from tests.library.limited_reading import MAX_MEGABYTES, read_files_under_cpu_and_memory_limits
+from tests.library.hostile_decks import HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME
+from tests.library.limited_reading import (
+    MAX_MEGABYTES_OF_MEMORY_PER_FILE,
+    read_files_under_cpu_and_memory_limits,
+)
 
 N_TEST_BATCHES = 4
 # Largest deck (bytes) that is compared with the second, slow reading
@@ -31,20 +34,20 @@ def write_deck_files(folder, files):
 
 @pytest.mark.parametrize("index", range(N_TEST_BATCHES))
 def test_hostile_decks_are_refused_or_read_as_they_are(tmp_path, index):
-    names = [*HOSTILE_DECKS][index::N_TEST_BATCHES]
+    names = [*HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME][index::N_TEST_BATCHES]
     assert len(names) > 37
     paths = {
-        write_deck_files(tmp_path / str(k), HOSTILE_DECKS[name][0]): name
+        write_deck_files(tmp_path / str(k), HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME[name][0]): name
         for k, name in enumerate(names)
     }
     results = read_files_under_cpu_and_memory_limits(
         paths, "tests.library.test_hostile_decks:check_small_deck_by_independent_reading"
     )
     for path, name in paths.items():
-        result, is_refused = results[path], HOSTILE_DECKS[name][1]
+        result, is_refused = results[path], HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME[name][1]
         allowed = {True: ("refused",), False: ("read",), None: ("refused", "read")}[is_refused]
         assert result["outcome"] in allowed, (name, result)
         assert result["differences"] == "", (name, result)
-        assert result["megabytes"] <= MAX_MEGABYTES, (name, result)
+        assert result["megabytes"] <= MAX_MEGABYTES_OF_MEMORY_PER_FILE, (name, result)
         if result["outcome"] == "refused":
             assert str(path.parent) in result["message"], (name, result)

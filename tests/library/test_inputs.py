@@ -27,14 +27,23 @@ from pw_elements.spaces import evaluate_marker
 from tests.contact.cases import BlockOnFloor, on_plane
 
 BLOCK_ON_FLOOR = BlockOnFloor(4)
-U, K, MESH = BLOCK_ON_FLOOR.space, BLOCK_ON_FLOOR.K, BLOCK_ON_FLOOR.body.spaces.mesh
-FLOOR, BOTTOM = Plane((0, 0), (0, 1)), on_plane(1, 0.0)
+DISPLACEMENT_SPACE, K, MESH = (
+    BLOCK_ON_FLOOR.space,
+    BLOCK_ON_FLOOR.K,
+    BLOCK_ON_FLOOR.body.spaces.mesh,
+)
+FLOOR, BOTTOM_MARKER = Plane((0, 0), (0, 1)), on_plane(1, 0.0)
 EXTERIOR_FACETS = exterior_facet_indices(MESH.topology)
 
 
-def solve_one_pair(pair, **options):
+def solve_for_pair_state(pair, **options):
     (state,) = solve_contact(
-        K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.no_supports, pair, U, **options
+        K,
+        BLOCK_ON_FLOOR.pressure_load,
+        BLOCK_ON_FLOOR.no_supports,
+        pair,
+        DISPLACEMENT_SPACE,
+        **options,
     )
     return state.pairs[0]
 
@@ -74,9 +83,9 @@ def test_markers_are_not_called_without_points():
 
 def test_nodes_located_on_tagged_facets_make_a_contact_pair():
     tags = meshtags(MESH, 1, EXTERIOR_FACETS, np.ones(len(EXTERIOR_FACETS), dtype=np.int32))
-    nodes = fem.locate_dofs_topological(U, 1, tags.find(1))
-    low = nodes[np.isclose(U.tabulate_dof_coordinates()[nodes, 1], 0.0)]
-    assert len(solve_one_pair(ContactPair(low, FLOOR, 0.3)).position) == len(low)
+    nodes = fem.locate_dofs_topological(DISPLACEMENT_SPACE, 1, tags.find(1))
+    low = nodes[np.isclose(DISPLACEMENT_SPACE.tabulate_dof_coordinates()[nodes, 1], 0.0)]
+    assert len(solve_for_pair_state(ContactPair(low, FLOOR, 0.3)).position) == len(low)
 
 
 def test_mesh_maps_may_return_two_components_and_failed_ones_change_nothing():
@@ -91,16 +100,18 @@ def test_mesh_maps_may_return_two_components_and_failed_ones_change_nothing():
 
 
 def test_a_single_pair_motion_or_condition_needs_no_list():
-    pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, 0.3, Motion((0, 0.1))))
+    pair = solve_for_pair_state(ContactPair(BOTTOM_MARKER, FLOOR, 0.3, Motion((0, 0.1))))
     assert pair.translation == pytest.approx((0, 0.1))
-    problem = ContactProblem(K, BLOCK_ON_FLOOR.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    problem = ContactProblem(
+        K, BLOCK_ON_FLOOR.no_supports, ContactPair(BOTTOM_MARKER, FLOOR, 0.3), DISPLACEMENT_SPACE
+    )
     state = problem.step(problem.undeformed, BLOCK_ON_FLOOR.pressure_load, Motion((0, 0.1)))
     assert np.array_equal(state.pairs[0].force_normal, pair.force_normal)
     unmoved = problem.step(problem.undeformed, BLOCK_ON_FLOOR.pressure_load, None)
     assert unmoved.pairs[0].translation == pytest.approx((0, 0))
-    condition = prescribe(U, 0, on_plane(0, 0.0))
+    condition = prescribe(DISPLACEMENT_SPACE, 0, on_plane(0, 0.0))
     size_of_one, size_of_list = (
-        Reduction.dirichlet(U, conditions).right.getSize()
+        Reduction.dirichlet(DISPLACEMENT_SPACE, conditions).right.getSize()
         for conditions in (condition, [condition])
     )
     assert size_of_one == size_of_list
@@ -110,18 +121,22 @@ def test_numbers_may_be_of_any_type_and_friction_functions_may_return_one_number
     for radius in (1, np.float32(1), np.array(1.0), np.int64(1)):
         assert Sphere((0, 0), radius).gap(np.array([[0.0, 2.0]])) == pytest.approx([1.0])
     for mu in (np.array(0.25), lambda _: 0.25):
-        pair = solve_one_pair(ContactPair(BOTTOM, FLOOR, mu), max_iterations=np.int64(50))
+        pair = solve_for_pair_state(
+            ContactPair(BOTTOM_MARKER, FLOOR, mu), max_iterations=np.int64(50)
+        )
         assert np.all(pair.friction == 0.25)
     integers = Motion(np.array([0, 1]))
     assert integers.translation_and_rotation().dtype == integers.force_and_torque().dtype == float
-    assert np.all(prescribe(U, np.int64(1), BOTTOM, np.float32(0.5)).g.value == 0.5)
+    assert np.all(
+        prescribe(DISPLACEMENT_SPACE, np.int64(1), BOTTOM_MARKER, np.float32(0.5)).g.value == 0.5
+    )
     body = Body(Spaces.galerkin(MESH), BLOCK_ON_FLOOR.body.material, "axisymmetric")
     assert body.state is StressState.AXISYMMETRIC
 
 
 def test_component_0_of_a_scalar_space_can_be_prescribed():
     V = fem.functionspace(MESH, ("Lagrange", 2))
-    condition = prescribe(V, 0, BOTTOM, 2.0)
+    condition = prescribe(V, 0, BOTTOM_MARKER, 2.0)
     assert (
         Reduction.dirichlet(V, condition).offset.sum() == 2.0 * len(condition.dof_indices()[0]) > 0
     )
@@ -132,10 +147,13 @@ def test_conditions_that_say_the_same_do_not_contradict():
 
     Conditions on the test space, which has the same nodes, do not contradict either.
     """
-    condition = prescribe(BLOCK_ON_FLOOR.body.spaces.test, 0, BOTTOM)
-    assert Reduction.dirichlet(U, condition).right.getSize()[1] < K.getSize()[0]
-    conditions = [prescribe(U, 0, marker, 0.0) for marker in (on_plane(0, 0.0), BOTTOM)]
-    assert Reduction.dirichlet(U, conditions).right.getSize()[1] < K.getSize()[0]
+    condition = prescribe(BLOCK_ON_FLOOR.body.spaces.test, 0, BOTTOM_MARKER)
+    assert Reduction.dirichlet(DISPLACEMENT_SPACE, condition).right.getSize()[1] < K.getSize()[0]
+    conditions = [
+        prescribe(DISPLACEMENT_SPACE, 0, marker, 0.0)
+        for marker in (on_plane(0, 0.0), BOTTOM_MARKER)
+    ]
+    assert Reduction.dirichlet(DISPLACEMENT_SPACE, conditions).right.getSize()[1] < K.getSize()[0]
 
 
 def test_user_function_errors_are_the_cause_of_the_library_error():
@@ -152,9 +170,12 @@ def make_load_of_size(max_entry):
     return load
 
 
-def prescribe_stretch(displacement):
-    clamped = [prescribe(U, k, on_plane(1, 0.0)) for k in (0, 1)]
-    return Reduction.dirichlet(U, [*clamped, prescribe(U, 1, on_plane(1, 1.0), displacement)])
+def make_stretch_reduction(displacement):
+    clamped = [prescribe(DISPLACEMENT_SPACE, k, on_plane(1, 0.0)) for k in (0, 1)]
+    return Reduction.dirichlet(
+        DISPLACEMENT_SPACE,
+        [*clamped, prescribe(DISPLACEMENT_SPACE, 1, on_plane(1, 1.0), displacement)],
+    )
 
 
 def solve_residual_problem(modulus=1.0, load=0.0, depth=0.0, contact=False):
@@ -176,21 +197,25 @@ def solve_residual_problem(modulus=1.0, load=0.0, depth=0.0, contact=False):
 
 CALLS_WITH_OUT_OF_RANGE_NUMBERS = {
     "a small load": lambda: solve(
-        K, make_load_of_size(1e-300), BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        K, make_load_of_size(1e-300), BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER)
     ),
     "a large load": lambda: solve(
-        K, make_load_of_size(1e300), BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        K, make_load_of_size(1e300), BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER)
     ),
     "a load of contact": lambda: solve_floor_contact(make_load_of_size(1e-300)),
     "a modulus": lambda: Material(1e-300),
     "a modulus's nodal values": lambda: Material(constant_function(1e-300)),
     "a stiffness": lambda: solve(
-        1e-300 * K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        1e-300 * K,
+        BLOCK_ON_FLOOR.pressure_load,
+        BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER),
     ),
     "a large stiffness": lambda: solve(
-        1e300 * K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        1e300 * K,
+        BLOCK_ON_FLOOR.pressure_load,
+        BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER),
     ),
-    "a prescribed displacement": lambda: prescribe_stretch(1e300),
+    "a prescribed displacement": lambda: make_stretch_reduction(1e300),
     "a motion": lambda: Motion((0.0, 1e300)),
     "a force on a surface": lambda: Motion((0.0, None), (0.0, 1e300)),
     "a traction": lambda: BLOCK_ON_FLOOR.body.surface_load(
@@ -205,7 +230,13 @@ CALLS_WITH_OUT_OF_RANGE_NUMBERS = {
 
 
 def solve_floor_contact(load):
-    solve_contact(K, load, BLOCK_ON_FLOOR.no_supports, ContactPair(BOTTOM, FLOOR, 0.3), U)
+    solve_contact(
+        K,
+        load,
+        BLOCK_ON_FLOOR.no_supports,
+        ContactPair(BOTTOM_MARKER, FLOOR, 0.3),
+        DISPLACEMENT_SPACE,
+    )
 
 
 def constant_function(value):
@@ -215,22 +246,22 @@ def constant_function(value):
 
 
 @pytest.mark.parametrize("what", CALLS_WITH_OUT_OF_RANGE_NUMBERS)
-def test_numbers_that_lose_their_digits_are_refused(what):
+def test_numbers_that_lose_their_digits_are_refused(call_name):
     """Numbers so small or large that they lose their digits are refused.
 
     Norms of such numbers underflow or overflow, because their squares do.
     """
     with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
-        CALLS_WITH_OUT_OF_RANGE_NUMBERS[what]()
+        CALLS_WITH_OUT_OF_RANGE_NUMBERS[call_name]()
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e60])
 def test_numbers_in_range_keep_their_digits(unit):
     reference = solve(
-        K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER)
     )
     solution = solve(
-        unit * K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM)
+        unit * K, BLOCK_ON_FLOOR.pressure_load, BLOCK_ON_FLOOR.make_clamping_supports(BOTTOM_MARKER)
     )
     solution.scale(unit)
     assert (solution - reference).norm() < 1e-10 * reference.norm()

@@ -112,12 +112,12 @@ def test_flexible_gmres_applies_one_multigrid_cycle_per_iteration():
     prepared.set_up()
     levels, applied = prepared.ksp.getPC(), []
 
-    class Counted:
+    class CountingPreconditioner:
         def apply(self, _, x, y):
             applied.append(1)
             levels.apply(x, y)
 
-    ksp = prepared.create_flexible_ksp(prepared.operator, Counted())
+    ksp = prepared.create_flexible_ksp(prepared.operator, CountingPreconditioner())
     a, rhs = prepared.solve(case.f), case.f.duplicate()
     ksp.solve(case.f, rhs)
     assert len(applied) == ksp.getIterationNumber() > 5
@@ -191,7 +191,7 @@ def test_the_coarse_level_follows_the_constraints(blocked, sprung):
 
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_block_matrices_give_the_same_results(monkeypatch, rows):
-    monkeypatch.setattr(matrices, "_MIN_ROWS_PER_CONVERTED_PART", rows)
+    monkeypatch.setattr(matrices, "_MIN_ROWS_PER_AIJ_CONVERSION", rows)
     case = LoadedBody("pw-T10")
     blocked = assemble_matrix(case.body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"
@@ -363,13 +363,13 @@ def treat_all_bodies_as_large(monkeypatch):
 
 @pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
 def test_auto_selects_direct_for_larger_bodies_that_only_contact_supports(
-    monkeypatch, held, method
+    monkeypatch, is_top_clamped, method
 ):
     monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 1)
     solid = SolidBlock(n=2)
     supports = (
         solid.make_supports(*((i, on_plane(2, 1.0)) for i in range(3)))
-        if held
+        if is_top_clamped
         else solid.no_supports
     )
     pair = ContactPair(on_plane(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)

@@ -15,7 +15,7 @@ from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.library.properties import dense, dense_solution
 
-COMM, N = MPI.COMM_SELF, 200
+COMM, MATRIX_SIZE = MPI.COMM_SELF, 200
 
 
 def make_unit_square_body(method=PW, cells_per_side=3):
@@ -76,7 +76,7 @@ def test_symmetric_part_and_its_negative_pivots_are_exact(unit_square_body):
 
 
 def test_matrices_and_vectors_outlive_their_mesh():
-    def system():
+    def assemble_system():
         square = make_unit_square_body(cells_per_side=8)
         return (
             square.K,
@@ -84,7 +84,7 @@ def test_matrices_and_vectors_outlive_their_mesh():
             square.make_clamping_supports(on_plane(0, 0.0)),
         )
 
-    systems = [system() for _ in range(5)]
+    systems = [assemble_system() for _ in range(5)]
     gc.collect()
     solutions = [solve(*system).norm() for system in systems]
     assert solutions == pytest.approx([solutions[0]] * 5, rel=1e-12)
@@ -106,12 +106,14 @@ def change_rows(matrix, rows, values):
 
 
 def random_matrix(seed=5):
-    return np.random.default_rng(seed).normal(size=(N, N)) + 20 * np.eye(N)
+    return np.random.default_rng(seed).normal(size=(MATRIX_SIZE, MATRIX_SIZE)) + 20 * np.eye(
+        MATRIX_SIZE
+    )
 
 
 def test_one_factorisation_serves_after_small_changes():
-    A, right = random_matrix(), PETSc.Vec().createSeq(N)
-    right.setArray(np.arange(float(N)))
+    A, right = random_matrix(), PETSc.Vec().createSeq(MATRIX_SIZE)
+    right.setArray(np.arange(float(MATRIX_SIZE)))
     matrix, sign = make_petsc_matrix(A), int(np.sign(np.linalg.det(A)))
     factors = Direct().prepare(matrix)
     assert factors.report.factorisations == 0
@@ -124,18 +126,18 @@ def test_one_factorisation_serves_after_small_changes():
     assert factors.report.factorisations == 1
     assert 0 < factors.report.krylov_iterations <= 3
     assert factors.determinant_signs == (sign, int(np.sign(np.linalg.det(A)))) == (1, -1)
-    assert factors.solve_with_changed_rows(right, np.arange(N)) is None
+    assert factors.solve_with_changed_rows(right, np.arange(MATRIX_SIZE)) is None
     assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
     assert factors.report.factorisations == 2
     assert set(factors.determinant_signs) == {-1, 1}  # a row has changed its sign
 
 
 def test_unannounced_row_changes_are_noticed():
-    matrix, right = make_petsc_matrix(random_matrix()), PETSc.Vec().createSeq(N)
+    matrix, right = make_petsc_matrix(random_matrix()), PETSc.Vec().createSeq(MATRIX_SIZE)
     right.set(1.0)
     factors = Direct().prepare(matrix)
     factors.solve(right)
-    change_rows(matrix, range(N), random_matrix(6))
+    change_rows(matrix, range(MATRIX_SIZE), random_matrix(6))
     assert factors.solve_with_changed_rows(right, np.array([7])) is None
 
 
@@ -148,7 +150,7 @@ def test_singular_matrices_are_refused_by_any_package(package):
 
 
 def test_factors_recover_from_a_matrix_with_nan():
-    matrix, right = make_petsc_matrix(random_matrix(5)), PETSc.Vec().createSeq(N)
+    matrix, right = make_petsc_matrix(random_matrix(5)), PETSc.Vec().createSeq(MATRIX_SIZE)
     right.set(1.0)
     factors = Direct().prepare(matrix)
     expected = factors.solve(right).array_r.copy()
@@ -204,12 +206,12 @@ def test_symmetrised_modes_refuse_packages_without_pivot_counts(clamped_beam):
 
 
 def test_options_reach_mumps(clamped_beam):
-    def parameters(options, *numbers):
+    def read_mumps_parameters(options, *numbers):
         prepared = Direct(options).prepare(clamped_beam.foot.matrix(clamped_beam.K))
         prepared.set_up()
         factor = prepared.ksp.getPC().getFactorMatrix()
         return [factor.getMumpsIcntl(n) for n in numbers]
 
     options_dict = {"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}
-    assert parameters(options_dict, 7, 14) == [0, 77]
-    assert parameters({}, 14) != [77]
+    assert read_mumps_parameters(options_dict, 7, 14) == [0, 77]
+    assert read_mumps_parameters({}, 14) != [77]

@@ -235,15 +235,16 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
     )
     other_x = other_body.x @ R.T + shift
 
-    def rim_centres(x, cells):
+    def rim_cell_centres(x, cells):
         """Return the centres of cells that have a side on the rim of a square."""
         on = [np.isclose(np.abs(x), 0.5)[cells][..., k].sum(axis=1) == 2 for k in (0, 1)]
         return x[cells[on[0] | on[1]]].mean(axis=1)
 
     depths = np.concatenate(
         [
-            0.5 - np.abs((rim_centres(body.x, body.cells) - shift) @ R).max(axis=1),
-            0.5 - np.abs(rim_centres(other_body.x, other_body.cells) @ R.T + shift).max(axis=1),
+            0.5 - np.abs((rim_cell_centres(body.x, body.cells) - shift) @ R).max(axis=1),
+            0.5
+            - np.abs(rim_cell_centres(other_body.x, other_body.cells) @ R.T + shift).max(axis=1),
         ]
     )
     if np.abs(depths).min() < 1e-6:

@@ -14,7 +14,10 @@ from tests.library.hostile_meshes import (
     describe_mesh_differences,
     make_hostile_files_with_error_patterns,
 )
-from tests.library.limited_reading import MAX_MEGABYTES, read_files_under_cpu_and_memory_limits
+from tests.library.limited_reading import (
+    MAX_MEGABYTES_OF_MEMORY_PER_FILE,
+    read_files_under_cpu_and_memory_limits,
+)
 from tests.library.msh_files import (
     COMMON_MSH_FORMATS,
     GMSH_TYPES_BY_CELL_AND_DEGREE,
@@ -53,7 +56,7 @@ def test_hostile_files_run_nothing_and_are_refused_or_read_as_they_are(tmp_path)
         n_read += result["outcome"] == "read"
         is_refused = result["outcome"] == "refused" and re.search(pattern or "", result["message"])
         is_read = pattern is None and result["outcome"] == "read" and not result["differences"]
-        if not (is_refused or is_read) or result["megabytes"] > MAX_MEGABYTES:
+        if not (is_refused or is_read) or result["megabytes"] > MAX_MEGABYTES_OF_MEMORY_PER_FILE:
             unexpected[name] = result
     assert unexpected == {}
     assert n_read > 10

@@ -77,7 +77,7 @@ def make_skewed_brick_mesh():
 
 
 # mesh, Poisson's ratio without a warning, and ratio with a warning, or None
-MESHES_WITH_SAFE_AND_WARNED_RATIOS = {
+MESHES_WITH_SAFE_AND_WARNED_POISSONS_RATIOS = {
     "straight triangles": (lambda: make_distorted_mesh("triangle", 2, 0.2, 0), 0.49999, None),
     "straight, of degree 2": (
         lambda: curved_mesh(make_distorted_mesh("triangle", 2, 0.2, 0), lambda x: x),
@@ -96,26 +96,26 @@ MESHES_WITH_SAFE_AND_WARNED_RATIOS = {
 }
 
 
-@pytest.mark.parametrize("name", MESHES_WITH_SAFE_AND_WARNED_RATIOS)
+@pytest.mark.parametrize("name", MESHES_WITH_SAFE_AND_WARNED_POISSONS_RATIOS)
 def test_a_body_warns_of_a_singular_stiffness_where_one_may_be(name, caplog):
-    make, without, beyond = MESHES_WITH_SAFE_AND_WARNED_RATIOS[name]
+    make, without, beyond = MESHES_WITH_SAFE_AND_WARNED_POISSONS_RATIOS[name]
     mesh = make()
     state = "plane strain" if mesh.geometry.dim == 2 else "solid"
 
-    def log_of_body(spaces, nu, state=state):
+    def is_warning_logged_for_body(spaces, nu, state=state):
         caplog.clear()
         with caplog.at_level(logging.WARNING, "pw_elements"):
             Body(spaces, Material(1.0, nu), state)
         return SINGULAR_STIFFNESS_WARNING in caplog.text
 
-    assert not log_of_body(Spaces.petrov_galerkin(mesh), without)
+    assert not is_warning_logged_for_body(Spaces.petrov_galerkin(mesh), without)
     if beyond is not None:
-        assert log_of_body(Spaces.petrov_galerkin(mesh), beyond)
+        assert is_warning_logged_for_body(Spaces.petrov_galerkin(mesh), beyond)
         assert "Spaces.hybrid(mesh)" in caplog.text
-        assert not log_of_body(Spaces.galerkin(mesh), beyond)
-        assert not log_of_body(Spaces.hybrid(mesh), beyond)
+        assert not is_warning_logged_for_body(Spaces.galerkin(mesh), beyond)
+        assert not is_warning_logged_for_body(Spaces.hybrid(mesh), beyond)
     if mesh.geometry.dim == 2:
-        assert not log_of_body(Spaces.petrov_galerkin(mesh), 0.4999, "plane stress")
+        assert not is_warning_logged_for_body(Spaces.petrov_galerkin(mesh), 0.4999, "plane stress")
 
 
 def test_straight_and_parallel_cells_are_recognised():

@@ -129,11 +129,13 @@ def assert_parallel_identities(comm):
 
 
 def compute_condensed_element_numbers(comm, element_name):
-    def build(cell):
+    def make_distorted_mesh(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), smooth_distortion)
 
-    body = discretise(element_name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
+    body = discretise(
+        element_name, make_distorted_mesh, Material(1.0, 0.3), StressState.PLANE_STRESS
+    )
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     supports = body.supports([prescribe(U, i, on_plane(0, 0.0), 0.01 * i) for i in range(2)])
@@ -275,11 +277,14 @@ def sum_contact_states(states):
 def compute_block_matrix_numbers(comm):
     solid = SolidBlock(n=3, comm=comm)
     solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
-    (state,) = solve_contact(*solid.solve_contact_arguments("rough floor"), solver=Iterative())
+    (state,) = solve_contact(*solid.contact_arguments_of_case("rough floor"), solver=Iterative())
     return {
         "contact": state.displacement.norm(),
         "of K": solve(
-            solid.K, solid.press_and_push_load(), solid.base_supports(), Iterative()
+            solid.K,
+            solid.press_and_push_load(),
+            solid.base_supports_moved_by_1_2_3_times(),
+            Iterative(),
         ).norm(),
         "users of K": solid.K.getRefCount(),  # solvers hold no reference to it any more
     }
@@ -334,13 +339,13 @@ SINGLE_BODY_CASES = ("corner", "tilted", "sphere by forces", "plate by forces")
 
 
 def compute_all_iterative_numbers(comm):
-    def contact(arguments):
+    def solve_and_sum_contact_states(arguments):
         return sum_contact_states(solve_contact(*arguments, solver=Iterative()))
 
-    def stack_numbers(case, **body):
+    def compute_stacked_block_numbers(case, **body):
         """Return the results of stacked blocks whose upper block is the slave."""
         stack = StackedBlocks((3, 2), "tetrahedron", upper_range=(0.13, 0.83), comm=comm, **body)
-        return contact(STACKED_CASE_MAKERS_BY_NAME[case](stack, "upper"))
+        return solve_and_sum_contact_states(STACKED_CASE_MAKERS_BY_NAME[case](stack, "upper"))
 
     rubber = SolidBlock(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
     return prefix_numbers_with_case_names(
@@ -353,16 +358,30 @@ def compute_all_iterative_numbers(comm):
             for cell in ("tetrahedron", "hexahedron")
         }
         | {
-            case: contact(SolidBlock(n=2, comm=comm).solve_contact_arguments(case))
+            case: solve_and_sum_contact_states(
+                SolidBlock(n=2, comm=comm).contact_arguments_of_case(case)
+            )
             for case in SINGLE_BODY_CASES
         }
-        | {"hybrid sphere": contact(rubber.solve_contact_arguments("sphere"))}
         | {
-            case: stack_numbers(case, modulus_ratio=0.5)
+            "hybrid sphere": solve_and_sum_contact_states(
+                rubber.contact_arguments_of_case("sphere")
+            )
+        }
+        | {
+            case: compute_stacked_block_numbers(case, modulus_ratio=0.5)
             for case in ("on a floor", "forces through contact")
         }
-        | {"hybrid stacked": stack_numbers("held by contact", element="hybrid", nu=0.5)}
-        | {"sliding": contact(nearly_sliding_contact_arguments(SolidBlock(n=2, comm=comm)))}
+        | {
+            "hybrid stacked": compute_stacked_block_numbers(
+                "held by contact", element="hybrid", nu=0.5
+            )
+        }
+        | {
+            "sliding": solve_and_sum_contact_states(
+                nearly_sliding_contact_arguments(SolidBlock(n=2, comm=comm))
+            )
+        }
         | {
             "blocked": compute_block_matrix_numbers(comm),
             "auto": compute_auto_fallback_numbers(comm),

@@ -76,11 +76,11 @@ def test_height_and_colour_in_the_picture_follow_the_z_coordinate(figure_axes):
 def test_a_ball_is_seen_as_a_disc(figure_axes):
     box = create_box(COMM, [-np.ones(3), np.ones(3)], [4, 4, 4])
 
-    def ball(x):
+    def map_cube_to_ball(x):
         size = np.linalg.norm(x, axis=1, keepdims=True)
         return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
 
-    draw(curved_mesh(box, ball), axes=figure_axes, view=(17, 33))
+    draw(curved_mesh(box, map_cube_to_ball), axes=figure_axes, view=(17, 33))
     assert sum(polygon_area(p) for p, _ in coloured_polygons(figure_axes)) == pytest.approx(
         np.pi, rel=0.02
     )

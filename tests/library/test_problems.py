@@ -31,7 +31,7 @@ DX_OF_DEGREE_6 = ufl.dx(metadata={"quadrature_degree": 6})
 DEFORMATION_GRADIENT = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 
-def make_scalar_functions_and_rim(mesh):
+def make_scalar_space_u_v_and_boundary_dofs(mesh):
     V = fem.functionspace(mesh, ("Lagrange", 2))
     return V, fem.Function(V), ufl.TestFunction(test_space(V)), boundary_dofs(V)
 
@@ -47,17 +47,20 @@ def make_rubber_residual(mesh, method=Spaces.petrov_galerkin):
     return spaces.trial, *make_finite_strain_unknown_and_residual(spaces, quadrature_degree=6)
 
 
-def make_pressed_square_problem(depth, cells_per_side=4):
+def make_pressed_square_problem(vertical_displacement, cells_per_side=4):
     """Create a square whose left half is pressed from above and cannot slide."""
     mesh = create_rectangle(
         MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [cells_per_side, cells_per_side]
     )
-    (V, u, F), move = make_rubber_residual(mesh), fem.Constant(mesh, depth)
+    (V, u, F), move = make_rubber_residual(mesh), fem.Constant(mesh, vertical_displacement)
 
-    def above(x):
+    def is_on_left_half_of_top(x):
         return np.isclose(x[1], 1.0) & (x[0] < 0.5 + 1e-9)
 
-    conditions = [prescribe(V, 1, above, move), prescribe(V, 0, above)]
+    conditions = [
+        prescribe(V, 1, is_on_left_half_of_top, move),
+        prescribe(V, 0, is_on_left_half_of_top),
+    ]
     conditions += [prescribe(V, i, on_plane(1, 0.0)) for i in (0, 1)]
     return PetrovGalerkinProblem(F, u, conditions), move
 
@@ -73,7 +76,7 @@ def make_pressed_square_problem(depth, cells_per_side=4):
 def test_nonlinear_poisson_converges_with_orders_three_and_two(cell, sizes):
     errors = []
     for n in sizes:
-        V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(cell, n))
+        V, u, v, rim = make_scalar_space_u_v_and_boundary_dofs(make_distorted_unit_mesh(cell, n))
         x = ufl.SpatialCoordinate(V.mesh)
         exact = ufl.sin(2 * x[0]) * ufl.exp(x[1])
         f = -ufl.div((1 + exact**2) * ufl.grad(exact))
@@ -92,7 +95,9 @@ def test_nonlinear_poisson_converges_with_orders_three_and_two(cell, sizes):
 
 
 def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
-    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.tetrahedron, 2))
+    V, u, v, rim = make_scalar_space_u_v_and_boundary_dofs(
+        make_distorted_unit_mesh(CellType.tetrahedron, 2)
+    )
     x, w = ufl.SpatialCoordinate(V.mesh), ufl.TrialFunction(V)
     a = (1 + x[0]) * ufl.inner(
         ufl.grad(w), ufl.grad(v)
@@ -118,11 +123,11 @@ def test_homogeneous_deformation_is_exact(cell):
     strain = DEFORMATION_GRADIENT[:dim, :dim] - np.eye(dim)
     g = fem.Function(V)
 
-    def load(share):
-        g.interpolate(lambda x: share * strain @ x[:dim])
+    def set_boundary_displacement(load_factor):
+        g.interpolate(lambda x: load_factor * strain @ x[:dim])
 
     problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, boundary_dofs(V)))
-    problem.solve(load)
+    problem.solve(set_boundary_displacement)
     exact = V.tabulate_dof_coordinates()[:, :dim] @ strain.T
     assert np.abs(u.x.array.reshape(-1, dim) - exact).max() < 1e-13
     # reactions are the stress times the weights' integrals: forces on one side are the traction
@@ -194,7 +199,9 @@ def laplace_residual(u, v):
 
 
 def test_invalid_problems_are_refused():
-    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_space_u_v_and_boundary_dofs(
+        make_distorted_unit_mesh(CellType.triangle, 2)
+    )
     linear_space = fem.functionspace(V.mesh, ("Lagrange", 1))
     problem_type, test, trial = (
         PetrovGalerkinProblem,
@@ -237,7 +244,9 @@ def test_invalid_problems_are_refused():
 
 
 def test_a_residual_that_is_not_finite_is_no_solution():
-    V, u, v, rim = make_scalar_functions_and_rim(make_distorted_unit_mesh(CellType.triangle, 2))
+    V, u, v, rim = make_scalar_space_u_v_and_boundary_dofs(
+        make_distorted_unit_mesh(CellType.triangle, 2)
+    )
     condition = fem.dirichletbc(0.0, rim, V)
     with pytest.raises(NotConverged, match="the residual is not finite"):
         PetrovGalerkinProblem(

@@ -12,7 +12,7 @@ from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solv
 from study.model.matrices import dense
 from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
 
-COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+COMM, CELL_NAMES = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
 
 class BlockWithSibling(ElasticBody):
@@ -20,20 +20,20 @@ class BlockWithSibling(ElasticBody):
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
         n = (2 * divisions, divisions, divisions)
-        if cell in CELLS[:2]:
+        if cell in CELL_NAMES[:2]:
             mesh = create_rectangle(COMM, [(0.0, 0.0), (2.0, 1.0)], n[:2], CellType[cell])
         else:
             mesh = create_box(COMM, [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0)], n, CellType[cell])
         x = mesh.geometry.x
         x[:, 0] += 0.05 * np.sin(4 * x[:, 0]) * np.cos(3 * x[:, 1])
-        super().__init__(mesh, method, "plane strain" if cell in CELLS[:2] else "solid", 10.0)
+        super().__init__(mesh, method, "plane strain" if cell in CELL_NAMES[:2] else "solid", 10.0)
         self.sibling = Sibling.from_space(self.space)
 
     def make_sibling_supports(self, *conditions):
         """Create the sibling's supports from (component, marker) or (component, marker, value)."""
         return self.sibling.dirichlet([prescribe(self.space, *c) for c in conditions])
 
-    def solve_contact_pair(self, pair):
+    def solve_contact_state_and_displacements(self, pair):
         """Solve contact of the block, and return state and displacements of the contact nodes."""
         K, up = self.sibling.matrix(self.K), self.dim - 1
         foot = self.make_sibling_supports(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
@@ -42,7 +42,7 @@ class BlockWithSibling(ElasticBody):
         return state, u[state.pairs[0].node]
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
     block = BlockWithSibling(cell, 1)
     T = dense(force_transfer(block.space))
@@ -50,7 +50,7 @@ def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
     assert dense(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_sibling_displacements_and_spectrum_are_galerkins(cell):
     block = BlockWithSibling(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
@@ -74,7 +74,7 @@ def test_sibling_displacements_and_spectrum_are_galerkins(cell):
     assert scipy.linalg.eigvalsh(dense(sibling_K), dense(mass)) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_lumped_mass_equals_the_load_of_a_unit_body_force(cell):
     """Lumped masses distribute the mass like a uniform body force.
 
@@ -86,7 +86,7 @@ def test_lumped_mass_equals_the_load_of_a_unit_body_force(cell):
     assert load.array == pytest.approx(mass.array, rel=1e-12)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELL_NAMES)
 def test_closed_edges_lie_on_a_curved_surface(cell):
     """All nodes of edges whose ends are closed lie on a curved surface.
 
@@ -97,7 +97,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
-    state, u = block.solve_contact_pair(
+    state, u = block.solve_contact_state_and_displacements(
         ContactPair(on_plane(dim - 1, 1.0), shape, motions=[Motion(down)])
     )
     (pair_state,) = state.pairs

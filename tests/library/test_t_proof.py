@@ -171,15 +171,17 @@ def test_new_stiffness_is_transferred_for_any_triangle_and_constant_elasticity()
     jacobian = sp.Matrix(2, 2, sp.symbols("x1:3 y1:3"))
     D = sp.Matrix(3, 3, sp.symbols("d1:10"))
 
-    def B(function, at):
-        reference = sp.Matrix([sp.diff(function, v).subs({X: at[0], Y: at[1]}) for v in (X, Y)])
+    def B(function, point):
+        reference = sp.Matrix(
+            [sp.diff(function, v).subs({X: point[0], Y: point[1]}) for v in (X, Y)]
+        )
         gx, gy = jacobian.adjugate().T * reference  # gradient times the determinant
         return sp.Matrix([[gx, 0], [0, gy], [gy, gx]])
 
-    def stiffness_of(pieces):
+    def stiffness_of(corners_and_weight_functions):
         """Return the stiffness by quadrature at middles of sides, exact for degree two."""
         K = sp.zeros(12, 12)
-        for corners, functions in pieces:
+        for corners, functions in corners_and_weight_functions:
             for a, b in combinations(corners, 2):
                 left, right = (
                     sp.Matrix.hstack(*(B(f, (a + b) / 2) for f in values_set))
@@ -248,7 +250,7 @@ def test_tetrahedra_have_no_force_transfer_matrix(cuts):
     and times the coordinates, which multiply a linear stress.
     """
 
-    def rows(variables, pieces):
+    def mid_side_node_integral_rows(variables, pieces):
         forms = [lambda f, v=v, p=p: p * sp.diff(f, v) for v in (X, Y) for p in (1, *variables)]
         return [
             sp.Matrix(
@@ -262,19 +264,23 @@ def test_tetrahedra_have_no_force_transfer_matrix(cuts):
             for i in range(len(variables) + 1, len(pieces[0][1]))
         ]
 
-    def parallel(variables, pieces):
+    def are_rows_multiples_of_standard_ones(variables, pieces):
         standard = [
             (
                 reference_nodes(len(variables))[: len(variables) + 1],
                 quadratic_shape_functions(*variables),
             )
         ]
-        pairs_of_rows = zip(rows(variables, pieces), rows(variables, standard), strict=True)
+        pairs_of_rows = zip(
+            mid_side_node_integral_rows(variables, pieces),
+            mid_side_node_integral_rows(variables, standard),
+            strict=True,
+        )
         return [new.col_join(old).rank() == 1 for new, old in pairs_of_rows]
 
-    assert parallel((X, Y), TRIANGLE_WEIGHT_FUNCTIONS) == [True] * 3
+    assert are_rows_multiples_of_standard_ones((X, Y), TRIANGLE_WEIGHT_FUNCTIONS) == [True] * 3
     pieces = [piece for cut in cuts for piece in tetrahedron_weight_functions(cut)]
-    assert parallel((X, Y, Z), pieces) == [False] * 6
+    assert are_rows_multiples_of_standard_ones((X, Y, Z), pieces) == [False] * 6
 
 
 def test_transferred_forces_violate_contact_laws_at_status_changes():

@@ -6,12 +6,17 @@ from pathlib import Path
 import numpy as np
 
 # enumerators of adios2_c_types.h
-READ_STEP, READ, SYNC, END = 2, 2, 5, 2
+ADIOS2_STEP_MODE_READ, ADIOS2_MODE_READ, ADIOS2_MODE_SYNC, ADIOS2_STEP_STATUS_END_OF_STREAM = (
+    2,
+    2,
+    5,
+    2,
+)
 VTX_FIELD_NAMES = (
     "geometry connectivity displacement contact_force gap slip status pressure tributary_pressure "
     "traction true_pressure"
 )
-POINTER_RETURNING_CALLS = (
+ADIOS2_FUNCTIONS_RETURNING_POINTERS = (
     "init_serial",
     "declare_io",
     "open",
@@ -29,7 +34,7 @@ def load_adios2_library():
     for folder in {Path(name).parent for name in loaded}:
         for path in sorted(folder.glob("libadios2*_c.so*")):
             shared_library = ctypes.CDLL(str(path))
-            for name in POINTER_RETURNING_CALLS:
+            for name in ADIOS2_FUNCTIONS_RETURNING_POINTERS:
                 getattr(shared_library, f"adios2_{name}").restype = ctypes.c_void_p
             shared_library.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
             return shared_library
@@ -41,13 +46,15 @@ def iterate_adios2_steps(path):
     adios = load_adios2_library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
     io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
-    engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
+    engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), ADIOS2_MODE_READ))
     assert engine, f"{path} cannot be opened"
     status = ctypes.c_int()
     while True:
-        adios.adios2_begin_step(engine, READ_STEP, ctypes.c_float(-1), ctypes.byref(status))
+        adios.adios2_begin_step(
+            engine, ADIOS2_STEP_MODE_READ, ctypes.c_float(-1), ctypes.byref(status)
+        )
         if status.value != 0:
-            assert status.value == END
+            assert status.value == ADIOS2_STEP_STATUS_END_OF_STREAM
             break
         yield adios, io, engine
         adios.adios2_end_step(engine)
@@ -67,7 +74,7 @@ def read_times_and_fields(path):
                 values[name] = read_blocks_of_all_writers(adios, engine, variable, len(steps), kind)
         time = np.empty(1)
         variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, b"step"))
-        assert adios.adios2_get(engine, variable, as_c_pointer(time), SYNC) == 0
+        assert adios.adios2_get(engine, variable, as_c_pointer(time), ADIOS2_MODE_SYNC) == 0
         steps.append((time[0], values))
     return steps
 
@@ -90,7 +97,7 @@ def read_blocks_of_all_writers(adios, engine, variable, step, dtype):
         shape = (ctypes.c_size_t * 2)()
         assert adios.adios2_variable_count(shape, variable) == 0
         values = np.empty(tuple(shape), dtype=dtype)
-        assert adios.adios2_get(engine, variable, as_c_pointer(values), SYNC) == 0
+        assert adios.adios2_get(engine, variable, as_c_pointer(values), ADIOS2_MODE_SYNC) == 0
         arrays.append(values)
     return np.concatenate(arrays) if arrays else None
 

@@ -29,7 +29,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-MAX_SWEEPS, SWEEPS_PER_NEWTON = 5_000, 10
+MAX_GAUSS_SEIDEL_SWEEPS, GAUSS_SEIDEL_SWEEPS_PER_NEWTON_ATTEMPT = 5_000, 10
 LAW_TOLERANCE_OVER_LARGEST_FORCE = (
     1e-11  # tolerance of the law's conditions, used by `violation_over_tolerance`
 )
@@ -240,7 +240,7 @@ class _ContactCompliance:
         y0 = -np.einsum("mab,mb->ma", frame, previous_relative_motion)
         y0[:, 0] = gap
 
-        def equilibrium(z, s):
+        def refine_equilibrium(z, s):
             """Return z, w, and both y and r in the nodes' frames, after a step of refinement.
 
             Here y are the gaps and slips, and r are the contact forces.
@@ -254,11 +254,11 @@ class _ContactCompliance:
             y, r = (np.einsum("mab,mb->ma", frame, x) for x in (w, s - self.spring_stiffness * w))
             return z, w, y + y0, r
 
-        z, w, y, r = equilibrium(np.zeros(self.A.shape[0]), s)
+        z, w, y, r = refine_equilibrium(np.zeros(self.A.shape[0]), s)
         ds = solver.force_change_by_gauss_seidel(y, r)
         for _ in range(5):
             s = s + np.einsum("mba,mb->ma", frame, ds)
-            z, w, y, r = equilibrium(equilibrium(z, s)[0], s)
+            z, w, y, r = refine_equilibrium(refine_equilibrium(z, s)[0], s)
             error = solver.violation_over_tolerance(y, r)
             if error <= 1:
                 return z, w, s, error
@@ -299,7 +299,7 @@ class _ContactLawSolver:
         """Return the change (m, dim) of s from an equilibrium to one that obeys the law."""
         m, dim = forces.shape
         total_ds = np.zeros((m, dim))
-        for sweep in range(1, MAX_SWEEPS + 1):
+        for sweep in range(1, MAX_GAUSS_SEIDEL_SWEEPS + 1):
             for i in range(m)[:: 1 if sweep % 2 else -1]:
                 projected = _shrink_to_friction_cone(
                     forces[i] - self.node_stiffness[i] * gaps_and_slips[i], self.mu[i]
@@ -309,7 +309,7 @@ class _ContactLawSolver:
                 gaps_and_slips, forces = gaps_and_slips + dy, forces - self.alpha * dy
                 forces[i] += ds
                 total_ds[i] += ds
-            if sweep % SWEEPS_PER_NEWTON == 0:
+            if sweep % GAUSS_SEIDEL_SWEEPS_PER_NEWTON_ATTEMPT == 0:
                 ds = self.force_change_by_newton(gaps_and_slips, forces)
                 dy = (self.C @ ds.ravel()).reshape(m, dim)
                 dr = ds - self.alpha * dy
@@ -324,7 +324,7 @@ class _ContactLawSolver:
                     )
                 if violation <= 1:
                     return total_ds
-        raise NotConverged(f"{MAX_SWEEPS} sweeps")
+        raise NotConverged(f"{MAX_GAUSS_SEIDEL_SWEEPS} sweeps")
 
     def force_change_by_newton(self, gaps_and_slips, forces):
         """Return the change (m, dim) of s by Newton's method with the present statuses."""

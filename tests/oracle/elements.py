@@ -120,7 +120,7 @@ def tabulate_at_points(
     if element.centre:
         centre = list(element.centre)
         nodes, nodal = (np.vstack([a, a[centre].mean(axis=0)]) for a in (nodes, nodal))
-    vertex_values, vertex_slopes = _vertex_functions_and_gradients(element.simplex, points)
+    vertex_values, vertex_slopes = _vertex_shape_functions_and_gradients(element.simplex, points)
     tables = []
     for sub_cell in map(list, element.sub_cells):
         jacobian = np.einsum("ka,qkb->qab", nodes[sub_cell], vertex_slopes)
@@ -186,7 +186,7 @@ def _monomials_and_gradients(
     return factors.prod(axis=2), slopes
 
 
-def _vertex_functions_and_gradients(
+def _vertex_shape_functions_and_gradients(
     is_simplex: bool, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the k vertex functions (q, k) and their gradients (q, k, d) at points (q, d).

@@ -65,22 +65,22 @@ def assert_agrees_with_own_weights_alone(comparison, element_name):
         assert_quadratic_weights_differ(comparison)
 
 
-def rows_on_plane(axis, coordinate):
+def make_plane_row_marker(axis, coordinate):
     """Return a function that marks the rows of points (n, dim) with x[axis] = value."""
     return lambda x: np.isclose(x[:, axis], coordinate)
 
 
-def rows_with_abs_x_below(limit):
+def make_abs_x_below_row_marker(limit):
     """Return a function that marks the rows of points (n, dim) whose |x| is below a limit."""
     return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
-def all_of(*markers):
+def combine_markers_by_and(*markers):
     """Return a function that marks the points that satisfy all conditions."""
     return lambda x: np.all([condition(x) for condition in markers], axis=0)
 
 
-def any_of(*markers):
+def combine_markers_by_or(*markers):
     """Return a function that marks the points that satisfy at least one condition."""
     return lambda x: np.any([condition(x) for condition in markers], axis=0)
 

@@ -41,7 +41,7 @@ from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DIAGONAL_PATTERNS, move_nodes, quadrilaterals, triangles
 from study.model.elements import composite, serendipity
-from tests.contact.polyline import Polyline
+from tests.contact.polyline import PolylineSurface
 
 Array = npt.NDArray[np.float64]
 BoxSide = tuple[int, int]  # axis and end (0 or 1) of the box
@@ -307,7 +307,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
         tangential[[axis for axis in range(dim) if axis != side[0]]] = dragging
         loads.append((side, kind, tuple(vector.tolist()), tuple(tangential.tolist())))
 
-    def draw_drive(load_probability: float) -> str:
+    def draw_normal_drive(load_probability: float) -> str:
         return _draw_name(
             rng,
             {"moved": 0.42 - 0.4 * load_probability, "loaded": load_probability},
@@ -315,10 +315,10 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
         )
 
     if is_held_normally:
-        top_drive = draw_drive(0.18)
+        top_drive = draw_normal_drive(0.18)
         pair_drive = "rest" if top_drive == "loaded" else top_drive
         if top_drive != "loaded" and _draw_bool(rng, 0.18):
-            pairs += draw_side_pairs(top, [pair_drive, draw_drive(0.0)])
+            pairs += draw_side_pairs(top, [pair_drive, draw_normal_drive(0.0)])
         else:
             pairs += draw_side_pairs(top, [pair_drive])
         if top_drive == "loaded":  # loads that bend or lift the body against the surface above
@@ -342,7 +342,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
     pairs += draw_side_pairs(
         base, ["rest", "rest"] if _draw_bool(rng, 0.2) else ["rest"], floor=True
     )
-    top_drive = draw_drive(0.42)
+    top_drive = draw_normal_drive(0.42)
     if top_drive == "loaded":
         pressing = rng.uniform(0.3, 1.5)
         least_friction = {"constant": 1.0, "graded": 0.6, "half smooth": 0.4}
@@ -691,7 +691,7 @@ class _ProblemBuilder:
         points = surface_point + s[:, None] * tangent + depth[:, None] * outward
         if tangent[1] * outward[0] - tangent[0] * outward[1] < 0:  # the body has to be on the left
             points = points[::-1]
-        return Polyline(points, shape["rounding"] * shape["flat"] * width)
+        return PolylineSurface(points, shape["rounding"] * shape["flat"] * width)
 
     def _make_friction(self, pair: PairSketch) -> float | Callable[[Array], Array]:
         """Return the friction coefficient of a pair, or a function of positions."""
@@ -740,12 +740,12 @@ def _ellipsoid_level_set(
     axes = np.where(outward == 0, shape["long"], shape["short"]) * width
     centre = surface_point + shape["short"] * width * outward
 
-    def function(x: Array) -> Array:
+    def level_set_value(x: Array) -> Array:
         return np.sum(((x - centre) / axes) ** 2, axis=1) - 1.0
 
     def gradient(x: Array) -> Array:
         return 2 * (x - centre) / axes**2
 
     return SignedDistance(
-        function, gradient if shape["gradient"] else None, 1e-6 * float(axes.min())
+        level_set_value, gradient if shape["gradient"] else None, 1e-6 * float(axes.min())
     )

@@ -191,7 +191,7 @@ class RigidToolProblem:
         self.sketch = sketch
 
     @cached_property
-    def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
+    def accepted_states_and_error(self) -> tuple[list[ContactState], ContactFailed | None]:
         """Return the states, beginning with the undeformed one, and the final error or None."""
         sketch, mesh = self.sketch, self._make_mesh()
         spaces = (Spaces.petrov_galerkin if sketch.linear_weights else Spaces.galerkin)(mesh)
@@ -216,14 +216,14 @@ class RigidToolProblem:
         states, previous_displacement = [problem.undeformed], 0.0
         for step in sketch.steps:
 
-            def load(
+            def set_support_displacement(
                 load_factor: float, ends=(previous_displacement, step.support_displacement)
             ) -> None:
                 support_value.value = (1 - load_factor) * ends[0] + load_factor * ends[1]
 
             motion = Motion((step.across, step.down), (0.0, step.force), step.angle)
             try:
-                states.append(problem.step(states[-1], load, motion))
+                states.append(problem.step(states[-1], set_support_displacement, motion))
             except ContactFailed as error:
                 return states, error
             previous_displacement = step.support_displacement
@@ -231,7 +231,7 @@ class RigidToolProblem:
 
     def violations_per_accepted_state(self) -> list[dict[str, float]]:
         """Return the violations of the law in each accepted state and substate."""
-        states, _ = self.solution
+        states, _ = self.accepted_states_and_error
         sketch, results, previous_displacement = self.sketch, [], 0.0
         body = NeoHookeanBody(
             self.nodes,
@@ -346,7 +346,7 @@ class TwoBodyProblem:
         self.sketch = sketch
 
     @cached_property
-    def solution(self) -> tuple[list[ContactState], ContactFailed | None]:
+    def accepted_states_and_error(self) -> tuple[list[ContactState], ContactFailed | None]:
         """Return the states, beginning with the undeformed one, and the final error or None."""
         self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
@@ -361,7 +361,7 @@ class TwoBodyProblem:
 
     def violations_per_accepted_state(self) -> list[dict[str, float]]:
         """Return the violations of the law in each accepted state and substate."""
-        states, _ = self.solution
+        states, _ = self.accepted_states_and_error
         problem = make_oracle_contact(self.bodies)
         history = [
             accepted.displacement.array_r.reshape(-1, 2).copy()

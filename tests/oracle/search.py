@@ -23,18 +23,26 @@ import numpy as np
 from scipy.optimize import linprog
 
 # Sets of statuses that a branch may allow, and the two subsets into which each set is split
-ANY, OPEN_ONLY, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
+(
+    ANY_STATUS,
+    OPEN_ONLY,
+    CLOSED_ONLY,
+    NOT_SLIPPING_FORWARDS,
+    SLIPPING_FORWARDS,
+    STICKING,
+    SLIPPING_BACKWARDS,
+) = range(7)
 STATUS_SET_SPLITS = {
-    ANY: (OPEN_ONLY, CLOSED),
-    CLOSED: (NOT_FORWARDS, FORWARDS),
-    NOT_FORWARDS: (STICKING, BACKWARDS),
+    ANY_STATUS: (OPEN_ONLY, CLOSED_ONLY),
+    CLOSED_ONLY: (NOT_SLIPPING_FORWARDS, SLIPPING_FORWARDS),
+    NOT_SLIPPING_FORWARDS: (STICKING, SLIPPING_BACKWARDS),
 }
-INFEASIBLE_VIOLATION, ZERO_VIOLATION = (
+INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE, ZERO_VIOLATION_OVER_LARGEST_FORCE = (
     1e-7,
     1e-9,
 )  # relative to the largest force: larger violations close a branch, smaller ones count as none
-BRANCHING_CANDIDATES, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
-MAX_PROGRAMS_TIMES_NODES_SQUARED = (
+MAX_CANDIDATE_NODES_PER_BRANCHING, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
+MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED = (
     2_500_000  # linear programs times nodes squared, some ten seconds
 )
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -69,15 +77,15 @@ class LinearIncrement:
 
 def find_state_by_status_search(
     increment: LinearIncrement,
-    max_programs_times_nodes_squared: float = MAX_PROGRAMS_TIMES_NODES_SQUARED,
+    max_linear_programs_times_nodes_squared: float = MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED,
 ) -> np.ndarray | None:
     """Return the motions z (k,) of a state that obeys the law, or None.
 
-    The search ends after `max_programs_times_nodes_squared`, which is the number of linear programs
-    times the squared number of nodes.
+    The search ends after `max_linear_programs_times_nodes_squared`, which is the number of linear
+    programs times the squared number of nodes.
     """
     conditions = _BranchConditions(increment)
-    max_programs = max_programs_times_nodes_squared / max(1, len(conditions.faced)) ** 2
+    max_programs = max_linear_programs_times_nodes_squared / max(1, len(conditions.faced)) ** 2
     root = np.zeros(len(conditions.faced), dtype=np.int8)
     root_z = conditions.motions_of_smallest_violation(root)
     open_branches = [] if root_z is None else [(root, root_z)]
@@ -170,11 +178,16 @@ def _satisfies_law(
         np.abs(r_t) - cone,
         np.where(has_friction, smaller_factor, 0.0),
         np.where(
-            has_friction & (c * np.abs(slip) > ZERO_VIOLATION * largest), r_t * np.sign(slip), 0.0
+            has_friction & (c * np.abs(slip) > ZERO_VIOLATION_OVER_LARGEST_FORCE * largest),
+            r_t * np.sign(slip),
+            0.0,
         ),
         np.abs(imbalance),
     ]
-    return all(violation.max(initial=0.0) <= ZERO_VIOLATION * largest for violation in violations)
+    return all(
+        violation.max(initial=0.0) <= ZERO_VIOLATION_OVER_LARGEST_FORCE * largest
+        for violation in violations
+    )
 
 
 class _BranchConditions:
@@ -229,7 +242,7 @@ class _BranchConditions:
         )
         if solution.success:
             largest_sum = total_slope @ solution.x + self._value[: len(self.faced)].sum()
-            factor = float(np.clip(largest_sum, INFEASIBLE_VIOLATION, 1.0))
+            factor = float(np.clip(largest_sum, INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE, 1.0))
             self.force, self._length = factor * self.force, factor * self._length
             self._value = self._value / factor
 
@@ -240,13 +253,15 @@ class _BranchConditions:
         n_nodes, has_friction = len(status_sets), self._has_friction
         lower_mask = np.ones((5, n_nodes), dtype=bool)
         lower_mask[2:4] = has_friction
-        lower_mask[4] = has_friction & np.isin(status_sets, (FORWARDS, STICKING))
+        lower_mask[4] = has_friction & np.isin(status_sets, (SLIPPING_FORWARDS, STICKING))
         upper_mask = np.zeros((5, n_nodes), dtype=bool)
         upper_mask[0] = status_sets == OPEN_ONLY
-        upper_mask[1] = status_sets >= CLOSED
-        upper_mask[2] = has_friction & np.isin(status_sets, (OPEN_ONLY, FORWARDS))
-        upper_mask[3] = has_friction & np.isin(status_sets, (OPEN_ONLY, BACKWARDS))
-        upper_mask[4] = has_friction & np.isin(status_sets, (NOT_FORWARDS, STICKING, BACKWARDS))
+        upper_mask[1] = status_sets >= CLOSED_ONLY
+        upper_mask[2] = has_friction & np.isin(status_sets, (OPEN_ONLY, SLIPPING_FORWARDS))
+        upper_mask[3] = has_friction & np.isin(status_sets, (OPEN_ONLY, SLIPPING_BACKWARDS))
+        upper_mask[4] = has_friction & np.isin(
+            status_sets, (NOT_SLIPPING_FORWARDS, STICKING, SLIPPING_BACKWARDS)
+        )
         always = np.ones(len(self._value) - 5 * n_nodes, dtype=bool)
         return np.append(lower_mask.ravel(), always), np.append(upper_mask.ravel(), always)
 
@@ -267,7 +282,7 @@ class _BranchConditions:
         # HiGHS may fail, which counts as infeasible
         return (
             self._length * solution.x[:n]
-            if solution.success and solution.fun <= INFEASIBLE_VIOLATION
+            if solution.success and solution.fun <= INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE
             else None
         )
 
@@ -281,11 +296,15 @@ class _BranchConditions:
             np.maximum(0.0, row) for row in (r_n, gap, forward_limit, backward_limit)
         )
         has_friction_force = self._has_friction & (status_sets != OPEN_ONLY) & (r_n > gap)
-        forwards = np.minimum(np.maximum(0.0, slip), forward_limit) * (status_sets != FORWARDS)
-        backwards = np.minimum(np.maximum(0.0, -slip), backward_limit) * (status_sets != BACKWARDS)
-        return np.where(status_sets == ANY, np.minimum(r_n, gap), 0.0) + has_friction_force * (
-            forwards + backwards
+        forwards = np.minimum(np.maximum(0.0, slip), forward_limit) * (
+            status_sets != SLIPPING_FORWARDS
         )
+        backwards = np.minimum(np.maximum(0.0, -slip), backward_limit) * (
+            status_sets != SLIPPING_BACKWARDS
+        )
+        return np.where(
+            status_sets == ANY_STATUS, np.minimum(r_n, gap), 0.0
+        ) + has_friction_force * (forwards + backwards)
 
     def nodes_to_split(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Return the nodes with the largest violations among those whose statuses can be split."""
@@ -294,6 +313,6 @@ class _BranchConditions:
             self.law_violation_per_node(status_sets, motions),
             0.0,
         )
-        violation[~self._has_friction & (status_sets != ANY)] = 0.0
-        ranked = np.argsort(-violation, kind="stable")[:BRANCHING_CANDIDATES]
-        return ranked[violation[ranked] > ZERO_VIOLATION]
+        violation[~self._has_friction & (status_sets != ANY_STATUS)] = 0.0
+        ranked = np.argsort(-violation, kind="stable")[:MAX_CANDIDATE_NODES_PER_BRANCHING]
+        return ranked[violation[ranked] > ZERO_VIOLATION_OVER_LARGEST_FORCE]

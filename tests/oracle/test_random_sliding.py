@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pw_elements.contact import NotFound
+from pw_elements.contact import SolutionNotFound
 from tests.contact.cases import list_states_and_substates
 from tests.contact.sliding import compare_mortar_with_verification, mortar_and_positions_in_states
 from tests.oracle.large import NeoHookeanBody
@@ -29,7 +29,7 @@ FRICTION_OF_SEED_3 = 0.145091570812217
 def find_violations_above_tolerance(seed):
     """Return the violations above the tolerance in accepted states, and the library's error."""
     problem = make_problem(seed)
-    _, error = problem.solution
+    _, error = problem.accepted_states_and_error
     largest = {}
     for violations in problem.violations_per_accepted_state():
         for name, value in violations.items():
@@ -55,7 +55,7 @@ def test_law_holds_in_all_accepted_states_and_few_problems_are_undecided(request
         if violations:
             violations_by_seed[seed] = violations
             kinds.update((draw_sketch(seed).kind, name) for name in violations)
-        if type(error) is NotFound:
+        if type(error) is SolutionNotFound:
             undecided.append(seed)
     assert not violations_by_seed, (kinds, violations_by_seed)
     assert len(undecided) <= MAX_UNDECIDED_FRACTION_OF_PROBLEMS * len(SEEDS), undecided
@@ -78,7 +78,7 @@ def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
     Any pair of states is compared, even if they are not consecutive.
     """
     problem = make_problem(seed)
-    states, _ = problem.solution
+    states, _ = problem.accepted_states_and_error
     mortar, positions = mortar_and_positions_in_states(problem.bodies, states)
     assert len(positions) > 1
     for k, end in enumerate(positions):
@@ -102,7 +102,7 @@ def oracle_contact_and_history(problem):
 def slipping_contact_and_history(request):
     """Return the oracle's model of a problem with slipping nodes, and its history of states."""
     problem = make_problem(request.param)
-    assert problem.solution[1] is None
+    assert problem.accepted_states_and_error[1] is None
     return oracle_contact_and_history(problem)
 
 
@@ -157,7 +157,7 @@ def test_unloaded_states_obey_the_law_relative_to_the_remaining_forces(seed):
         replace(last_step, down=factor * last_step.down) for factor in (0.5, 0.1, 0.01, 0.0, -0.01)
     )
     problem = RigidToolProblem(replace(sketch, steps=(*sketch.steps, *stages)))
-    states, error = problem.solution
+    states, error = problem.accepted_states_and_error
     assert error is None
     contact, history = oracle_contact_and_history(problem)
     largest = [np.abs(contact.body.nodal_forces(state.displacement)).max() for state in history]

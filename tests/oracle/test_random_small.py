@@ -146,7 +146,7 @@ class SmallLibraryProblem(ElasticBody):
             self.K = assemble_matrix(self.body.stiffness())
         self.nodes, self.cells = self.x, self.space.dofmap.list
 
-    def solve(self):
+    def yield_displacements_positions_and_forces(self):
         """Yield displacements (n, dim), and positions and forces (m, dim) of m contact nodes."""
         problem, up_axis = self.problem, self.dim - 1
         supports = (
@@ -173,8 +173,8 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
         nodes, cells, element, linear_weights, problem.state, 1.0, problem.nu, n_gauss=count
     )
 
-    def traction(axis, value, vector):
-        return body.traction_load(lambda x: np.isclose(x[:, axis], value), vector)
+    def assemble_traction_load(axis, coordinate, vector):
+        return body.traction_load(lambda x: np.isclose(x[:, axis], coordinate), vector)
 
     prescribed_mask = body.component_mask(
         lambda x: np.isclose(x[:, -1], 0.0), tuple(range(problem.dim))
@@ -182,7 +182,7 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
     contact_nodes = np.flatnonzero(np.isclose(nodes[:, -1], problem.contact_height))
     _, gap, normal = problem.surface_with_gap_and_normal()
     pair = NodesAndSurface(contact_nodes, gap, normal, problem.mu, problem.motions)
-    loads = problem.loads(traction)
+    loads = problem.loads(assemble_traction_load)
     return contact_nodes, solve_increments(
         body.stiffness(), loads, prescribed_mask & (not problem.rests_on_floor), [pair], nodes
     )
@@ -194,7 +194,7 @@ def largest_relative_difference(problem, linear_weights):
     They are divided by their largest values in each state.
     """
     library = SmallLibraryProblem(problem)
-    library_states = list(library.solve())
+    library_states = list(library.yield_displacements_positions_and_forces())
     contact_nodes, oracle_states = solve_by_oracle(
         problem, library.nodes, library.cells, linear_weights
     )

@@ -27,17 +27,17 @@ from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
     StudyComparison,
-    all_of,
-    any_of,
     assert_agrees_with_own_weights_alone,
+    combine_markers_by_and,
+    combine_markers_by_or,
     condensed_stiffness_mass_and_mask,
+    make_abs_x_below_row_marker,
     make_contact_line_comparison,
     make_oracle_body,
+    make_plane_row_marker,
     marked_nodes_sorted_by_x,
     parabola_gap_and_normal_functions,
     plane_gap_and_normal_functions,
-    rows_on_plane,
-    rows_with_abs_x_below,
     symmetric_part,
 )
 
@@ -83,12 +83,12 @@ def compare_patch_test(element, mesh="distorted", state="plane strain"):
         )
         body = make_oracle_body(result, element, linear_weights, state, 1000.0, 0.3, n_gauss=count)
         pair = NodesAndSurface(
-            marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0)),
+            marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0)),
             *plane_gap_and_normal_functions(NORMAL_UP),
         )
         load, prescribed_mask = (
-            body.traction_load(rows_on_plane(1, 1.0), (0.0, -3.0)),
-            body.component_mask(rows_on_plane(0, 0.0), (0,)),
+            body.traction_load(make_plane_row_marker(1, 1.0), (0.0, -3.0)),
+            body.component_mask(make_plane_row_marker(0, 0.0), (0,)),
         )
         return solve_increments(body.stiffness(), [load], prescribed_mask, [pair], body.nodes)[-1]
 
@@ -102,11 +102,13 @@ def compare_spence_punch(element, state="plane strain"):
     def solve_by_oracle(linear_weights):
         body = make_oracle_body(result, element, linear_weights, state, 1.0, 0.25)
         prescribed_mask = body.component_mask(
-            any_of(rows_on_plane(0, 5.0), rows_on_plane(1, -5.0)), (0, 1)
+            combine_markers_by_or(make_plane_row_marker(0, 5.0), make_plane_row_marker(1, -5.0)),
+            (0, 1),
         )
-        prescribed_mask |= body.component_mask(rows_on_plane(0, 0.0), (0,))
+        prescribed_mask |= body.component_mask(make_plane_row_marker(0, 0.0), (0,))
         punch_nodes = marked_nodes_sorted_by_x(
-            result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0))
+            result.curves,
+            combine_markers_by_and(make_plane_row_marker(1, 0.0), make_abs_x_below_row_marker(1.0)),
         )
         motions = [((0.0, None), (0.0, -5e-4 * load_factor)) for load_factor in (0.5, 1.0)]
         pair = NodesAndSurface(
@@ -125,15 +127,18 @@ def compare_partial_slip(element):
 
     def solve_by_oracle(linear_weights):
         body = make_oracle_body(result, element, linear_weights, "plane strain", 1.0, 0.3)
-        outer_sides = any_of(
-            rows_on_plane(1, -5.0),
-            rows_on_plane(1, 6.0),
-            rows_on_plane(0, -5.0),
-            rows_on_plane(0, 5.0),
+        outer_sides = combine_markers_by_or(
+            make_plane_row_marker(1, -5.0),
+            make_plane_row_marker(1, 6.0),
+            make_plane_row_marker(0, -5.0),
+            make_plane_row_marker(0, 5.0),
         )
         lower, upper = (
             marked_nodes_sorted_by_x(
-                result.curves, all_of(rows_on_plane(1, y), rows_with_abs_x_below(1.25))
+                result.curves,
+                combine_markers_by_and(
+                    make_plane_row_marker(1, y), make_abs_x_below_row_marker(1.25)
+                ),
             )
             for y in (0.0, 1.0)
         )
@@ -166,10 +171,10 @@ def compare_vibrating_rod(element):
         K, M = body.stiffness(), body.mass()
         if element.startswith("pwsym"):
             K, M = symmetric_part(K), symmetric_part(M)
-        prescribed_mask = body.component_mask(rows_on_plane(0, 0.0), (0,)) | body.component_mask(
-            rows_on_plane(1, 0.0), (1,)
-        )
-        prescribed_mask |= body.component_mask(rows_on_plane(1, 1.0), (1,))
+        prescribed_mask = body.component_mask(
+            make_plane_row_marker(0, 0.0), (0,)
+        ) | body.component_mask(make_plane_row_marker(1, 0.0), (1,))
+        prescribed_mask |= body.component_mask(make_plane_row_marker(1, 1.0), (1,))
         if is_condensed:
             K, M, prescribed_mask = condensed_stiffness_mass_and_mask(
                 body, element, prescribed_mask

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from pw_elements import prescribe
-from pw_elements.contact import ContactPair, Motion, NoEquilibrium, NotFound, NotUnique, Plane
+from pw_elements.contact import (
+    ContactPair,
+    Motion,
+    NoEquilibrium,
+    NotUnique,
+    Plane,
+    SolutionNotFound,
+)
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
 from tests.contact.residuals import (
@@ -77,7 +84,7 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
         ) == bool(equilibria), seed
         has_solution.append(bool(equilibria))
         if not equilibria:
-            with pytest.raises((NoEquilibrium, NotFound)):
+            with pytest.raises((NoEquilibrium, SolutionNotFound)):
                 problem.solve_contact(problem.pairs, problem.base_supports)
             continue
         (state,) = problem.solve_contact(problem.pairs, problem.base_supports)
@@ -113,11 +120,11 @@ def test_loose_bodies_are_not_unique(seed):
     shift = 0.1 * smallest_gap / np.abs(rigid_motion).max() * rigid_motion
     shift[prescribed_mask_and_displacements(problem.conditions, *x.shape)[0]] = 0.0
 
-    def law_error(sign):
+    def largest_residual_of_shifted_state(sign):
         moved_step = replace(steps[-1], displacement=steps[-1].displacement + sign * shift)
         return largest_residual(
             recompute_residuals_per_step(problem, [*steps[:-1], moved_step])[-1:]
         )
 
-    assert law_error(0) < 1e-8
-    assert min(law_error(1), law_error(-1)) < 1e-8
+    assert largest_residual_of_shifted_state(0) < 1e-8
+    assert min(largest_residual_of_shifted_state(1), largest_residual_of_shifted_state(-1)) < 1e-8

@@ -9,17 +9,17 @@ from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
     StudyComparison,
-    all_of,
-    any_of,
     assert_agrees_with_own_weights_alone,
+    combine_markers_by_and,
+    combine_markers_by_or,
+    make_abs_x_below_row_marker,
     make_contact_line_comparison,
     make_oracle_body,
+    make_plane_row_marker,
     marked_nodes_sorted_by_x,
     mask_without_prescribed_displacements,
     parabola_gap_and_normal_functions,
     plane_gap_and_normal_functions,
-    rows_on_plane,
-    rows_with_abs_x_below,
     solve_with_zero_supports,
 )
 
@@ -33,10 +33,13 @@ def row(result, element):
 
     def ours(linear):
         body = make_oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
-        lower = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0))
-        held = body.component_mask(rows_on_plane(1, 0.0), (1,))
-        held |= body.component_mask(all_of(rows_on_plane(0, 0.0), rows_on_plane(1, 0.0)), (0,))
-        f = body.traction_load(rows_on_plane(1, 1.0), (0.0, -1.0))
+        lower = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
+        held = body.component_mask(make_plane_row_marker(1, 0.0), (1,))
+        held |= body.component_mask(
+            combine_markers_by_and(make_plane_row_marker(0, 0.0), make_plane_row_marker(1, 0.0)),
+            (0,),
+        )
+        f = body.traction_load(make_plane_row_marker(1, 1.0), (0.0, -1.0))
         K = body.stiffness()
         residual = (K @ solve_with_zero_supports(K, f, held) - f).reshape(-1, 2)
         return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
@@ -54,9 +57,9 @@ def block(result, element):
 
     def solved(linear):
         body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
-        pressure = body.traction_load(rows_on_plane(1, 2.0), (0.0, -200.0))
-        pull = body.traction_load(rows_on_plane(0, 4.0), (60.0, 0.0))
-        lower = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 0.0))
+        pressure = body.traction_load(make_plane_row_marker(1, 2.0), (0.0, -200.0))
+        pull = body.traction_load(make_plane_row_marker(0, 4.0), (60.0, 0.0))
+        lower = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
         x = body.nodes[lower, 0]
         rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
         loads = [pressure + k / 10 * pull for k in range(11)]
@@ -77,8 +80,8 @@ def punch(result, element):
 
     def solved(linear):
         body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
-        K, held = body.stiffness(), body.component_mask(rows_on_plane(1, 0.0), (0, 1))
-        top = marked_nodes_sorted_by_x(result.curves, rows_on_plane(1, 4.0))
+        K, held = body.stiffness(), body.component_mask(make_plane_row_marker(1, 0.0), (0, 1))
+        top = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 4.0))
         steps = np.arange(1, 21) / 20
         down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
 
@@ -105,9 +108,14 @@ def plate(result, element):
 
     def solved(linear):
         body = make_oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
-        outside = any_of(rows_on_plane(0, -20.0), rows_on_plane(0, 20.0), rows_on_plane(1, -10.0))
+        outside = combine_markers_by_or(
+            make_plane_row_marker(0, -20.0),
+            make_plane_row_marker(0, 20.0),
+            make_plane_row_marker(1, -10.0),
+        )
         below = marked_nodes_sorted_by_x(
-            result.curves, all_of(rows_on_plane(1, 0.0), rows_with_abs_x_below(1.0))
+            result.curves,
+            combine_markers_by_and(make_plane_row_marker(1, 0.0), make_abs_x_below_row_marker(1.0)),
         )
         motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
         pair = NodesAndSurface(

@@ -17,13 +17,13 @@ from tests.oracle.problem import (
     NORMAL_DOWN,
     NORMAL_UP,
     StudyComparison,
-    all_of,
     assert_agrees_with_own_weights_alone,
+    combine_markers_by_and,
     condensed_stiffness_mass_and_mask,
     make_oracle_body,
+    make_plane_row_marker,
     marked_nodes_sorted_by_x,
     plane_gap_and_normal_functions,
-    rows_on_plane,
 )
 from tests.oracle.test_sections import oracle_points_per_direction, patch_library_quadrature_degree
 
@@ -49,12 +49,12 @@ def stepped_column(element):
         body = make_oracle_body(
             result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, n_gauss=count
         )
-        K, on_axis = body.stiffness(), body.component_mask(rows_on_plane(0, 0.0), (0,))
+        K, on_axis = body.stiffness(), body.component_mask(make_plane_row_marker(0, 0.0), (0,))
         descent = [((0.0, -1e-4 * k), (0.0, 0.0)) for k in range(1, 11)]
         pairs = []
         for inner, outer, z, normal, gap in faces:
-            between = all_of(
-                rows_on_plane(1, z),
+            between = combine_markers_by_and(
+                make_plane_row_marker(1, z),
                 lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9),
             )
             motions = descent if normal is NORMAL_DOWN else ()
@@ -70,7 +70,7 @@ def stepped_column(element):
         for k, (face, force) in enumerate(zip(faces, state.forces, strict=True), 1):
             found[f"force_n_{k}"], found[f"force_t_{k}"] = force @ face[3], -force[:, 0]
             found[f"force_normal_{k}"] = found[f"force_n_{k}"].sum()
-        standing = on_axis | body.component_mask(rows_on_plane(1, 0.0), (1,))
+        standing = on_axis | body.component_mask(make_plane_row_marker(1, 0.0), (1,))
         K, M, standing = condensed_stiffness_mass_and_mask(body, element, standing)
         found["omega2"] = eigenvalues_nearest_to_shift(K, M, standing, 6).real
         return found

@@ -12,11 +12,11 @@ from study.paper.s7_6_exact import Strip
 from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     StudyComparison,
-    all_of,
     assert_agrees_with_own_weights_alone,
     assert_study_agrees_with_oracle,
+    combine_markers_by_and,
     make_oracle_body,
-    rows_on_plane,
+    make_plane_row_marker,
     solve_with_zero_supports,
     symmetric_part,
 )
@@ -32,8 +32,11 @@ def beam(result, element, uniform):
         body = make_oracle_body(
             result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1
         )
-        end, middle = rows_on_plane(0, 0.0), rows_on_plane(0, 4.0)
-        A, centre = all_of(end, rows_on_plane(1, 0.0)), all_of(middle, rows_on_plane(1, 0.0))
+        end, middle = make_plane_row_marker(0, 0.0), make_plane_row_marker(0, 4.0)
+        A, centre = (
+            combine_markers_by_and(end, make_plane_row_marker(1, 0.0)),
+            combine_markers_by_and(middle, make_plane_row_marker(1, 0.0)),
+        )
         symmetrised = element.startswith("pwsym")
         K = symmetric_part(body.stiffness()) if symmetrised else body.stiffness()
         found = {}

@@ -13,7 +13,7 @@ import study.publish.command
 import study.publish.report
 from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
-from study.run.supervisor import KEPT
+from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
 from tests.study.toystudy import claim, install, started
 
@@ -52,10 +52,10 @@ def results_folder(toy_study):
 def run_study(results_folder):
     """Return a function that runs the study's command line and returns its exit status."""
 
-    def start_study(*arguments, jobs=1):
+    def run_and_return_status(*arguments, jobs=1):
         return main([*arguments, "--jobs", str(jobs), "--out", str(results_folder)])
 
-    return start_study
+    return run_and_return_status
 
 
 def replace_in_file(path, old, new):
@@ -120,11 +120,11 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
         toy_study / "toy" / "one.py", "import os", "import os\nfrom dataclasses import replace"
     )
 
-    def read_messages():
+    def read_messages_without_durations():
         return [re.sub(r"\d\.\d s", "# s", line) for line in capsys.readouterr().err.splitlines()]
 
     assert run_study("1") == 1  # 18 is not 5
-    assert read_messages() == [
+    assert read_messages_without_durations() == [
         "0 of 2 results are reused; 1 to be computed; 1 to be read from tracked records",
         "1    First toy: 1 computed in # s, 1 read from tracked records",
     ]
@@ -134,14 +134,14 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
         Results(results_folder).curves("1/b")
     assert len(Results(results_folder).curves("1/a")["x"]) == 3
     assert run_study("1", "--all") == 0
-    assert read_messages() == [
+    assert read_messages_without_durations() == [
         "1 of 2 results are reused; 1 to be computed",
         "1    First toy: 1 computed in # s",
     ]
     assert Results(results_folder).scalar("1/b", "y") == 5.0
     assert not Results(results_folder)["1/b"].record
     assert run_study("1") == 0  # computed results are kept
-    assert read_messages() == ["2 of 2 results are reused"]
+    assert read_messages_without_durations() == ["2 of 2 results are reused"]
 
 
 def test_verdicts_of_other_sections_are_not_reported(run_study, toy_study, capsys):
@@ -533,5 +533,5 @@ def test_an_interrupt_during_imports_gives_one_line(tmp_path):
     command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"
     with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=path) as process:
         assert process.wait() == 130
-        assert process.read_messages() == [f"study: interrupted by SIGINT; {KEPT['study']}"]
+        assert process.read_messages() == [f"study: interrupted by SIGINT; {RESUME_HINTS['study']}"]
         assert process.list_survivors() == []

@@ -16,7 +16,7 @@ from pw_elements import Direct, Iterative
 from pw_elements.contact.iteration import LinearIncrementEquations
 from pw_elements.contact.nodes import SmallStrainKinematics
 from pw_elements.contact.steps import stepping
-from study.run.sources import closure, imported, source
+from study.run.sources import collect_imported_sources, find_source, list_imported_modules
 from tests.contact.cases import GALERKIN, PW, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
@@ -78,7 +78,9 @@ def get_top_level_packages(names):
 def test_a_package_imports_nothing_from_higher_packages(package, forbidden):
     names = list_module_names(package)
     assert len(names) > 2
-    assert [name for name in names if get_top_level_packages(imported(name)) & forbidden] == []
+    assert [
+        name for name in names if get_top_level_packages(list_imported_modules(name)) & forbidden
+    ] == []
 
 
 def list_module_paths(folder):
@@ -160,7 +162,7 @@ def test_every_public_name_has_a_user():
 def iterate_library_imports():
     """Yield the module, imported module and imported names of each import within the library."""
     for name in list_module_names("pw_elements"):
-        tree = ast.parse(source(name).read_text())
+        tree = ast.parse(find_source(name).read_text())
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.module.startswith("pw_elements"):
                 yield name, node.module, [alias.name for alias in node.names]
@@ -192,7 +194,7 @@ def test_the_iteration_does_not_import_checks():
     for name in names:
         assert not {
             imported_name
-            for imported_name in imported(name)
+            for imported_name in list_imported_modules(name)
             if imported_name.startswith("pw_elements.checks")
         }
 
@@ -295,7 +297,9 @@ def test_only_one_module_replaces_and_deletes_files():
             ):
                 calls.setdefault(str(path.relative_to(ROOT)), set()).add(f"{owner}.{name}")
     # the study loads this module without its package, so it may not import from the package
-    assert get_top_level_packages(imported("pw_elements.files")) <= {*sys.stdlib_module_names}
+    assert get_top_level_packages(list_imported_modules("pw_elements.files")) <= {
+        *sys.stdlib_module_names
+    }
     del calls["pw_elements/files.py"]
     assert calls == ALLOWED_DESTRUCTIVE_CALLS
 
@@ -309,7 +313,7 @@ def test_the_oracle_shares_no_code_with_the_library():
     for name in names:
         other_imports = {
             imported_name
-            for imported_name in imported(name)
+            for imported_name in list_imported_modules(name)
             if not imported_name.startswith("tests.oracle")
         }
         assert get_top_level_packages(other_imports) <= {
@@ -323,12 +327,12 @@ def find_reachable_modules(module):
     """Return all modules of the project that are imported, directly or not, with a module."""
     reachable, waiting = set(), [module]
     while waiting:
-        for name in closure(waiting.pop()):
+        for name in collect_imported_sources(waiting.pop()):
             if name not in reachable:
                 reachable.add(name)
                 waiting += [
                     imported_name
-                    for imported_name in imported(name)
+                    for imported_name in list_imported_modules(name)
                     if get_top_level_packages([imported_name]) <= {"study", "figures"}
                 ]
     return reachable
@@ -339,7 +343,7 @@ def find_reachable_modules(module):
 )
 def test_modules_that_only_read_results_import_no_solver(module):
     for name in find_reachable_modules(module):
-        assert not get_top_level_packages(imported(name)) & SOLVER_PACKAGES, name
+        assert not get_top_level_packages(list_imported_modules(name)) & SOLVER_PACKAGES, name
 
 
 def test_the_core_of_the_study_imports_no_mechanics():
@@ -348,7 +352,7 @@ def test_the_core_of_the_study_imports_no_mechanics():
     for name in core:
         project_imports = {
             imported_name
-            for imported_name in imported(name)
+            for imported_name in list_imported_modules(name)
             if imported_name.startswith(("study.", "pw_elements"))
         }
         assert all(imported_name.startswith("study.run") for imported_name in project_imports), name
@@ -357,4 +361,4 @@ def test_the_core_of_the_study_imports_no_mechanics():
 def test_the_judge_imports_no_solver():
     for name in list_module_names("study"):
         if name.startswith(("study.judge", "study.publish.report", "study.publish.texts")):
-            assert not get_top_level_packages(imported(name)) & SOLVER_PACKAGES, name
+            assert not get_top_level_packages(list_imported_modules(name)) & SOLVER_PACKAGES, name

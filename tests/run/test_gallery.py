@@ -61,13 +61,13 @@ def run_example_source(name, folder, is_coarse=True):
 def run_example(tmp_path):
     """Return a function that runs an example and checks that it draws its picture."""
 
-    def run_and_check_picture(name):
+    def run_example_and_check_picture(name):
         """Return the global names of an example after checking that its picture is not empty."""
         names = run_example_source(name, tmp_path)
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
         return names
 
-    return run_and_check_picture
+    return run_example_and_check_picture
 
 
 def test_examples_are_short_and_each_is_tested():
@@ -80,7 +80,7 @@ def test_examples_are_short_and_each_is_tested():
         assert 20 <= count <= MAX_EXAMPLE_CODE_LINES, f"{name} has {count} lines"
 
 
-def test_plate_with_hole(run_example):
+def test_plate_with_hole_has_howlands_stress_factor(run_example):
     """The stress concentration at a hole is close to Howland's factor.
 
     For a hole of a fifth of the plate's width it is 3.14, relative to the gross stress.
@@ -91,7 +91,7 @@ def test_plate_with_hole(run_example):
     assert carried == pytest.approx(-names["pull"] * names["half_width"] * names["thickness"])
 
 
-def test_falling_friction(run_example):
+def test_falling_friction_follows_its_law(run_example):
     """Falling friction follows from its law alone, since the stress is uniform."""
     names = run_example("falling_friction")
     exact = names["mu"] / (1 + names["pressures"] / names["p_0"])
@@ -99,7 +99,7 @@ def test_falling_friction(run_example):
         assert ratio == pytest.approx(exact, rel=1e-8)
 
 
-def test_poisson(run_example):
+def test_poisson_heat_is_even_in_the_new_element_only(run_example):
     """Both elements give the total heat of a side, but only the new one distributes it evenly."""
     names = run_example("poisson")
     spaces_by_method, below = names["ways"], names["below"]
@@ -113,7 +113,7 @@ def test_poisson(run_example):
     assert totals[0] == pytest.approx(totals[1], rel=0.03)
 
 
-def test_buckling(run_example):
+def test_buckling_load_is_between_two_euler_loads(run_example):
     """The buckling load of a portal lies between two of Euler's loads.
 
     The portal sways on fixed feet. The loads are those of columns with a fixed end and either a
@@ -127,14 +127,14 @@ def test_buckling(run_example):
     assert sway == pytest.approx(euler, rel=0.15)
 
 
-def test_rubber_punch(run_example):
+def test_rubber_punch_force_exceeds_a_lower_bound(run_example):
     names = run_example("rubber_punch")
     heights = names["mesh"].geometry.x[:, 1].max()
     assert names["forces"].force[:, 1].sum() < -2 * names["mu"] * names["depth"] * heights
     assert "force of the punch" in names["printed"]
 
 
-def test_rubber_roller(run_example):
+def test_rubber_roller_drives_below_friction_limit(run_example):
     """The rubber roller drives below the friction limit.
 
     The width of its contact is about that of a circle at this depth.
@@ -146,7 +146,7 @@ def test_rubber_roller(run_example):
     assert names["pressure"][names["closed"]].min() > 0
 
 
-def test_driven_wheel(run_example):
+def test_driven_wheel_has_the_prescribed_torques(run_example):
     """The torques of the wheel equal the prescribed ones.
 
     The largest torque follows from the friction law.
@@ -160,7 +160,7 @@ def test_driven_wheel(run_example):
     assert names["pair"].force[1] == pytest.approx(-names["load"], rel=1e-8)
 
 
-def test_identify(run_example):
+def test_identify_recovers_the_true_parameters(run_example):
     """The parameters of the record are identified, up to its noise and the coarser mesh."""
     names = run_example("identify")
     fit, spread = names["fit"], names["spread"]
@@ -170,7 +170,7 @@ def test_identify(run_example):
     assert np.all(spread < 0.06 * np.array(names["truth"]))
 
 
-def test_shaft_seal(run_example):
+def test_shaft_seal_resistance_grows_at_the_shoulder(run_example):
     """The lip of the seal slides by Coulomb's law; at the shoulder the resistance is larger."""
     forces = run_example("shaft_seal")["forces"]
     friction_ratio, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
@@ -180,7 +180,7 @@ def test_shaft_seal(run_example):
     assert normal[-1] > 1.5 * normal[0]
 
 
-def test_seal(run_example):
+def test_seal_force_equals_lindleys_formula(run_example):
     """The force on the seal is that of Lindley's empirical formula for long cords."""
     names = run_example("seal")
     squeeze, modulus, diameter = names["squeeze"], 3 * names["mu"], 2.0
@@ -190,7 +190,7 @@ def test_seal(run_example):
     assert names["push"][names["held"]].min() > 0
 
 
-def test_seepage(run_example):
+def test_seepage_inflow_equals_outflow(run_example):
     """Inflow equals outflow, and there is less seepage than without the pile."""
     names = run_example("seepage")
     all_reactions = names["reactions"](names["K"], names["a"], names["f"])
@@ -198,7 +198,7 @@ def test_seepage(run_example):
     assert 0 < names["litres"] < 3.6e6 * names["permeability"] * names["head"]
 
 
-def test_roller_on_dome(run_example):
+def test_roller_on_dome_has_the_contact_width_of_hertz(run_example):
     names = run_example("roller_on_dome")
     contact = names["state"].pairs[0]
     assert contact.force == pytest.approx([names["push"], -names["press"]], rel=1e-9)
@@ -209,14 +209,14 @@ def test_roller_on_dome(run_example):
     assert np.ptp(closed) == pytest.approx(2 * half_width, abs=2 * names["size"])
 
 
-def test_press_fit(run_example):
+def test_press_fit_pressure_equals_lames_between_holes(run_example):
     """The pressure between the holes is close to Lamé's, and beside a hole it is far lower."""
     names = run_example("press_fit")
     assert names["pressure"].max() == pytest.approx(names["lame"], rel=0.1)
     assert names["pressure"].min() < 0.3 * names["lame"]
 
 
-def test_bar_impact(run_example):
+def test_bar_impact_has_expected_force_and_keeps_energy(run_example):
     names = run_example("bar_impact")
     assert np.median(names["force"][names["force"] > 0.2 * names["expected"]]) == pytest.approx(
         names["expected"], rel=0.03
@@ -224,7 +224,7 @@ def test_bar_impact(run_example):
     assert names["history"].energies.imbalance < 1e-9
 
 
-def test_tuning_fork(run_example):
+def test_tuning_fork_tone_is_below_that_of_a_cantilever(run_example):
     """The tone of the fork is slightly lower than that of one prong as a clamped cantilever."""
     names = run_example("tuning_fork")
     frequency_factor = 1.8751**2 / (2 * np.pi) * names["thick"] / np.sqrt(12) / names["prong"] ** 2
@@ -232,7 +232,7 @@ def test_tuning_fork(run_example):
     assert 0.75 * clamped < names["tones"][2] < clamped
 
 
-def test_gasket(run_example):
+def test_gasket_carries_bolt_force_minus_thrust(run_example):
     """The gasket carries the bolt force and then, under pressure, this force minus the thrust."""
     names = run_example("gasket")
     bolted, pressed = (state.pairs[0].force[1] for state in names["states"])
@@ -241,7 +241,7 @@ def test_gasket(run_example):
     assert pressed == pytest.approx(-names["bolts"] + thrust, rel=1e-3)
 
 
-def test_gears(run_example):
+def test_gears_transmit_force_along_line_of_action(run_example):
     """The force between the gears is along the line of action up to friction.
 
     Friction is at most a tenth of the normal force.
@@ -255,13 +255,13 @@ def test_gears(run_example):
     assert opposite == pytest.approx(-force, rel=1e-9)
 
 
-def test_sphere_on_block(run_example):
+def test_sphere_on_block_has_peak_pressure_of_hertz(run_example):
     names = run_example("sphere_on_block")
     assert np.nanmax(names["pressure"]) == pytest.approx(names["peak"], rel=0.06)
     assert names["state"].pairs[0].force[2] == pytest.approx(-names["force"] / 4, rel=1e-6)
 
 
-def test_bracket(run_example):
+def test_bracket_foot_carries_pull_and_bolt_force(run_example):
     names = run_example("bracket")
     foot = names["foot"]
     assert foot.force == pytest.approx([-names["pull"], 0, names["bolt"]], rel=0.1, abs=20)

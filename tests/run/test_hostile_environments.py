@@ -35,7 +35,12 @@ def skip_unless_nightly(request):
         pytest.skip("with --nightly")
 
 
-READ_ONLY, BIND, REMOUNT, PRIVATE = 1, 4096, 32, 0x40000 | 16384  # flags of mount(2)
+READ_ONLY_MOUNT_FLAG, BIND_MOUNT_FLAG, REMOUNT_FLAG, RECURSIVE_PRIVATE_MOUNT_FLAGS = (
+    1,
+    4096,
+    32,
+    0x40000 | 16384,
+)  # flags of mount(2)
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,8 @@ class Mount:
 
     def mount_file_system(self):
         """Mount the file system, or raise OSError."""
-        folder, bind = str(self.folder).encode(), self.flags & BIND
-        flags = self.flags | (REMOUNT if bind and self.flags & READ_ONLY else 0)
+        folder, bind = str(self.folder).encode(), self.flags & BIND_MOUNT_FLAG
+        flags = self.flags | (REMOUNT_FLAG if bind and self.flags & READ_ONLY_MOUNT_FLAG else 0)
         kind, options = (folder, None) if bind else (b"tmpfs", f"size={self.size}".encode())
         libc = ctypes.CDLL(None, use_errno=True)
         if libc.mount(kind, folder, None if bind else b"tmpfs", flags, options):
@@ -86,7 +91,7 @@ def run_study(
     def set_mounts_and_limits():
         if mounts:
             os.unshare(os.CLONE_NEWNS)
-            ctypes.CDLL(None).mount(b"none", b"/", None, PRIVATE, None)
+            ctypes.CDLL(None).mount(b"none", b"/", None, RECURSIVE_PRIVATE_MOUNT_FLAGS, None)
         for mount in mounts:
             mount.mount_file_system()
         for resource_name, value in resource_limits:
@@ -147,7 +152,7 @@ def test_a_full_temporary_folder_gives_results_or_a_reason(tmp_path):
 
 def test_read_only_shared_memory_gives_results_or_a_reason(tmp_path):
     """With a read-only folder /dev/shm, the study gives results or a reason."""
-    mounts = [Mount(Path("/dev/shm"), READ_ONLY)]
+    mounts = [Mount(Path("/dev/shm"), READ_ONLY_MOUNT_FLAG)]
     variable = {"OMPI_MCA_btl_sm_backing_directory": None}
     process = run_study(tmp_path / "out", mounts=mounts, **variable)
     assert_study_complete_or_reason_given(process, tmp_path / "out")
@@ -157,10 +162,13 @@ def test_read_only_results_are_refused_and_a_read_only_clone_works(tmp_path):
     """Read-only results cause an error, but a read-only clone can write results elsewhere."""
     out = tmp_path / "read-only"
     out.mkdir()
-    process = run_study(out, mounts=[Mount(out, READ_ONLY)])
+    process = run_study(out, mounts=[Mount(out, READ_ONLY_MOUNT_FLAG)])
     assert (process.returncode, process.stdout) == (2, "")
     assert process.stderr == f"study: {out} cannot be written to: Read-only file system\n"
-    process = run_study(tmp_path / "out", mounts=[Mount(ROOT, BIND), Mount(ROOT, BIND | READ_ONLY)])
+    process = run_study(
+        tmp_path / "out",
+        mounts=[Mount(ROOT, BIND_MOUNT_FLAG), Mount(ROOT, BIND_MOUNT_FLAG | READ_ONLY_MOUNT_FLAG)],
+    )
     assert_study_complete(process, tmp_path / "out")
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from study.publish.command import main
-from study.run.jit import unblocked
-from study.run.pool import _work
-from study.run.store import Results, sweep
+from study.run.jit import recover_from_jit_conflict
+from study.run.pool import _run_worker
+from study.run.store import Results, remove_unfinished_files
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 from tests.study.toystudy import install
 
@@ -224,7 +224,7 @@ def test_a_worker_without_its_main_process_prints_nothing():
     main_end, worker_end = multiprocessing.Pipe()
     main_end.send(("math:sqrt", (4.0,)))
     main_end.close()
-    _work(worker_end)  # no process receives the result
+    _run_worker(worker_end)  # no process receives the result
 
 
 def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp_path):
@@ -233,7 +233,7 @@ def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp
     deep.mkdir(parents=True)
     for folder in (tmp_path, tmp_path / "7.1", deep):
         (folder / unfinished).write_text("")
-    sweep(tmp_path)
+    remove_unfinished_files(tmp_path)
     assert [path.name for path in tmp_path.rglob(".*")] == [unfinished]
     assert (deep / unfinished).exists()
 
@@ -265,16 +265,18 @@ def test_compilations_that_were_killed_or_duplicated_are_repeated(abandoned_form
         abandoned_form_source.with_suffix(".c.cached"),
     )
     object_file.write_text("just made")
-    assert unblocked(make_compilation_timeout_error(abandoned_form_source))
-    assert not unblocked(TimeoutError("of another kind"))
-    assert not unblocked(FileExistsError(17, "File exists", str(abandoned_form_source)))
+    assert recover_from_jit_conflict(make_compilation_timeout_error(abandoned_form_source))
+    assert not recover_from_jit_conflict(TimeoutError("of another kind"))
+    assert not recover_from_jit_conflict(
+        FileExistsError(17, "File exists", str(abandoned_form_source))
+    )
     assert abandoned_form_source.exists()
     object_file.unlink()
-    assert unblocked(make_compilation_timeout_error(abandoned_form_source))
+    assert recover_from_jit_conflict(make_compilation_timeout_error(abandoned_form_source))
     assert not abandoned_form_source.exists()
     abandoned_form_source.write_text("")
     os.utime(abandoned_form_source, (0, 0))
-    assert unblocked(
+    assert recover_from_jit_conflict(
         ValueError(
             f"the form cannot be compiled: {make_compilation_timeout_error(abandoned_form_source)}"
         )
@@ -283,7 +285,7 @@ def test_compilations_that_were_killed_or_duplicated_are_repeated(abandoned_form
     completion_mark.touch()
     with pytest.raises(FileExistsError) as caught:
         completion_mark.open("x")
-    assert unblocked(caught.value)
+    assert recover_from_jit_conflict(caught.value)
     assert not completion_mark.exists()
 
 

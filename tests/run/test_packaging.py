@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pw_elements
-from study.run.sources import imported
+from study.run.sources import list_imported_modules
 
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -38,7 +38,11 @@ def test_every_package_that_the_library_imports_is_declared():
     declared = {name.removeprefix("fenics-") for name in required}
     declared |= {name for names in project["optional-dependencies"].values() for name in names}
     paths = [path.relative_to(ROOT) for path in (ROOT / "pw_elements").rglob("*.py")]
-    names = {name for path in paths for name in imported(".".join(path.with_suffix("").parts))}
+    names = {
+        name
+        for path in paths
+        for name in list_imported_modules(".".join(path.with_suffix("").parts))
+    }
     imported_packages = {name.split(".")[0] for name in names}
     assert imported_packages - {*sys.stdlib_module_names, "pw_elements"} == declared
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from study.run.store import Results
-from study.run.supervisor import KEPT
+from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ def command():
 N_FAMILY_PROCESSES = 9
 
 
-def start_supervised(
+def start_supervised_program(
     folder,
     body=PROCESS_FAMILY_SOURCE,
     exit_expression="supervise(command, 'study')",
@@ -63,14 +63,14 @@ def start_supervised(
 
 def start_process_family(folder, **options):
     """Start `PROCESS_FAMILY_SOURCE`, and wait until all its processes run."""
-    family = start_supervised(folder, **options)
+    family = start_supervised_program(folder, **options)
     family.read_output_until("begun")
     while len(family.list_marked_processes()) < N_FAMILY_PROCESSES + ("sibling_command" in options):
         time.sleep(0.01)
     return family
 
 
-def interruption_message(signal_number, kept_message=KEPT["study"], name="study"):
+def interruption_message(signal_number, kept_message=RESUME_HINTS["study"], name="study"):
     """Return the message of a command that was ended by a signal."""
     return f"{name}: interrupted by {signal.Signals(signal_number).name}; {kept_message}"
 
@@ -121,7 +121,7 @@ def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation
         else:
             assert status == 128 + signal.SIGKILL
             assert family.read_messages() == [
-                f"study: ended by SIGKILL (out of memory?); {KEPT['study']}"
+                f"study: ended by SIGKILL (out of memory?); {RESUME_HINTS['study']}"
             ]
         while list((tmp_path / "temporary").iterdir()):  # removed after the last process has ended
             time.sleep(0.01)
@@ -137,7 +137,7 @@ def test_killing_one_of_the_three_processes_ends_the_others(tmp_path, generation
         ("return 141", 141, []),
         ("os._exit(5)", 5, []),
         ("subprocess.Popen(['sleep', '600']); return 0", 0, []),
-        ("os.kill(os.getpid(), 11)", 139, [f"study: ended by SIGSEGV; {KEPT['study']}"]),
+        ("os.kill(os.getpid(), 11)", 139, [f"study: ended by SIGSEGV; {RESUME_HINTS['study']}"]),
     ],
 )
 @pytest.mark.parametrize("children", [signal.SIG_DFL, signal.SIG_IGN])
@@ -150,7 +150,7 @@ def test_status_and_messages_of_the_command_are_passed_on(
     """
     code = f"import os, resource, signal, subprocess, sys\nsignal.signal(17, {int(children)})\n"
     code += "resource.setrlimit(resource.RLIMIT_CORE, (0, 0))\n"
-    with start_supervised(tmp_path, f"{code}def command():\n    {body}\n") as command:
+    with start_supervised_program(tmp_path, f"{code}def command():\n    {body}\n") as command:
         assert command.wait() == status
         assert command.list_survivors() == []
         assert command.read_messages() == messages
@@ -174,12 +174,12 @@ def command():
 """
     text = f"{PROCESS_FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
     (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
-    with start_supervised(tmp_path, nested, "supervise(command, 'figures')") as outer:
+    with start_supervised_program(tmp_path, nested, "supervise(command, 'figures')") as outer:
         outer.read_output_until("begun")
         outer.send_signal(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT
         assert outer.read_messages() == [
-            interruption_message(signal.SIGINT, KEPT["figures"], "figures")
+            interruption_message(signal.SIGINT, RESUME_HINTS["figures"], "figures")
         ]
         assert outer.list_survivors() == []
 
@@ -257,7 +257,7 @@ def test_a_signal_to_a_figure_also_ends_the_study_that_it_started(tmp_path, numb
         assert figure.wait() == 128 + number
         assert figure.list_survivors() == []
         assert figure.read_messages()[-1] == interruption_message(
-            number, KEPT["figures"], "figures"
+            number, RESUME_HINTS["figures"], "figures"
         )
         assert len([line for line in figure.read_messages() if "interrupted" in line]) == 1
     assert all(

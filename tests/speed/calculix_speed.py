@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from study.solutions.calculix.calculix import executable, version
+from study.solutions.calculix.calculix import find_calculix, read_version
 from study.solutions.calculix.decks import NativePressure, TrianglePairs
 
 
@@ -48,11 +48,11 @@ def main() -> int:
     parser.add_argument("--divisions", type=int, nargs="+", default=[40, 80, 160])
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
-    ccx = executable()
+    ccx = find_calculix()
     if ccx is None:
         print("calculix_speed: ccx (Debian's calculix-ccx) is not installed", file=sys.stderr)
         return 1
-    print(f"| triangles | CalculiX {version(ccx)} |\n| ---: | ---: |")
+    print(f"| triangles | CalculiX {read_version(ccx)} |\n| ---: | ---: |")
     for divisions in options.divisions:
         seconds = measure(ccx, divisions, options.runs)
         middle, low, high = statistics.median(seconds), min(seconds), max(seconds)

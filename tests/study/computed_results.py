@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 
 from study.run.cases import SECTIONS, load_section
-from study.run.store import Results, Stored, save
+from study.run.store import Results, StoredResult, save
 
 
 @cache
@@ -28,7 +28,7 @@ class Lazy:
         self._results = results
         self.parameters = cases()[key].stored_parameters | results.parameters
 
-    has = Stored.has
+    has = StoredResult.has
 
     def __getattr__(self, name):
         return getattr(self._results[self.key], name)

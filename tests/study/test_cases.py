@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from study.run import cases, provenance
-from study.run.cases import Case, fingerprints, load_section, title
+from study.run.cases import Case, compute_fingerprints, load_section, title
 from study.run.store import StudyError
 from tests.study.toystudy import install
 
@@ -19,7 +19,7 @@ def toy(tmp_path, monkeypatch):
 
 
 def fingerprint(case):
-    return fingerprints([case])[case.key]
+    return compute_fingerprints([case])[case.key]
 
 
 def add(path, text="CHANGED = 1\n"):
@@ -40,7 +40,7 @@ def test_section_has_its_title_and_cases(toy):
     [
         ("9", "", "no section 9, but 1, 2"),
         ("1", "import no_such_package\n", "section 1 cannot be loaded: No module named"),
-        ("1", "CASES += CASES[:1]\n", "unsuitable cases: a$"),
+        ("1", "CASES += CASES[:1]\n", r"unsuitable cases \(names twice, or other sections\): a$"),
         ("1", 'CASES[0] = Case("2", "x", run)\n', "2/x"),
     ],
 )
@@ -61,7 +61,7 @@ def test_fingerprint_is_the_same_in_another_process(toy):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); from study.run import cases;"
         "cases.SECTIONS.update({'2': 'toy.two'});"
-        "print(*cases.fingerprints(cases.load_section('2').cases).values())"
+        "print(*cases.compute_fingerprints(cases.load_section('2').cases).values())"
     )
     command = [sys.executable, "-c", code, str(toy.parent)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -120,11 +120,11 @@ def test_change_behind_two_imports_invalidates(toy):
 
 @pytest.mark.usefixtures("toy")
 def test_parameters_name_library_and_versions_invalidate_and_order_does_not(tmp_path, monkeypatch):
-    names = {path.name for path in cases.package_sources("pw_elements")}
+    names = {path.name for path in cases.list_package_sources("pw_elements")}
     assert {"elements.py", "spaces.py"} <= names
     library = tmp_path / "library.py"
     library.write_text("x = 1\n")
-    monkeypatch.setattr(cases, "package_sources", lambda _: [library])
+    monkeypatch.setattr(cases, "list_package_sources", lambda _: [library])
     case = load_section("1").cases[0]
     turned = replace(case, parameters=dict(reversed(case.parameters.items())))
     assert fingerprint(turned) == fingerprint(case)
@@ -134,7 +134,7 @@ def test_parameters_name_library_and_versions_invalidate_and_order_does_not(tmp_
     marks.add(fingerprint(replace(case, implied={"state": "solid"})))
     add(library)
     marks.add(fingerprint(case))
-    monkeypatch.setattr(cases, "versions", lambda: {"dolfinx": "99"})
+    monkeypatch.setattr(cases, "package_versions", lambda: {"dolfinx": "99"})
     marks.add(fingerprint(case))
     assert len(marks) == 6
 
@@ -165,7 +165,7 @@ def test_commit_of_the_entry_script_is_taken_over(monkeypatch, tmp_path, commit,
     else:
         monkeypatch.delenv("PW_ELEMENTS_COMMIT", raising=False)
         monkeypatch.setenv("PATH", str(tmp_path))
-    origin = provenance.provenance(1.5, 42, 2, "mark")
+    origin = provenance.create_provenance(1.5, 42, 2, "mark")
     assert (origin["commit"], origin["dirty"]) == told
     assert (origin["seconds"], origin["dofs"], origin["processes"]) == (1.5, 42, 2)
     assert origin["fingerprint"] == "mark"

@@ -17,7 +17,7 @@ from study.judge import checks, pins
 from study.judge.claims import PAPER, judge, load_claims
 from study.judge.measures.general import largest
 from study.run import runner
-from study.run.expected import expected_table
+from study.run.expected import read_expected_table
 from study.run.store import Results, StudyError
 from tests.study.computed_results import ComputedResults, cases
 
@@ -33,7 +33,7 @@ def _name(claim):
 def stored_results():
     """Return the stored results of the project, and whether each is of the present code."""
     results = Results(STORED)
-    slow = [case for key, case in cases().items() if key in expected_table()]
+    slow = [case for key, case in cases().items() if key in read_expected_table()]
     return results, runner.states(slow, results)
 
 
@@ -41,7 +41,7 @@ class QuickOrStoredResults(ComputedResults):
     """Results that are computed if this takes less than a second, and else read."""
 
     def __getitem__(self, key):
-        if key not in expected_table() or cases()[key].record:
+        if key not in read_expected_table() or cases()[key].record:
             return super().__getitem__(key)
         results, states = stored_results()
         if states[key] == "stored":

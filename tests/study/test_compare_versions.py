@@ -1,7 +1,7 @@
 import pytest
 
 from study.run import compare_versions
-from study.run.compare_versions import KINDS, compare, kind_of, main, table
+from study.run.compare_versions import KINDS, compare, find_kind, format_differences, main
 from study.run.store import Result, Results, save
 
 BASE = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
@@ -53,7 +53,7 @@ def test_each_kind_has_its_scale(stored, name, value, too_large):
     assert alone == []
     assert [d.name for d in differences if d.too_large] == [name] * too_large
     assert main(list(folders)) == int(too_large)
-    assert ("TOO LARGE" in table(differences, alone)) is too_large
+    assert ("TOO LARGE" in format_differences(differences, alone)) is too_large
 
 
 def test_a_change_of_sign_of_a_small_number_is_a_difference(stored):
@@ -89,7 +89,7 @@ def test_what_is_in_one_folder_only_is_told(stored):
     ],
 )
 def test_kinds(scalar, kind):
-    assert kind_of(scalar).name == kind
+    assert find_kind(scalar).name == kind
     assert len({one.name for one in KINDS}) == len(KINDS)
 
 

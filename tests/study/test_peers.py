@@ -1,12 +1,10 @@
-"""CalculiX's tracked answers: from these decks, and the same when it is run again.
+"""CalculiX: recorded answers belong to the decks, and are the same when it is run again.
 
-Whether the decks are of our problems, findings of section P tell: answers agree node by node.
+Findings of section P show that the decks state our problems: answers agree node by node.
 
 Runs without DOLFINx too: `python3 -m pytest tests/study/test_peers.py` where CalculiX is.
 """
 
-import json
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,75 +13,76 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from study.benchmarks.k_cost.measure import measure_calculix, rough_block
+from study.publish import renew_records
+from study.run import records
 from study.solutions.calculix import calculix
-from study.solutions.calculix.printed import fields, tables
+from study.solutions.calculix.output import CalculixError, read_node_values, read_tables
 from study.solutions.calculix.problems import PROBLEMS
 from study.solutions.calculix.standard_decks import SPECIMENS, RoughBlock
-from tests.speed import calculix_block
 
 ROOT = Path(__file__).parents[2]
 
 needs_ccx = pytest.mark.skipif(
-    calculix.executable() is None, reason="CalculiX (ccx, Debian's calculix-ccx) is not installed"
+    calculix.find_calculix() is None,
+    reason="CalculiX (ccx, Debian's calculix-ccx) is not installed",
 )
 
 
 @pytest.mark.parametrize("case", PROBLEMS)
-def test_tracked_file_belongs_to_the_deck(case):
-    assert calculix.load(case).deck_sha256 == calculix.digest(PROBLEMS[case].deck())
+def test_recorded_answer_belongs_to_the_deck(case):
+    deck_digest = records.digest_input(PROBLEMS[case].deck())
+    assert calculix.load_answer(case).deck_sha256 == deck_digest
 
 
-def test_each_case_has_a_tracked_file_of_version_deck_and_numbers_alone():
-    assert {path.stem for path in calculix.RESULTS.iterdir()} == set(PROBLEMS)
-    for case in PROBLEMS:
-        content = json.loads((calculix.RESULTS / f"{case}.json").read_text())
-        assert set(content) == {"case", "program", "version", "deck_sha256", "numbers"}
-        assert content["case"] == case
+def test_rows_have_the_version_and_numbers_alone():
+    for row in records.read_rows(records.CALCULIX).values():
+        assert row.versions.keys() == {"calculix"}
+        assert row.content.keys() == {"numbers"}
 
 
 @needs_ccx
 def test_check_notices_a_changed_number_and_a_changed_deck(tmp_path, monkeypatch, capsys):
-    shutil.copytree(calculix.RESULTS, tmp_path / "results")
-    monkeypatch.setattr(calculix, "RESULTS", tmp_path / "results")
-    assert calculix.main(["--check", "two-triangles"]) == 0
-    path = tmp_path / "results" / "two-triangles.json"
-    content = json.loads(path.read_text())
-    content["numbers"]["reaction"][1] *= 1 + 1e-4
-    path.write_text(json.dumps(content))
-    assert calculix.main(["--check", "two-triangles"]) == 1
-    content["deck_sha256"] = "0" * 64
-    path.write_text(json.dumps(content))
-    assert calculix.main(["--check", "two-triangles"]) == 1
-    said = capsys.readouterr().err
-    assert "differs by 1.0e-04" in said
-    assert "the deck is not that of the tracked file" in said
+    key = "calculix/two-triangles"
+    row = records.read_rows(records.CALCULIX)[key]
+    monkeypatch.setattr(records, "CALCULIX", tmp_path / "record.json")
+    records.write_rows(records.CALCULIX, [row])
+    assert renew_records.main(["--check", key]) == 0
+    reaction = row.content["numbers"]["reaction"]
+    changed = [reaction[0], reaction[1] * (1 + 1e-4), *reaction[2:]]
+    numbers = row.content["numbers"] | {"reaction": changed}
+    records.write_rows(records.CALCULIX, [replace(row, content={"numbers": numbers})])
+    assert renew_records.main(["--check", key]) == 1
+    records.write_rows(records.CALCULIX, [replace(row, input_sha256="0" * 64)])
+    assert renew_records.main(["--check", key]) == 1
+    assert renew_records.main([key]) == 0  # records the answer again
+    assert renew_records.main(["--check", key]) == 0
+    messages = capsys.readouterr().err
+    assert "differs by 1.0e-04" in messages
+    assert "the deck is not the one of the record" in messages
 
 
 @needs_ccx
 def test_a_deck_that_calculix_refuses_is_an_error(monkeypatch):
-    unheld = replace(PROBLEMS["two-triangles"])
-    deck = unheld.deck().replace("*ELASTIC", "*PLASTIC", 1)
-    monkeypatch.setattr(type(unheld), "deck", lambda _: deck)
-    with pytest.raises(calculix.PeerError, match="two-triangles: CalculiX failed"):
-        calculix.compute("two-triangles", calculix.executable())
+    problem = replace(PROBLEMS["two-triangles"])
+    deck = problem.deck().replace("*ELASTIC", "*PLASTIC", 1)
+    monkeypatch.setattr(type(problem), "deck", lambda _: deck)
+    with pytest.raises(CalculixError, match="two-triangles: CalculiX failed"):
+        calculix.compute_answer("two-triangles", calculix.find_calculix())
 
 
-def test_without_calculix_the_program_says_so(monkeypatch, capsys):
-    monkeypatch.setenv("PATH", "")
-    assert calculix.main(["--check"]) == 1
-    assert "not installed" in capsys.readouterr().err
-
-
-def test_difference_sees_shape_and_size():
-    peer = calculix.Peer("1", "", {"a": np.array([1.0, 2.0])})
-    assert calculix.difference(peer, peer) == 0.0
+def test_largest_difference_depends_on_shape_and_size():
+    peer = calculix.CalculixAnswer("1", "", {"a": np.array([1.0, 2.0])})
+    assert calculix.largest_difference(peer, peer) == 0.0
     other = replace(peer, numbers={"a": np.array([1.0, 2.0 + 1e-3])})
-    assert calculix.difference(other, peer) == pytest.approx(1e-3 / 2.001)
-    assert calculix.difference(replace(peer, numbers={"a": np.array([1.0])}), peer) == np.inf
+    assert calculix.largest_difference(other, peer) == pytest.approx(1e-3 / 2.001)
+    assert (
+        calculix.largest_difference(replace(peer, numbers={"a": np.array([1.0])}), peer) == np.inf
+    )
 
 
-def test_tables_are_found_below_their_headings():
-    printed = """
+def test_tables_are_read_below_their_headings():
+    output = """
  forces (fx,fy,fz) for set A and time  0.1E+01
 
         12 -5.5E-16  1.6E-01  0.0E+00
@@ -97,43 +96,44 @@ def test_tables_are_found_below_their_headings():
 
         12  0.0E+00  3.0E+00  0.0E+00
 """
-    first, second = tables(printed, "forces")
+    first, second = read_tables(output, "forces")
     assert first.tolist() == [[12, -5.5e-16, 0.16, 0], [13, 1e-16, 0.66, 0]]
     assert second.tolist() == [[12, 0, 3, 0]]
 
 
 def test_no_number_of_a_deck_is_longer_than_calculix_reads():
-    for problem in (*SPECIMENS.values(), calculix_block.block(8)):
+    for problem in (*SPECIMENS.values(), rough_block(8)):
         data = (line for line in problem.deck().splitlines() if not line.startswith("*"))
         assert max(len(number) for line in data for number in line.split(",")) <= 20
 
 
-def test_blocks_of_the_benchmark_are_as_large_as_they_are_said_to_be(tmp_path):
-    assert [3 * len(calculix_block.block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
+def test_blocks_of_the_benchmark_have_the_documented_sizes(tmp_path):
+    assert [3 * len(rough_block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
     command = [sys.executable, "-m", "tests.speed.calculix_block", "--cells", "2"]
     subprocess.run([*command, "--deck", str(tmp_path)], cwd=ROOT, check=True)
-    assert (tmp_path / "block-2.inp").read_text() == calculix_block.block(2).deck()
+    assert (tmp_path / "block-2.inp").read_text() == rough_block(2).deck()
 
 
 @needs_ccx
-def test_benchmark_tells_the_cost_of_a_run_and_refuses_a_failed_one(monkeypatch):
-    cost = calculix_block.measure(calculix.executable(), calculix_block.block(2))
-    assert cost.iterations > 1
-    assert cost.cpu > 0
-    assert cost.megabytes > 5
+def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
+    cost = measure_calculix(calculix.find_calculix(), rough_block(2))
+    assert cost["dofs"] == 3 * len(rough_block(2).grid.nodes)
+    assert cost["iterations"] > 1
+    assert cost["whole_seconds"] > 0
+    assert cost["megabytes"] > 5
     monkeypatch.setattr(RoughBlock, "deck", lambda _: "*NODE\n*PLASTIC\n")
-    with pytest.raises(calculix.PeerError, match="CalculiX failed"):
-        calculix_block.measure(calculix.executable(), calculix_block.block(2))
+    with pytest.raises(CalculixError, match="CalculiX failed"):
+        measure_calculix(calculix.find_calculix(), rough_block(2))
 
 
 def test_script_starts_without_dolfinx():
-    module = "study.solutions.calculix.calculix"
+    module = "study.publish.renew_records"
     code = f"import sys, {module}; print({{'dolfinx', 'mpi4py'}} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "set()\n"
 
 
-def test_fields_of_a_file_of_results():
+def test_node_values_are_read_from_a_file_of_results():
     written = (
         "    1PSTEP                         1\n"
         " -4  DISP        4    1\n"
@@ -146,14 +146,14 @@ def test_fields_of_a_file_of_results():
         " -1         9 4.00000E+00\n"
         " -3\n"
     )
-    assert fields(written) == {
+    assert read_node_values(written) == {
         "DISP": {442: [-1.09849e-6, 0.0, 197.729], 7: [1.0, -2.0, 3.0]},
         "CONTACT": {9: [4.0]},
     }
 
 
 @pytest.mark.parametrize("problem", ["two-triangles", "statics-C3D10"])
-def test_a_file_that_has_changed_meanwhile_is_refused(problem):
+def test_an_answer_that_has_changed_meanwhile_is_refused(problem):
     pytest.importorskip("dolfinx", reason="DOLFINx is not installed")
     from study.benchmarks.p_calculix import page
 

@@ -1,9 +1,10 @@
-"""The record of costly cases."""
+"""Records: their format, their rows, and the command that renews and compares them."""
 
 import json
 import operator
 import re
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -13,84 +14,159 @@ from study.benchmarks.k_cost import measure
 from study.publish import renew_records
 from study.run import records
 from study.run.cases import load_section
+from study.run.store import StudyError
+from study.solutions.calculix import calculix
 
-QUICK, TIMED = "V13/square-own-64", "Q/seconds-penalty-16"
-COSTLY = renew_records.costly_cases()
+QUICK_CASE, TIMED_CASE = "V13/square-own-64", "Q/seconds-penalty-16"
+COSTLY = renew_records.find_costly_cases()
+KINDS = (renew_records.CostlyCases, renew_records.TimeAndMemory, renew_records.CalculixAnswers)
 
 
-def test_the_record_is_of_cases_that_pages_mark_with_their_parameters():
-    for key, row in records.read_rows().items():
-        assert row["parameters"] == COSTLY[key].stored_parameters
+def read_costly_rows():
+    return records.read_rows(records.COSTLY_CASES)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_of_a_record_have_the_head_and_are_those_that_can_be_computed(kind):
+    rows = records.read_rows(kind().path)
+    assert rows.keys() <= set(kind().list_keys())
+    if kind is not renew_records.CostlyCases:  # these may be computed where they have no row
+        assert rows.keys() == set(kind().list_keys())
+    for key, row in rows.items():
+        assert kind().may_have_key(key)
+        assert row.versions
+        assert date(2026, 11, 1) <= date.fromisoformat(row.date)
+        assert re.fullmatch("[0-9a-f]{64}", row.input_sha256)
+        assert (row.machine is not None) is (kind is renew_records.TimeAndMemory)
+
+
+def test_costly_rows_have_the_parameters_of_their_cases():
+    for key, row in read_costly_rows().items():
+        assert row.content["parameters"] == COSTLY[key].stored_parameters
+        assert row.input_sha256 == records.digest_input(COSTLY[key].stored_parameters)
+
+
+def test_measured_rows_have_the_digest_of_their_measurement():
+    for row in records.read_rows(records.TIME_AND_MEMORY).values():
+        assert row.key == measure.measurement_of_row(row).key
+        assert row.input_sha256 == records.digest_input(row.content["row"])
 
 
 def test_only_costly_cases_are_recorded():
-    assert all(map(records.is_costly, records.read_rows().values()))
+    assert all(map(records.is_costly, read_costly_rows().values()))
+
+
+def test_rows_are_read_as_they_were_written(tmp_path):
+    path = tmp_path / "record.json"
+    rows = [
+        records.create_row("V1/a", "0" * 64, {"scalars": {"y": 0.1 + 0.2}}),
+        records.create_row("K/b", "1" * 64, {}, {"calculix": "2.20"}, "a machine"),
+    ]
+    assert records.read_rows(path) == {}
+    records.write_rows(path, rows)
+    assert list(records.read_rows(path).values()) == rows
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"rows": [{"key": "V1/a"}]}'])
+def test_a_file_of_another_format_is_refused_with_its_name(tmp_path, text):
+    path = tmp_path / "record.json"
+    path.write_text(text)
+    with pytest.raises(StudyError, match=r"record\.json is no record"):
+        records.read_rows(path)
+
+
+def test_two_rows_of_one_key_are_refused(tmp_path):
+    records.write_rows(tmp_path / "record.json", 2 * [records.create_row("V1/a", "", {})])
+    with pytest.raises(StudyError, match="two rows of V1/a"):
+        records.read_rows(tmp_path / "record.json")
 
 
 @pytest.mark.parametrize("section", sorted({case.section for case in COSTLY.values()}))
 def test_sections_show_the_record(section):
     shown = {case.key: case for case in load_section(section).cases}
     for key, computed in COSTLY.items():
-        if computed.section == section and key in records.read_rows():
+        if computed.section == section and key in read_costly_rows():
             case = shown[key]
-            assert case.record == "study/run/records.json"
+            assert case.record == "study/run/recorded/costly_cases.json"
             assert case.recomputed == computed
             assert computed.stored_parameters.items() <= case.stored_parameters.items()
             assert case.run(**case.parameters).dofs > 0
 
 
 def test_a_record_of_other_parameters_is_not_read(tmp_path, monkeypatch):
-    content = json.loads(records.RECORD.read_text(encoding="utf-8"))
-    key = next(iter(records.read_rows()))
-    content["rows"] = [records.read_rows()[key] | {"parameters": {"problem": "another"}}]
-    monkeypatch.setattr(records, "RECORD", tmp_path / "records.json")
-    records.RECORD.write_text(json.dumps(content))
+    key, row = next(iter(read_costly_rows().items()))
+    monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
+    other = replace(row, input_sha256=records.digest_input({"problem": "another"}))
+    records.write_rows(records.COSTLY_CASES, [other])
     (case,) = (one for one in load_section(COSTLY[key].section).cases if one.key == key)
     assert not case.record
 
 
 def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys):
-    case = replace(COSTLY[QUICK] if QUICK in COSTLY else _case(QUICK), costly=True)
-    timed = replace(COSTLY[TIMED] if TIMED in COSTLY else _case(TIMED), costly=True)
-    monkeypatch.setattr(renew_records, "costly_cases", lambda: {QUICK: case, TIMED: timed})
-    monkeypatch.setattr(records, "RECORD", tmp_path / "records.json")
+    cases = {key: replace(find_case(key), costly=True) for key in (QUICK_CASE, TIMED_CASE)}
+    monkeypatch.setattr(renew_records, "find_costly_cases", lambda: cases)
+    monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
     monkeypatch.setattr(records, "COSTLY_SECONDS", 0.0)
-    assert renew_records.main([]) == 0  # writes both
-    assert renew_records.main(["--check", QUICK, TIMED]) == 0  # CPU seconds are never the same
-    content = json.loads(records.RECORD.read_text())
+    assert renew_records.main(["[QV]*"]) == 0  # writes both
+    assert renew_records.main(["--check", *cases]) == 0  # CPU seconds are never the same
+    content = json.loads(records.COSTLY_CASES.read_text())
     content["rows"][0]["scalars"]["nodes"] += 1
-    records.RECORD.write_text(json.dumps(content))
-    records.forget_rows()
-    assert renew_records.main(["--check", QUICK]) == 1
+    records.COSTLY_CASES.write_text(json.dumps(content))
+    assert renew_records.main(["--check", QUICK_CASE]) == 1
     assert "TOO LARGE: V13/square-own-64 nodes 128 and 127" in capsys.readouterr().out
-    assert renew_records.main([QUICK]) == 0  # computes the row again, and keeps the other
-    assert len(json.loads(records.RECORD.read_text())["rows"]) == 2
-    assert renew_records.main(["--check", QUICK]) == 0
+    assert renew_records.main([QUICK_CASE]) == 0  # computes the row again, and keeps the other
+    assert list(read_costly_rows()) == list(cases)
+    assert renew_records.main(["--check", QUICK_CASE]) == 0
 
 
-def _case(key):
-    section = key.partition("/")[0]
-    (case,) = (one for one in load_section(section).cases if one.key == key)
+def find_case(key):
+    if key in COSTLY:
+        return COSTLY[key]
+    (case,) = (one for one in load_section(key.partition("/")[0]).cases if one.key == key)
     return case
 
 
-def test_unknown_cases_are_refused(capsys):
+def test_check_of_costs_compares_counts_and_not_times(monkeypatch, capsys):
+    key = "K/contact-pw-T10-5-Iterative"
+    row = records.read_rows(records.TIME_AND_MEMORY)[key]
+
+    def remeasured(**changes):
+        measured = row.content["measured"] | {"seconds": 99.0, "iterations": 9} | changes
+        return lambda *_: replace(row, content=row.content | {"measured": measured})
+
+    monkeypatch.setattr(measure, "measure", remeasured())
+    assert renew_records.main(["--check", key]) == 0
+    monkeypatch.setattr(measure, "measure", remeasured(sticking=1.0))
+    assert renew_records.main(["--check", key]) == 1
+    assert f"TOO LARGE: {key} sticking" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("key", ["V13/square-own-65", "K/none-*", "calculix/none"])
+def test_unknown_keys_are_refused(key, capsys):
     with pytest.raises(SystemExit):
-        renew_records.main(["V13/square-own-65"])
-    assert "no costly case V13/square-own-65" in capsys.readouterr().err
+        renew_records.main([key])
+    assert f"{key}, but " in capsys.readouterr().err
+
+
+def test_rows_of_calculix_are_skipped_loudly_where_it_is_not_installed(monkeypatch, capsys):
+    monkeypatch.setattr(calculix, "find_calculix", lambda: None)
+    assert renew_records.main(["--check", "calculix/block-*", "K/*-CalculiX"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["SKIPPED", "SKIPPED"]
+    assert "8 rows of answers of CalculiX: ccx" in lines[0]
 
 
 def test_the_documents_say_how_long_the_recorded_results_take():
     """As the records say: CPU time of the costly cases, and of all runs that measure costs."""
-    minutes = round(sum(row["seconds"] for row in records.read_rows().values()) / 60)
+    minutes = round(sum(row.content["seconds"] for row in read_costly_rows().values()) / 60)
     whole = [
-        entry["measured"]["whole_seconds"]
-        for entry in json.loads(measure.RECORD.read_text())["rows"]
-        if entry["row"]["method"] != "CalculiX"
+        row.content["measured"]["whole_seconds"]
+        for row in records.read_rows(records.TIME_AND_MEMORY).values()
+        if measure.measurement_of_row(row).method != measure.CALCULIX
     ]
-    repeats = [1 if seconds > measure.LONG_RUN else measure.N_RUNS for seconds in whole]
+    repeats = [1 if seconds > measure.LONG_RUN_SECONDS else measure.N_RUNS for seconds in whole]
     cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
     page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
     for text in (page, study.publish.command.USAGE):
         assert f"{minutes} CPU minutes more" in text
-        assert re.search(rf"\b{cost_minutes} minutes (more|for the times of section K)", text)
+        assert re.search(rf"\b{cost_minutes}\s+minutes (more|for the times of section K)", text)

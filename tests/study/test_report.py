@@ -402,7 +402,7 @@ def test_every_reference_is_cited(own):
     of_pages = {
         key
         for section in texts.SECTIONS
-        for key in texts.read_constants(texts.page_source(section)).get("REFERENCES", {})
+        for key in texts.read_constants(texts.find_page_source(section)).get("REFERENCES", {})
     }
     cited = {link["id"] for link in Page(own[1]).all("li") if "id" in link}
     assert {f"ref-{key}" for key in texts.REFERENCES.keys() - of_pages} <= cited

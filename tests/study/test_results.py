@@ -14,10 +14,10 @@ from study.model.units import KN_M, N_MM, NONE, SI, UNSTATED
 from study.model.vocabulary import ELEMENTS
 from study.publish import texts
 from study.publish.texts import BLOCKS
-from study.run.cases import SECTIONS, load_section, page_source
-from study.run.expected import expected_table
+from study.run.cases import SECTIONS, find_page_source, load_section
+from study.run.expected import read_expected_table
 from study.run.pages import read_constants
-from study.run.store import Stored
+from study.run.store import StoredResult
 
 CASES = {case.key: case for section in SECTIONS for case in load_section(section).cases}
 
@@ -28,12 +28,12 @@ def quickest_cases():
     for key, case in CASES.items():
         if not case.record:
             by_problem.setdefault((case.section, case.run.__name__), []).append(key)
-    seconds = expected_table()
+    seconds = read_expected_table()
     return [min(keys, key=lambda key: seconds.get(key, 0.0)) for keys in by_problem.values()]
 
 
 QUICKEST = [
-    pytest.param(key, marks=[pytest.mark.slow] * (expected_table().get(key, 0.0) > 3.0))
+    pytest.param(key, marks=[pytest.mark.slow] * (read_expected_table().get(key, 0.0) > 3.0))
     for key in quickest_cases()
 ]
 UNIT_SYSTEMS = (UNSTATED, NONE, N_MM, KN_M, SI)
@@ -122,7 +122,7 @@ def test_measures_select_by_parameters_or_by_names(results):
 
 
 TEXTS = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
-TEXTS += [page_source(section) for section in SECTIONS]
+TEXTS += [find_page_source(section) for section in SECTIONS]
 LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
 
 
@@ -160,4 +160,6 @@ def test_claims_measure_cases(claim):
 def _selects(cases, case):
     if isinstance(cases, str):
         return re.fullmatch(cases, case.name)
-    return Stored(case.section, case.name, case.stored_parameters, {}, {}, dict, {}).has(**cases)
+    return StoredResult(case.section, case.name, case.stored_parameters, {}, {}, dict, {}).has(
+        **cases
+    )

@@ -13,12 +13,12 @@ from study.run.store import (
     FORMAT,
     CorruptResult,
     MissingResult,
-    NoScalar,
+    MissingScalar,
     OutdatedResult,
     Result,
     Results,
     StudyError,
-    is_result,
+    is_result_file,
     save,
 )
 
@@ -210,22 +210,25 @@ def test_a_result_of_another_version_is_there_but_outdated(stored):
     first = {name: content[name] for name in ("case", "parameters", "scalars", "units")}
     for other in (first | {"provenance": {}}, content | {"format": FORMAT.replace("2", "3")}):
         path.write_text(json.dumps(other))
-        assert is_result(path)
+        assert is_result_file(path)
         assert KEY in Results(stored)
         with pytest.raises(OutdatedResult, match=r"another version: run \./run study 7\.1/pw-T6$"):
             Results(stored)[KEY]
-        assert (Results(stored).readable("7.1"), Results(stored).corrupt("7.1")) == ([], {})
+        assert (
+            Results(stored).readable_results("7.1"),
+            Results(stored).corrupt_results("7.1"),
+        ) == ([], {})
     path.write_text('{"case": "pw-T6"}')
-    assert not is_result(path)
+    assert not is_result_file(path)
 
 
 def test_a_section_has_what_can_be_read_and_what_cannot(stored):
     save(stored, "7.1", "galerkin-T6", number(), PARAMETERS, {})
     (stored / f"{KEY}.json").write_text("{")
     results = Results(stored)
-    assert [one.case for one in results.readable("7.1")] == ["galerkin-T6"]
-    assert {*results.corrupt("7.1")} == {KEY}
-    assert results.corrupt("7.1")[KEY].endswith("run ./run study 7.1/pw-T6")
+    assert [one.case for one in results.readable_results("7.1")] == ["galerkin-T6"]
+    assert {*results.corrupt_results("7.1")} == {KEY}
+    assert results.corrupt_results("7.1")[KEY].endswith("run ./run study 7.1/pw-T6")
     with pytest.raises(CorruptResult):
         results.section("7.1")
 
@@ -234,7 +237,7 @@ def test_missing_result_or_scalar_is_named(stored):
     assert "7.6/pw-T6" not in Results(stored)
     with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6/pw-T6$"):
         Results(stored)["7.6/pw-T6"]
-    with pytest.raises(NoScalar, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
+    with pytest.raises(MissingScalar, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
         Results(stored).scalar(KEY, "reaction_9")
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from study.run.cases import SECTIONS, page_source
+from study.run.cases import SECTIONS, find_page_source
 from study.run.pages import find_pages, read_constants
-from study.run.sources import imported
+from study.run.sources import list_imported_modules
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "study"
@@ -49,7 +49,7 @@ def test_folders_have_few_modules():
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_a_section_has_a_page_that_can_be_read_in_one_go(section):
-    page = page_source(section)
+    page = find_page_source(section)
     assert len(page.read_text(encoding="utf-8")) <= MAX_PAGE_CHARACTERS
     if page.name == "page.py":
         files = [path for path in files_of(page.parent) if METHODS not in path.parents]
@@ -60,7 +60,7 @@ def test_a_section_has_a_page_that_can_be_read_in_one_go(section):
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_a_page_says_what_it_is_about(section):
-    constants = read_constants(page_source(section))
+    constants = read_constants(find_page_source(section))
     assert constants["TITLE"]
     assert {"geometry", "reference", "uncertainty"} <= constants["FACTS"].keys()
     assert {"RESULT", "DETAILS", "FINDINGS"} & constants.keys()
@@ -86,4 +86,4 @@ def test_no_modules_import_each_other_in_a_circle():
         for path in files_of(STUDY)
         if path.suffix == ".py" and path.name != "__init__.py"
     }
-    TopologicalSorter({name: imported(name) & modules for name in modules}).prepare()
+    TopologicalSorter({name: list_imported_modules(name) & modules for name in modules}).prepare()

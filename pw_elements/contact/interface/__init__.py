@@ -13,22 +13,22 @@ from pw_elements.contact.interface.mortar import (
     gather_boundary_facets,
 )
 from pw_elements.contact.interface.operators import (
-    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
+    MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
     InvalidContactNodes,
 )
 from pw_elements.contact.interface.overlap import compute_cell_lengths_or_areas
 from pw_elements.contact.interface.pair_points import (
-    DEFORMABLE,
-    RIGID,
+    FACED_INDEX_OF_DEFORMABLE_SURFACE,
+    FACED_INDEX_OF_RIGID_SURFACE,
     average_midpoints_of_adjacent_cells,
     check_piecewise_linear_weight_functions,
     compute_bounding_box_extents,
     find_reduced_column_of_each_unknown,
 )
 from pw_elements.contact.interface.probes import (
-    check_closest_points,
+    check_user_surface_derivatives,
     sample_friction_coefficients,
     sample_interference,
     sample_surface_around_pair,

@@ -26,7 +26,7 @@ from pw_elements.checks import (
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (
     BodyNodes,
-    gather_points_and_own_slice,
+    gather_points_and_local_slice,
     make_contact_points_at_nodes,
     make_large_sliding_mortar_points,
     make_small_sliding_mortar_points,
@@ -118,7 +118,7 @@ def build_interface(
         _warn_of_nodes_without_facet(name, node, body)
     cones, comm = [], space.mesh.comm
     for name, pair, node in zip(names, pairs, nodes, strict=True):
-        parameter = _evaluate_user_function_on_all_ranks(
+        parameter = _evaluate_user_function_at_gathered_points(
             comm, f"the friction of {name}", pair.law.parameter_at, body.x[node]
         )
         cones.append(FrictionCone([pair.law], [parameter]))
@@ -133,7 +133,7 @@ def build_interface(
                     k, pair, node, cone, body, revolved
                 )
             else:
-                depth = _evaluate_nominal_interference(comm, k, pair, body.x[node])
+                depth = _evaluate_nominal_interference_if_coincident(comm, k, pair, body.x[node])
                 pair_points, shapes[k] = make_small_sliding_mortar_points(
                     k, pair, node, cone, body, revolved, depth
                 )
@@ -228,7 +228,7 @@ def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: Local
             )
 
 
-def _evaluate_nominal_interference(
+def _evaluate_nominal_interference_if_coincident(
     comm: MPI.Comm, pair_index: int, pair: ContactPair, x: Array
 ) -> Array | None:
     """Return the nominal interference (n,) of a pair at positions x (n, dim).
@@ -240,12 +240,12 @@ def _evaluate_nominal_interference(
         return None
     if not arguments.is_user_function(depth):
         return np.full(len(x), float(depth))  # type: ignore[arg-type]
-    return _evaluate_user_function_on_all_ranks(
+    return _evaluate_user_function_at_gathered_points(
         comm, f"the interference of contact pair {pair_index}", depth, x
     )
 
 
-def _evaluate_user_function_on_all_ranks(
+def _evaluate_user_function_at_gathered_points(
     comm: MPI.Comm, name_in_messages: str, function: Callable[[Array], Array | float], x: Array
 ) -> Array:
     """Return the values (n,) of a user's function at positions x (n, dim); collective.
@@ -253,7 +253,7 @@ def _evaluate_user_function_on_all_ranks(
     Each process evaluates the function at the points of all processes, so that all processes call
     it equally often. `name_in_messages` is the name of the function in error messages.
     """
-    all_x, owned = gather_points_and_own_slice(comm, x)
+    all_x, owned = gather_points_and_local_slice(comm, x)
     points = np.zeros((3, len(all_x)))
     points[: x.shape[1]] = all_x.T
     layout = "it takes points as columns (3, n) and gives (n,)"
@@ -265,9 +265,9 @@ def _evaluate_user_function_on_all_ranks(
         )
         if arguments.is_real_number(values):  # the function is constant
             values = np.full(len(all_x), values, dtype=float)
-        return arguments.check_function_values(name_in_messages, values, (len(all_x),), layout)[
-            owned
-        ]
+        return arguments.check_user_function_values(
+            name_in_messages, values, (len(all_x),), layout
+        )[owned]
 
 
 def _is_axisymmetric(

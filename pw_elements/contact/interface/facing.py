@@ -22,7 +22,7 @@ _GAUSS_POINTS_ON_UNIT_INTERVAL = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]
 _GAUSS_WEIGHTS_ON_UNIT_INTERVAL = np.array([5.0, 8.0, 5.0]) / 18
 # Smallest cosine between the mean normal of a facet of the slave and the outward normal of a facet
 # of the master, at which the two can face each other
-_MIN_COSINE_OF_FACING_FACET_NORMALS = 0.01
+_MIN_COSINE_OF_CONTACT_TO_MASTER_NORMAL = 0.01
 # Smallest fraction of a facet of the slave that has to face the master
 _MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
 # Number of distances between facets that are computed at a time, to limit memory
@@ -124,7 +124,9 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
         for end_values in (x[slave_nodes], normals[slave_nodes])
     )
     # signed distances of the ends of the master's facet from the line of projection
-    offset_c, offset_d = (_cross(x[node][:, None] - points, directions) for node in master_nodes.T)
+    offset_c, offset_d = (
+        _cross_product_in_plane(x[node][:, None] - points, directions) for node in master_nodes.T
+    )
     master_s = offset_c / (offset_c - offset_d)
     length = np.linalg.norm(x[slave_nodes[:, 1]] - x[slave_nodes[:, 0]], axis=1)
     measure = (length * (high - low))[:, None] * _GAUSS_WEIGHTS_ON_UNIT_INTERVAL
@@ -190,7 +192,8 @@ def _find_facing_facet_parts(
     for node, sign, limit in ((1, 1.0, 0.0), (0, -1.0, 1.0)):
         p = x[sides.master_facets[master, node]]
         start, middle, end = (
-            _cross((1 - s) * a + s * b - p, (1 - s) * n_a + s * n_b) for s in (0.0, 0.5, 1.0)
+            _cross_product_in_plane((1 - s) * a + s * b - p, (1 - s) * n_a + s * n_b)
+            for s in (0.0, 0.5, 1.0)
         )
         root, slope = _find_central_parabola_root_and_slope(start, middle, end)
         within = np.abs(root - 0.5) <= 0.5
@@ -251,7 +254,7 @@ def _find_near_facing_facet_pairs(
         block = slice(start, start + rows)
         distance = np.linalg.norm(middle[block, None] - master_middle, axis=2)
         radius = distance.min(axis=1) + half_length[block] + master_length.max() / 2
-        facing = mean_normal[block] @ outward.T > _MIN_COSINE_OF_FACING_FACET_NORMALS
+        facing = mean_normal[block] @ outward.T > _MIN_COSINE_OF_CONTACT_TO_MASTER_NORMAL
         slave, master = np.nonzero((distance <= radius[:, None]) & facing)
         pairs.append((slave + start, master))
     slave, master = (np.concatenate(part) for part in zip(*pairs, strict=True))
@@ -272,5 +275,5 @@ def _average_normals_at_slave_nodes(sides: MortarSides, x: Array) -> Array:
     return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross_product_in_plane(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -34,20 +34,20 @@ from pw_elements.checks import (
     raise_errors_on_all_processes,
 )
 from pw_elements.contact.interface.pair_points import (
-    DEFORMABLE,
-    RIGID,
+    FACED_INDEX_OF_DEFORMABLE_SURFACE,
+    FACED_INDEX_OF_RIGID_SURFACE,
     ContactPairPoints,
-    KnownGapSurface,
+    TangentPlaneSurface,
     compute_bounding_box_extents,
-    gather_points_and_own_slice,
+    gather_points_and_local_slice,
 )
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     CLOSED_FORM_SURFACE_TYPES,
     SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
     FrictionCone,
-    NotFound,
     PairState,
+    SolutionNotFound,
     Surface,
 )
 from pw_elements.elasticity import order_by_position
@@ -60,24 +60,24 @@ _MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL = 1e-6
 # Largest cosine between the normal and a direction in which a support prescribes the displacement
 _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS = 1e-8
 # Largest relative difference between prescribed displacements that count as equal
-_RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS = 1e-9
+_RELATIVE_SUPPORT_DISPLACEMENT_TOLERANCE = 1e-9
 # Largest difference between the length of a unit normal and one
 _MAX_DEVIATION_FROM_UNIT_LENGTH = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
-MIN_NORMAL_COSINE_OF_OUTWARD_PUSH = 0.1
+MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL = 0.1
 
 
 # Types of surfaces that each process evaluates at its own points only; and types of surfaces whose
 # evaluation cannot fail
-_SURFACE_TYPES_EVALUATED_LOCALLY = (*CLOSED_FORM_SURFACE_TYPES, KnownGapSurface)
-_SURFACE_TYPES_THAT_NEVER_RAISE = (*SURFACE_TYPES_WITH_NORMAL_EVERYWHERE, KnownGapSurface)
+_SURFACE_TYPES_EVALUATED_LOCALLY = (*CLOSED_FORM_SURFACE_TYPES, TangentPlaneSurface)
+_SURFACE_TYPES_THAT_NEVER_RAISE = (*SURFACE_TYPES_WITH_NORMAL_EVERYWHERE, TangentPlaneSurface)
 # For each method of a surface, its result and the layout of valid points and results, both used in
 # error messages
-_SURFACE_METHODS = {
+_RESULT_NAME_AND_LAYOUT_BY_SURFACE_METHOD = {
     "gap": ("gap", "it takes points as rows (n, dim) and gives (n,)"),
     "normal": ("normal", "it takes points as rows (n, dim) and gives (n, dim)"),
-    "closest": (
+    "gap_normal_and_curvature": (
         "closest points",
         "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)",
     ),
@@ -132,14 +132,16 @@ class ContactInterface:
         cones = [part.cone for part in points]
         self.cone = FrictionCone([c.laws[0] for c in cones], [c.parameters[0] for c in cones], [])
 
-        def concatenate(name: str) -> npt.NDArray:
-            return np.concatenate([getattr(part, name) for part in points])
+        def concatenate_over_pairs(attribute_name: str) -> npt.NDArray:
+            return np.concatenate([getattr(part, attribute_name) for part in points])
 
-        self.position: Array = concatenate("position")
-        self.equation, self.node, self.faced = map(concatenate, ("equation", "node", "faced"))
+        self.position: Array = concatenate_over_pairs("position")
+        self.equation, self.node, self.faced = map(
+            concatenate_over_pairs, ("equation", "node", "faced")
+        )
         self.outward, self._mean_cell_midpoint = (
-            concatenate("outward"),
-            concatenate("mean_cell_midpoint"),
+            concatenate_over_pairs("outward"),
+            concatenate_over_pairs("mean_cell_midpoint"),
         )
         self.opposite = [part.opposite for part in points]
         self.motion = self.assemble_matrix_over_all_unknowns(
@@ -151,13 +153,15 @@ class ContactInterface:
         self._sibling_inverse = sibling_inverse
         # there is no friction on the axis of revolution, where it has no direction, nor between two
         # bodies along supports that prescribe the same motion of both
-        stated = (self.equation >= 0) | (self.faced == DEFORMABLE)[:, None]
+        stated = (self.equation >= 0) | (self.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)[:, None]
         self.held_components: Mask = (
-            ~stated & ~concatenate("on_axis") & self.cone.has_friction[:, None]
+            ~stated & ~concatenate_over_pairs("on_axis") & self.cone.has_friction[:, None]
         )
-        self._counterpart = concatenate("counterpart")
+        self._counterpart = concatenate_over_pairs("counterpart")
         between = (
-            (self.equation < 0) & (self.faced == DEFORMABLE)[:, None] & ~concatenate("on_axis")
+            (self.equation < 0)
+            & (self.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)[:, None]
+            & ~concatenate_over_pairs("on_axis")
         )
         self._held_between_bodies = between & self.cone.has_friction[:, None]
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
@@ -179,7 +183,7 @@ class ContactInterface:
         with np.errstate(invalid="ignore"):  # the coefficient may be infinite
             limit_at_zero, slope = self.cone.friction_limits_and_slopes(np.zeros(len(self.pair)))
         rises = self.cone.find_coefficients_rising_with_force()
-        self.check_friction_laws()
+        self.raise_law_errors_and_check_slopes()
         is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
         self.raise_error_for_invalid_points(
             is_invalid, "have a friction coefficient that is negative or not finite"
@@ -189,15 +193,15 @@ class ContactInterface:
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it must not rise, so that the slope of the limit at zero bounds it",
         )
-        self.check_gaps_normals_and_supports(*self.evaluate_surfaces(None))
-        (gap,) = self._evaluate_at_undeformed_points(None, "gap")
+        self.check_gaps_normals_and_supports(*self.evaluate_undeformed_gaps_and_normals(None))
+        (gap,) = self._evaluate_surfaces_at_undeformed_points(None, "gap")
         cut = (
             ~(gap >= -_MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL * body_diagonal)
             & ~self._allows_interference
         )
         deepest = -self.gather_values(np.where(cut, gap, 0.0)).min()
         remedy = f"move them apart by {deepest:.3g}, or set interference=True in the pair"
-        rigid = self.faced == RIGID
+        rigid = self.faced == FACED_INDEX_OF_RIGID_SURFACE
         self.raise_error_for_invalid_points(
             cut & rigid, f"lie inside the rigid surface before any motion: {remedy}"
         )
@@ -206,7 +210,7 @@ class ContactInterface:
         )
         self._check_surface_normals_point_into_body()
 
-    def check_friction_laws(self, normal_force: Array | None = None) -> None:
+    def raise_law_errors_and_check_slopes(self, normal_force: Array | None = None) -> None:
         """Raise the collected errors of users' friction laws on all processes; collective.
 
         Args:
@@ -247,7 +251,7 @@ class ContactInterface:
     @cached_property
     def initial_interference(self) -> Array:
         """Initial depth (m,) of points inside their surface; zero in pairs without interference."""
-        (gap,) = self._evaluate_at_undeformed_points(None, "gap")
+        (gap,) = self._evaluate_surfaces_at_undeformed_points(None, "gap")
         return np.where(self._allows_interference, np.maximum(0.0, -gap), 0.0)
 
     def check_gaps_normals_and_supports(self, gap: Array, normal: Array) -> None:
@@ -306,7 +310,7 @@ class ContactInterface:
         slave = self.extract_displacements_at_points(prescribed_displacements)
         difference = np.where(counterpart < 0, np.inf, np.abs(slave - master))
         allowed = (
-            _RELATIVE_TOLERANCE_OF_EQUAL_SUPPORTS * (np.abs(slave) + np.abs(master))
+            _RELATIVE_SUPPORT_DISPLACEMENT_TOLERANCE * (np.abs(slave) + np.abs(master))
             + RELATIVE_COORDINATE_ROUND_OFF * self.max_extent_of_points
         )
         is_invalid = is_held & pressed[:, None] & ~(difference <= allowed)
@@ -320,9 +324,9 @@ class ContactInterface:
             )
 
     def _check_surface_normals_point_into_body(self) -> None:
-        gap, normal = self.evaluate_surfaces(None)
+        gap, normal = self.evaluate_undeformed_gaps_and_normals(None)
         pushed = np.sum(normal * self.outward, axis=1)
-        is_outwards = pushed > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(
+        is_outwards = pushed > MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL * np.linalg.norm(
             self.outward, axis=1
         )
         is_checked = np.any(self.outward != 0, axis=1) & np.isfinite(gap)
@@ -390,7 +394,7 @@ class ContactInterface:
             attribute_names: names of the attributes.
         """
         local_rows = list(
-            zip(pair_states, self._local_point_indices_in_position_order, strict=True)
+            zip(pair_states, self._rows_of_local_points_in_position_order, strict=True)
         )
         return [
             np.concatenate([getattr(state, name)[rows] for state, rows in local_rows])
@@ -426,7 +430,7 @@ class ContactInterface:
         ]
 
     @cached_property
-    def _local_point_indices_in_position_order(self) -> list[Indices]:
+    def _rows_of_local_points_in_position_order(self) -> list[Indices]:
         """Indices of this process' points of each pair in `gather_pair_in_position_order`."""
         rows = []
         for k, order in enumerate(self._position_order_of_each_pair):
@@ -482,15 +486,20 @@ class ContactInterface:
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_nodal_values(self.field.space, global_nodes, values)
 
-    def evaluate_surfaces(self, translations: Array | None) -> tuple[Array, Array]:
+    def evaluate_undeformed_gaps_and_normals(
+        self, surface_translations: Array | None
+    ) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of translated surfaces; collective.
 
-        They are evaluated at the undeformed points. `translations` (pairs, dim) are zero if None.
-        For the symmetric sibling element, gaps are transformed to its basis like displacements.
+        They are evaluated at the undeformed points. `surface_translations` (pairs, dim) are zero if
+        None. For the symmetric sibling element, gaps are transformed to its basis like
+        displacements.
         """
-        normal, gap = self._evaluate_at_undeformed_points(translations, "normal", "gap")
+        normal, gap = self._evaluate_surfaces_at_undeformed_points(
+            surface_translations, "normal", "gap"
+        )
         if self._sibling_inverse is not None:
-            gap = self._transform_gaps_to_sibling(self._sibling_inverse, gap, normal)
+            gap = self._transform_gaps_to_sibling_element_basis(self._sibling_inverse, gap, normal)
         return gap, normal
 
     def evaluate_undeformed_normals(self, surface_translations: Array | None) -> Array:
@@ -498,41 +507,44 @@ class ContactInterface:
 
         `surface_translations` (pairs, dim) are zero if None.
         """
-        (normal,) = self._evaluate_at_undeformed_points(surface_translations, "normal")
+        (normal,) = self._evaluate_surfaces_at_undeformed_points(surface_translations, "normal")
         return normal
 
-    def _evaluate_at_undeformed_points(
-        self, translations: Array | None, *methods: str
+    def _evaluate_surfaces_at_undeformed_points(
+        self, translations: Array | None, *method_names: str
     ) -> list[Array]:
         """Return the values (m, ...) of methods of translated surfaces; collective."""
         shapes = {"gap": self.position[:, 0], "normal": self.position}
-        values = [np.empty_like(shapes[method]) for method in methods]
+        values = [np.empty_like(shapes[method]) for method in method_names]
         translation = 0.0 if translations is None else translations[self.pair]
-        results = {method: [array] for method, array in zip(methods, values, strict=True)}
+        results = {method: [array] for method, array in zip(method_names, values, strict=True)}
         self._call_method_of_all_surfaces(self.position - translation, results)
         return values
 
-    def _transform_gaps_to_sibling(self, inverse: PETSc.Mat, gap: Array, normal: Array) -> Array:
+    def _transform_gaps_to_sibling_element_basis(
+        self, sibling_inverse: PETSc.Mat, gap: Array, normal: Array
+    ) -> Array:
         """Return gaps (m,), transformed to the basis of the symmetric sibling element; collective.
 
         A node keeps its own gap if its coefficient depends on another node that no surface faces.
 
         Args:
-            inverse: matrix (n, n) that turns displacements into coefficients of the sibling.
+            sibling_inverse: matrix (n, n) that turns displacements into coefficients of the
+                sibling.
             gap: gaps (m,) at the nodes.
             normal: normals (m, dim) at the nodes.
         """
         faced = np.isfinite(gap)
-        begin, end = inverse.getOwnershipRange()
+        begin, end = sibling_inverse.getOwnershipRange()
         dim = normal.shape[1]
         node = self.node - begin // dim
 
         def apply_inverse(values: Array) -> Array:
-            vector = inverse.createVecRight()
+            vector = sibling_inverse.createVecRight()
             nodal_values = np.zeros(((end - begin) // dim, dim))
             nodal_values[node] = values
             vector.setArray(nodal_values.ravel())
-            return np.asarray((inverse * vector).array_r.reshape(-1, dim)[node])
+            return np.asarray((sibling_inverse * vector).array_r.reshape(-1, dim)[node])
 
         row_sums = apply_inverse(np.tile(faced[:, None], dim))[:, 0]
         depends_on_faced_nodes = np.abs(row_sums - 1) < _MAX_DEVIATION_FROM_UNIT_LENGTH
@@ -552,14 +564,15 @@ class ContactInterface:
                 surfaces.
 
         Raises:
-            NotFound: if there is no point of the surface that is closest to a contact point.
+            SolutionNotFound: if there is no point of the surface that is closest to a contact
+                point.
         """
         gap, normal, curvature = self.evaluate_gaps_normals_and_curvatures_or_nan(
             motion_in_surface_frame
         )
         positions = self.gather_values(self.position[np.isnan(gap)])
         if len(positions):
-            raise NotFound.with_positions(
+            raise SolutionNotFound.with_positions(
                 "contact nodes initially at {} have no closest point", positions
             )
         return gap, normal, curvature
@@ -572,9 +585,9 @@ class ContactInterface:
         results = [
             np.zeros((len(motion_in_surface_frame), *shape)) for shape in ((), (dim,), (dim, dim))
         ]
-        # it has been checked that all surfaces have a method `closest`
+        # it has been checked that all surfaces have a method `gap_normal_and_curvature`
         self._call_method_of_all_surfaces(
-            self.position + motion_in_surface_frame, {"closest": results}
+            self.position + motion_in_surface_frame, {"gap_normal_and_curvature": results}
         )
         gap, normal, curvature = results
         is_finite = np.isfinite(gap) & np.isfinite(curvature).all(axis=(1, 2))
@@ -595,7 +608,7 @@ class ContactInterface:
         Args:
             x: positions of the points in the frames of their surfaces, (m, dim).
             output_arrays: arrays (m, ...), one for each array that a method returns, by the name of
-                the method: "gap", "normal" or "closest".
+                the method: "gap", "normal" or "gap_normal_and_curvature".
 
         Raises:
             ValueError: on all processes, if a user's surface raises an error or returns arrays of
@@ -604,7 +617,7 @@ class ContactInterface:
         calls = [
             (k, surface, self.pair == k)
             for k, surface in enumerate(self.surfaces)
-            if not ("closest" in output_arrays and k in self.mortars)
+            if not ("gap_normal_and_curvature" in output_arrays and k in self.mortars)
         ]
         if self._needs_no_guard:
             for _, surface, in_pair in calls:
@@ -621,11 +634,11 @@ class ContactInterface:
             if type(surface) in _SURFACE_TYPES_EVALUATED_LOCALLY:
                 points, local_part = x[in_pair], slice(None)
             else:
-                points, local_part = gather_points_and_own_slice(self.comm, x[in_pair])
+                points, local_part = gather_points_and_local_slice(self.comm, x[in_pair])
             if len(points):
                 calls_with_points.append((k, in_pair, points, local_part))
         for method, arrays in output_arrays.items():
-            quantity, layout = _SURFACE_METHODS[method]
+            quantity, layout = _RESULT_NAME_AND_LAYOUT_BY_SURFACE_METHOD[method]
             with raise_errors_on_all_processes(self.comm):
                 for k, in_pair, points, local_part in calls_with_points:
                     subject = f"the {quantity} of the surface of contact pair {k}"
@@ -635,10 +648,10 @@ class ContactInterface:
                         arrays, _wrap_single_result_in_tuple(method, value), strict=True
                     ):
                         shape = (len(points), *array.shape[1:])
-                        part = arguments.check_function_values(subject, part, shape, layout)
+                        part = arguments.check_user_function_values(subject, part, shape, layout)
                         array[in_pair] = part[local_part]
 
 
 def _wrap_single_result_in_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401
     """Return the result of a surface's method as a sequence of arrays."""
-    return value if method == "closest" else (value,)
+    return value if method == "gap_normal_and_curvature" else (value,)

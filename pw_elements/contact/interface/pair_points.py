@@ -54,7 +54,7 @@ from pw_elements.spaces import (
 
 # Values of `faced` for points that do not face a single node, but a rigid surface, or a deformable
 # surface with many nodes
-RIGID, DEFORMABLE = -1, -2
+FACED_INDEX_OF_RIGID_SURFACE, FACED_INDEX_OF_DEFORMABLE_SURFACE = -1, -2
 
 # Number of cells that are processed at a time, to limit memory
 _MAX_CELLS_AT_ONCE = 20_000
@@ -72,7 +72,7 @@ _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE = 0.9
 _MAX_COINCIDENT_GAP_PER_SLAVE_EDGE = 0.05
 # Limit of (mesh gap / edge length) / (interference / body diagonal). Above it pressures change by a
 # tenth, and a warning is logged
-_MAX_MESH_GAP_TO_INTERFERENCE_RATIO = 0.03
+_MAX_MESH_GAP_PER_EDGE_TO_DEPTH_PER_DIAGONAL = 0.03
 _MESH_GAP_WARNING_MESSAGE = (
     "contact pair %d: gaps between the meshes within facets are a large part of its interference, "
     "and pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
@@ -105,7 +105,8 @@ class ContactPairPoints:
             coincident points, for example of two bodies in contact.
         outward: (m, dim), outward normal of the body, zero where it is not defined.
         node: (m,), global index of the node at the point.
-        faced: (m,), global index of the node that the point faces, or `RIGID` or `DEFORMABLE`.
+        faced: (m,), global index of the node that the point faces, or
+            `FACED_INDEX_OF_RIGID_SURFACE` or `FACED_INDEX_OF_DEFORMABLE_SURFACE`.
         on_axis: (m, dim), mask of radial components at nodes on the axis of an axisymmetric body.
         counterpart: (m, dim), for each displacement component, global index of the nearest node of
             the deformable surface at which supports prescribe this component; -1 if there is none.
@@ -128,7 +129,7 @@ class ContactPairPoints:
 
 
 @dataclass(frozen=True)
-class KnownGapSurface:
+class TangentPlaneSurface:
     """Surface that is defined by its gaps and normals at given points. Its normals are constant.
 
     Args:
@@ -282,7 +283,9 @@ def make_contact_points_at_nodes(
         body.mean_cell_midpoint[nodes],
         body.outward_normal[nodes],
         number,
-        np.full_like(number, RIGID) if opposite_nodes is None else opposite_nodes,
+        np.full_like(number, FACED_INDEX_OF_RIGID_SURFACE)
+        if opposite_nodes is None
+        else opposite_nodes,
         body.on_axis[nodes],
         np.full(body.x[nodes].shape, -1, dtype=np.int64),
     )
@@ -362,7 +365,7 @@ def check_piecewise_linear_weight_functions(K: PETSc.Mat, space: fem.FunctionSpa
         )
 
 
-def _gather_nodes_and_facets_of_both_sides(
+def _slave_node_numbers_and_facets_of_both_sides(
     pair_index: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, BoundaryFacets, BoundaryFacets]:
     """Return the global numbers (m,) of a pair's owned nodes and the traces of both sides.
@@ -408,7 +411,7 @@ def make_large_sliding_mortar_points(
     cone: FrictionCone,
     body: BodyNodes,
     revolved: bool,
-) -> tuple[ContactPairPoints, KnownGapSurface, SlidingMortar]:
+) -> tuple[ContactPairPoints, TangentPlaneSurface, SlidingMortar]:
     """Return points, initial gaps and mortar of a pair of two bodies that may slide far.
 
     Args:
@@ -419,7 +422,9 @@ def make_large_sliding_mortar_points(
         body: nodes of both bodies.
         revolved: whether areas are those of the whole circumference.
     """
-    owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
+    owned, slave, master = _slave_node_numbers_and_facets_of_both_sides(
+        pair_index, pair, nodes, body
+    )
     mortar = SlidingMortar(slave, master, revolved)
     undeformed = mortar.linearise(mortar.x)
     if not undeformed.faces_master.any():
@@ -437,7 +442,7 @@ def make_large_sliding_mortar_points(
         make_contact_points_at_nodes(body, nodes, cone, None),
         **_make_master_fields_of_contact_points(owned, nodes, master, body),
     )
-    return points, KnownGapSurface(body.x[nodes], gap, undeformed.normals[index]), mortar
+    return points, TangentPlaneSurface(body.x[nodes], gap, undeformed.normals[index]), mortar
 
 
 def _make_master_fields_of_contact_points(
@@ -456,7 +461,7 @@ def _make_master_fields_of_contact_points(
             nearest = cKDTree(x[candidates]).query(body.x[local_nodes])[1]
             counterpart[:, axis] = master.nodes[candidates[nearest]]
     return {
-        "faced": np.full_like(global_nodes, DEFORMABLE),
+        "faced": np.full_like(global_nodes, FACED_INDEX_OF_DEFORMABLE_SURFACE),
         "opposite": master.nodes[order],
         "counterpart": counterpart,
     }
@@ -470,7 +475,7 @@ def make_small_sliding_mortar_points(
     body: BodyNodes,
     revolved: bool,
     nominal_interference: Array | None,
-) -> tuple[ContactPairPoints, KnownGapSurface]:
+) -> tuple[ContactPairPoints, TangentPlaneSurface]:
     """Return points and initial gaps of a pair with a deformable surface.
 
     Points that face nothing have an infinite gap.
@@ -486,7 +491,9 @@ def make_small_sliding_mortar_points(
             pairs.
     """
     comm = body.space.mesh.comm
-    owned, slave, master = _gather_nodes_and_facets_of_both_sides(pair_index, pair, nodes, body)
+    owned, slave, master = _slave_node_numbers_and_facets_of_both_sides(
+        pair_index, pair, nodes, body
+    )
     overlap = OverlapQuadrature.from_slave_and_master(slave, master, owned, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)
@@ -552,7 +559,7 @@ def make_small_sliding_mortar_points(
         force_columns=sp.csr_matrix(sp.kron(force, axes)),
         **_make_master_fields_of_contact_points(owned, nodes, master, body),
     )
-    return points, KnownGapSurface(body.x[nodes], gap, normal)
+    return points, TangentPlaneSurface(body.x[nodes], gap, normal)
 
 
 def _warn_of_mesh_gaps_large_for_interference(
@@ -577,7 +584,7 @@ def _warn_of_mesh_gaps_large_for_interference(
     total, depth, count = comm.allreduce(sums, MPI.SUM)
     if (
         np.sqrt(total * count) * body.diagonal
-        > -_MAX_MESH_GAP_TO_INTERFERENCE_RATIO * mean_edge_length * depth
+        > -_MAX_MESH_GAP_PER_EDGE_TO_DEPTH_PER_DIAGONAL * mean_edge_length * depth
     ):
         log_on_root(comm, logging.WARNING, _MESH_GAP_WARNING_MESSAGE % pair_index, ".contact")
 
@@ -603,7 +610,7 @@ def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask
     return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))
 
 
-def gather_points_and_own_slice(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
+def gather_points_and_local_slice(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
     """Return the points (n, dim) of all processes, and the slice with those of this process.
 
     Collective.

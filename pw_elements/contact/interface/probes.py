@@ -22,7 +22,7 @@ from pw_elements.checks import (
     evenly_spaced_rows,
     raise_errors_on_all_processes,
 )
-from pw_elements.contact.interface.operators import ContactInterface, KnownGapSurface
+from pw_elements.contact.interface.operators import ContactInterface, TangentPlaneSurface
 from pw_elements.contact.model import (
     BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS,
     ClosestPointSurface,
@@ -39,7 +39,7 @@ _N_SAMPLED_SURFACE_POINTS, _BOX_MARGIN_PER_DIAGONAL = 32, 0.5
 _N_SAMPLED_NODES_PER_PAIR = 32
 _SAMPLED_NORMAL_FORCES: Array = 10.0 ** np.linspace(-6, 6, 13)
 # Step of finite differences of closest points, relative to the extent of the contact nodes
-_DIFFERENCE_STEP = 1e-6
+_DIFFERENCE_STEP_PER_CONTACT_EXTENT = 1e-6
 
 
 def check_pairs_are_equal_on_all_processes(
@@ -80,18 +80,26 @@ def sample_surface_around_pair(
         pair_index: index of the pair.
         surface: surface of the pair.
     """
-    if isinstance(surface, KnownGapSurface) or pair_index in interface.mortars:
+    if isinstance(surface, TangentPlaneSurface) or pair_index in interface.mortars:
         return np.empty(0)
     x = _make_points_in_box_around_nodes(
         interface.gather_pair_in_position_order(pair_index, interface.position)
     )
-    names = ["gap", "normal", *(["closest"] if isinstance(surface, ClosestPointSurface) else [])]
+    names = [
+        "gap",
+        "normal",
+        *(["gap_normal_and_curvature"] if isinstance(surface, ClosestPointSurface) else []),
+    ]
     size, values = interface.max_extent_of_points or 1.0, []
     for name in names:
         whose = f"the {name} of the surface of contact pair {pair_index}"
         parts = _evaluate_user_function_or_nan(interface.comm, whose, getattr(surface, name), x)
         # gaps are divided by a length, curvatures are multiplied by it
-        scales = {"gap": [1 / size], "normal": [1.0], "closest": [1 / size, 1.0, size]}[name]
+        scales = {
+            "gap": [1 / size],
+            "normal": [1.0],
+            "gap_normal_and_curvature": [1 / size, 1.0, size],
+        }[name]
         values += [np.ravel(part) * scale for part, scale in zip(parts, scales, strict=False)]
     return np.concatenate(values)
 
@@ -110,7 +118,7 @@ def sample_friction_coefficients(
     columns = np.zeros((3, len(x)))
     columns[: x.shape[1]] = x.T
 
-    def coefficients(points: Array) -> Array:
+    def coefficients_at_sampled_normal_forces(points: Array) -> Array:
         parameter = np.broadcast_to(pair.law.parameter_at(points), len(x))
         return np.array(
             [
@@ -120,7 +128,9 @@ def sample_friction_coefficients(
         )
 
     whose = f"the friction of contact pair {pair_index}"
-    return _evaluate_user_function_or_nan(interface.comm, whose, coefficients, columns)[0].ravel()
+    return _evaluate_user_function_or_nan(
+        interface.comm, whose, coefficients_at_sampled_normal_forces, columns
+    )[0].ravel()
 
 
 def sample_interference(interface: ContactInterface, pair_index: int, pair: ContactPair) -> Array:
@@ -181,20 +191,22 @@ def _make_points_in_box_around_nodes(node_positions: Array) -> Array:
     return lower - margin + fractions * (upper - lower + 2 * margin)
 
 
-def check_closest_points(interface: ContactInterface, motion: Array, pressed: Mask) -> None:
+def check_user_surface_derivatives(
+    interface: ContactInterface, motion_in_surface_frame: Array, pressed: Mask
+) -> None:
     """Check the derivatives of users' surfaces by finite differences; collective.
 
     Args:
         interface: all contact points.
-        motion: (m, dim), motions of the points in the frames of their surfaces.
+        motion_in_surface_frame: (m, dim), motions of the points in the frames of their surfaces.
         pressed: (m,), mask of the points at which the surfaces are checked.
 
     Raises:
         ValueError: if a surface gives wrong derivatives.
     """
     x, step = (
-        interface.position + motion,
-        _DIFFERENCE_STEP * (interface.max_extent_of_points or 1.0),
+        interface.position + motion_in_surface_frame,
+        _DIFFERENCE_STEP_PER_CONTACT_EXTENT * (interface.max_extent_of_points or 1.0),
     )
     users = [
         (k, surface, interface.gather_values(x[(interface.pair == k) & pressed]))

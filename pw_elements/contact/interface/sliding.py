@@ -44,7 +44,7 @@ _MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
 PlaneVector: TypeAlias = tuple[Any, Any]  # two components, with or without derivatives
 
 
-def _cross(a: PlaneVector, b: PlaneVector) -> Any:  # noqa: ANN401
+def _cross_product_in_plane(a: PlaneVector, b: PlaneVector) -> Any:  # noqa: ANN401
     return a[0] * b[1] - a[1] * b[0]
 
 
@@ -98,8 +98,8 @@ class LinearisedMortar:
             the master receive. They add up to one.
         areas: (m,), integrals of the slave's weight functions.
         angle_rate: (m, 2 n), derivative of the angles of the normals.
-        differentiate_distance: function that returns the derivative (2 m, 2 n) of S y, given
-            constant values y (n, 2).
+        differentiate_mean_differences: function that returns the derivative (2 m, 2 n) of S y,
+            given constant values y (n, 2).
         distance_rate: (2 m, 2 n), derivative of the mean distances S x.
         differentiate_master_forces: function that returns the derivative (2 k, 2 n) of the forces
             on the master's nodes, given constant forces (m, 2) on the slave's nodes.
@@ -112,7 +112,7 @@ class LinearisedMortar:
     master_fractions: sp.csr_array
     areas: Array
     angle_rate: sp.csr_array
-    differentiate_distance: Callable[[Array], sp.csr_array]
+    differentiate_mean_differences: Callable[[Array], sp.csr_array]
     distance_rate: sp.csr_array
     differentiate_master_forces: Callable[[Array], sp.csr_array]
 
@@ -126,7 +126,7 @@ class LinearisedMortar:
         """Gaps (m,), mean distances along the normals; zero for nodes that face nothing."""
         return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
-    def measure_slip_and_position_derivatives(
+    def measure_slip_and_gap_slip_angle_derivatives(
         self, reference: MortarSlipReference, x: Array
     ) -> tuple[Array, list[sp.csr_array]]:
         """Return slips since the reference, and derivatives of gaps, slips and normal angles.
@@ -147,15 +147,15 @@ class LinearisedMortar:
         )
         slip = np.sum(t * distance, axis=1)
 
-        def component_along(direction: Array) -> sp.csr_array:
+        def matrix_of_components_along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
             return sum_into_matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
-        gap_rate = component_along(n) @ self.distance_rate
+        gap_rate = matrix_of_components_along(n) @ self.distance_rate
         gap_rate += sp.diags_array(np.sum(t * self.mean_distance, axis=1)) @ self.angle_rate
         sign = np.where(entering, 1.0, -1.0)[:, None]
-        slip_rate = component_along(sign * t) @ self.distance_rate
-        slip_rate += component_along(t) @ sp.csr_array(
+        slip_rate = matrix_of_components_along(sign * t) @ self.distance_rate
+        slip_rate += matrix_of_components_along(t) @ sp.csr_array(
             sp.kron(reference.distance_rows, sp.eye_array(2))
         )
         slip_rate -= sp.diags_array(np.sum(n * distance, axis=1)) @ self.angle_rate
@@ -166,7 +166,9 @@ class LinearisedMortar:
                 0.0,
             )
             start_tangents = np.where(entering[:, None], reference.tangents, 0.0)
-            slip_rate -= component_along(start_tangents) @ self.differentiate_distance(reference.x)
+            slip_rate -= matrix_of_components_along(
+                start_tangents
+            ) @ self.differentiate_mean_differences(reference.x)
         return slip, [gap_rate, slip_rate, self.angle_rate]
 
 
@@ -205,7 +207,7 @@ class SlidingMortar:
             self._slave_facets, self._master_facets, self.allowed_components, self._revolved
         )
 
-    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
+    def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
         """Return the mortar for node positions x (n, 2), computed by independent code to verify."""
         return evaluate_mortar_matrices(self.sides, x)
 
@@ -269,16 +271,19 @@ class SlidingMortar:
         )
         mean_distance = distance_rows @ x
 
-        def differentiate_distance(y: Array) -> sp.csr_array:
+        def differentiate_mean_differences(constant_nodal_values: Array) -> sp.csr_array:
             # (q, 2, 2, 2), difference between y at node i and the mean S y of node j
-            difference = y[slave_nodes][:, None] - (distance_rows @ y)[slave_nodes][:, :, None]
+            difference = (
+                constant_nodal_values[slave_nodes][:, None]
+                - (distance_rows @ constant_nodal_values)[slave_nodes][:, :, None]
+            )
             derivative = np.einsum("qjic,qjix->qjxc", dD, difference)
-            derivative -= np.einsum("qjkc,qkx->qjxc", dQ, y[master_nodes])
+            derivative -= np.einsum("qjkc,qkx->qjxc", dQ, constant_nodal_values[master_nodes])
             row = (2 * slave_nodes[:, :, None] + np.arange(2))[..., None]
             derivative = derivative * inverse_area[slave_nodes][:, :, None, None]
             return sum_into_matrix(derivative, row, dofs[:, None, None], (2 * m, 2 * n))
 
-        distance_rate = differentiate_distance(x) + sp.kron(distance_rows, sp.eye_array(2))
+        distance_rate = differentiate_mean_differences(x) + sp.kron(distance_rows, sp.eye_array(2))
         normals, angle_rate = self._average_slave_normals_and_angle_derivatives(x)
         return LinearisedMortar(
             faced,
@@ -288,7 +293,7 @@ class SlidingMortar:
             master_fractions,
             areas,
             angle_rate,
-            differentiate_distance,
+            differentiate_mean_differences,
             distance_rate,
             differentiate_master_forces,
         )
@@ -526,8 +531,10 @@ class SlidingMortar:
         coefficients = []
         for node in (node_positions[5], node_positions[4]):
             from_node = x0[0] - node[0], x0[1] - node[1]
-            c1 = _cross(x1, n0) + _cross(from_node, n1)
-            coefficients.append((_cross(from_node, n0), c1, _cross(x1, n1)))
+            c1 = _cross_product_in_plane(x1, n0) + _cross_product_in_plane(from_node, n1)
+            coefficients.append(
+                (_cross_product_in_plane(from_node, n0), c1, _cross_product_in_plane(x1, n1))
+            )
         return coefficients
 
     def _integrate_weight_function_products(
@@ -568,19 +575,21 @@ class SlidingMortar:
         c, d = node_positions[4:]
         from_c = point[0] - c[0][index], point[1] - c[1][index]
         edge = (d[0] - c[0])[index], (d[1] - c[1])[index]
-        master_coordinate = _cross(from_c, direction) / _cross(edge, direction)
+        master_coordinate = _cross_product_in_plane(from_c, direction) / _cross_product_in_plane(
+            edge, direction
+        )
         w = (1 - s) * 0.5, (1 + s) * 0.5
 
-        def sum_over_points(v: AutoDiffArray) -> AutoDiffArray:
+        def sum_over_gauss_points(v: AutoDiffArray) -> AutoDiffArray:
             parts = (
                 values.reshape(q, len(_GAUSS_POINTS), *values.shape[1:])
                 for values in vars(v).values()
             )
             return AutoDiffArray(*(part.sum(axis=1) for part in parts))
 
-        W = [sum_over_points(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
+        W = [sum_over_gauss_points(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
         return W, [
-            sum_over_points(measure * w_i * v)
+            sum_over_gauss_points(measure * w_i * v)
             for w_i in w
             for v in (1 - master_coordinate, master_coordinate)
         ]

@@ -10,7 +10,7 @@ from pw_elements.contact.iteration.increment import (
     IncrementEquations,
     LinearEquilibrium,
     LinearIncrementEquations,
-    NewtonState,
+    NewtonIterate,
 )
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
@@ -25,8 +25,8 @@ from pw_elements.contact.iteration.target import (
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,
-    CycleKeepingSetUpdate,
     LargeStrainActiveSetUpdate,
+    UpdateKeepingCyclingSetsUntilSolved,
     choose_first_active_set,
     recover_active_set_of_state,
     report_no_free_motions,

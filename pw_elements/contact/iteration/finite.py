@@ -28,7 +28,7 @@ from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_updat
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
-from pw_elements.contact.model import NotFound
+from pw_elements.contact.model import SolutionNotFound
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     MortarKinematics,
@@ -118,10 +118,10 @@ class LargeStrainEquilibrium:
         tangent: tangent (n, n) of the last linearisation.
 
     Raises:
-        NotFound: if cells are inverted at the start.
+        SolutionNotFound: if cells are inverted at the start.
     """
 
-    requires_accurate_last_solution = False
+    requires_accurate_last_linear_solve = False
     tangent: PETSc.Mat
     _linear: LinearEquilibrium
 
@@ -149,7 +149,7 @@ class LargeStrainEquilibrium:
         self._volume_round_off: Array | float = 0.0
         body.set_unknowns(start)
         if guard.compute_min_volume_ratio() <= 0:
-            raise NotFound.with_positions(
+            raise SolutionNotFound.with_positions(
                 "cells at {} are inverted at the start", guard.find_midpoints_of_inverted_cells()
             )
         free = reduction.right.createVecRight()
@@ -160,7 +160,7 @@ class LargeStrainEquilibrium:
         self._satisfies_supports = bool(distance <= RELATIVE_COORDINATE_ROUND_OFF * guard.extent)
         self._evaluate_residual_at_iterate()
 
-    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:
+    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards the linear solution; return the accepted step length.
 
         The full step has length 1. The step is halved until no cell is inverted.
@@ -169,7 +169,7 @@ class LargeStrainEquilibrium:
             reduced_unknowns: solution (n_r,) of the linear equations, reduced by the supports.
 
         Raises:
-            NotFound: if even the shortest step inverts cells.
+            SolutionNotFound: if even the shortest step inverts cells.
         """
         step = self._linear.all_unknowns(reduced_unknowns)
         step.axpy(-1.0, self._u)
@@ -183,7 +183,7 @@ class LargeStrainEquilibrium:
             step_length /= 2
         else:
             midpoints = self._guard.find_midpoints_of_inverted_cells()
-            raise NotFound.with_positions("cells at {} would be inverted", midpoints)
+            raise SolutionNotFound.with_positions("cells at {} would be inverted", midpoints)
         self._u, self._satisfies_supports = u, step_length == 1
         self._evaluate_residual_at_iterate()
         return step_length

@@ -21,7 +21,7 @@ from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
 from pw_elements.contact.iteration.support_friction import FrictionAtSupportedNodes
-from pw_elements.contact.model import NotFound, NotUnique, Residuals, ResidualScale
+from pw_elements.contact.model import NotUnique, Residuals, ResidualScale, SolutionNotFound
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     ActiveSet,
@@ -41,7 +41,7 @@ RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
 # Relative change of the friction coefficient that makes a singular tangent regular; and largest
 # relative difference between solutions with less and more friction that counts as continuous
 _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR = 1e-6
-_MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION = 1e-3
+_MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION = 1e-3
 
 
 class Equilibrium(Protocol):
@@ -53,7 +53,7 @@ class Equilibrium(Protocol):
     Attributes:
         prescribed_displacements: prescribed displacements (n,) at the end of the increment, zero
             elsewhere.
-        requires_accurate_last_solution: whether the last linear system has to be solved to the
+        requires_accurate_last_linear_solve: whether the last linear system has to be solved to the
             final accuracy. This is not necessary if forces are evaluated from the displacements.
     """
 
@@ -61,7 +61,7 @@ class Equilibrium(Protocol):
     def prescribed_displacements(self) -> PETSc.Vec: ...
 
     @property
-    def requires_accurate_last_solution(self) -> bool: ...
+    def requires_accurate_last_linear_solve(self) -> bool: ...
 
     def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:
         """Linearise at the current iterate and return the load (n_r,), reduced by the supports.
@@ -69,7 +69,7 @@ class Equilibrium(Protocol):
         A new tangent is passed to the contact system together with the torque map.
         """
 
-    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:
+    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:
         """Move the iterate towards a linear solution; return the accepted step length, at most 1.
 
         `reduced_unknowns` is the linear solution (n_r,), reduced by the supports.
@@ -120,7 +120,7 @@ class LinearEquilibrium:
     prescribed_displacements: PETSc.Vec
     max_row_sum: float = 0.0
 
-    requires_accurate_last_solution = True
+    requires_accurate_last_linear_solve = True
 
     @classmethod
     def from_stiffness(
@@ -148,7 +148,7 @@ class LinearEquilibrium:
     def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
         return self.load
 
-    def line_search_towards(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
+    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
         return 1.0
 
     def max_imbalance_to_tolerance_ratio(
@@ -178,11 +178,11 @@ class LinearEquilibrium:
 
 
 @dataclass(frozen=True)
-class NewtonState:
+class NewtonIterate:
     """Iterate of Newton's method: the solution of one linear system with all its residuals.
 
     Args:
-        reduced: displacements (n_r,), reduced by the supports.
+        reduced_unknowns: displacements (n_r,), reduced by the supports.
         unknowns: all unknowns (n,).
         q: motions (pairs, k) of the surfaces.
         displacement: displacements (m, dim) of the contact points.
@@ -202,7 +202,7 @@ class NewtonState:
         step_length: fraction of the step to the linear solution that led to this iterate.
     """
 
-    reduced: PETSc.Vec
+    reduced_unknowns: PETSc.Vec
     unknowns: PETSc.Vec
     q: Array
     displacement: Array
@@ -228,8 +228,9 @@ class IncrementEquations:
         equilibrium: equilibrium of the body at the end of the increment.
         kinematics: kinematics of the contact points since the start of the increment.
         start: state at the start of the increment, from which slip is measured.
-        prescribed: prescribed motions (pairs, k) of the surfaces, NaN where a motion is free.
-        totals: prescribed forces and torques (free,) of the free motions.
+        prescribed_motions: prescribed motions (pairs, k) of the surfaces, NaN where a motion is
+            free.
+        free_motion_forces: prescribed forces and torques (free,) of the free motions.
 
     Attributes:
         best_state: iterate with the smallest violation so far, None before the first one.
@@ -248,8 +249,8 @@ class IncrementEquations:
         self.system, self.equilibrium, self.start = system, equilibrium, start
         self.interface: ContactInterface = system.interface
         self.kinematics = kinematics
-        self.prescribed, self.totals = prescribed, totals
-        self.best_state: NewtonState | None = None
+        self.prescribed_motions, self.free_motion_forces = prescribed, totals
+        self.best_state: NewtonIterate | None = None
         self._support_displacement = system.evaluate_relative_point_displacements(
             equilibrium.prescribed_displacements
         )
@@ -258,7 +259,7 @@ class IncrementEquations:
     def support_friction(self) -> FrictionAtSupportedNodes:
         """Friction at nodes that a support holds along a rough surface."""
         return FrictionAtSupportedNodes(
-            self.system, self.start, self.prescribed, self._support_displacement
+            self.system, self.start, self.prescribed_motions, self._support_displacement
         )
 
     def add_initial_support_friction(
@@ -274,7 +275,7 @@ class IncrementEquations:
 
     def solve_linearised_system(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: LinearSolveAccuracy
-    ) -> NewtonState:
+    ) -> NewtonIterate:
         """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
@@ -283,14 +284,14 @@ class IncrementEquations:
         """
         system, equilibrium = self.system, self.equilibrium
         load = equilibrium.linearise_and_return_load(kinematics.torque_map)
-        known_q = np.nan_to_num(self.prescribed)[self.interface.pair]
+        known_q = np.nan_to_num(self.prescribed_motions)[self.interface.pair]
         known_v = system.evaluate_point_motions(equilibrium.prescribed_displacements)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
         torque_map = kinematics.torque_map.eliminate_known_motions(
             known_q, self._support_displacement
         )
-        totals: Array = self.totals
+        totals: Array = self.free_motion_forces
         springs: Array = np.zeros(len(system.free_motions))
         if self.interface.holds_friction and system.free_motions:
             totals, springs = self.support_friction.subtract_friction_and_get_stiffness(
@@ -304,9 +305,9 @@ class IncrementEquations:
             accuracy=accuracy,
             friction_springs=springs,
         )
-        q = self.prescribed.copy()
+        q = self.prescribed_motions.copy()
         q[np.isnan(q)] = solution.free_motions
-        step_length = equilibrium.line_search_towards(solution.reduced_unknowns)
+        step_length = equilibrium.move_towards_and_return_step_length(solution.reduced_unknowns)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
             system.set_initial_iterate(
@@ -318,7 +319,7 @@ class IncrementEquations:
             kinematics,
             previous_support_friction=active.support_friction,
             is_exact=solution.is_exact,
-            is_final=solution.is_final or not equilibrium.requires_accurate_last_solution,
+            is_final=solution.is_final or not equilibrium.requires_accurate_last_linear_solve,
         )
         return replace(state, step_length=step_length)
 
@@ -331,7 +332,7 @@ class IncrementEquations:
         previous_support_friction: Array | None = None,
         is_exact: bool = True,
         is_final: bool = True,
-    ) -> NewtonState:
+    ) -> NewtonIterate:
         """Evaluate all conditions for given displacements and surface motions.
 
         Args:
@@ -368,8 +369,8 @@ class IncrementEquations:
                 force, displacement_size, kinematics.torque_map
             )
         )
-        state = NewtonState(
-            reduced=reduced_unknowns,
+        state = NewtonIterate(
+            reduced_unknowns=reduced_unknowns,
             unknowns=unknowns,
             q=surface_motions,
             displacement=displacement,
@@ -390,7 +391,7 @@ class IncrementEquations:
         violation = self.max_residual_to_tolerance_ratio(state, allowed, coordinate_round_off)
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
-    def reevaluate_with_kinematics_at_solution(self, state: NewtonState) -> NewtonState:
+    def reevaluate_with_kinematics_at_solution(self, state: NewtonIterate) -> NewtonIterate:
         """Return a solution, evaluated again with kinematics that are linearised at it.
 
         A state that is not a solution is returned unchanged. A solution is returned unchanged if
@@ -399,14 +400,14 @@ class IncrementEquations:
         """
         if not state.is_solution:
             return state
-        kinematics = self.kinematics.kinematics_at_solution(
+        kinematics = self.kinematics.relinearise_at_solution_if_needed(
             state.kinematics, state.q, state.displacement, state.force
         )
         if kinematics is state.kinematics:
             return state
         held_friction = np.where(kinematics.held_tangents, state.nodes.force[:, 1:], 0.0)
         relinearised = self.evaluate_all_conditions(
-            state.reduced,
+            state.reduced_unknowns,
             state.q,
             kinematics,
             previous_support_friction=held_friction,
@@ -417,13 +418,13 @@ class IncrementEquations:
             return state
         return relinearised
 
-    def keep_if_smallest_violation(self, state: NewtonState) -> None:
+    def keep_if_smallest_violation(self, state: NewtonIterate) -> None:
         """Keep the state as `best_state` if its violation is the smallest so far."""
         if self.best_state is None or state.violation < self.best_state.violation:
             self.best_state = state
 
     def local_relative_residuals(
-        self, state: NewtonState, reference_force: float, reference_length: Array | float
+        self, state: NewtonIterate, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
         """Return the relative residuals at the nodes and equations of this process.
 
@@ -431,7 +432,11 @@ class IncrementEquations:
         divided by `reference_length`, which is a number or one length (m,) per contact node.
         """
         balance = self.system.compute_relative_balance_residuals(
-            state.force, state.q, self.totals, state.kinematics.torque_map, reference_force
+            state.force,
+            state.q,
+            self.free_motion_forces,
+            state.kinematics.torque_map,
+            reference_force,
         )
         return state.nodes.relative_residuals(reference_force, reference_length) | {
             "equilibrium": np.asarray(state.unbalanced / reference_force, dtype=float),
@@ -439,7 +444,7 @@ class IncrementEquations:
         }
 
     def largest_residuals(
-        self, state: NewtonState, reference_force: float, reference_length: float
+        self, state: NewtonIterate, reference_force: float, reference_length: float
     ) -> Residuals:
         """Return the largest relative residuals on all processes; collective.
 
@@ -449,8 +454,8 @@ class IncrementEquations:
         largest = self.nonnegative_max_over_ranks(*residuals.values())
         return Residuals(**dict(zip(residuals, largest, strict=True)))
 
-    def reference_sizes(
-        self, state: NewtonState, before: ResidualScale
+    def updated_scale_and_reference_force_and_length(
+        self, state: NewtonIterate, start_scale: ResidualScale
     ) -> tuple[ResidualScale, float, float]:
         """Return the scale of the load history, and the reference force and length of residuals.
 
@@ -458,7 +463,7 @@ class IncrementEquations:
 
         Args:
             state: iterate at the end of the increment.
-            before: scale at the start of the increment.
+            start_scale: scale at the start of the increment.
         """
         shifts = np.einsum(
             "nak,nk->na", state.kinematics.torque_map.V, state.q[self.interface.pair]
@@ -470,9 +475,9 @@ class IncrementEquations:
             np.abs(self.interface.position),
             self.system.law_scale,
         )
-        scale = before
+        scale = start_scale
         if force > state.round_off:
-            scale = ResidualScale(max(force, before.force), max(length, before.length))
+            scale = ResidualScale(max(force, start_scale.force), max(length, start_scale.length))
         length = max(length, scale.length)
         length = length if length > RELATIVE_COORDINATE_ROUND_OFF * extent else extent
         force = scale.force or stiffness * length
@@ -487,7 +492,7 @@ class IncrementEquations:
         return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
 
     def max_residual_to_tolerance_ratio(
-        self, state: NewtonState, force_tolerance: float, coordinate_round_off_force: float
+        self, state: NewtonIterate, force_tolerance: float, coordinate_round_off_force: float
     ) -> float:
         """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
@@ -502,7 +507,7 @@ class IncrementEquations:
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
-            self.interface.check_friction_laws(nodes.force[:, 0])
+            self.interface.raise_law_errors_and_check_slopes(nodes.force[:, 0])
         residuals = self.local_relative_residuals(state, 1.0, 1 / nodes.scale)
         friction_round_off = nodes.friction_round_off(coordinate_round_off_force)
         worst = self.equilibrium.max_imbalance_to_tolerance_ratio(
@@ -520,7 +525,7 @@ class IncrementEquations:
             worst = max(worst, np.inf if np.isnan(max_ratio) else max_ratio)
         return float(self.system.comm.allreduce(worst, MPI.MAX))
 
-    def _are_surfaces_at_linearisation_point(self, state: NewtonState) -> bool:
+    def _are_surfaces_at_linearisation_point(self, state: NewtonIterate) -> bool:
         """Return whether the surfaces have moved by less than the tolerance since linearisation."""
         change = np.abs(state.q - state.kinematics.q0).max()
         max_displacement = self.nonnegative_max_over_ranks(np.abs(state.displacement))[0]
@@ -554,12 +559,12 @@ class LinearIncrementEquations(IncrementEquations):
 
     def solve_linearised_system(
         self, active: ActiveSet, kinematics: LinearisedKinematics, accuracy: LinearSolveAccuracy
-    ) -> NewtonState:
+    ) -> NewtonIterate:
         """Solve the linear system of an active set; return the iterate with its residuals.
 
         Raises:
             NotUnique: if the tangent is singular at a solution.
-            NotFound: if the tangent is singular at another iterate.
+            SolutionNotFound: if the tangent is singular at another iterate.
             NotConverged: if an iterative solver fails.
         """
         try:
@@ -574,8 +579,8 @@ class LinearIncrementEquations(IncrementEquations):
         self,
         active: ActiveSet,
         error: SingularSystem,
-        solve_perturbed_set: Callable[[ActiveSet], NewtonState],
-    ) -> NotUnique | NotFound:
+        solve_perturbed_set: Callable[[ActiveSet], NewtonIterate],
+    ) -> NotUnique | SolutionNotFound:
         """Return the error to raise for a singular tangent.
 
         With slightly less or slightly more friction, the tangent is regular. If the equations of
@@ -605,19 +610,19 @@ class LinearIncrementEquations(IncrementEquations):
             less, more = neighbours
             change = (less.unknowns - more.unknowns).norm()
             is_continuous = (
-                change <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION * less.unknowns.norm()
+                change <= _MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION * less.unknowns.norm()
             )
             if (
                 is_continuous
                 and less.violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
-                <= _MAX_RELATIVE_SOLUTION_CHANGE_WITH_FRICTION
+                <= _MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION
             ):
                 self.best_state = less
                 return NotUnique(
                     f"{error}: no rigid motion is free, so the friction of the {counts} is too "
                     "large for a unique answer"
                 )
-        return NotFound(
+        return SolutionNotFound(
             f"{error}, though no rigid motion is free: with the friction of the {counts} the "
             "equations have no solution"
         )

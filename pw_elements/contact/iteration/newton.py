@@ -7,7 +7,7 @@ tolerances. It assumes that the state at the start of the increment is a converg
 from collections.abc import Callable
 from typing import TypeAlias
 
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 
@@ -24,7 +24,7 @@ def solve_increment(
     *,
     max_iterations: int,
     after_iteration: IterationCallback,
-) -> NewtonState:
+) -> NewtonIterate:
     """Iterate from an active set and linearised kinematics until all conditions hold.
 
     Args:
@@ -37,7 +37,7 @@ def solve_increment(
 
     Raises:
         NotUnique: if the tangent is singular at a solution.
-        NotFound: if no active set satisfies the conditions.
+        SolutionNotFound: if no active set satisfies the conditions.
         NotConverged: if an iterative solver fails.
     """
     active = increment.add_initial_support_friction(active, kinematics)

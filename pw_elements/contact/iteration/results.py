@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import DEFORMABLE, ContactInterface
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
+from pw_elements.contact.interface import FACED_INDEX_OF_DEFORMABLE_SURFACE, ContactInterface
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
 from pw_elements.contact.model import (
     ContactState,
     PairState,
@@ -24,7 +24,7 @@ from pw_elements.solvers import SolverReport
 
 def make_contact_state(
     increment: IncrementEquations,
-    state: NewtonState,
+    state: NewtonIterate,
     start_state: ContactState,
     *,
     scale: ResidualScale,
@@ -39,7 +39,8 @@ def make_contact_state(
         increment: equations of the increment.
         state: iterate.
         start_state: contact state at the start of the increment.
-        scale: scale of the load history at the end, from `Increment.reference_sizes`.
+        scale: scale of the load history at the end, from
+            `Increment.updated_scale_and_reference_force_and_length`.
         iterations: number of linear systems solved.
         report: report of the linear solver.
         smallness: check of the small-strain assumption; None at large strains.
@@ -54,7 +55,7 @@ def make_contact_state(
     )
     is_unique = len(all_signs) <= 1 if signs else None
     if increment.interface.cone.has_user_law:
-        increment.interface.check_friction_laws()
+        increment.interface.raise_law_errors_and_check_slopes()
     return ContactState(
         displacement=increment.interface.field.extract(state.unknowns),
         pairs=_make_pair_states_of_iterate(increment, state),
@@ -73,7 +74,7 @@ def make_contact_state(
 def make_undeformed_state(interface: ContactInterface, zero_unknowns: PETSc.Vec) -> ContactState:
     """Return the state of the undeformed body; `zero_unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
-    gap, normal = interface.evaluate_surfaces(None)
+    gap, normal = interface.evaluate_undeformed_gaps_and_normals(None)
     pairs = make_pair_states(
         interface,
         np.zeros((interface.pairs, no_vector.shape[1])),
@@ -87,25 +88,31 @@ def make_undeformed_state(interface: ContactInterface, zero_unknowns: PETSc.Vec)
 
 
 def _make_pair_states_of_iterate(
-    increment: IncrementEquations, state: NewtonState
+    increment: IncrementEquations, state: NewtonIterate
 ) -> tuple[PairState, ...]:
     interface, start, nodes = increment.interface, increment.start, state.nodes
     active, normal, tangents = nodes.active_set, nodes.frame[:, 0], nodes.frame[:, 1:]
     has_no_tangent = ~tangents.any(axis=(1, 2))
-    is_held = (interface.faced == DEFORMABLE) & interface.cone.has_friction & has_no_tangent
+    is_held = (
+        (interface.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)
+        & interface.cone.has_friction
+        & has_no_tangent
+    )
     status = np.where(is_held & (active.status != OPEN), HELD, active.status).astype(np.int8)
     dim = state.displacement.shape[1]
     motion = state.displacement - start.displacement
     motion = motion - (state.q - start.q)[interface.pair, :dim]
 
-    def to_global(values: Array) -> Array:
-        return np.einsum("nab,na->nb", tangents, values)
+    def convert_tangential_to_global(tangential_components: Array) -> Array:
+        return np.einsum("nab,na->nb", tangents, tangential_components)
 
-    path_slip = increment.kinematics.integrate_slip_along_path(state.q, state.displacement, normal)
+    path_slip = increment.kinematics.compute_slip_along_straight_path(
+        state.q, state.displacement, normal
+    )
     held_slip = remove_normal_part(motion, normal)
     resultants = state.kinematics.torque_map.compute_force_and_torque_of_each_point(state.force)
     friction = interface.cone.coefficient(nodes.force[:, 0])
-    slip = np.where((status == HELD)[:, None], held_slip, to_global(nodes.slip))
+    slip = np.where((status == HELD)[:, None], held_slip, convert_tangential_to_global(nodes.slip))
     is_closed = (status != OPEN)[:, None]
     return make_pair_states(
         interface,
@@ -114,7 +121,7 @@ def _make_pair_states_of_iterate(
         increment.system.force_operator,
         normal=normal,
         force_normal=nodes.force[:, 0],
-        force_tangential=to_global(nodes.force[:, 1:]),
+        force_tangential=convert_tangential_to_global(nodes.force[:, 1:]),
         torque=resultants[:, dim:].sum(axis=1),
         gap=nodes.gap,
         slip=slip * is_closed,
@@ -122,7 +129,7 @@ def _make_pair_states_of_iterate(
         friction=friction,
         status=status,
         displacement=state.displacement,
-        direction=to_global(active.direction),
+        direction=convert_tangential_to_global(active.direction),
         friction_ratio=active.friction_ratio,
     )
 

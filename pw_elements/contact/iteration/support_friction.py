@@ -28,14 +28,14 @@ from pw_elements.contact.system import ContactSystem
 
 # Stiffness of support friction against a surface that is free to slide, divided by the stiffness of
 # the node's contact law: if supports hold all tangents, and if another tangent is free
-_STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT = 1e3, 3.0
+_FRICTION_TO_LAW_STIFFNESS_IF_FULLY_HELD, _FRICTION_TO_LAW_STIFFNESS_IF_PARTLY_HELD = 1e3, 3.0
 # Round-off in the slip, relative to the sum of a node's coordinates and displacement
 _SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES = 1e-13
 # Largest derivative of a slip with respect to a free motion of the surface that counts as zero
 _NEGLIGIBLE_SLIP_PER_SURFACE_MOTION = 1e-9
 # Support friction along a support that is not parallel to the surface: largest number of
 # fixed-point iterations, and their tolerance relative to the friction limit
-_MAX_FRICTION_ITERATIONS, _FRICTION_TOLERANCE = 60, 1e-13
+_MAX_FIXED_POINT_ITERATIONS, _FIXED_POINT_TOLERANCE_PER_FRICTION_LIMIT = 60, 1e-13
 
 
 class FrictionAtSupportedNodes:
@@ -50,7 +50,8 @@ class FrictionAtSupportedNodes:
     Args:
         system: contact system, which solves the linear equations.
         start: state at the start of the increment.
-        prescribed: prescribed motions (pairs, k) of the surfaces, NaN where a motion is free.
+        prescribed_motions: prescribed motions (pairs, k) of the surfaces, NaN where a motion is
+            free.
         support_displacement: prescribed displacements (m, dim) of the contact points.
     """
 
@@ -58,11 +59,11 @@ class FrictionAtSupportedNodes:
         self,
         system: ContactSystem,
         start: IncrementStart,
-        prescribed: Array,
+        prescribed_motions: Array,
         support_displacement: Array,
     ) -> None:
         self._system, self._interface, self._start = system, system.interface, start
-        self._free_motions: Mask = np.isnan(prescribed)[self._interface.pair]
+        self._free_motions: Mask = np.isnan(prescribed_motions)[self._interface.pair]
         self._support_displacement = support_displacement
 
     def friction_at_increment_start(self, kinematics: LinearisedKinematics) -> Array:
@@ -190,7 +191,11 @@ class FrictionAtSupportedNodes:
 
 def _friction_stiffness_per_law_stiffness(kinematics: LinearisedKinematics) -> Array:
     all_held = kinematics.held_tangents.all(axis=1)
-    return np.where(all_held, _STIFFNESS_FACTOR, _STIFFNESS_FACTOR_BESIDE_FREE_TANGENT)
+    return np.where(
+        all_held,
+        _FRICTION_TO_LAW_STIFFNESS_IF_FULLY_HELD,
+        _FRICTION_TO_LAW_STIFFNESS_IF_PARTLY_HELD,
+    )
 
 
 def _add_support_friction_by_fixed_point(
@@ -223,19 +228,19 @@ def _add_support_friction_by_fixed_point(
     to_components = np.linalg.pinv(np.where(supported_components[:, None], tangents, 0.0))
     held_force = np.einsum("nta,na->nt", tangents, global_force)
 
-    def compute_support_forces(tangential: Array) -> tuple[Array, Array]:
+    def compute_support_and_normal_forces(tangential_forces: Array) -> tuple[Array, Array]:
         """Return forces (m, dim) along supports, and normal forces (m,) that include them.
 
-        `tangential` are the tangential forces (m, dim - 1).
+        `tangential_forces` are the tangential forces (m, dim - 1).
         """
-        missing = np.where(is_held, tangential - held_force, 0.0)
+        missing = np.where(is_held, tangential_forces - held_force, 0.0)
         support_force = np.einsum("nat,nt->na", to_components, missing)
         normal_part = np.einsum("na,na->n", kinematics.frame[:, 0], support_force)
         return support_force, equation_force[:, 0] + normal_part
 
     tangential = np.where(is_held, previous_friction, equation_force[:, 1:])
-    for _ in range(_MAX_FRICTION_ITERATIONS):
-        _, normal = compute_support_forces(tangential)
+    for _ in range(_MAX_FIXED_POINT_ITERATIONS):
+        _, normal = compute_support_and_normal_forces(tangential)
         trial_force = np.column_stack(
             [normal, np.where(is_held, previous_friction, equation_force[:, 1:])]
         )
@@ -243,7 +248,10 @@ def _add_support_friction_by_fixed_point(
         limit = trial.friction_limits_and_slopes[0]
         admissible = replace(trial, scale=friction_stiffness).admissible_friction(limit)
         previous, tangential = tangential, np.where(is_held, admissible, equation_force[:, 1:])
-        if not np.any(np.abs(tangential - previous) > _FRICTION_TOLERANCE * limit[:, None]):
+        if not np.any(
+            np.abs(tangential - previous)
+            > _FIXED_POINT_TOLERANCE_PER_FRICTION_LIMIT * limit[:, None]
+        ):
             break
-    support_force, normal = compute_support_forces(tangential)
+    support_force, normal = compute_support_and_normal_forces(tangential)
     return replace(nodes, force=np.column_stack([normal, tangential])), global_force + support_force

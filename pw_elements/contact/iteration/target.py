@@ -44,22 +44,22 @@ class TargetLoadsAndMotions:
         cls,
         load: PETSc.Vec | None,
         motions: Sequence[Motion | None],
-        n_motions: int,
+        n_motions_per_surface: int,
     ) -> "TargetLoadsAndMotions":
         """Return the target for the user's loads and motions.
 
         Args:
             load: total load vector (n,), or None if the residual includes the loads.
             motions: motion of each pair's surface; None for a surface that does not move.
-            n_motions: number of motions of each surface, which are its translations and, if
-                surfaces may rotate, its angle.
+            n_motions_per_surface: number of motions of each surface, which are its translations
+                and, if surfaces may rotate, its angle.
         """
-        q, forces = np.zeros((2, len(motions), n_motions))
+        q, forces = np.zeros((2, len(motions), n_motions_per_surface))
         for k, motion in enumerate(motions):
             if motion is not None:
                 q[k], forces[k] = (
-                    motion.translation_and_rotation()[:n_motions],
-                    motion.force_and_torque()[:n_motions],
+                    motion.translation_and_rotation()[:n_motions_per_surface],
+                    motion.force_and_torque()[:n_motions_per_surface],
                 )
         return cls(load, q, forces)
 

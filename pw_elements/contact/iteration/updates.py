@@ -17,8 +17,14 @@ import numpy.typing as npt
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ContactInterface
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonState
-from pw_elements.contact.model import ContactState, Cycling, FreeBody, LastContactLost, NotFound
+from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
+from pw_elements.contact.model import (
+    ActiveSetCycling,
+    ContactState,
+    FreeBody,
+    LastContactLost,
+    SolutionNotFound,
+)
 from pw_elements.contact.nodes import (
     HELD,
     OPEN,
@@ -50,10 +56,10 @@ _MIN_ACTIVE_SET_REVISITS_OF_CYCLING = 4
 _MAX_RELATIVE_DISPLACEMENT_CHANGE_IF_SOLVED = 1e-6
 _MAX_ITERATIONS_WITH_KEPT_SET = 6
 # Number of shortened Newton steps after which an iteration between two bodies ends
-_MAX_SHORTENED_STEPS = 3
+_MAX_SHORTENED_NEWTON_STEPS = 3
 # Number of recent active sets that are searched for a cycle
-_N_RECENT_SETS_SEARCHED_FOR_CYCLE = 8
-_NO_SET_MESSAGE = "no active set satisfies the contact conditions"
+_N_RECENT_SETS_IN_CYCLE_MESSAGE = 8
+_NO_VALID_ACTIVE_SET_MESSAGE = "no active set satisfies the contact conditions"
 # Fraction of the largest violation above which the violation of a node counts as the largest
 _MIN_VIOLATION_RATIO_OF_WORST_NODES = 1 - 1e-6
 # Largest gap that counts as closed in the first active set, relative to the extent of the contact
@@ -73,9 +79,7 @@ class ActiveSetHistory:
         self._comm = comm
         self._visited: set[bytes] = set()
         self._last_key, self._n_returns, self._n_kept = b"", 0, 0
-        self._recent: deque[tuple[bytes, ActiveSet]] = deque(
-            maxlen=_N_RECENT_SETS_SEARCHED_FOR_CYCLE
-        )
+        self._recent: deque[tuple[bytes, ActiveSet]] = deque(maxlen=_N_RECENT_SETS_IN_CYCLE_MESSAGE)
 
     def record_and_decide_to_keep_set(
         self, active: ActiveSet, relative_displacement_change: float
@@ -104,10 +108,10 @@ class ActiveSetHistory:
 
     def make_error_naming_cycling_nodes(
         self, message: str, interface: ContactInterface
-    ) -> NotFound:
+    ) -> SolutionNotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
         if not self.is_cycle:
-            return NotFound(message)
+            return SolutionNotFound(message)
         changing = np.zeros(len(interface.pair), dtype=bool)
         latest = self._recent[-1][1]
         for _, active in self._recent:
@@ -115,7 +119,7 @@ class ActiveSetHistory:
             changing |= (np.round(active.direction) != np.round(latest.direction)).any(axis=1)
         positions = interface.gather_values(interface.position[changing])
         n_sets = len({key for key, _ in self._recent})
-        return Cycling.with_positions(
+        return ActiveSetCycling.with_positions(
             f"{message}: {n_sets} active sets recur, which differ at {len(positions)} of the "
             "nodes, at {}, and the law holds in none of them",
             positions,
@@ -153,15 +157,15 @@ class ActiveSetUpdate:
     ) -> None:
         """Clear the record of visited sets and record the first active set of an increment."""
         self._visited, self._limited = [], None
-        self.record_and_detect_cycle(active)
+        self.record_set_and_limit_cycling_nodes(active)
 
-    def record_and_detect_cycle(self, active: ActiveSet) -> bool:
+    def record_set_and_limit_cycling_nodes(self, active: ActiveSet) -> bool:
         """Record an active set; return whether it was visited before.
 
         If it was, the nodes that change in the cycle are limited to one change per iteration.
 
         Raises:
-            NotFound: if all nodes of the cycle are limited already.
+            SolutionNotFound: if all nodes of the cycle are limited already.
         """
         vectors = [
             np.round(v, _DECIMALS_IN_ACTIVE_SET_COMPARISON)
@@ -182,7 +186,7 @@ class ActiveSetUpdate:
             self._limited = np.zeros_like(cycling)
         n_new = self._comm.allreduce(int(np.sum(cycling & ~self._limited)), MPI.SUM)
         if n_new == 0:
-            raise NotFound(
+            raise SolutionNotFound(
                 f"the iteration runs through the same {len(cycle) - 1} active sets again, even "
                 "though only one of the cycling nodes changes in each iteration"
             )
@@ -209,7 +213,7 @@ class ActiveSetUpdate:
         )
 
     def choose_next_set_and_accuracy(
-        self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
+        self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonIterate
     ) -> tuple[ActiveSet, LinearSolveAccuracy]:
         """Return the next active set and the accuracy of its linear solution.
 
@@ -219,20 +223,20 @@ class ActiveSetUpdate:
             state: solution of the linear system.
 
         Raises:
-            NotFound: if the active sets cycle.
+            SolutionNotFound: if the active sets cycle.
             LastContactLost: if the next active set leaves a rigid motion free.
         """
         if state.violation <= 1:
             return active, "tightened"  # the linear system was not solved to the final accuracy
-        active = self._rotate_set_to_frames_of_state(active, kinematics, state)
+        active = self._rotate_set_to_new_frames_and_clear_record(active, kinematics, state)
         return self._propose_next_set_and_accuracy(active, state)
 
-    def make_iteration_limit_error(self, max_iterations: int) -> NotFound:
+    def make_iteration_limit_error(self, max_iterations: int) -> SolutionNotFound:
         """Return the error for an iteration that has found no solution in `max_iterations`."""
-        return NotFound(_format_iteration_limit_message(max_iterations))
+        return SolutionNotFound(_format_iteration_limit_message(max_iterations))
 
-    def _rotate_set_to_frames_of_state(
-        self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonState
+    def _rotate_set_to_new_frames_and_clear_record(
+        self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonIterate
     ) -> ActiveSet:
         """Return the active set in the frames of a state.
 
@@ -244,12 +248,12 @@ class ActiveSetUpdate:
         return rotate_active_set(active, kinematics.frame, state.kinematics.frame)
 
     def _propose_next_set_and_accuracy(
-        self, active: ActiveSet, state: NewtonState
+        self, active: ActiveSet, state: NewtonIterate
     ) -> tuple[ActiveSet, LinearSolveAccuracy]:
         proposed = self._propose_set_that_holds_body(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
-        if self.record_and_detect_cycle(proposed):
+        if self.record_set_and_limit_cycling_nodes(proposed):
             proposed = self._propose_set_that_holds_body(active, state.nodes)
         return proposed, self.accuracy
 
@@ -326,14 +330,14 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
         self._history, self._n_shortened_steps = ActiveSetHistory(self._comm), 0
         self._displacement = increment.start.displacement
 
-    def make_iteration_limit_error(self, max_iterations: int) -> NotFound:
+    def make_iteration_limit_error(self, max_iterations: int) -> SolutionNotFound:
         """Return the error; if the iteration cycles, the message gives the cycling nodes."""
         return self._history.make_error_naming_cycling_nodes(
             _format_iteration_limit_message(max_iterations), self._interface
         )
 
     def _propose_next_set_and_accuracy(
-        self, active: ActiveSet, state: NewtonState
+        self, active: ActiveSet, state: NewtonIterate
     ) -> tuple[ActiveSet, LinearSolveAccuracy]:
         change = self._nonnegative_max_over_ranks(np.abs(state.displacement - self._displacement))
         self._displacement = state.displacement
@@ -342,27 +346,29 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
         )
         is_kept = self._history.record_and_decide_to_keep_set(active, relative_change)
         if self._ends_early:
-            self._refuse_hopeless_iteration(state)
+            self._raise_if_cycling_or_steps_often_shortened(state)
         if self.keeps_cycling_sets and is_kept:
             return active, self.accuracy
         return super()._propose_next_set_and_accuracy(active, state)
 
-    def _refuse_hopeless_iteration(self, state: NewtonState) -> None:
-        """Raise NotFound if active sets cycle or too many Newton steps have been shortened."""
+    def _raise_if_cycling_or_steps_often_shortened(self, state: NewtonIterate) -> None:
+        """Raise SolutionNotFound if sets cycle or too many Newton steps have been shortened."""
         self._n_shortened_steps += state.step_length < 1
-        if self._n_shortened_steps >= _MAX_SHORTENED_STEPS:
-            raise NotFound(
+        if self._n_shortened_steps >= _MAX_SHORTENED_NEWTON_STEPS:
+            raise SolutionNotFound(
                 f"{self._n_shortened_steps} Newton steps would have inverted cells and were "
                 "shortened"
             )
         if self._history.is_cycle and not self.keeps_cycling_sets:
-            raise self._history.make_error_naming_cycling_nodes(_NO_SET_MESSAGE, self._interface)
+            raise self._history.make_error_naming_cycling_nodes(
+                _NO_VALID_ACTIVE_SET_MESSAGE, self._interface
+            )
 
     def _nonnegative_max_over_ranks(self, values: Array) -> float:
         return float(self._comm.allreduce(values.max(initial=0.0), MPI.MAX))
 
 
-class CycleKeepingSetUpdate(LargeStrainActiveSetUpdate):
+class UpdateKeepingCyclingSetsUntilSolved(LargeStrainActiveSetUpdate):
     """Rule that keeps an active set of a cycle until the equations of the set are solved."""
 
     keeps_cycling_sets = True
@@ -377,7 +383,7 @@ def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noq
 
 
 def _format_iteration_limit_message(max_iterations: int) -> str:
-    return f"{_NO_SET_MESSAGE} after {max_iterations} iterations (max_iterations)"
+    return f"{_NO_VALID_ACTIVE_SET_MESSAGE} after {max_iterations} iterations (max_iterations)"
 
 
 def _hash_arrays_of_all_ranks(comm: MPI.Comm, *arrays: npt.NDArray) -> bytes:

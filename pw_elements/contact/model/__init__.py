@@ -1,15 +1,15 @@
 """Input and results of contact computations: pairs, surfaces, friction laws, states, errors."""
 
 from pw_elements.contact.model.errors import (
+    ActiveSetCycling,
     ContactFailed,
-    Cycling,
     FreeBody,
     LastContactLost,
     LoadMissingForEquilibrium,
     NoEquilibrium,
-    NotFound,
     NotUnique,
     RigidVelocity,
+    SolutionNotFound,
     SurfacePassed,
     describe_exhausted_friction,
 )

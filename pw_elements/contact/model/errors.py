@@ -104,11 +104,11 @@ class NotUnique(ContactFailed, SingularSystem):
     """
 
 
-class NotFound(ContactFailed):
+class SolutionNotFound(ContactFailed):
     """The iteration found no solution. It is not known whether a solution exists."""
 
     @classmethod
-    def with_positions(cls, message: str, positions: Array) -> "NotFound":
+    def with_positions(cls, message: str, positions: Array) -> "SolutionNotFound":
         """Return the error with positions of nodes in its message.
 
         Args:
@@ -118,11 +118,11 @@ class NotFound(ContactFailed):
         return cls(message.format(format_points(positions)))
 
 
-class Cycling(NotFound):
+class ActiveSetCycling(SolutionNotFound):
     """The iteration repeats a sequence of active sets, none of which gives a solution."""
 
 
-class LastContactLost(NotFound):
+class LastContactLost(SolutionNotFound):
     """The next active set would release a body or a surface that only contact holds in place."""
 
 

@@ -154,7 +154,7 @@ class FrictionCone:
         words = "it gives the limits and their slopes, (n,) each"
         results = ("the limit of friction", limit), ("its slope", slope)
         return tuple(  # type: ignore[return-value]
-            arguments.check_function_values(name, values, normal_force.shape, words)
+            arguments.check_user_function_values(name, values, normal_force.shape, words)
             for name, values in results
         )
 

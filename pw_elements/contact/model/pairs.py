@@ -264,7 +264,7 @@ class ContactPair:
             return self.friction
         return Coulomb(self.friction)
 
-    def pivot_and_spin(self, dim: int) -> tuple[Array, Array]:
+    def pivot_and_spin_matrix(self, dim: int) -> tuple[Array, Array]:
         """Return the pivot c (dim,) and the matrix J (dim, dim) of the axis of rotation.
 
         J (x - c) is the velocity of a point x at unit angular velocity. J is zero without a pivot.

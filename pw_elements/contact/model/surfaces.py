@@ -20,7 +20,10 @@ PointArray = Array
 # Newton's method for closest points: limit of steps; and size of the final step relative to the
 # largest coordinate, with a gradient function and with finite differences
 _MAX_CLOSEST_POINT_NEWTON_STEPS = 30
-_CLOSEST_POINT_STEP_PER_COORDINATE, _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES = 1e-12, 1e-8
+_CLOSEST_POINT_TOLERANCE_PER_COORDINATE, _CLOSEST_POINT_TOLERANCE_PER_COORDINATE_BY_DIFFERENCES = (
+    1e-12,
+    1e-8,
+)
 # Step of first differences relative to the largest coordinate; step of second differences relative
 # to the step of first differences
 _DIFFERENCE_STEP_PER_MAX_COORDINATE, _SECOND_TO_FIRST_DIFFERENCE_STEP_RATIO = 1e-6, 100
@@ -86,7 +89,7 @@ class Surface(Protocol):
 class ClosestPointSurface(Surface, Protocol):
     """Surface for contact of deformed bodies, which computes closest points and curvatures."""
 
-    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances, normals and derivatives of normals at the points closest to x (n, dim).
 
         Where the surface does not face a point, the distance is infinite, the normal arbitrary and
@@ -132,7 +135,7 @@ class Plane:
         """Return the unit normal of the plane for each of the points x (n, dim)."""
         return np.tile(unit_vector(self.direction), (len(x), 1))
 
-    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
         Distances and normals are those at points x (n, dim). The derivatives are zero.
@@ -219,7 +222,7 @@ class Sphere:
         """Return unit vectors (n, dim) from the centre towards points x (n, dim)."""
         return normalise_rows(x - np.asarray(self.centre))
 
-    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
         They are evaluated at points x (n, dim). With the unit vector n from the centre to a point,
@@ -328,7 +331,7 @@ class SignedDistance:
         normal[faced] = normalise_rows(self._evaluate_gradient(x[faced]))
         return normal
 
-    def closest(self, x: PointArray) -> tuple[Array, PointArray, Array]:
+    def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
         They are evaluated at points x (n, dim). Newton's method solves p + l grad f(p) = x,
@@ -361,9 +364,9 @@ class SignedDistance:
         identity, p = np.eye(dim), x.copy()
         gradient, zero_at_x = self._evaluate_gradient_and_replace_zeros(x)
         length = self._evaluate_function(x) / np.sum(gradient**2, axis=1)
-        tolerance = _CLOSEST_POINT_STEP_PER_COORDINATE
+        tolerance = _CLOSEST_POINT_TOLERANCE_PER_COORDINATE
         if self.gradient is None:
-            tolerance = _CLOSEST_POINT_STEP_PER_COORDINATE_BY_DIFFERENCES
+            tolerance = _CLOSEST_POINT_TOLERANCE_PER_COORDINATE_BY_DIFFERENCES
         tolerance *= np.abs(x).max(initial=0.0)
         for _ in range(_MAX_CLOSEST_POINT_NEWTON_STEPS):
             gradient, hessian = (
@@ -395,7 +398,7 @@ class SignedDistance:
     def _evaluate_function(self, x: PointArray) -> Array:
         """Return values (n,) of the function at points x (n, dim)."""
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
-        return arguments.check_function_values(
+        return arguments.check_user_function_values(
             "the function of a signed distance", self.function(x), (len(x),), layout
         )
 
@@ -404,7 +407,7 @@ class SignedDistance:
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             gradient = self.gradient(x)
-            return arguments.check_function_values(
+            return arguments.check_user_function_values(
                 "the gradient of a signed distance", gradient, x.shape, layout
             )
         steps, values = (
@@ -491,12 +494,14 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
         x: (n, dim), points at which derivatives are checked.
         step: step of the differences.
     """
-    gap, normal, curvature = surface.closest(x)
+    gap, normal, curvature = surface.gap_normal_and_curvature(x)
     values = np.concatenate([gap[:, None], normal], axis=1)
     one_sided = np.empty((x.shape[1], 2, *values.shape))
     for axis, side in np.ndindex(one_sided.shape[:2]):
         sign = 2 * side - 1
-        next_gap, next_normal, _ = surface.closest(x + sign * step * np.eye(x.shape[1])[axis])
+        next_gap, next_normal, _ = surface.gap_normal_and_curvature(
+            x + sign * step * np.eye(x.shape[1])[axis]
+        )
         next_values = np.concatenate([next_gap[:, None], next_normal], axis=1)
         one_sided[axis, side] = sign * (next_values - values) / step
     # derivatives (n, 1 + dim, dim) of the distance and of the normal

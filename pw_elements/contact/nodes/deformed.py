@@ -2,7 +2,7 @@
 
 The theory page derives the kinematics ("Large strains"). The module guarantees first derivatives of
 gap, slip and force with respect to the motions of points and surfaces. It assumes surfaces with a
-method `closest`, which `ContactProblem.of_residual` checks.
+method `gap_normal_and_curvature`, which `ContactProblem.of_residual` checks.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ import numpy as np
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
+    FACED_INDEX_OF_RIGID_SURFACE,
     N_SLIP_PATH_PIECES,
-    RIGID,
     ContactInterface,
     MortarSlipReference,
-    check_closest_points,
+    check_user_surface_derivatives,
 )
 from pw_elements.contact.model import ContactPair
 from pw_elements.contact.nodes.nodes import (
@@ -52,7 +52,7 @@ class RigidSurfaceMotion:
 
     def __init__(self, interface: ContactInterface, pairs: Sequence[ContactPair]) -> None:
         self._pair, dim = interface.pair, interface.position.shape[1]
-        self._pivots = [pair.pivot_and_spin(dim) for pair in pairs]
+        self._pivots = [pair.pivot_and_spin_matrix(dim) for pair in pairs]
         pivots, spins = zip(*self._pivots, strict=True)
         self._from_pivot = interface.position - np.array(pivots)[self._pair]
         self._spin = np.array(spins)[self._pair]  # J v = w x v with the axis w, (m, dim, dim)
@@ -198,7 +198,7 @@ class LargeStrainKinematics:
         kinematics = self.linearise(q, displacement, force)
         return kinematics, kinematics.v0
 
-    def kinematics_at_solution(
+    def relinearise_at_solution_if_needed(
         self,
         previous: LinearisedKinematics,
         q: Array,  # noqa: ARG002
@@ -228,7 +228,7 @@ class LargeStrainKinematics:
         tangent_change = tangents @ curvature  # t·N with the derivative N of the normal
         finite_gap = np.where(np.isfinite(gap), gap, 0.0)
         chord = interface.position + motion - finite_gap[:, None] * normal - self._point0
-        normal0 = self._normals_at_start_where_faced(normal, gap)
+        normal0 = self._start_normals_or_current_if_not_faced(normal, gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
         factor, factor_slope = _arc_to_chord_ratios_and_slopes(
             np.minimum(s, _MAX_HALF_NORMAL_CHANGE)
@@ -245,7 +245,7 @@ class LargeStrainKinematics:
         tangential_force_by_v = -normal_force[:, None, None] * tangent_change
         motion_by_v = np.concatenate([normal[:, None], slip_by_v], axis=1) @ R_inverse
         force_by_v = np.concatenate([normal_force_by_v, tangential_force_by_v], axis=1) @ R_inverse
-        is_rigid = (interface.faced == RIGID)[:, None, None]
+        is_rigid = (interface.faced == FACED_INDEX_OF_RIGID_SURFACE)[:, None, None]
         motion_by_q, force_by_q = (
             np.where(is_rigid, -part @ torque_map.V, 0.0) for part in (motion_by_v, force_by_v)
         )
@@ -271,7 +271,9 @@ class LargeStrainKinematics:
 
         They are compared at the points of the mask `pressed` (m,).
         """
-        check_closest_points(self._interface, self._surface_frame_motion(kinematics), pressed)
+        check_user_surface_derivatives(
+            self._interface, self._surface_frame_motion(kinematics), pressed
+        )
 
     def differentiate_slip_by_start_displacement(self, kinematics: LinearisedKinematics) -> Array:
         """Return derivatives (m, dim - 1, dim) of slips with respect to displacements at the start.
@@ -279,7 +281,7 @@ class LargeStrainKinematics:
         The start is that of the increment.
         """
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
-        normal0 = self._normals_at_start_where_faced(normal, kinematics.gap)
+        normal0 = self._start_normals_or_current_if_not_faced(normal, kinematics.gap)
         s = np.linalg.norm(normal - normal0, axis=1) / 2
         factor, factor_slope = _arc_to_chord_ratios_and_slopes(
             np.minimum(s, _MAX_HALF_NORMAL_CHANGE)
@@ -292,7 +294,9 @@ class LargeStrainKinematics:
         by_factor = (factor_slope / factor)[:, None, None] * kinematics.slip[:, :, None]
         return -factor[:, None, None] * (tangents @ point_by_v) - by_factor * s_change[:, None]
 
-    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def compute_slip_along_straight_path(
+        self, q: Array, displacement: Array, normal: Array
+    ) -> Array:
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         In the frame of a surface, the closest point of each contact point is followed along
@@ -340,7 +344,7 @@ class LargeStrainKinematics:
         end = self._surface_frame_motion(kinematics)
         gap, normal, _ = interface.evaluate_gaps_normals_and_curvatures(end)
         normal_change = np.linalg.norm(
-            normal - self._normals_at_start_where_faced(normal, gap), axis=1
+            normal - self._start_normals_or_current_if_not_faced(normal, gap), axis=1
         )
         jumped = normal_change > 2 * _HALF_NORMAL_CHANGE_AT_RIGHT_ANGLE
         if len(interface.gather_values(jumped[jumped])):
@@ -354,7 +358,9 @@ class LargeStrainKinematics:
         displacement = kinematics.v0[:, : self._motion0.shape[1]]
         return self._surfaces.motion_in_surface_frame(kinematics.q0, displacement)
 
-    def _normals_at_start_where_faced(self, current_normal: Array, current_gap: Array) -> Array:
+    def _start_normals_or_current_if_not_faced(
+        self, current_normal: Array, current_gap: Array
+    ) -> Array:
         """Return normals (m, dim) at the start of the increment.
 
         The current `current_normal` is returned for points that no surface faces at the start or

@@ -115,13 +115,13 @@ def make_sticking_active_set(closed: Mask, cone: FrictionCone, n_tangents: int) 
     )
 
 
-def combine_active_sets(where: Mask, inside: ActiveSet, elsewhere: ActiveSet) -> ActiveSet:
+def combine_active_sets(is_inside: Mask, inside: ActiveSet, elsewhere: ActiveSet) -> ActiveSet:
     """Return an active set with values of `inside` where a mask is true, else of `elsewhere`.
 
-    The mask is `where` (m,).
+    The mask is `is_inside` (m,).
     """
     pairs = zip(vars(inside).values(), vars(elsewhere).values(), strict=True)
-    return ActiveSet(*(np.where(where, a.T, b.T).T for a, b in pairs))
+    return ActiveSet(*(np.where(is_inside, a.T, b.T).T for a, b in pairs))
 
 
 def rotate_active_set(active: ActiveSet, old_frame: Array, new_frame: Array) -> ActiveSet:
@@ -504,11 +504,14 @@ class LinearisedKinematics:
         """
         dv, dq = v - self.v0, (q - self.q0)[self.pair]
 
-        def expand(by_v: Array, by_q: Array) -> Array:
-            return np.asarray(np.einsum("nab,nb->na", by_v, dv) + np.einsum("nab,nb->na", by_q, dq))
+        def first_order_change(derivative_by_v: Array, derivative_by_q: Array) -> Array:
+            return np.asarray(
+                np.einsum("nab,nb->na", derivative_by_v, dv)
+                + np.einsum("nab,nb->na", derivative_by_q, dq)
+            )
 
-        motion = expand(self.motion_by_v, self.motion_by_q)
-        components = expand(self.force_by_v, self.force_by_q)
+        motion = first_order_change(self.motion_by_v, self.motion_by_q)
+        components = first_order_change(self.force_by_v, self.force_by_q)
         components += np.einsum("nab,nb->na", self.frame, force)
         no_nodes = np.zeros(len(self.gap), dtype=bool)
         return ContactNodes(

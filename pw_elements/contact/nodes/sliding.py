@@ -19,7 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import RIGID, ContactInterface, MortarSlipReference
+from pw_elements.contact.interface import (
+    FACED_INDEX_OF_RIGID_SURFACE,
+    ContactInterface,
+    MortarSlipReference,
+)
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
 # Number of motions of a slave node that faces the master: gap, slip and angle of the normal
@@ -130,14 +134,14 @@ class MortarKinematics:
             for values in (kinematics.v0, kinematics.motion_by_v, kinematics.force_by_v)
         )
         node = interface.node * dim
-        rigid = np.flatnonzero(interface.faced == RIGID)
+        rigid = np.flatnonzero(interface.faced == FACED_INDEX_OF_RIGID_SURFACE)
         rows = [
             (rigid * _N_MOTIONS_PER_SLAVE_NODE + a, node[rigid] + a, np.ones(len(rigid)))
             for a in range(dim)
         ]
         for k, mortar_state in self._mortars.items():
             mortar, points, number = interface.mortars[k], self._points[k], self._slave_indices[k]
-            slips, motions = mortar_state.measure_slip_and_position_derivatives(
+            slips, motions = mortar_state.measure_slip_and_gap_slip_angle_derivatives(
                 self._references[k], self._positions[k]
             )
             normal, tangent, faced = (

@@ -72,7 +72,7 @@ class ContactKinematics(Protocol):
             force: forces on the points, (m, dim).
         """
 
-    def kinematics_at_solution(
+    def relinearise_at_solution_if_needed(
         self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
     ) -> LinearisedKinematics:
         """Return kinematics that are linearised at a solution.
@@ -83,7 +83,9 @@ class ContactKinematics(Protocol):
         the solution.
         """
 
-    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def compute_slip_along_straight_path(
+        self, q: Array, displacement: Array, normal: Array
+    ) -> Array:
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         Args:
@@ -102,7 +104,7 @@ class SmallStrainKinematics:
     Args:
         interface: contact points (m) of all pairs.
         start: state at the start of the increment.
-        prescribed: prescribed translations (pairs, dim), NaN where they are free.
+        prescribed_translations: prescribed translations (pairs, dim), NaN where they are free.
         load_factor: fraction of the pairs' interference that is applied.
     """
 
@@ -110,11 +112,11 @@ class SmallStrainKinematics:
         self,
         interface: ContactInterface,
         start: IncrementStart,
-        prescribed: Array,
+        prescribed_translations: Array,
         load_factor: float,
     ) -> None:
         self._interface, self._start, self._load_factor = interface, start, load_factor
-        self._free: Mask = np.isnan(prescribed)
+        self._free: Mask = np.isnan(prescribed_translations)
 
     def kinematics_and_point_motions_at_iterate(
         self,
@@ -125,7 +127,7 @@ class SmallStrainKinematics:
     ) -> tuple[LinearisedKinematics, Array]:
         return previous, displacement
 
-    def kinematics_at_solution(
+    def relinearise_at_solution_if_needed(
         self,
         previous: LinearisedKinematics,
         q: Array,
@@ -136,7 +138,9 @@ class SmallStrainKinematics:
             return previous
         return self.linearise(q, displacement, force)
 
-    def integrate_slip_along_path(self, q: Array, displacement: Array, normal: Array) -> Array:
+    def compute_slip_along_straight_path(
+        self, q: Array, displacement: Array, normal: Array
+    ) -> Array:
         return remove_normal_part(self._relative_motion_since_start(q, displacement), normal)
 
     def linearise(
@@ -177,7 +181,7 @@ class SmallStrainKinematics:
         step = _TRANSLATION_DIFFERENCE_STEP_PER_CONTACT_EXTENT * (
             interface.max_extent_of_points or 1.0
         )
-        gap, normal = interface.evaluate_surfaces(translations)
+        gap, normal = interface.evaluate_undeformed_gaps_and_normals(translations)
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
@@ -190,7 +194,8 @@ class SmallStrainKinematics:
             backward[is_free_translation[:, axis], axis] -= step
             is_moved = is_free_translation[interface.pair, axis]
             (forward_gap, forward_normal), (backward_gap, backward_normal) = (
-                interface.evaluate_surfaces(moved) for moved in (forward, backward)
+                interface.evaluate_undeformed_gaps_and_normals(moved)
+                for moved in (forward, backward)
             )
             change = (forward_normal - backward_normal) / (2 * step)
             with np.errstate(invalid="ignore"):  # gaps may be infinite

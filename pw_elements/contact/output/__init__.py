@@ -5,7 +5,7 @@ from pw_elements.contact.output.identity import (
     ProblemFingerprint,
     ResidualCoefficients,
     ResidualFingerprint,
-    check_changed_parts,
+    check_parts_declared_as_changed,
     fingerprint_mesh_supports_and_pairs,
     fingerprint_stiffness,
 )

@@ -48,7 +48,7 @@ from pw_elements.spaces import (
 
 # Largest distance between a node's positions in a state and in the space, relative to the largest
 # coordinate
-_MAX_SAME_NODE_DISTANCE_PER_COORDINATE = 1e-9
+_MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE = 1e-9
 # Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
 _ERROR_INDICATOR_QUADRATURE_DEGREE = 2
 STATE_ARGUMENT_ADVICE = "solve_contact gives a list of states, ContactProblem.step one of them"
@@ -246,7 +246,7 @@ class ContactFields:
         if self.true_pressure is None or self.body is None:
             return []
         space, u = self.displacement.function_space, self.displacement
-        area_ratio = SurfaceNodes.stretch(u)
+        area_ratio = SurfaceNodes.area_stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             area_ratio *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
         facets = [exterior_facets_with_all_nodes(space, pair.node) for pair in pairs]
@@ -297,7 +297,7 @@ class ContactFields:
                     function.x.array.reshape(-1, block)[nodes] = values[is_set].reshape(-1, block)
 
     @check_same_arguments_on_all_processes
-    def indicator(self) -> fem.Function:
+    def error_indicator(self) -> fem.Function:
         """Return an error indicator per cell, for the refinement of contact surfaces.
 
         Stresses have larger errors than nodal forces. The difference between the normal stress and
@@ -415,7 +415,8 @@ def check_state_fits_space(state: ContactState, space: fem.FunctionSpace) -> Non
             distance = np.abs(x[pair.node[is_owned] - first_node] - pair.position[is_owned])
             is_same_space &= bool(
                 distance.max(initial=0.0)
-                <= _MAX_SAME_NODE_DISTANCE_PER_COORDINATE * np.abs(pair.position).max(initial=0.0)
+                <= _MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE
+                * np.abs(pair.position).max(initial=0.0)
             )
         if not is_same_space:
             raise ValueError("the state belongs to another space, or other processes, than this")

@@ -188,11 +188,11 @@ class ProblemFingerprint:
             for name, residual_values in self.residual_fingerprint.evaluate_probed_residual(
                 stored_values
             ).items():
-                note = _note_on_dolfinx_version(stored_values)
+                note = _note_if_dolfinx_version_differs(stored_values)
                 _raise_if_entry_differs(
                     path, name, residual_values, stored_values.get(name), ignored, note
                 )
-        self.residual_fingerprint.mark_coefficients_changed_in_file(stored_values)
+        self.residual_fingerprint.merge_changed_flags_from_file(stored_values)
 
 
 def _raise_if_entry_differs(
@@ -240,7 +240,7 @@ def _raise_if_entry_differs(
     raise ValueError(f"{refusal}: {amount}{note}")
 
 
-def check_changed_parts(changed: object) -> None:
+def check_parts_declared_as_changed(changed: object) -> None:
     """Raise TypeError or ValueError unless all items of `changed` are valid.
 
     Valid items are names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
@@ -272,7 +272,7 @@ def _max_relative_row_difference(values: npt.NDArray, stored: npt.NDArray) -> fl
     )
 
 
-def _note_on_dolfinx_version(stored: Mapping[str, npt.NDArray]) -> str:
+def _note_if_dolfinx_version_differs(stored: Mapping[str, npt.NDArray]) -> str:
     """Return a note if the file was written with another version of DOLFINx, otherwise ""."""
     version = str(stored.get("version", ""))
     if version == dolfinx.__version__:
@@ -320,7 +320,7 @@ def fingerprint_mesh_supports_and_pairs(
     for k, (pair, state) in enumerate(zip(pairs, states, strict=True)):
         facing = np.concatenate([state.opposite_node, state.faced_node[state.faced_node >= 0]])
         spin = np.concatenate(
-            [part.ravel() for part in pair.pivot_and_spin(space.mesh.geometry.dim)]
+            [part.ravel() for part in pair.pivot_and_spin_matrix(space.mesh.geometry.dim)]
         )
         pair_numbers = {
             "surface": np.concatenate([state.gap / size, state.normal.ravel()]),
@@ -456,7 +456,7 @@ class ResidualFingerprint:
             }
         return names
 
-    def mark_coefficients_changed_in_file(self, stored: Mapping[str, npt.NDArray]) -> None:
+    def merge_changed_flags_from_file(self, stored: Mapping[str, npt.NDArray]) -> None:
         """Mark the constants and functions as changed by loads that a file marks so."""
         coefficients = self._coefficients
         coefficients.changed_constants |= _read_changed_flags(

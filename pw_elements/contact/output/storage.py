@@ -106,7 +106,7 @@ def write_state(
         strict=True,
     )
     for (name, position_name, function_space), values in functions:
-        positions = _undeformed_node_positions(function_space)
+        positions = _node_positions_and_adjacent_midpoints(function_space)
         parts_of_ranks = comm.gather(
             (positions, values.reshape(-1, function_space.dofmap.index_map_bs)[: len(positions)])
         )
@@ -339,7 +339,7 @@ def _distribute_nodal_values(
         path: path of the file.
         name: name of the values.
         stored_positions: on process 0, positions (nodes, 2 dim) in the file, as returned by
-            `_undeformed_node_positions`; None elsewhere.
+            `_node_positions_and_adjacent_midpoints`; None elsewhere.
         values: on process 0, values (nodes, block) in the file; None elsewhere.
         space: space of the function.
 
@@ -351,7 +351,10 @@ def _distribute_nodal_values(
         ValueError: if the nodes are not those of the space, or a value is not real and finite.
     """
     comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
-    parts_of_ranks, values_of_ranks = comm.gather(_undeformed_node_positions(space)), None
+    parts_of_ranks, values_of_ranks = (
+        comm.gather(_node_positions_and_adjacent_midpoints(space)),
+        None,
+    )
     with raise_errors_on_all_processes(comm):
         if stored_positions is not None and values is not None:
             positions = np.concatenate(parts_of_ranks)
@@ -374,7 +377,7 @@ def _distribute_nodal_values(
     return comm.scatter(values_of_ranks), nearest
 
 
-def _undeformed_node_positions(space: fem.FunctionSpace) -> Array:
+def _node_positions_and_adjacent_midpoints(space: fem.FunctionSpace) -> Array:
     """Return an array (nodes, 2 dim) that identifies the nodes that this process owns.
 
     A row has the position of the node and the mean midpoint of the adjacent cells. The midpoint

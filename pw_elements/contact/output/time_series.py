@@ -40,10 +40,10 @@ _FOLDER_CONTENT_DESCRIPTION = "a time series of contact fields"
 # Components of vectors in a file, in any dimension
 _VECTOR_COMPONENTS_IN_VTX = 3
 # Estimated bytes that a file needs for its description
-_ESTIMATED_DESCRIPTION_BYTES = 100_000
+_ESTIMATED_METADATA_SIZE_IN_BYTES = 100_000
 # Seconds for which processes wait for each other after an error on one of them, and seconds between
 # two tests whether all have arrived
-_MAX_WAIT, _TEST_INTERVAL = 60.0, 0.01
+_MAX_WAIT_AFTER_ERROR_IN_SECONDS, _BARRIER_TEST_INTERVAL_IN_SECONDS = 60.0, 0.01
 # Error numbers by which file systems report that they cannot reserve space
 _ERRNOS_OF_UNSUPPORTED_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
 
@@ -130,7 +130,9 @@ def _estimate_file_size_in_bytes(fields: ContactFields, n_steps: int) -> int:
     block_sizes = [function.function_space.dofmap.bs for function in fields.functions()]
     n_values = sum(_VECTOR_COMPONENTS_IN_VTX if size > 1 else 1 for size in block_sizes)
     n_entries = n_nodes * (1 + _VECTOR_COMPONENTS_IN_VTX + n_values) + cells.size + len(cells)
-    return _ESTIMATED_DESCRIPTION_BYTES + 8 * n_steps * int(space.mesh.comm.allreduce(n_entries))
+    return _ESTIMATED_METADATA_SIZE_IN_BYTES + 8 * n_steps * int(
+        space.mesh.comm.allreduce(n_entries)
+    )
 
 
 def _check_disk_space(folder: Path, size_in_bytes: int, path: Path) -> None:
@@ -167,9 +169,9 @@ def _raise_or_abort_on_all_processes(comm: MPI.Comm) -> Iterator[None]:
         error = exception
     request, waiting_time = comm.Ibarrier(), 0.0
     while not request.Test():
-        sleep(_TEST_INTERVAL)
-        waiting_time += _TEST_INTERVAL
-        if error is not None and waiting_time > _MAX_WAIT:
+        sleep(_BARRIER_TEST_INTERVAL_IN_SECONDS)
+        waiting_time += _BARRIER_TEST_INTERVAL_IN_SECONDS
+        if error is not None and waiting_time > _MAX_WAIT_AFTER_ERROR_IN_SECONDS:
             print(f"writing failed on process {comm.rank} alone: {error}", file=sys.stderr)
             comm.Abort(1)
     with raise_errors_on_all_processes(comm):

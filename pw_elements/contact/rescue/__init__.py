@@ -2,9 +2,9 @@
 
 from pw_elements.contact.rescue.passing import (
     interpolate_placements_and_path,
+    raise_if_slave_nodes_pass_through_master,
     raise_if_supports_meet_or_pass,
     raise_if_tools_reach_or_pass_supports,
-    refuse_passed_nodes,
 )
 from pw_elements.contact.rescue.placing import (
     PiecesMovingWithSupports,
@@ -19,12 +19,12 @@ from pw_elements.contact.rescue.refusals import (
 from pw_elements.contact.rescue.rigid import RigidMotions
 from pw_elements.contact.rescue.substeps import (
     combine_substeps_with_summed_slip,
-    count_straight_segments,
+    count_equal_nearly_straight_segments,
     round_up_to_power_of_two,
     solve_in_substeps,
 )
 from pw_elements.contact.rescue.support_path import (
     BodySupports,
     LoadFractionSetter,
-    find_contact_free_start,
+    find_rigidly_moved_contact_free_start,
 )

@@ -21,14 +21,18 @@ from scipy.spatial import cKDTree
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
 from pw_elements.contact.interface import ContactInterface, MortarSlipReference
-from pw_elements.contact.model import NotFound, SurfacePassed
+from pw_elements.contact.model import SolutionNotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
 
 # Relative to the extent of the contact side: smallest depth of a support that has passed through a
 # rigid surface, smallest depth of a slave node that has passed through the master, and largest
 # tangential offset at which supports of two bodies can meet
-_MAX_SUPPORT_DEPTH, _MAX_SLAVE_DEPTH, _MAX_MEETING_OFFSET = 0.1, 0.25, 0.5
+(
+    _MAX_SUPPORT_DEPTH_PER_EXTENT,
+    _MAX_SLAVE_NODE_DEPTH_PER_EXTENT,
+    _MAX_OFFSET_OF_MEETING_SUPPORTS_PER_EXTENT,
+) = 0.1, 0.25, 0.5
 # Largest distance of a support from a rigid surface or another support that leaves no room for the
 # body, relative to the same extent
 _MIN_ROOM_FOR_BODY_PER_EXTENT = 1e-9
@@ -86,7 +90,7 @@ def raise_if_tools_reach_or_pass_supports(
             gaps: Array = np.array([np.asarray(gap, dtype=float)[:n_supports] for gap in answers])
         gaps = np.where(np.isnan(gaps), np.inf, gaps)
         min_gap, extent = gaps.min(axis=0, initial=np.inf), _extent_of_smaller_side(interface, k)
-        is_deep = min_gap < -_MAX_SUPPORT_DEPTH * extent
+        is_deep = min_gap < -_MAX_SUPPORT_DEPTH_PER_EXTENT * extent
         passed = interface.gather_values(positions[is_fixed][is_deep & (gaps[0] > 0)])
         if len(passed):
             raise SurfacePassed(
@@ -154,7 +158,7 @@ def _find_supports_with_body_in_front(
             else interface.first_node_position_of_each_pair[pair]
         )
         normal = np.asarray(answer, dtype=float)[: len(supports_in_surface_frame)]
-    node_paths, nodes, behind = pieces.move_points(x, piece_of_node), [], []
+    node_paths, nodes, behind = pieces.compute_rigid_paths_of_points(x, piece_of_node), [], []
     for j in range(len(supports)):
         from_nodes = supports_in_surface_frame[j] - surface_motion.positions_in_surface_frame(
             pair, placements[sample_at_contact[j]], node_paths[sample_at_contact[j]]
@@ -235,7 +239,11 @@ def raise_if_supports_meet_or_pass(
             separation = means[0] - means[1]  # (samples, dim)
             offset = np.abs((separation - separation[0]) @ tangent)
             extent = _extent_of_smaller_side(interface, k)
-            distance = np.where(offset < _MAX_MEETING_OFFSET * extent, separation @ normal, np.inf)
+            distance = np.where(
+                offset < _MAX_OFFSET_OF_MEETING_SUPPORTS_PER_EXTENT * extent,
+                separation @ normal,
+                np.inf,
+            )
             min_distance, min_room = float(distance.min()), _MIN_ROOM_FOR_BODY_PER_EXTENT * extent
             if min_distance < -min_room:
                 raise SurfacePassed(
@@ -250,25 +258,27 @@ def raise_if_supports_meet_or_pass(
                 )
 
 
-def refuse_passed_nodes(
-    interface: ContactInterface, sides: Mapping[int, tuple[MortarSlipReference, Array]]
+def raise_if_slave_nodes_pass_through_master(
+    interface: ContactInterface,
+    reference_and_positions_by_pair: Mapping[int, tuple[MortarSlipReference, Array]],
 ) -> None:
-    """Raise NotFound if slave nodes pass through the master on straight paths; collective.
+    """Raise SolutionNotFound if slave nodes pass through the master on straight paths; collective.
 
     A node counts if it gets deeper into the master than a fraction of the extent of the smaller
     side.
 
     Args:
         interface: contact nodes of all pairs.
-        sides: reference state and node positions (nodes, dim) of each pair of two bodies.
+        reference_and_positions_by_pair: reference state and node positions (nodes, dim) of each
+            pair of two bodies.
     """
-    for k, (reference, x) in sides.items():
+    for k, (reference, x) in reference_and_positions_by_pair.items():
         mortar = interface.mortars[k]
         depth = mortar.measure_max_penetration_along_path(reference.x, x)
-        is_passed = depth > _MAX_SLAVE_DEPTH * _extent_of_smaller_side(interface, k)
+        is_passed = depth > _MAX_SLAVE_NODE_DEPTH_PER_EXTENT * _extent_of_smaller_side(interface, k)
         positions = mortar.x[: mortar.n_slave_nodes][is_passed]
         if len(positions):
-            raise NotFound.with_positions(
+            raise SolutionNotFound.with_positions(
                 "contact nodes first at {} pass through the other side", positions
             )
 

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import raise_errors_on_all_processes
 from pw_elements.contact.interface import (
-    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
+    MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
 )
@@ -107,7 +107,9 @@ class PiecesMovingWithSupports:
         supported_x, supported_piece = positions[has_support], piece_of_node[has_support]
         displacement = support_paths[:, has_support]
         misfit = np.abs(
-            pieces.move_points(supported_x, supported_piece) - supported_x - displacement
+            pieces.compute_rigid_paths_of_points(supported_x, supported_piece)
+            - supported_x
+            - displacement
         )
         max_misfit = np.zeros(n_pieces)
         misfit = np.where(is_supported[has_support], misfit, 0.0).max(axis=(0, 2), initial=0.0)
@@ -119,7 +121,7 @@ class PiecesMovingWithSupports:
             pieces, is_rigid=is_rigid & (max_misfit <= _MAX_RIGID_FIT_ERROR_PER_EXTENT * extent)
         )
 
-    def move_points(self, x: Array, piece_of_point: Indices) -> Array:
+    def compute_rigid_paths_of_points(self, x: Array, piece_of_point: Indices) -> Array:
         """Return the positions (samples, k, dim) of points that move rigidly with their pieces.
 
         Args:
@@ -230,8 +232,8 @@ def _measure_tool_separation(
     comm, in_pair, surface = interface.comm, interface.pair == pair, interface.surfaces[pair]
     x = interface.position[in_pair]
     piece = pieces.number[interface.local_node_indices[in_pair]]
-    node_paths = pieces.move_points(x, piece)
-    normal_ends = pieces.move_points(x + interface.outward[in_pair], piece)
+    node_paths = pieces.compute_rigid_paths_of_points(x, piece)
+    normal_ends = pieces.compute_rigid_paths_of_points(x + interface.outward[in_pair], piece)
     in_surface_frame, ends_in_surface_frame = (
         np.array(
             [
@@ -251,8 +253,9 @@ def _measure_tool_separation(
     comm.Allreduce(MPI.IN_PLACE, depth, MPI.MAX)
     outward = ends_in_surface_frame - in_surface_frame
     normal_part = np.sum(normal * outward, axis=2)
-    is_pushed_inwards = normal_part <= MIN_NORMAL_COSINE_OF_OUTWARD_PUSH * np.linalg.norm(
-        outward, axis=2
+    is_pushed_inwards = (
+        normal_part
+        <= MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL * np.linalg.norm(outward, axis=2)
     )
     deformed = interface.extract_displacements_at_points(unknowns)[in_pair] + x
     return _SeparationAlongRigidPath(
@@ -285,7 +288,7 @@ def _measure_two_body_separation(
     slaves, x = mortar.n_slave_nodes, mortar.x
     owned = interface.field.space.dofmap.index_map.size_local
     piece = gather_nodal_values(interface.field.space, mortar.nodes, pieces.number[:owned])
-    node_paths = pieces.move_points(x, piece)
+    node_paths = pieces.compute_rigid_paths_of_points(x, piece)
     deformed = x + interface.extract_displacements_at_nodes(mortar.nodes, unknowns)
     deformation = _max_vector_length(deformed - node_paths[0])
     node_paths[:, slaves:] += translations[:, None]
@@ -294,7 +297,7 @@ def _measure_two_body_separation(
     depth, clearance = np.zeros(len(translations)), np.inf
     for j in range(len(node_paths)):
         positions: Array = node_paths[j]
-        facing = mortar.evaluate_for_verification(positions)
+        facing = mortar.evaluate_mortar_matrices_independently(positions)
         gap = facing.measure_gaps(positions)
         depth[j] = max(0.0, -gap.min(initial=np.inf))
         if j == len(node_paths) - 1:

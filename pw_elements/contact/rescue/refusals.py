@@ -30,7 +30,7 @@ from pw_elements.contact.iteration import (
     ActiveSetUpdate,
     IncrementEquations,
     LinearIncrementEquations,
-    NewtonState,
+    NewtonIterate,
     make_contact_state,
     report_no_free_motions,
     solve_increment,
@@ -41,10 +41,10 @@ from pw_elements.contact.model import (
     LastContactLost,
     LoadMissingForEquilibrium,
     NoEquilibrium,
-    NotFound,
     NotUnique,
     RigidVelocity,
     SmallDisplacementMeasures,
+    SolutionNotFound,
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
@@ -66,14 +66,14 @@ from pw_elements.progress import log_on_root
 from pw_elements.solvers import NotConverged, SingularSystem, group_connected_nodes
 
 # Stiffness of the first and of the softest springs, relative to the diagonal stiffness of the nodes
-_FIRST_STIFFNESS, _MIN_STIFFNESS = 1e-2, 1e-13
+_FIRST_SPRING_TO_NODE_STIFFNESS_RATIO, _MIN_SPRING_TO_NODE_STIFFNESS_RATIO = 1e-2, 1e-13
 # Factors by which the springs get softer after a solution, and stiffer after a failure
-_SOFTENING, _STIFFENING = 30.0, 5.0
+_SPRING_SOFTENING_FACTOR, _SPRING_STIFFENING_FACTOR = 30.0, 5.0
 # After a failure the softening factor is raised to this power, and limited by the smallest factor
-_SOFTENING_EXPONENT, _MIN_SOFTENING = 0.7, 2.0
-_MAX_SPRING_FAILURES = 20
+_SOFTENING_FACTOR_EXPONENT_AFTER_FAILURE, _MIN_SPRING_SOFTENING_FACTOR = 0.7, 2.0
+_MAX_FAILED_SOLVES_WITH_SPRINGS = 20
 # Largest number of iterations with springs, and without springs from the solution with springs
-_MAX_SPRING_ITERATIONS, _MAX_CONFIRMING_ITERATIONS = 25, 12
+_MAX_ITERATIONS_WITH_SPRINGS, _MAX_ITERATIONS_WITHOUT_SPRINGS = 25, 12
 # Round-off of the residuals, relative to the applied forces, above which they prove nothing
 _MAX_ROUND_OFF_PER_APPLIED_FORCE = 1e-3
 _LOOSE_BODY_MESSAGE = (
@@ -269,27 +269,29 @@ def find_unresisted_motion_of_most_work(
 
 
 def gather_node_velocities(
-    increment: IncrementEquations, kinematics: LinearisedKinematics, work_velocities: Array
+    increment: IncrementEquations,
+    kinematics: LinearisedKinematics,
+    force_conjugate_velocities: Array,
 ) -> NodeVelocitiesInRigidMotions:
     """Return velocities of the contact nodes, the same on any number of processes; collective.
 
     Args:
         increment: equations of the increment.
         kinematics: linearised kinematics, with the frames of the contact nodes.
-        work_velocities: velocities (m, dim, k) of this process' nodes with which contact forces do
-            work.
+        force_conjugate_velocities: velocities (m, dim, k) of this process' nodes with which contact
+            forces do work.
     """
-    interface, is_free = increment.interface, np.isnan(increment.prescribed)
+    interface, is_free = increment.interface, np.isnan(increment.prescribed_motions)
     is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
     has_force = (interface.equation >= 0) | interface.held_components
-    work_velocities = np.where(has_force[..., None], work_velocities, 0.0)
+    force_conjugate_velocities = np.where(has_force[..., None], force_conjugate_velocities, 0.0)
     tangents = kinematics.frame[:, 1:]
     values = (
         interface.pair,
         interface.cone.max_coefficient,
         _find_normals_turned_by_free_translation(increment, kinematics),
-        np.einsum("na,nak->nk", kinematics.frame[:, 0], work_velocities),
-        np.einsum("nta,ntb,nbk->nak", tangents, tangents, work_velocities),
+        np.einsum("na,nak->nk", kinematics.frame[:, 0], force_conjugate_velocities),
+        np.einsum("nta,ntb,nbk->nak", tangents, tangents, force_conjugate_velocities),
         is_faced,
     )
     *fields, is_faced = (
@@ -305,7 +307,7 @@ def _find_normals_turned_by_free_translation(
     increment: IncrementEquations, kinematics: LinearisedKinematics
 ) -> Mask:
     """Return a mask (m,) of nodes at which a free translation of the surface turns the normal."""
-    interface, is_free = increment.interface, np.isnan(increment.prescribed)
+    interface, is_free = increment.interface, np.isnan(increment.prescribed_motions)
     normals = interface.evaluate_undeformed_normals(kinematics.q0)
     is_turning = np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(is_free.any(axis=0)):
@@ -341,7 +343,7 @@ def prove_no_equilibrium(
         rigid: rigid motions of the body and of free surfaces.
     """
     basis, works = rigid.find_motions_without_strain_work()
-    work, size = rigid.measure_work_and_magnitude_in_modes(load, increment.totals)
+    work, size = rigid.compute_work_and_absolute_work_in_modes(load, increment.free_motion_forces)
     nodes = gather_node_velocities(increment, kinematics, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
@@ -353,7 +355,7 @@ def prove_no_equilibrium(
 
 def raise_if_body_is_loose(
     increment: IncrementEquations,
-    end: NewtonState,
+    end: NewtonIterate,
     rigid: RigidMotions,
     start_state: ContactState,
     measure_cost: Callable[[], SolveCountAndReport],
@@ -368,13 +370,15 @@ def raise_if_body_is_loose(
 
 def _make_state_of_unsolved_iterate(
     increment: IncrementEquations,
-    state: NewtonState,
+    state: NewtonIterate,
     start_state: ContactState,
     cost: SolveCountAndReport,
 ) -> ContactState:
     """Return the contact state of an iterate that is not a solution, with the cost so far."""
     iterations, report = cost
-    scale, force, length = increment.reference_sizes(state, start_state.scale)
+    scale, force, length = increment.updated_scale_and_reference_force_and_length(
+        state, start_state.scale
+    )
     residuals = increment.largest_residuals(state, force, length)
     unsolved = make_contact_state(
         increment,
@@ -392,10 +396,10 @@ def rescue_increment(
     failure: ContactFailed | NotConverged,
     increment: IncrementEquations,
     try_proof: Callable[[], NoEquilibrium | None],
-    solve_otherwise: Callable[[], NewtonState | None] | None,
+    solve_otherwise: Callable[[], NewtonIterate | None] | None,
     start_state: ContactState,
     measure_cost: Callable[[], SolveCountAndReport],
-) -> NewtonState:
+) -> NewtonIterate:
     """Return the solution of an increment whose iteration has failed, or raise the reason.
 
     The remedy is tried unless statics prove that there is no equilibrium, the linear solver has not
@@ -415,7 +419,7 @@ def rescue_increment(
         NoEquilibrium: if it is proved that there is no equilibrium.
         NotConverged: if the linear solver has not converged.
         NotUnique: if a solution has a singular tangent.
-        NotFound: in all other cases; its state is the closest approximation to a solution.
+        SolutionNotFound: in all other cases; its state is the closest approximation to a solution.
     """
     if proof := try_proof():
         raise proof from None
@@ -446,7 +450,7 @@ def rescue_increment(
         advice = "Smaller increments, or pressing before pushing, may find one"
         if state is not None and isinstance(failure, LastContactLost):
             advice = describe_exhausted_friction(state) or advice
-        failure = NotFound(
+        failure = SolutionNotFound(
             f"{failure}. This does not prove that there is no solution.{enclosed}{nearest} {advice}"
         )
     failure.state = state
@@ -457,7 +461,7 @@ def _prove_no_equilibrium_by_motion_groups(
     nodes: NodeVelocitiesInRigidMotions,
     basis: RigidMotionBasis,
     work: Array,
-    size: Array,
+    absolute_work: Array,
     modes: RigidModes,
 ) -> NoEquilibrium | None:
     """Return one error with the proofs for all groups of motions, or None if there is no proof.
@@ -466,7 +470,7 @@ def _prove_no_equilibrium_by_motion_groups(
         nodes: velocities of the contact nodes in the motions of the basis.
         basis: basis of the rigid motions.
         work: work (modes,) of the loads in each mode of rigid motion.
-        size: sum (modes,) of the magnitudes of the parts of the work in each mode.
+        absolute_work: sum (modes,) of the magnitudes of the parts of the work in each mode.
         modes: modes of rigid motion.
     """
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
@@ -475,7 +479,7 @@ def _prove_no_equilibrium_by_motion_groups(
         if moved_nodes.has_turning_normal.any():
             continue
         proof = find_motion_proving_no_equilibrium(
-            moved_nodes, motions @ work, np.abs(motions) @ size
+            moved_nodes, motions @ work, np.abs(motions) @ absolute_work
         )
         if proof is None:
             continue
@@ -559,7 +563,7 @@ def solve_with_softening_springs(
     make_update: Callable[[], ActiveSetUpdate],
     max_iterations: int,
     remaining_systems: Callable[[], float],
-) -> NewtonState | None:
+) -> NewtonIterate | None:
     """Solve an increment with springs at the contact nodes, which are softened in stages.
 
     Args:
@@ -584,12 +588,19 @@ def solve_with_softening_springs(
         return int(max(1, min(n, max_iterations, remaining_systems())))
 
     (active, linearised, unknowns), comm = start, increment.interface.comm
-    q, stiffness, softening, n_failures = linearised.q0, _FIRST_STIFFNESS, _SOFTENING, 0
+    q, stiffness, softening, n_failures = (
+        linearised.q0,
+        _FIRST_SPRING_TO_NODE_STIFFNESS_RATIO,
+        _SPRING_SOFTENING_FACTOR,
+        0,
+    )
     previous: ActiveSet | None = None
     words = f"by springs, at the cost of at most {remaining_systems():.0f} linear systems"
     log_on_root(comm, logging.INFO, words, ".contact")
     while (
-        stiffness > _MIN_STIFFNESS and n_failures < _MAX_SPRING_FAILURES and remaining_systems() > 0
+        stiffness > _MIN_SPRING_TO_NODE_STIFFNESS_RATIO
+        and n_failures < _MAX_FAILED_SOLVES_WITH_SPRINGS
+        and remaining_systems() > 0
     ):
         spring_increment = make_increment_with_springs(stiffness, unknowns, q)
         update = ActiveSetUpdate(report_no_free_motions, increment.interface)
@@ -599,7 +610,7 @@ def solve_with_softening_springs(
                 active,
                 linearised,
                 update,
-                max_iterations=limit_iterations(_MAX_SPRING_ITERATIONS),
+                max_iterations=limit_iterations(_MAX_ITERATIONS_WITH_SPRINGS),
                 after_iteration=_ignore_iteration,
             )
         except ContactFailed as failed:
@@ -611,13 +622,16 @@ def solve_with_softening_springs(
             )
             n_failures, softening = (
                 n_failures + 1,
-                max(_MIN_SOFTENING, softening**_SOFTENING_EXPONENT),
+                max(
+                    _MIN_SPRING_SOFTENING_FACTOR,
+                    softening**_SOFTENING_FACTOR_EXPONENT_AFTER_FAILURE,
+                ),
             )
-            stiffness *= _STIFFENING
+            stiffness *= _SPRING_STIFFENING_FACTOR
             continue
         unknowns, q = spring_state.unknowns, spring_state.q
         linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
-        state = increment.evaluate_all_conditions(spring_state.reduced, q, linearised)
+        state = increment.evaluate_all_conditions(spring_state.reduced_unknowns, q, linearised)
         increment.keep_if_smallest_violation(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)
@@ -632,7 +646,7 @@ def solve_with_softening_springs(
                     active,
                     linearised,
                     make_update(),
-                    max_iterations=limit_iterations(_MAX_CONFIRMING_ITERATIONS),
+                    max_iterations=limit_iterations(_MAX_ITERATIONS_WITHOUT_SPRINGS),
                     after_iteration=_ignore_iteration,
                 )
                 log_on_root(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
@@ -651,14 +665,14 @@ def solve_with_softening_springs(
     return None
 
 
-def _is_round_off_too_large(increment: LinearIncrementEquations, state: NewtonState) -> bool:
+def _is_round_off_too_large(increment: LinearIncrementEquations, state: NewtonIterate) -> bool:
     """Return whether the round-off of an iterate is not small compared with the applied forces.
 
     Soft springs let a body move very far if the loads exceed the friction limit. All residuals are
     then within their round-off, which says nothing about equilibrium. The call is collective.
     """
     start_force, free_motion_force = increment.nonnegative_max_over_ranks(
-        np.abs(increment.start.force), np.abs(increment.totals)
+        np.abs(increment.start.force), np.abs(increment.free_motion_forces)
     )
     load = increment.equilibrium.load.norm(PETSc.NormType.INFINITY)
     applied_force = max(start_force, free_motion_force, load)

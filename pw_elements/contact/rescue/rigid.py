@@ -316,7 +316,7 @@ class RigidMotions:
         )
         return basis, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
-    def measure_work_and_magnitude_in_modes(
+    def compute_work_and_absolute_work_in_modes(
         self, load: PETSc.Vec, free_motion_forces: Array
     ) -> tuple[Array, Array]:
         """Return the work (modes,) of loads in each mode, and the sum of magnitudes of its parts.
@@ -387,7 +387,7 @@ class RigidMotions:
             Matrix (owned displacements, modes), in whose null space the free motions are.
         """
         is_free = self._reduced_columns_of_displacements() != -1
-        return pieces.resistance_to_modes(
+        return pieces.forces_and_support_displacements_of_modes(
             self._K,
             is_free,
             self._displacement_rows,

@@ -92,17 +92,17 @@ def round_up_to_power_of_two(number: float) -> int:
     return 2 ** max(0, int(np.ceil(np.log2(max(number, 1.0)) - _ROUND_OFF_OF_LOG2_SUBSTEPS)))
 
 
-def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
+def count_equal_nearly_straight_segments(node_paths: Array, comm: MPI.Comm) -> int:
     """Return the number of equal segments in which the paths of all nodes are nearly straight.
 
     In each segment, the path of a node is at most `_MAX_PATH_TO_CHORD_RATIO` times as long as its
     chord. The number of segments is a power of two.
 
     Args:
-        path: displacements (samples + 1, nodes, dim) of the nodes of this process.
+        node_paths: displacements (samples + 1, nodes, dim) of the nodes of this process.
         comm: communicator of the mesh.
     """
-    step_lengths = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    step_lengths = np.linalg.norm(np.diff(node_paths, axis=0), axis=2)
     longest_path = comm.allreduce(step_lengths.sum(axis=0).max(initial=0.0), MPI.MAX)
     n_samples = n_segments = len(step_lengths)
     while n_segments > 1:
@@ -111,7 +111,7 @@ def count_straight_segments(path: Array, comm: MPI.Comm) -> int:
             n_samples // segment_size, segment_size, step_lengths.shape[1]
         ).sum(axis=1)
         distances = np.linalg.norm(
-            path[segment_size::segment_size] - path[:-1:segment_size], axis=2
+            node_paths[segment_size::segment_size] - node_paths[:-1:segment_size], axis=2
         )
         is_bent = (path_lengths > _MAX_PATH_TO_CHORD_RATIO * distances) & (
             path_lengths > _MIN_CURVED_TO_LONGEST_PATH_RATIO * longest_path

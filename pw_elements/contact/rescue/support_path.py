@@ -25,14 +25,14 @@ from pw_elements.contact.rescue.placing import (
     PiecesMovingWithSupports,
     does_rigid_motion_end_all_contact,
 )
-from pw_elements.contact.rescue.substeps import count_straight_segments
+from pw_elements.contact.rescue.substeps import count_equal_nearly_straight_segments
 
 # Function that sets loads and conditions at a fraction (0, 1] of an increment
 LoadFractionSetter: TypeAlias = Callable[[float], None]
 
 # Initial and largest number of samples of the support path per increment, and number of samples in
 # the check that a motion separates bodies and surfaces
-_PATH_SAMPLES, _MAX_PATH_SAMPLES, _SEPARATION_SAMPLES = 16, 256, 128
+_INITIAL_PATH_SAMPLE_COUNT, _MAX_PATH_SAMPLE_COUNT, _SEPARATION_CHECK_SAMPLE_COUNT = 16, 256, 128
 
 
 class BodySupports:
@@ -76,7 +76,7 @@ class BodySupports:
         return np.asarray(self._interface.field.space.tabulate_dof_coordinates()[:owned, :dim])
 
     @cached_property
-    def node_component(self) -> Indices:
+    def connected_piece_of_node(self) -> Indices:
         """Number (owned nodes,) of the connected component of the mesh that contains each node."""
         dofmap = self._interface.field.space.dofmap
         number, _ = label_connected_components(self._interface.comm, dofmap.index_map, dofmap.list)
@@ -88,18 +88,18 @@ class BodySupports:
         self._interface.comm.Allreduce(MPI.IN_PLACE, is_supported, MPI.LOR)
         return is_supported
 
-    def trace_path(self, state: ContactState, load: LoadFractionSetter | None) -> Array:
+    def sample_path_adaptively(self, state: ContactState, load: LoadFractionSetter | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
 
         The samples are equally spaced. There are enough samples to find nearly straight segments.
         """
         if load is None:
             return self.sample_path(state, None, 1)
-        n_samples = _PATH_SAMPLES
+        n_samples = _INITIAL_PATH_SAMPLE_COUNT
         path = self.sample_path(state, load, n_samples)
         while (
-            2 * count_straight_segments(path, self._interface.comm) > n_samples
-            and n_samples < _MAX_PATH_SAMPLES
+            2 * count_equal_nearly_straight_segments(path, self._interface.comm) > n_samples
+            and n_samples < _MAX_PATH_SAMPLE_COUNT
         ):
             n_samples *= 4
             path = self.sample_path(state, load, n_samples)
@@ -121,14 +121,14 @@ class BodySupports:
         )
 
 
-def find_contact_free_start(
+def find_rigidly_moved_contact_free_start(
     interface: ContactInterface,
     surfaces: RigidSurfaceMotion,
     supports: BodySupports,
     state: ContactState,
     load: LoadFractionSetter | None,
     *,
-    q_ends: tuple[Array, Array],
+    q_at_start_and_end: tuple[Array, Array],
     support_path: Array,
 ) -> PETSc.Vec | None:
     """Return unknowns (n,) of a body that has moved rigidly with its supports out of contact.
@@ -142,19 +142,21 @@ def find_contact_free_start(
         supports: supports of the body.
         state: state at the start of the increment.
         load: load of the increment.
-        q_ends: motions (pairs, dim + 1) of the surfaces at the start and at the end.
+        q_at_start_and_end: motions (pairs, dim + 1) of the surfaces at the start and at the end.
         support_path: prescribed displacements (samples + 1, nodes, dim) along the increment.
     """
     is_closed = interface.extract_local_pair_state_values(state.pairs, "status")[0] != OPEN
     if not interface.comm.allreduce(bool(is_closed.any()), MPI.LOR):
         return None
     positions, is_supported = supports.node_positions, supports.is_supported
-    component = supports.node_component
+    component = supports.connected_piece_of_node
     support_path = support_path[[0, -1]]
-    for n_samples in (1, _SEPARATION_SAMPLES):  # the two ends exclude most cases cheaply
+    for n_samples in (1, _SEPARATION_CHECK_SAMPLE_COUNT):  # the two ends exclude most cases cheaply
         if n_samples > 1:
             support_path = supports.sample_path(state, load, n_samples)
-        surface_path, _ = interpolate_placements_and_path(*q_ends, support_path, n_samples)
+        surface_path, _ = interpolate_placements_and_path(
+            *q_at_start_and_end, support_path, n_samples
+        )
         pieces = PiecesMovingWithSupports.fit_rigid_motions_to_supports(
             positions, is_supported, component, support_path, interface.comm
         )
@@ -163,7 +165,7 @@ def find_contact_free_start(
         ):
             return None
     start_unknowns, owned = state.unknowns.duplicate(), interface.field.owned_unknowns
-    displacement = pieces.move_points(positions, component)[-1] - positions
+    displacement = pieces.compute_rigid_paths_of_points(positions, component)[-1] - positions
     start_unknowns.setArray(interface.field.embed(displacement.ravel()))
     start_unknowns.array[owned] = np.where(
         is_supported, support_path[-1], start_unknowns.array_r[owned]

@@ -34,7 +34,7 @@ from pw_elements.contact.steps.sensitivity import (
     ParametricResidual,
     SensitivityOutput,
     SensitivityParameter,
-    parameter_object,
+    constant_vector_or_kind_of_parameter,
 )
 from pw_elements.contact.steps.stepping import (
     MAX_REMEDY_COST_PER_FIRST_ATTEMPT,
@@ -52,7 +52,7 @@ RemedyNamesOrCostRatios: TypeAlias = Collection[RemedyName] | Mapping[RemedyName
 SurfacePathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 # Largest difference between positions of identical nodes, relative to the largest coordinate
-_MAX_SAME_NODE_DISTANCE_PER_COORDINATE = 1e-9
+_MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE = 1e-9
 
 _NEEDS_RESIDUAL_MESSAGE = (
     "a stiffness K has no known constants and no u: give vectors of weights and of loads, or state "
@@ -85,7 +85,7 @@ def check_contact_arguments(
     return tuple(pair_list)
 
 
-def check_and_list_surface_paths(
+def check_impact_and_list_surface_paths(
     paths: SurfacePathInTime | Sequence[SurfacePathInTime | None],
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
@@ -179,7 +179,7 @@ def check_state_fits_problem(
     has_same_nodes = len(state.pairs) == len(undeformed_state.pairs) and all(
         pair.position.shape == undeformed_pair.position.shape
         and np.abs(pair.position - undeformed_pair.position).max()
-        <= _MAX_SAME_NODE_DISTANCE_PER_COORDINATE * np.abs(undeformed_pair.position).max()
+        <= _MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE * np.abs(undeformed_pair.position).max()
         for pair, undeformed_pair in zip(state.pairs, undeformed_state.pairs, strict=True)
     )
     if not has_same_nodes:
@@ -245,7 +245,7 @@ def check_start_state(state: ContactState, undeformed: ContactState) -> None:
         )
 
 
-def list_motions(
+def check_and_list_motions(
     motions: Motion | Sequence[Motion | None] | None, pairs: Sequence[ContactPair], dim: int
 ) -> list[Motion | None]:
     """Return the motion of each pair's surface, or raise an error if one is invalid.
@@ -276,7 +276,7 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
             raise ValueError(f"contact pair {k} has a rotation without a pivot: give it a pivot")
 
 
-def list_history_functions(
+def check_and_list_history_functions(
     history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
 ) -> list[fem.Function]:
     """Return the functions of a residual's history; raise an error if they are invalid.
@@ -297,7 +297,7 @@ def list_history_functions(
     return functions
 
 
-def list_successive_states(
+def check_and_list_successive_states(
     states: Sequence[ContactState], undeformed: ContactState
 ) -> list[ContactState]:
     """Return the states at the start and at the ends of one or several steps of a problem.
@@ -388,7 +388,7 @@ def check_outputs(
     return list(outputs)
 
 
-def check_parameters(
+def check_and_list_parameters_with_rates(
     parameters: Sequence[Any],
     n_states: int,
     pairs: Sequence[ContactPair],
@@ -410,7 +410,10 @@ def check_parameters(
     for parameter in parameters:
         rates: Any = np.ones(n_states)
         shape: tuple[int, ...] = (n_states,)
-        if isinstance(parameter_object(parameter), fem.Constant) and not allow_forms:
+        if (
+            isinstance(constant_vector_or_kind_of_parameter(parameter), fem.Constant)
+            and not allow_forms
+        ):
             raise ValueError(_NEEDS_RESIDUAL_MESSAGE)
         match parameter:
             case fem.Constant():
@@ -456,8 +459,10 @@ def check_constants_are_used(
         for constant in output.constants()
     ]
     for parameter, _ in parameters:
-        constant = parameter_object(parameter)
-        if not isinstance(constant, fem.Constant) or residual.depends_on(constant):
+        constant = constant_vector_or_kind_of_parameter(parameter)
+        if not isinstance(
+            constant, fem.Constant
+        ) or residual.has_constant_in_residual_or_conditions(constant):
             continue
         if not any(constant is output_constant for output_constant in in_outputs):
             raise ValueError(

@@ -38,25 +38,25 @@ from pw_elements.contact.interface import (
 )
 from pw_elements.contact.iteration import (
     CellInversionCheck,
-    CycleKeepingSetUpdate,
     IncrementEquations,
     LargeStrainActiveSetUpdate,
     LargeStrainEquilibrium,
-    NewtonState,
+    NewtonIterate,
     SlidingBodiesEquilibrium,
     TargetLoadsAndMotions,
+    UpdateKeepingCyclingSetsUntilSolved,
     interpolate_targets,
     make_contact_state,
     solve_increment,
 )
 from pw_elements.contact.model import (
+    ActiveSetCycling,
     ContactPair,
     ContactState,
-    Cycling,
     FreeMotionIndices,
     Motion,
-    NotFound,
     ResidualScale,
+    SolutionNotFound,
     describe_exhausted_friction,
 )
 from pw_elements.contact.nodes import (
@@ -79,17 +79,17 @@ from pw_elements.contact.rescue import (
     BodySupports,
     LoadFractionSetter,
     combine_substeps_with_summed_slip,
-    count_straight_segments,
-    find_contact_free_start,
+    count_equal_nearly_straight_segments,
+    find_rigidly_moved_contact_free_start,
     interpolate_placements_and_path,
+    raise_if_slave_nodes_pass_through_master,
     raise_if_supports_meet_or_pass,
     raise_if_tools_reach_or_pass_supports,
-    refuse_passed_nodes,
     round_up_to_power_of_two,
     solve_in_substeps,
 )
 from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
-from pw_elements.contact.steps.smallness import log_slip_differences
+from pw_elements.contact.steps.smallness import warn_if_slip_and_path_slip_differ
 from pw_elements.contact.steps.verification import (
     VerificationScales,
     check_stiffness_sign,
@@ -98,18 +98,18 @@ from pw_elements.contact.steps.verification import (
     verify_state,
 )
 from pw_elements.contact.system import ContactSystem, measure_cost
-from pw_elements.elasticity import HYBRID_SPACES_REMEDY, TangentBulkShearMonitor
+from pw_elements.elasticity import SINGULAR_STIFFNESS_WARNING_AND_REMEDY, TangentBulkShearMonitor
 from pw_elements.progress import log_on_root, report_activity
-from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
+from pw_elements.solvers import LinearSolver, NotConverged, has_separate_supports
 from pw_elements.spaces import is_hybrid
 
 # Smallest substep, as a fraction of the first substep
-_MIN_SUBSTEP_FRACTION_OF_FIRST = 1 / 64
+_MIN_SUBSTEP_PER_FIRST_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
 # the surface would be mistaken for a node that has jumped to another place
 MAX_SURFACE_RADIANS_PER_SUBSTEP = np.pi / 4
 # Smallest number of samples in the check that supports and surfaces do not pass each other
-_MIN_PASSING_SAMPLES = 64
+_MIN_SAMPLES_TO_DETECT_SURFACE_PASSING = 64
 # Largest number of linear systems solved for a state without contact
 _MAX_ITERATIONS_WITHOUT_CONTACT = 10
 
@@ -149,7 +149,9 @@ class LargeStrainStepping:
         self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
         self._residual_system, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
-        reduction = full_size_masking_reduction(reduction) if is_matrix_free(solver) else reduction
+        reduction = (
+            full_size_masking_reduction(reduction) if has_separate_supports(solver) else reduction
+        )
         self._reduction = scale_pressures_to_displacements(reduction, problem.system.tangent)
         self._whole_space = problem.u.function_space
         self.interface = build_interface(
@@ -157,7 +159,7 @@ class LargeStrainStepping:
         )
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
-        if self.interface.mortars and is_matrix_free(solver):
+        if self.interface.mortars and has_separate_supports(solver):
             raise ValueError(
                 "Iterative() does not support two bodies at large sliding, whose stiffness changes "
                 "its pattern: use Direct()"
@@ -185,7 +187,9 @@ class LargeStrainStepping:
         """Return the state at the end of one increment; errors are those of the public `step`."""
         start_time, interface = perf_counter(), self.interface
         start = TargetLoadsAndMotions.from_state(state, state.translations_and_rotations)
-        end = TargetLoadsAndMotions.from_load_and_motions(None, motions, n_motions=start.q.shape[1])
+        end = TargetLoadsAndMotions.from_load_and_motions(
+            None, motions, n_motions_per_surface=start.q.shape[1]
+        )
         if any(pair in interface.mortars for pair, _ in end.free_motions):
             raise ValueError(
                 "the surface of a deformed body cannot have free motions in addition to its "
@@ -199,17 +203,17 @@ class LargeStrainStepping:
             if self._ratio_monitor is not None and not state.increment:
                 self._set_unknowns_and_history(state)
                 self._ratio_monitor.is_beyond_limit()
-            support_path = self._supports.trace_path(state, load)
+            support_path = self._supports.sample_path_adaptively(state, load)
             self._raise_if_surfaces_pass_supports(state, start, end, support_path)
             start_unknowns = None
             if not (self.history or self._history_update):
-                start_unknowns = find_contact_free_start(
+                start_unknowns = find_rigidly_moved_contact_free_start(
                     interface,
                     self._surfaces,
                     self._supports,
                     state,
                     load,
-                    q_ends=(start.q, end.q),
+                    q_at_start_and_end=(start.q, end.q),
                     support_path=support_path,
                 )
             n_initial_substeps = self._count_initial_substeps(start, end, support_path)
@@ -240,7 +244,7 @@ class LargeStrainStepping:
                         current, target, system, reporter, make_update, start_unknowns
                     )
                 except NotConverged as error:
-                    raise NotFound(str(error)) from error
+                    raise SolutionNotFound(str(error)) from error
                 return replace(solution, history=self._update_and_copy_history_values())
 
             substeps: list[tuple[float, ContactState]] = []
@@ -250,14 +254,20 @@ class LargeStrainStepping:
                 substeps, failure = solve_in_substeps(solve_clear_substep, state, (1.0, 1.0, 1.0))
             sizes = (
                 1 / n_initial_substeps,
-                _MIN_SUBSTEP_FRACTION_OF_FIRST / n_initial_substeps,
+                _MIN_SUBSTEP_PER_FIRST_SUBSTEP / n_initial_substeps,
                 2.0,
             )
             if not substeps:
                 substeps, failure = solve_in_substeps(solve_substep, state, sizes)
-            if failure is not None and isinstance(failure[1], Cycling) and not interface.mortars:
+            if (
+                failure is not None
+                and isinstance(failure[1], ActiveSetCycling)
+                and not interface.mortars
+            ):
                 # repeat from the start: a state after a snap-through may require large substeps
-                solve_with_kept_sets = partial(solve_substep, make_update=CycleKeepingSetUpdate)
+                solve_with_kept_sets = partial(
+                    solve_substep, make_update=UpdateKeepingCyclingSetsUntilSolved
+                )
                 retried_substeps, retry_failure = solve_in_substeps(
                     solve_with_kept_sets, state, sizes
                 )
@@ -271,20 +281,23 @@ class LargeStrainStepping:
                 interval = f"from {reached_fraction:.4g} to {fraction:.4g} of the increment"
                 message = f"{error}; {interval}, which cannot be halved further"
                 if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
-                    message += f". The body is nearly incompressible: {HYBRID_SPACES_REMEDY}"
+                    message += (
+                        ". The body is nearly incompressible: "
+                        f"{SINGULAR_STIFFNESS_WARNING_AND_REMEDY}"
+                    )
                 friction_may_fail = (
                     bool(end.free_motions) or not self._supports.supported_axes().all()
                 )
                 if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
                     message += f". {friction_message}"
-                not_found = NotFound(message)
+                not_found = SolutionNotFound(message)
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
         n_solves, report = measure_cost([system], cost_before)
         solution = replace(
             combine_substeps_with_summed_slip(substeps), iterations=n_solves, report=report
         )
-        log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
+        warn_if_slip_and_path_slip_differ(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -294,7 +307,7 @@ class LargeStrainStepping:
         """Return the number of substeps, a power of two, that is sufficient to compute slip."""
         angles = np.nan_to_num(end.q - start.q)[:, -1]
         rotations = float(np.abs(angles).max(initial=0.0)) / MAX_SURFACE_RADIANS_PER_SUBSTEP
-        n_straight = count_straight_segments(support_path, self.interface.comm)
+        n_straight = count_equal_nearly_straight_segments(support_path, self.interface.comm)
         return max(round_up_to_power_of_two(rotations), n_straight)
 
     def _raise_if_surfaces_pass_supports(
@@ -313,9 +326,12 @@ class LargeStrainStepping:
             support_path: prescribed displacements (samples + 1, nodes, dim).
         """
         interface, supports, q = self.interface, self._supports, state.translations_and_rotations
-        node_data = supports.node_positions, supports.is_supported, supports.node_component
+        node_data = supports.node_positions, supports.is_supported, supports.connected_piece_of_node
         surface_path, support_path = interpolate_placements_and_path(
-            start.q, end.q, support_path, max(len(support_path) - 1, _MIN_PASSING_SAMPLES)
+            start.q,
+            end.q,
+            support_path,
+            max(len(support_path) - 1, _MIN_SAMPLES_TO_DETECT_SURFACE_PASSING),
         )
         raise_if_tools_reach_or_pass_supports(
             interface, self._surfaces, *node_data, surface_path, support_path
@@ -388,13 +404,15 @@ class LargeStrainStepping:
             increment.equilibrium.prescribed_displacements, target.q, is_pressed
         )
         if start_unknowns is None:
-            self._refuse_jumped_nodes(kinematics, end, is_pressed)
+            self._raise_if_pressed_nodes_jumped(kinematics, end, is_pressed)
         else:
-            self._refuse_contact(is_pressed)
-        refuse_passed_nodes(interface, kinematics.slip_references_and_positions)
-        self._refuse_large_turns(start.q, end.q, target.q)
+            self._raise_if_any_node_is_pressed(is_pressed)
+        raise_if_slave_nodes_pass_through_master(
+            interface, kinematics.slip_references_and_positions
+        )
+        self._raise_if_free_surface_turns_too_far(start.q, end.q, target.q)
         signs = self._check_and_return_determinant_signs(system, n_signs, state)
-        sizes = increment.reference_sizes(end, state.scale)
+        sizes = increment.updated_scale_and_reference_force_and_length(end, state.scale)
         solution = make_contact_state(
             increment,
             end,
@@ -407,26 +425,30 @@ class LargeStrainStepping:
         solution = self._recompute_and_verify_residuals(solution, state, target, sizes)
         return replace(solution, unique=None, determinant_signs=frozenset(signs[-1:]))
 
-    def _refuse_jumped_nodes(
-        self, kinematics: LargeStrainKinematics, end: NewtonState, is_pressed: Mask
+    def _raise_if_pressed_nodes_jumped(
+        self, kinematics: LargeStrainKinematics, end: NewtonIterate, is_pressed: Mask
     ) -> None:
-        """Raise NotFound if pressed nodes have jumped to another place in a solution."""
+        """Raise SolutionNotFound if pressed nodes have jumped to another place in a solution."""
         is_jumped = kinematics.find_points_jumped_to_another_surface_part(
             end.kinematics, is_pressed
         )
         positions = self.interface.gather_values(self.interface.position[is_jumped])
         if len(positions):
             message = "jumped to another sheet of their surface, or slid round by a right angle"
-            raise NotFound.with_positions(f"contact nodes first at {{}} have {message}", positions)
+            raise SolutionNotFound.with_positions(
+                f"contact nodes first at {{}} have {message}", positions
+            )
 
-    def _refuse_contact(self, is_pressed: Mask) -> None:
-        """Raise NotFound if any node is in contact."""
+    def _raise_if_any_node_is_pressed(self, is_pressed: Mask) -> None:
+        """Raise SolutionNotFound if any node is in contact."""
         if len(self.interface.gather_values(self.interface.position[is_pressed])):
-            raise NotFound("the body is in contact after supports have moved it out of contact")
+            raise SolutionNotFound(
+                "the body is in contact after supports have moved it out of contact"
+            )
 
     @staticmethod
-    def _refuse_large_turns(start_q: Array, end_q: Array, target_q: Array) -> None:
-        """Raise NotFound if a surface that is free to turn has turned too far.
+    def _raise_if_free_surface_turns_too_far(start_q: Array, end_q: Array, target_q: Array) -> None:
+        """Raise SolutionNotFound if a surface that is free to turn has turned too far.
 
         Args:
             start_q: motions (pairs, dim + 1) of the surfaces at the start.
@@ -435,7 +457,7 @@ class LargeStrainStepping:
         """
         angle = np.abs(end_q - start_q)[:, -1]
         if (angle[np.isnan(target_q[:, -1])] > MAX_SURFACE_RADIANS_PER_SUBSTEP).any():
-            raise NotFound(
+            raise SolutionNotFound(
                 f"a surface that is free to turn has turned by {angle.max():.3g}: slip is resolved "
                 f"up to {MAX_SURFACE_RADIANS_PER_SUBSTEP:.3g}, an eighth of a turn, in one substep"
             )
@@ -453,7 +475,7 @@ class LargeStrainStepping:
             state: state at the start of the substep.
 
         Raises:
-            NotFound: if the determinant of the last tangent has changed its sign.
+            SolutionNotFound: if the determinant of the last tangent has changed its sign.
         """
         solver_signs = system.tangent.solver.determinant_signs[n_earlier_signs:]
         signs = solver_signs or system.tangent.estimate_determinant_signs()
@@ -462,7 +484,7 @@ class LargeStrainStepping:
         is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
         accepted_signs = state.determinant_signs if is_comparable else frozenset[int]()
         if signs and signs[-1] not in (accepted_signs or signs[:1]):
-            raise NotFound(
+            raise SolutionNotFound(
                 "the solution is unstable: the determinant of its tangent has changed its sign"
             )
         return solver_signs
@@ -548,7 +570,7 @@ class LargeStrainStepping:
     def prescribed_displacements(self) -> PETSc.Vec:
         return self._supports.prescribed_displacements()
 
-    def depends_on(self, constant: fem.Constant) -> bool:
+    def has_constant_in_residual_or_conditions(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
         values = [getattr(condition.g, "value", None) for condition in self._dirichlet_conditions]
         # DOLFINx stores constants as C++ objects, which share the array of values

@@ -46,11 +46,11 @@ from pw_elements.contact.model import (
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.steps.checks import (
     SurfacePathInTime,
-    check_and_list_surface_paths,
     check_contact_arguments,
+    check_impact_and_list_surface_paths,
 )
 from pw_elements.contact.steps.smallness import (
-    SmallDisplacementAndPassingCheck,
+    SmallDisplacementAndSurfacePassingCheck,
     gradient_at_vertices,
     measure_max_strain_and_rotation,
     warn_if_no_longer_small,
@@ -67,7 +67,7 @@ _DEFAULT_TO_CRITICAL_STEP_RATIO = 0.9
 _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY = 3e-9
 # Relative difference between masses of one node, and between numbers of steps, that counts as
 # round-off
-_RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS = 1e-9
+_RELATIVE_ROUND_OFF_OF_MASS_AND_STEP_COUNT = 1e-9
 # Number of bisections that determine, to round-off, a slip combined with a prescribed slip
 _N_SLIP_BISECTIONS = 60
 # Largest initial penetration, relative to the extent of the contact nodes, that counts as round-off
@@ -232,7 +232,7 @@ class PairHistory:
     translation: Array
 
     @property
-    def total(self) -> Array:
+    def total_force(self) -> Array:
         """Total force (s, dim) of the surface on the body, summed over all nodes."""
         return np.asarray(self.force.sum(axis=1))
 
@@ -327,7 +327,7 @@ def solve_impact(
         FloatingPointError: if the motion is not finite.
     """
     contact_pairs = check_contact_arguments(K, reduction, pairs, space, 1, None)
-    surface_paths = check_and_list_surface_paths(paths, contact_pairs, space)
+    surface_paths = check_impact_and_list_surface_paths(paths, contact_pairs, space)
     initial_values = {"the velocity": velocity}
     if displacement is not None:
         initial_values["the displacement"] = displacement
@@ -349,7 +349,7 @@ def solve_impact(
         raise ValueError(
             f"step = {step:.6g}: central differences are stable up to {max_stable_step:.6g}"
         )
-    n_steps = np.ceil(duration / step * (1 - _RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS))
+    n_steps = np.ceil(duration / step * (1 - _RELATIVE_ROUND_OFF_OF_MASS_AND_STEP_COUNT))
     if n_steps > max_steps:
         hours = n_steps * _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY * K.getInfo()["nz_used"] / 3600
         raise ValueError(
@@ -365,7 +365,7 @@ def solve_impact(
         u.setArray(np.where(is_free, displacement.array_r, reduction.offset.array_r))
     integration = _CentralDifferenceIntegration(
         K,
-        _extract_isotropic_nodal_masses(M, space),
+        _extract_masses_and_check_isotropy(M, space),
         is_free,
         interface,
         surface_paths,
@@ -376,7 +376,7 @@ def solve_impact(
     )
     smallness, gradient_function = SmallDisplacementMeasures(), fem.Function(space)
     gradient = gradient_at_vertices(gradient_function)
-    integration.max_surface_steps = SmallDisplacementAndPassingCheck(
+    integration.max_surface_steps = SmallDisplacementAndSurfacePassingCheck(
         interface, space
     ).min_facet_sizes
     kept_steps = np.unique(np.linspace(0, n_steps, frames + 1).round().astype(int))[1:].tolist()
@@ -523,7 +523,7 @@ class _CentralDifferenceIntegration:
             dt,
         )
         if interface.cone.has_user_law:
-            interface.check_friction_laws()
+            interface.raise_law_errors_and_check_slopes()
         velocity[self._node_rows] += dt * self._inverse_mass[self._node_rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
@@ -585,7 +585,7 @@ class _CentralDifferenceIntegration:
     def _evaluate_gaps_and_normals(self) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
         translations = self.translations[-1]
-        gap, normal = self._interface.evaluate_surfaces(translations)
+        gap, normal = self._interface.evaluate_undeformed_gaps_and_normals(translations)
         self._interface.check_gaps_normals_and_supports(gap, normal)
         return gap, normal
 
@@ -618,7 +618,7 @@ class _CentralDifferenceIntegration:
         return translations
 
 
-def _extract_isotropic_nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
+def _extract_masses_and_check_isotropy(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     """Return the masses (n,) of this process' unknowns.
 
     ValueError is raised if the masses of a node differ between its components.
@@ -628,7 +628,7 @@ def _extract_isotropic_nodal_masses(M: PETSc.Mat, space: fem.FunctionSpace) -> A
     with raise_errors_on_all_processes(space.mesh.comm):
         if np.any(
             np.ptp(mass_of_node, axis=1)
-            > _RELATIVE_ROUND_OFF_OF_MASS_AND_STEPS * mass_of_node[:, 0]
+            > _RELATIVE_ROUND_OFF_OF_MASS_AND_STEP_COUNT * mass_of_node[:, 0]
         ):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"

@@ -25,7 +25,7 @@ from pw_elements.contact.model import ContactFailed, ContactPair, ContactState, 
 from pw_elements.contact.output import (
     ProblemFingerprint,
     ProgressCallback,
-    check_changed_parts,
+    check_parts_declared_as_changed,
     fingerprint_mesh_supports_and_pairs,
     fingerprint_stiffness,
     read_state,
@@ -34,20 +34,20 @@ from pw_elements.contact.output import (
 from pw_elements.contact.rescue import LoadFractionSetter
 from pw_elements.contact.steps.checks import (
     RemedyNamesOrCostRatios,
+    check_and_list_history_functions,
     check_and_list_loads_and_motions,
+    check_and_list_motions,
+    check_and_list_parameters_with_rates,
+    check_and_list_successive_states,
     check_constants_are_used,
     check_contact_arguments,
     check_function_or_none,
     check_large_strain_surfaces,
     check_loads_fit_problem,
     check_outputs,
-    check_parameters,
     check_start_state,
     check_state_fits_problem,
-    list_history_functions,
-    list_motions,
     list_remedy_max_cost_ratios,
-    list_successive_states,
 )
 from pw_elements.contact.steps.finite import LargeStrainStepping
 from pw_elements.contact.steps.sensitivity import (
@@ -65,7 +65,7 @@ from pw_elements.solvers import (
     choose_solver,
     collect_garbage,
     compute_with_direct_fallback,
-    is_matrix_free,
+    has_separate_supports,
 )
 
 
@@ -179,11 +179,11 @@ class ContactProblem:
             u: unknown function in the trial space, which may be hybrid. Each step changes its
                 values.
             conditions: Dirichlet conditions. Constants and functions in them may change.
-            pairs: contact pairs. A rigid surface must have a method `closest` (`Plane`, `Sphere` or
-                `SignedDistance`), and it may rotate about a `pivot`. In plane and axisymmetric
-                problems, the surface may be a `DeformableSurface` whose `revolved` is given. Its
-                facing facets are then determined in each iteration, and slip along curved sides is
-                second-order accurate.
+            pairs: contact pairs. A rigid surface must have a method `gap_normal_and_curvature`
+                (`Plane`, `Sphere` or `SignedDistance`), and it may rotate about a `pivot`. In plane
+                and axisymmetric problems, the surface may be a `DeformableSurface` whose `revolved`
+                is given. Its facing facets are then determined in each iteration, and slip along
+                curved sides is second-order accurate.
             solver: solver of the linear systems, as in `solve`, by default `Direct()`. Two bodies
                 and surfaces that are free to rotate require `Direct()`. Unstable states are
                 detected by determinants with `Direct()`, and by negative eigenvalues with
@@ -241,18 +241,21 @@ class ContactProblem:
                 `FreeBody`.
             NotUnique: if the tangent is singular at a solution, because friction is too large or
                 the body is loose.
-            NotFound: if no solution has been found, although one may exist. The attribute `state`
-                is the closest approximation.
+            SolutionNotFound: if no solution has been found, although one may exist. The attribute
+                `state` is the closest approximation.
             SurfacePassed: if a rigid surface passes through the body, or pushes the body outwards.
                 With a residual, also if a surface is moved through supports, or supports of two
                 bodies through each other; in this case nothing is solved.
             NotConverged: if an iterative solver fails, perhaps because the tangent is singular. The
                 solver "auto" first switches to a direct solver if there is enough memory. With a
-                residual, smaller substeps are tried, and finally `NotFound` is raised instead.
+                residual, smaller substeps are tried, and finally `SolutionNotFound` is raised
+                instead.
         """
         check_start_state(state, self.undeformed)
         dim = self._space.mesh.geometry.dim
-        return self._check_load_and_solve_step(state, load, list_motions(motions, self.pairs, dim))
+        return self._check_load_and_solve_step(
+            state, load, check_and_list_motions(motions, self.pairs, dim)
+        )
 
     def _check_load_and_solve_step(
         self,
@@ -341,18 +344,20 @@ class ContactProblem:
                 "the residual has a history, and the derivatives of `update` are unknown: "
                 "sensitivities need a problem without `history`"
             )
-        states = list_successive_states(states, self.undeformed)
+        states = check_and_list_successive_states(states, self.undeformed)
         n_steps = len(states) - 1
         check_loads_fit_problem(loads, n_steps, self._has_residual)
         self._rebuild_if_stiffness_changed()
         stepping, space_and_kind = self._current_stepping, (self._space, self._has_residual)
-        if is_matrix_free(stepping.solver) or stepping.interface.mortars:
+        if has_separate_supports(stepping.solver) or stepping.interface.mortars:
             raise ValueError(
                 "there are no derivatives of two bodies at large sliding, nor by an iterative "
                 "solver: use Direct()"
             )
         output_list = check_outputs(outputs, len(self.pairs), *space_and_kind)
-        parameter_list = check_parameters(parameters, len(states), self.pairs, *space_and_kind)
+        parameter_list = check_and_list_parameters_with_rates(
+            parameters, len(states), self.pairs, *space_and_kind
+        )
         if self._large_strain_stepping_or_none is not None:
             check_constants_are_used(
                 parameter_list, output_list, self._large_strain_stepping_or_none
@@ -457,7 +462,7 @@ class ContactProblem:
                 that differs and the difference.
             OSError: if the file cannot be read.
         """
-        check_changed_parts(changed)
+        check_parts_declared_as_changed(changed)
         spaces, identity = (self._space, self._history_spaces), self._make_fingerprint()
         return read_state(
             path,
@@ -490,10 +495,10 @@ class _ResidualProblem(ContactProblem):
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
-        functions = list_history_functions(history, update, space.mesh.comm)
+        functions = check_and_list_history_functions(history, update, space.mesh.comm)
         reduction = Reduction.dirichlet(space, conditions)
         chosen_solver = choose_solver(Direct() if solver is None else solver, reduction.supports)
-        problem.system.blocked = is_matrix_free(chosen_solver)
+        problem.system.blocked = has_separate_supports(chosen_solver)
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         K = problem.system.tangent
@@ -585,9 +590,9 @@ def solve_contact(
             not finite, a number of motions other than the number of increments, or
             `max_iterations` below 1.
         DegenerateMesh: for cells that are flat or inverted.
-        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as in `ContactProblem.step`.
-            The message gives the number of the increment, counted from 0. The attribute `states`
-            contains the states before this increment.
+        FreeBody, NoEquilibrium, NotUnique, SolutionNotFound, SurfacePassed: as in
+            `ContactProblem.step`. The message gives the number of the increment, counted from 0.
+            The attribute `states` contains the states before this increment.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
     load_list, motions_by_increment = check_and_list_loads_and_motions(

@@ -28,7 +28,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
 from pw_elements.contact.interface import ContactInterface
-from pw_elements.contact.iteration import IncrementEquations, NewtonState
+from pw_elements.contact.iteration import IncrementEquations, NewtonIterate
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import (
     LinearisedContactLaw,
@@ -170,7 +170,7 @@ class EquationsLinearisedAtEnd:
     def __init__(
         self,
         increment: IncrementEquations,
-        end: NewtonState,
+        end: NewtonIterate,
         K: PETSc.Mat,
         reduction: Reduction,
         by_start: Array,
@@ -191,7 +191,7 @@ class EquationsLinearisedAtEnd:
         friction = end.nodes.force[:, :1] * active.direction
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
-    def _raise_if_not_differentiable(self, end: NewtonState) -> None:
+    def _raise_if_not_differentiable(self, end: NewtonIterate) -> None:
         """Raise ValueError if a status is about to change, or if supports carry friction forces."""
         interface, nodes = self._system.interface, end.nodes
         is_closed = nodes.trial_pressure > 0
@@ -328,7 +328,7 @@ class EquationsLinearisedAtEnd:
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
         for pair_and_axis in system.free_motions:
             translations[pair_and_axis] = 0.0
-        reduction = replace(self._reduction, offset=data_derivatives.offset).for_load(
+        reduction = replace(self._reduction, offset=data_derivatives.offset).with_offset_for_load(
             self._K, data_derivatives.load
         )
         pair = system.interface.pair
@@ -354,7 +354,7 @@ class ParametricResidual(Protocol):
     form: ufl.Form
     u: fem.Function
 
-    def depends_on(self, constant: fem.Constant) -> bool:
+    def has_constant_in_residual_or_conditions(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
     def prescribed_displacements(self) -> PETSc.Vec:
@@ -373,8 +373,8 @@ class OutputDerivatives:
         parts: parts of the load history.
         outputs: outputs, checked by `checks.check_outputs`.
         parameters: parameters with their rates (states, ...), checked by
-            `checks.check_parameters`. A rate is the derivative of the data of each state with
-            respect to the parameter.
+            `checks.check_and_list_parameters_with_rates`. A rate is the derivative of the data of
+            each state with respect to the parameter.
     """
 
     interface: ContactInterface
@@ -393,7 +393,7 @@ class OutputDerivatives:
         )
         for part in self.parts:
             linearised, rates = (
-                self._linearise_and_locate_errors(part),
+                self._linearise_or_raise_error_with_location(part),
                 self._evaluate_data_derivatives(part),
             )
             changes = [
@@ -405,7 +405,7 @@ class OutputDerivatives:
                 derivatives[part.increment, i] = [
                     weights.inner_product(change) for change in changes
                 ]
-                derivatives[part.increment, i] += self._differentiate_output_at_fixed_state(
+                derivatives[part.increment, i] += self._explicit_output_derivatives_by_parameters(
                     output, part
                 )
         return derivatives
@@ -423,7 +423,7 @@ class OutputDerivatives:
         gradient, adjoint_weights = np.zeros(len(self.parameters)), self._zero_state_derivative()
         for part in reversed(self.parts):
             linearised, rates = (
-                self._linearise_and_locate_errors(part),
+                self._linearise_or_raise_error_with_location(part),
                 self._evaluate_data_derivatives(part),
             )
             for i, output in enumerate(self.outputs if part.fraction == 1 else ()):
@@ -431,14 +431,16 @@ class OutputDerivatives:
                 adjoint_weights = adjoint_weights.add_multiple(
                     weight, self._differentiate_output_by_state(output)
                 )
-                gradient += weight * self._differentiate_output_at_fixed_state(output, part)
+                gradient += weight * self._explicit_output_derivatives_by_parameters(output, part)
             part_gradient, adjoint_weights = linearised.propagate_weights_to_start(
                 adjoint_weights, rates
             )
             gradient += part_gradient
         return gradient
 
-    def _linearise_and_locate_errors(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
+    def _linearise_or_raise_error_with_location(
+        self, part: IncrementOrSubstep
+    ) -> EquationsLinearisedAtEnd:
         try:
             return self.linearise_end(part)
         except ValueError as error:
@@ -464,7 +466,7 @@ class OutputDerivatives:
             load, offset = self._zero_vector(), self._zero_vector()
             motions = np.zeros_like(part.part_end.translations)
             friction = np.zeros(len(motions))
-            match parameter_object(parameter):
+            match constant_vector_or_kind_of_parameter(parameter):
                 case fem.Constant() as constant:
                     load, offset = self._differentiate_load_and_supports_by_constant(constant, rate)
                 case PETSc.Vec() as vector:
@@ -519,7 +521,7 @@ class OutputDerivatives:
             weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
-    def _differentiate_output_at_fixed_state(
+    def _explicit_output_derivatives_by_parameters(
         self, output: SensitivityOutput, part: IncrementOrSubstep
     ) -> Array:
         """Return derivatives (parameters,) of an output at a fixed state.
@@ -529,7 +531,9 @@ class OutputDerivatives:
         derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
             for i, (parameter, rates) in enumerate(self.parameters):
-                if isinstance(constant := parameter_object(parameter), fem.Constant):
+                if isinstance(
+                    constant := constant_vector_or_kind_of_parameter(parameter), fem.Constant
+                ):
                     change = _differentiate_form_by_constant(
                         output, constant, rates[part.increment + 1]
                     )
@@ -537,7 +541,7 @@ class OutputDerivatives:
         return derivatives
 
 
-def parameter_object(parameter: SensitivityParameter) -> Any:  # noqa: ANN401
+def constant_vector_or_kind_of_parameter(parameter: SensitivityParameter) -> Any:  # noqa: ANN401
     """Return the constant or vector of a parameter, or "friction" or "motion"."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 

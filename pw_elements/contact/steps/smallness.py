@@ -20,12 +20,12 @@ from dolfinx.mesh import exterior_facet_indices
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
 from pw_elements.contact.interface import (
-    MIN_NORMAL_COSINE_OF_OUTWARD_PUSH,
-    RIGID,
+    FACED_INDEX_OF_RIGID_SURFACE,
+    MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     ContactInterface,
     compute_facet_nodes_positions_and_facet_normals,
 )
-from pw_elements.contact.iteration import IncrementEquations, NewtonState
+from pw_elements.contact.iteration import IncrementEquations, NewtonIterate
 from pw_elements.contact.model import (
     ContactState,
     PairState,
@@ -57,7 +57,7 @@ MAX_RELATIVE_PATH_SLIP_DIFFERENCE = 0.1
 # Difference between the two slips that is allowed in any case. For two sliding bodies, where slip
 # is a mean over facets, it is relative to the shortest facet around a node; for all other pairs, it
 # is relative to the largest displacement
-_ALLOWED_PER_FACET, _ALLOWED_PER_DISPLACEMENT = 0.05, 1e-6
+_ALLOWED_SLIP_DIFFERENCE_PER_FACET_SIZE, _ALLOWED_SLIP_DIFFERENCE_PER_MAX_DISPLACEMENT = 0.05, 1e-6
 
 # Limits of small displacements. Neglected second-order terms change a strain e by e^2/2. A rotation
 # w turns forces by w and causes strains of w^2/2. After slip by half a facet, a node would face
@@ -142,7 +142,7 @@ def warn_if_no_longer_small(
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-class SmallDisplacementAndPassingCheck:
+class SmallDisplacementAndSurfacePassingCheck:
     """Check that displacements stay small, and that rigid surfaces stay outside the body.
 
     Args:
@@ -157,7 +157,7 @@ class SmallDisplacementAndPassingCheck:
         self._interface, self._comm = interface, interface.comm
         self._u = fem.Function(space)
         self._gradient = gradient_at_vertices(self._u)
-        self._node_of_facet, self._facet_normal, size = _measure_exterior_facets_at_nodes(
+        self._node_of_facet, self._facet_normal, size = _nodes_normals_and_sizes_of_exterior_facets(
             interface.node, space
         )
         self._facet_size = np.full(len(interface.node), np.inf)
@@ -168,20 +168,22 @@ class SmallDisplacementAndPassingCheck:
             for in_pair in in_pairs
         ]
         self._is_rigid_pair = [
-            not self._comm.allreduce(bool(np.any(interface.faced[in_pair] != RIGID)), MPI.LOR)
+            not self._comm.allreduce(
+                bool(np.any(interface.faced[in_pair] != FACED_INDEX_OF_RIGID_SURFACE)), MPI.LOR
+            )
             for in_pair in in_pairs
         ]
 
     def raise_if_prescribed_motion_passes_body(self, increment: IncrementEquations) -> None:
         """Raise SurfacePassed if prescribed translations move a rigid surface through the body."""
         start = increment.start
-        is_prescribed = np.isfinite(increment.prescribed)
+        is_prescribed = np.isfinite(increment.prescribed_motions)
         self._raise_if_surfaces_pass_body(
-            start, np.where(is_prescribed, increment.prescribed, start.q)
+            start, np.where(is_prescribed, increment.prescribed_motions, start.q)
         )
 
-    def check_and_measure_smallness(
-        self, increment: IncrementEquations, end: NewtonState, start_state: ContactState
+    def check_passing_and_measure_smallness(
+        self, increment: IncrementEquations, end: NewtonIterate, start_state: ContactState
     ) -> SmallDisplacementMeasures:
         """Return the largest strain, rotation and slip of a solution; warn if one is too large.
 
@@ -203,7 +205,7 @@ class SmallDisplacementAndPassingCheck:
             in_pair = is_closed & (interface.pair == k)
             self._raise_surface_passed_if_any(
                 k,
-                in_pair & (cosine > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH),
+                in_pair & (cosine > MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL),
                 "pushes the body outwards at",
             )
             if strain > _MIN_STRAIN_TO_CROSS_THICKNESS:
@@ -220,7 +222,9 @@ class SmallDisplacementAndPassingCheck:
         )
         return smallness
 
-    def _measure_max_slip_in_facets(self, increment: IncrementEquations, end: NewtonState) -> float:
+    def _measure_max_slip_in_facets(
+        self, increment: IncrementEquations, end: NewtonIterate
+    ) -> float:
         """Return the largest slip of a closed node, divided by the size of its facets.
 
         On rigid surfaces, slip is measured from the start of the increment; between two bodies, it
@@ -230,7 +234,7 @@ class SmallDisplacementAndPassingCheck:
         relative_motion = end.displacement - end.q[interface.pair]
         start_motion = increment.start.displacement - increment.start.q[interface.pair]
         relative_motion = relative_motion - np.where(
-            (interface.faced == RIGID)[:, None], start_motion, 0.0
+            (interface.faced == FACED_INDEX_OF_RIGID_SURFACE)[:, None], start_motion, 0.0
         )
         slip = np.linalg.norm(np.einsum("nab,nb->na", nodes.frame[:, 1:], relative_motion), axis=1)
         is_closed = nodes.active_set.status != OPEN
@@ -308,7 +312,7 @@ class SmallDisplacementAndPassingCheck:
                 normals[in_pair] = normal
                 is_outwards = (
                     self._min_cosine_to_outward_normals(normals)[in_pair]
-                    > MIN_NORMAL_COSINE_OF_OUTWARD_PUSH
+                    > MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL
                 )
                 is_swallowed[in_pair] |= is_outwards & (
                     depth > _MIN_DEPTH_INSIDE_SURFACE_IN_FACETS * facet_size
@@ -319,7 +323,7 @@ class SmallDisplacementAndPassingCheck:
             is_finished = self._comm.allreduce(bool(last_ratio.min(initial=1.0) >= 1), MPI.LAND)
         return is_swallowed
 
-    def _find_nodes_pushed_beyond_far_side(self, end: NewtonState) -> Mask:
+    def _find_nodes_pushed_beyond_far_side(self, end: NewtonIterate) -> Mask:
         """Return a mask (m,) of the contact nodes that are pushed beyond the body's far side.
 
         The far side consists of the nodes that come last along the contact normal in the undeformed
@@ -363,7 +367,7 @@ class SmallDisplacementAndPassingCheck:
             )
 
 
-def _measure_exterior_facets_at_nodes(
+def _nodes_normals_and_sizes_of_exterior_facets(
     node: Indices, space: fem.FunctionSpace
 ) -> tuple[Indices, Array, Array]:
     """Return data (f, ...) of the exterior facets around m nodes of this process.
@@ -396,7 +400,7 @@ def _measure_exterior_facets_at_nodes(
     return node_number, outward[is_own], size[is_own]
 
 
-def log_slip_differences(
+def warn_if_slip_and_path_slip_differ(
     state: ContactState, interface: ContactInterface, warned_pairs: set[int]
 ) -> None:
     """Log a warning, once for each pair, if the two measures of slip of `PairState` differ.
@@ -411,12 +415,13 @@ def log_slip_differences(
     """
     for k, pair in enumerate(state.pairs):
         difference = measure_difference_of_slip_and_path_slip(pair)
-        allowed: Array | float = _ALLOWED_PER_DISPLACEMENT * state.scale.length
+        allowed: Array | float = _ALLOWED_SLIP_DIFFERENCE_PER_MAX_DISPLACEMENT * state.scale.length
         if k in interface.mortars:
             mortar = interface.mortars[k]
             slave_number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)
             allowed = (
-                _ALLOWED_PER_FACET * mortar.measure_shortest_facet_at_slave_nodes()[slave_number]
+                _ALLOWED_SLIP_DIFFERENCE_PER_FACET_SIZE
+                * mortar.measure_shortest_facet_at_slave_nodes()[slave_number]
             )
         slip_sizes = [np.linalg.norm(slip, axis=1) for slip in (pair.slip, pair.path_slip)]
         has_friction = (pair.status != OPEN) & (pair.friction > 0)

@@ -37,7 +37,7 @@ from pw_elements.contact.iteration import (
     ActiveSetUpdate,
     LinearEquilibrium,
     LinearIncrementEquations,
-    NewtonState,
+    NewtonIterate,
     TargetLoadsAndMotions,
     choose_first_active_set,
     interpolate_targets,
@@ -53,8 +53,8 @@ from pw_elements.contact.model import (
     FreeMotionIndices,
     Motion,
     NoEquilibrium,
-    NotFound,
     ResidualScale,
+    SolutionNotFound,
 )
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
@@ -77,8 +77,8 @@ from pw_elements.contact.rescue import (
 )
 from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
 from pw_elements.contact.steps.smallness import (
-    SmallDisplacementAndPassingCheck,
-    log_slip_differences,
+    SmallDisplacementAndSurfacePassingCheck,
+    warn_if_slip_and_path_slip_differ,
 )
 from pw_elements.contact.steps.verification import (
     VerificationScales,
@@ -98,7 +98,7 @@ from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
     add_scaled,
-    is_matrix_free,
+    has_separate_supports,
     to_aij,
 )
 from pw_elements.spaces import read_record
@@ -109,12 +109,12 @@ _MIN_SUBSTEP_FRACTION_OF_INCREMENT = 1 / 16
 # Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
 # remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first
 # attempt. The first
-# attempt counts as at least _MIN_ATTEMPT_SOLVES systems, fewer if there are more than
-# _SMALL_PROBLEM_DOFS unknowns
+# attempt counts as at least _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT systems, fewer if there are more
+# than _MAX_DOFS_OF_SMALL_PROBLEM unknowns
 RemedyName: TypeAlias = Literal["springs", "cutback"]
 REMEDIES_FOR_FAILED_ITERATION: tuple[RemedyName, ...] = ("springs", "cutback")
 MAX_REMEDY_COST_PER_FIRST_ATTEMPT = 3.0
-_MIN_ATTEMPT_SOLVES, _SMALL_PROBLEM_DOFS = 50, 2000
+_MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT, _MAX_DOFS_OF_SMALL_PROBLEM = 50, 2000
 # Number of iterations after which a proof is attempted that there is no equilibrium. Most
 # increments take fewer iterations
 _ITERATIONS_BEFORE_NO_EQUILIBRIUM_PROOF = 12
@@ -148,7 +148,7 @@ class SmallStrainStepping:
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
-        uses_krylov = is_matrix_free(solver)
+        uses_krylov = has_separate_supports(solver)
         self._K = K
         self._reduction = scale_pressures_to_displacements(
             full_size_masking_reduction(reduction) if uses_krylov else reduction, K
@@ -160,7 +160,7 @@ class SmallStrainStepping:
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
         check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
         self.space = self.interface.field.space
-        self._smallness_check = SmallDisplacementAndPassingCheck(self.interface, self.space)
+        self._smallness_check = SmallDisplacementAndSurfacePassingCheck(self.interface, self.space)
         self._pairs_with_slip_warning: set[int] = set()
         self._system: tuple[ContactSystem, RigidMotions] | None = None
         self._system_with_springs: ContactSystem | None = None
@@ -174,7 +174,7 @@ class SmallStrainStepping:
         """
         start_time = perf_counter()
         end = TargetLoadsAndMotions.from_load_and_motions(
-            load, motions, n_motions=self.interface.position.shape[1]
+            load, motions, n_motions_per_surface=self.interface.position.shape[1]
         )
         free_motions = end.free_motions
         comm = self.interface.comm
@@ -183,7 +183,7 @@ class SmallStrainStepping:
             cost_before = self._measure_cost_since(free_motions)
             try:
                 solution = self._solve_substep(state, end, reporter, cost_before)
-            except NotFound as failure:
+            except SolutionNotFound as failure:
                 substeps = self._solve_in_substeps(state, end, reporter)
                 if not substeps:
                     raise
@@ -200,7 +200,7 @@ class SmallStrainStepping:
                         f"{failure}. Substeps reached {reached_fraction:.3g} of the increment",
                     )
                     raise
-        log_slip_differences(solution, self.interface, self._pairs_with_slip_warning)
+        warn_if_slip_and_path_slip_differ(solution, self.interface, self._pairs_with_slip_warning)
         reporter.report_increment(solution, perf_counter() - start_time)
         return solution
 
@@ -251,7 +251,8 @@ class SmallStrainStepping:
     ) -> Callable[[], float]:
         """Return a function that counts the linear systems which a remedy may still solve."""
         min_solves = (
-            _MIN_ATTEMPT_SOLVES * min(1.0, _SMALL_PROBLEM_DOFS / self._K.getSize()[0]) ** 1.5
+            _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT
+            * min(1.0, _MAX_DOFS_OF_SMALL_PROBLEM / self._K.getSize()[0]) ** 1.5
         )
         ratio = self._remedies.get(remedy, 0.0)
         solve_limit = self._measure_cost_since(free_motions)[0] + ratio * max(
@@ -298,20 +299,22 @@ class SmallStrainStepping:
             load = self._make_equilibrium(target).load
             return prove_no_equilibrium(increment, load, linearised, rigid)
 
-        def after_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
+        def report_and_prove_no_equilibrium_if_late(
+            iteration: int, active: ActiveSet, violation: float
+        ) -> None:
             reporter.report_iteration(iteration, active, violation)
             is_late = violation > 1 and iteration == _ITERATIONS_BEFORE_NO_EQUILIBRIUM_PROOF
             if is_late and (proof := find_proof()):
                 raise proof
 
-        def iterate(accuracy: LinearSolveAccuracy) -> NewtonState:
+        def iterate(accuracy: LinearSolveAccuracy) -> NewtonIterate:
             return solve_increment(
                 increment,
                 active,
                 linearised,
                 self._make_active_set_update(rigid, accuracy),
                 max_iterations=max_iterations,
-                after_iteration=after_iteration,
+                after_iteration=report_and_prove_no_equilibrium_if_late,
             )
 
         try:
@@ -347,8 +350,8 @@ class SmallStrainStepping:
 
     @staticmethod
     def _iterate_with_accuracy_fallback(
-        increment: LinearIncrementEquations, iterate: Callable[[LinearSolveAccuracy], NewtonState]
-    ) -> NewtonState:
+        increment: LinearIncrementEquations, iterate: Callable[[LinearSolveAccuracy], NewtonIterate]
+    ) -> NewtonIterate:
         """Return the solution of an increment, with accurate linear solutions only if necessary.
 
         The iteration starts with rough linear solutions. If it fails, it is repeated with accurate
@@ -364,7 +367,7 @@ class SmallStrainStepping:
     def _check_iterate_and_make_state(
         self,
         increment: LinearIncrementEquations,
-        end: NewtonState,
+        end: NewtonIterate,
         rigid: RigidMotions,
         state: ContactState,
         target: TargetLoadsAndMotions,
@@ -395,9 +398,9 @@ class SmallStrainStepping:
             lambda: self._measure_cost_since(target.free_motions, cost_before),
         )
         slides = rigid.can_slide_at_exhausted_friction(end.nodes, end.allowance)
-        smallness = self._smallness_check.check_and_measure_smallness(increment, end, state)
+        smallness = self._smallness_check.check_passing_and_measure_smallness(increment, end, state)
         iterations, report = self._measure_cost_since(target.free_motions, cost_before)
-        sizes = increment.reference_sizes(end, state.scale)
+        sizes = increment.updated_scale_and_reference_force_and_length(end, state.scale)
         solution = make_contact_state(
             increment,
             end,
@@ -562,7 +565,9 @@ class SmallStrainStepping:
         q = np.where(unloaded, 0.0, increment.start.q)
         q = np.where(np.isnan(target.q), q, target.q)
         increment.system.set_initial_iterate(lambda: state.unknowns, q)
-        self.interface.check_gaps_normals_and_supports(*self.interface.evaluate_surfaces(q))
+        self.interface.check_gaps_normals_and_supports(
+            *self.interface.evaluate_undeformed_gaps_and_normals(q)
+        )
         self._smallness_check.raise_if_prescribed_motion_passes_body(increment)
         return kinematics.linearise(q, increment.start.displacement, increment.start.force)
 

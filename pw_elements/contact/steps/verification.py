@@ -32,7 +32,7 @@ from pw_elements.contact.interface import (
     measure_gap_and_slip,
 )
 from pw_elements.contact.iteration import RELATIVE_DISPLACEMENT_ROUND_OFF
-from pw_elements.contact.model import ContactPair, ContactState, NotFound, Residuals
+from pw_elements.contact.model import ContactPair, ContactState, Residuals, SolutionNotFound
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 
 # Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function
@@ -100,7 +100,7 @@ def measure_small_strain_kinematics(
     """
     translations = [end.translations for end in (start_state, state)]
     motions = [_contact_node_motions(interface, end.unknowns) for end in (start_state, state)]
-    gap, normal = interface.evaluate_surfaces(translations[1])
+    gap, normal = interface.evaluate_undeformed_gaps_and_normals(translations[1])
     with np.errstate(invalid="ignore"):  # gaps may be infinite
         gap = gap + np.sum(normal * motions[1], axis=1)
     shifts = [translation[interface.pair] for translation in translations]
@@ -134,7 +134,7 @@ def measure_large_strain_kinematics(
     motions = [_contact_node_motions(interface, end.unknowns) for end in (start_state, state)]
     dim = motions[0].shape[1]
     pivots, spins = (
-        np.array(part) for part in zip(*(p.pivot_and_spin(dim) for p in pairs), strict=True)
+        np.array(part) for part in zip(*(p.pivot_and_spin_matrix(dim) for p in pairs), strict=True)
     )
     pivot, J = pivots[interface.pair], spins[interface.pair]
     in_surface_frame, rotations = [], []
@@ -211,7 +211,7 @@ def _measure_kinematics_of_sliding_bodies(
     interface: ContactInterface,
     start_state: ContactState,
     state: ContactState,
-    kinematics_elsewhere: MeasuredKinematics,
+    rigid_surface_kinematics: MeasuredKinematics,
 ) -> MeasuredKinematics:
     """Return kinematics with measured values for all nodes of pairs of sliding bodies.
 
@@ -221,7 +221,7 @@ def _measure_kinematics_of_sliding_bodies(
         interface: the contact nodes.
         start_state: state at the start of the increment.
         state: state at the end of the increment.
-        kinematics_elsewhere: kinematics of all other nodes, which are changed in place.
+        rigid_surface_kinematics: kinematics of all other nodes, which are changed in place.
     """
     dim, n_nodes = interface.position.shape[1], len(interface.node)
     # fractions of unit forces that master nodes receive: value, contact node and global node
@@ -234,17 +234,17 @@ def _measure_kinematics_of_sliding_bodies(
             displacement = interface.extract_displacements_at_nodes(mortar.nodes, end.unknowns)
             displacement[mortar.n_slave_nodes :] += end.translations[k]
             x.append(mortar.x + displacement)
-            parts.append(mortar.evaluate_for_verification(x[-1]))
+            parts.append(mortar.evaluate_mortar_matrices_independently(x[-1]))
         gap, slip = measure_gap_and_slip(parts[0], parts[1], x[0], x[1])
-        kinematics_elsewhere.gap[points], kinematics_elsewhere.slip[points] = (
+        rigid_surface_kinematics.gap[points], rigid_surface_kinematics.slip[points] = (
             gap[slave_number],
             slip[slave_number],
         )
-        kinematics_elsewhere.normal[points], kinematics_elsewhere.noise[points] = (
+        rigid_surface_kinematics.normal[points], rigid_surface_kinematics.noise[points] = (
             parts[1].normals[slave_number],
             0.0,
         )
-        kinematics_elsewhere.transfer_error[points] = parts[1].fraction_error[slave_number]
+        rigid_surface_kinematics.transfer_error[points] = parts[1].fraction_error[slave_number]
         master_parts = sp.coo_array(parts[1].master_fractions[slave_number])
         entries.append(
             (
@@ -260,7 +260,7 @@ def _measure_kinematics_of_sliding_bodies(
     rows = interface.assemble_matrix_over_all_unknowns(
         sp.csr_matrix(sp.kron(nodal_forces, sp.eye_array(dim)))
     )
-    return replace(kinematics_elsewhere, force_operator=rows.transpose(PETSc.Mat()))
+    return replace(rigid_surface_kinematics, force_operator=rows.transpose(PETSc.Mat()))
 
 
 def check_stiffness_sign(K: PETSc.Mat, interface: ContactInterface, remedy: str) -> None:
@@ -290,7 +290,9 @@ def make_nodal_torque_function(
     The torque of a node's force is about the present pivot of the surface that the node faces.
     """
     motion = _contact_node_motions(interface, state.unknowns)
-    pivots, spins = zip(*(pair.pivot_and_spin(motion.shape[1]) for pair in pairs), strict=True)
+    pivots, spins = zip(
+        *(pair.pivot_and_spin_matrix(motion.shape[1]) for pair in pairs), strict=True
+    )
     placement, pair = state.translations_and_rotations[interface.pair], interface.pair
     arm = interface.position + motion - placement[:, :-1] - np.array(pivots)[pair]
     velocity = np.einsum("nab,nb->na", np.array(spins)[pair], arm)
@@ -313,8 +315,8 @@ def verify_state(
     The arguments are those of `measure_residuals_and_allowances`.
 
     Raises:
-        NotFound: on all processes, if a condition is violated by more than the tolerance plus its
-            allowance.
+        SolutionNotFound: on all processes, if a condition is violated by more than the tolerance
+            plus its allowance.
     """
     residuals, allowance = measure_residuals_and_allowances(
         state,
@@ -329,7 +331,7 @@ def verify_state(
     for name, value in vars(residuals).items():
         limit = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE + getattr(allowance, name)
         if not value <= limit:
-            raise NotFound(
+            raise SolutionNotFound(
                 f"the state found violates {name} by {value:.2g}, computed anew from its "
                 f"displacements; {limit:.2g} is allowed: it is not a solution"
             )
@@ -511,7 +513,7 @@ def _max_unbalanced_force(
     residual_without_contact: PETSc.Vec,
     force_operator: PETSc.Mat,
     contact_force: Array,
-    displacements: LocalIndices,
+    displacement_indices: LocalIndices,
     reduction: Reduction,
 ) -> float:
     """Return the largest force in a free equation that contact forces do not balance.
@@ -520,7 +522,7 @@ def _max_unbalanced_force(
         residual_without_contact: residual forces (n,) without contact.
         force_operator: matrix H (n, m dim) that takes contact forces to forces on all unknowns.
         contact_force: contact forces (m, dim).
-        displacements: numbers of the displacements among the unknowns of this process.
+        displacement_indices: numbers of the displacements among the unknowns of this process.
         reduction: supports and condensation.
     """
     node_forces = force_operator.createVecRight()
@@ -529,7 +531,7 @@ def _max_unbalanced_force(
     remainder.axpy(-1.0, force_operator * node_forces)
     node_remainder = remainder.duplicate()
     node_remainder.setArray(0.0)
-    node_remainder.array[displacements] = remainder.array_r[displacements]
+    node_remainder.array[displacement_indices] = remainder.array_r[displacement_indices]
     reduced = reduction.left.createVecRight()
     reduction.left.multTranspose(node_remainder, reduced)
     return float(reduced.norm(PETSc.NormType.INFINITY))

@@ -128,7 +128,7 @@ def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix
     return rows
 
 
-def insert_empty_contact_rows(
+def replace_contact_rows_and_append_balance_rows(
     stiffness_rows: sp.csr_matrix, contact_rows: ContactLawRows, balance_rows: sp.csr_matrix
 ) -> CsrArrays:
     """Return matrix rows with the pattern of the contact rows and the rows of the border.
@@ -168,7 +168,7 @@ def make_map_from_free_motions_to_points(
         n_motions_per_surface: number of motions of each surface.
 
     Returns:
-        Matrix (m n_motions, free), with ones where a free motion moves a point.
+        Matrix (m n_motions_per_surface, free), with ones where a free motion moves a point.
     """
     rows_by_motion = [
         np.flatnonzero(pair_of_point == number) * n_motions_per_surface + axis

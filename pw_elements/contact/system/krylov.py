@@ -31,8 +31,8 @@ from pw_elements.contact.system.unassembled import (
     MatrixFreeContactOperator,
 )
 from pw_elements.solvers import (
-    MatrixFreeSolver,
     PreparedSolver,
+    SeparateSupportsSolver,
     SingularSystem,
     Supports,
     as_krylov_solver,
@@ -52,15 +52,15 @@ _FORCING_TERM_FOR_CHANGING_TANGENT = 0.02
 # of equal
 # stiffness. The values are smaller if one body is softer. Forces then depend less on gaps, and the
 # residual has to be smaller
-_FORCING_FACTOR_FOR_EQUALLY_STIFF_BODIES = 5.0
+_INVERSE_LENGTH_TO_FORCE_FACTOR_OF_EQUAL_BODIES = 5.0
 # The final residual, divided by the largest nodal contact force, is limited to the solver's
 # tolerance and to _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) the
 # limit
-# _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE is added. The accuracy "tightened" multiplies the
+# _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT is added. The accuracy "tightened" multiplies the
 # limit by
 # _TOLERANCE_TIGHTENING_FACTOR
 _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE / 10
-_CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE = 1e-13
+_MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT = 1e-13
 _TOLERANCE_TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
 _RELATIVE_RESIDUAL_FOR_EIGENVALUES = 1e-4
@@ -75,7 +75,7 @@ _MIN_STALLED_RESIDUAL_PER_TARGET = 2.0
 _MIN_STALLED_RESIDUAL_PER_PREVIOUS = 0.1
 # Largest excess cost of one solution with old multigrid levels, divided by the number of operations
 # to make new levels. The factor accounts for the lower speed of the operations in the set-up
-_MAX_EXCESS_COST_PER_LEVEL_SETUP = 3.0
+_MAX_EXCESS_COST_PER_MULTIGRID_SETUP = 3.0
 # Bounds of the singular values of the law's force coefficients, which are 0 for a held direction
 # and 1 for a free direction. Below the first bound, the law contains no force in this direction.
 # Below the second bound, the direction is held in the preconditioner
@@ -104,7 +104,7 @@ class KrylovTangent:
         K: PETSc.Mat,
         supports: Supports,
         points: ContactPointOperators,
-        matrix_free_solver: MatrixFreeSolver,
+        matrix_free_solver: SeparateSupportsSolver,
         supported_stiffness: PETSc.Mat,
     ) -> None:
         self._supported_stiffness = supported_stiffness
@@ -242,18 +242,18 @@ class KrylovTangent:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has no rotations
         tighten = accuracy == "tightened" and self._is_final
         final_tolerance = (
-            min(self._final_tolerance, _CHANGING_TANGENT_RESIDUAL_PER_CONTACT_FORCE)
+            min(self._final_tolerance, _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT)
             if self._stiffness_changed
             else self._final_tolerance
         )
         self._tolerance = (
             self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
         )
-        law, forcing_term = self._scale_law_and_rhs_to_forces(law, rhs)
+        law, forcing_term = self._scale_law_and_rhs_and_choose_forcing_term(law, rhs)
         self._matrix_free_operator.set_law(law)
         combined_rhs, x = self._operator.createVecLeft(), self._solution
         combined_rhs.setArray(np.append(rhs, balance_rhs[: combined_rhs.getLocalSize() - len(rhs)]))
-        fixed_projectors = self._prepare_preconditioner(law)
+        fixed_projectors = self._prepare_preconditioner_and_fixed_projectors(law)
         if self._spring_preconditioner is None:
             self._move_nodes_to_positions_fixed_by_law(combined_rhs, x, fixed_projectors)
         # the initial iterate may be needed again only if the levels may be old
@@ -270,7 +270,7 @@ class KrylovTangent:
         if outcome is None:  # the old levels are too inaccurate
             self._wasted_operations = np.inf
             self.update_stiffness()
-            self._prepare_preconditioner(law)
+            self._prepare_preconditioner_and_fixed_projectors(law)
             initial.copy(x)
             residual = self._update_residual_and_return_norm(combined_rhs, remaining_rhs)
             outcome = self._iterate_until_target_or_stall(
@@ -287,7 +287,7 @@ class KrylovTangent:
             np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final
         )
 
-    def _scale_law_and_rhs_to_forces(
+    def _scale_law_and_rhs_and_choose_forcing_term(
         self, law: LinearisedContactLaw, rhs: Array
     ) -> tuple[LinearisedContactLaw, float]:
         """Return the law between two bodies with rows that are scaled from lengths to forces.
@@ -314,10 +314,10 @@ class KrylovTangent:
         rhs[self._points.equations[has_equation]] *= factors[has_equation]
         E, C, D = (factors[:, :, None] * matrix for matrix in (law.E, law.C, law.D))
         smallest_factor = self._comm.allreduce(factors.min(initial=1.0), MPI.MIN)
-        forcing_term *= min(1.0, _FORCING_FACTOR_FOR_EQUALLY_STIFF_BODIES * smallest_factor)
+        forcing_term *= min(1.0, _INVERSE_LENGTH_TO_FORCE_FACTOR_OF_EQUAL_BODIES * smallest_factor)
         return replace(law, E=E, C=C, D=D, c=factors * law.c), forcing_term
 
-    def _prepare_preconditioner(self, law: LinearisedContactLaw) -> Array:
+    def _prepare_preconditioner_and_fixed_projectors(self, law: LinearisedContactLaw) -> Array:
         """Set up the preconditioner for a linearised law.
 
         Returns:
@@ -327,7 +327,7 @@ class KrylovTangent:
             SingularSystem: if a constant pressure in an incompressible body is free.
         """
         operations_before = self._count_floating_point_operations()
-        fixed_projectors = self._hold_law_directions_in_multigrid(law)
+        fixed_projectors = self._constrain_multigrid_and_return_fixed_projectors(law)
         if self._block_preconditioner and self._block_preconditioner.has_free_constant_pressure(
             self._operator
         ):
@@ -384,7 +384,7 @@ class KrylovTangent:
             if operations_per_digit is not None:
                 n_digits = np.log10(initial_residual / target)
                 affordable_operations = (
-                    _MAX_EXCESS_COST_PER_LEVEL_SETUP * self._setup_operations
+                    _MAX_EXCESS_COST_PER_MULTIGRID_SETUP * self._setup_operations
                     + operations_per_digit * n_digits
                 )
                 max_iterations = min(
@@ -502,7 +502,7 @@ class KrylovTangent:
         force = float(np.abs(self._matrix_free_operator.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
-    def _hold_law_directions_in_multigrid(self, law: LinearisedContactLaw) -> Array:
+    def _constrain_multigrid_and_return_fixed_projectors(self, law: LinearisedContactLaw) -> Array:
         """Hold the directions that the active set fixes in the multigrid preconditioner.
 
         Returns:

@@ -14,7 +14,7 @@ from pw_elements.arrays import Array
 from pw_elements.contact.nodes import LinearisedContactLaw
 from pw_elements.contact.system.unassembled import (
     ContactPointOperators,
-    masked_row_mean,
+    masked_row_mean_or_one,
 )
 from pw_elements.solvers import (
     ComponentRigidModes,
@@ -47,7 +47,9 @@ class SpringPreconditioner:
         self._compliance = points.motion.matMult(inverse_diagonal_force.transpose())
         self._has_equation = has_equation = points.equations >= 0
         point_compliance = self._compliance.getDiagonal().array_r.reshape(has_equation.shape)
-        self._spring_stiffness = 1 / masked_row_mean(point_compliance, has_equation)[:, None, None]
+        self._spring_stiffness = (
+            1 / masked_row_mean_or_one(point_compliance, has_equation)[:, None, None]
+        )
         self._law_values, self._force = self._compliance.createVecs()
         self._motion, self._remaining = self._law_values.duplicate(), points.motion.createVecRight()
         self._ksp = PETSc.KSP().create(K.comm)

@@ -36,8 +36,8 @@ from pw_elements.contact.system.assembled import (
     extract_entries_at_own_equations,
     extract_local_rows,
     gather_balance_rows_on_last_rank,
-    insert_empty_contact_rows,
     make_map_from_free_motions_to_points,
+    replace_contact_rows_and_append_balance_rows,
     split_force_operator_at_own_equations,
 )
 from pw_elements.contact.system.krylov import KrylovTangent
@@ -46,13 +46,13 @@ from pw_elements.contact.system.solution import (
     LinearSolveAccuracy,
     LocalTangentSolution,
 )
-from pw_elements.contact.system.unassembled import ContactPointOperators, masked_row_mean
+from pw_elements.contact.system.unassembled import ContactPointOperators, masked_row_mean_or_one
 from pw_elements.solvers import (
     LinearSolver,
     PreparedSolver,
     SolverReport,
     add_scaled,
-    is_matrix_free,
+    has_separate_supports,
 )
 
 # Number of linear systems solved, and the report of the linear solver
@@ -171,7 +171,7 @@ class ContactSystem:
         self.n_solves = 0
         self.stiffness = (
             matrix_free_constrained_operator(reduction, K)
-            if is_matrix_free(solver)
+            if has_separate_supports(solver)
             else reduction.matrix(K)
         )
         self._motion_sizes = interface.motion.copy()
@@ -188,14 +188,14 @@ class ContactSystem:
             interface.motion.matMult(reduction.right), len(free_motions)
         )
         motion_diagonal = extract_entries_at_own_equations(reduced_motion, interface.equation)
-        if is_matrix_free(solver):
+        if has_separate_supports(solver):
             if any(axis == interface.position.shape[1] for _, axis in free_motions):
                 raise ValueError(
                     "Iterative() does not support surfaces that are free to turn: use Direct()"
                 )
             assert reduction.supports is not None, "checks of arguments reject other reductions"
             stiffness = K.getDiagonal().array_r[self._equations] * self._force_factor
-            self.law_scale = masked_row_mean(stiffness / motion_diagonal, has_equation)
+            self.law_scale = masked_row_mean_or_one(stiffness / motion_diagonal, has_equation)
             points = ContactPointOperators.from_interface(
                 interface,
                 self._reduced_force,
@@ -218,7 +218,7 @@ class ContactSystem:
         local_forces, contact_rows, csr = (
             self._assemble_contact_force_rows_contact_rows_and_matrix()
         )
-        self.law_scale = masked_row_mean(
+        self.law_scale = masked_row_mean_or_one(
             extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal,
             has_equation,
         )
@@ -254,7 +254,11 @@ class ContactSystem:
         border = gather_balance_rows_on_last_rank(
             self._assemble_force_balance_contributions(local_forces), self.springs, self.comm
         )
-        return local_forces, rows, insert_empty_contact_rows(eliminated, rows, border)
+        return (
+            local_forces,
+            rows,
+            replace_contact_rows_and_append_balance_rows(eliminated, rows, border),
+        )
 
     def _assemble_force_balance_contributions(self, force_rows: sp.csr_matrix) -> sp.coo_matrix:
         """Return contributions (free, n) of this process' points to the balances of free motions.
@@ -346,11 +350,13 @@ class ContactSystem:
             q: motions (pairs, k) of the surfaces.
         """
 
-        def scaled_unknowns() -> Array:
+        def unknowns_divided_by_reduction_diagonal() -> Array:
             scale = self.reduction.right.getDiagonal().array_r
             return np.divide(get_unknowns().array_r, scale, out=0 * scale, where=scale != 0)
 
-        self.tangent.set_initial_iterate(scaled_unknowns, self.select_free_motions(q))
+        self.tangent.set_initial_iterate(
+            unknowns_divided_by_reduction_diagonal, self.select_free_motions(q)
+        )
 
     def select_free_motions(self, q: Array) -> Array:
         """Return the free components (free,) of the surfaces' motions q (pairs, k)."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import (
-    DEFORMABLE,
+    FACED_INDEX_OF_DEFORMABLE_SURFACE,
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
 )
@@ -76,7 +76,7 @@ class ContactPointOperators:
         n_entries = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
         n_entries = np.pad(n_entries, (0, equations.size - len(n_entries)))
         has_opposite_nodes = n_entries.reshape(equations.shape).max(axis=1) > 1
-        can_hold_body = has_opposite_nodes | (interface.faced != DEFORMABLE)
+        can_hold_body = has_opposite_nodes | (interface.faced != FACED_INDEX_OF_DEFORMABLE_SURFACE)
         return cls(
             node,
             interface.motion,
@@ -185,7 +185,7 @@ class MatrixFreeContactOperator:
         result[points.equations[self._has_equation]] = law_values[self._has_equation]
 
 
-def masked_row_mean(values: Array, mask: Mask) -> Array:
+def masked_row_mean_or_one(values: Array, mask: Mask) -> Array:
     """Return the mean (m,) of each row of values (m, dim) where `mask` is True.
 
     The mean is 1 for a row in which the mask is never True.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pw_elements import Body, Material, as_function, assemble_matrix, prescribe, solve
 from pw_elements.elasticity import StressState
-from pw_elements.spaces import Marker, piecewise_linear_element
+from pw_elements.spaces import Marker, piecewise_linear_sub_cell_element
 from study.benchmarks.c_convergence.eigenvalues import VIBRATIONS, Vibration, modes
 from study.benchmarks.c_convergence.loads import ManufacturedSolution
 from study.judge.checks import check
@@ -258,7 +258,7 @@ def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str
     piecewise_linear = u
     if element == "composite-T6":  # its own gradient is an assumed one
         piecewise_linear = as_function(
-            fem.functionspace(mesh, piecewise_linear_element("triangle", (2,))), a
+            fem.functionspace(mesh, piecewise_linear_sub_cell_element("triangle", (2,))), a
         )
     errors = solution.errors(u, piecewise_linear)
 

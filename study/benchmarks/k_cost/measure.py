@@ -1,116 +1,122 @@
-"""Measure time and memory, each row in processes of its own, and write the record of section K.
+"""Measure the time and memory of section K, each measurement in processes of its own.
 
-    ./run python3 -m study.benchmarks.k_cost.measure                 all rows, some 40 minutes
-    ./run python3 -m study.benchmarks.k_cost.measure --only contact  rows of some tasks
-
+`./run python3 -m study.publish.renew_records 'K/*'` measures all of them and writes the record.
 Seconds are CPU time of all processes, medians of three runs where one takes less than ten seconds;
 megabytes are the largest resident sizes, added up, imports included. Other work on the machine
-changes them little, wall time much: rows that were measured on a busy machine say so.
+changes them little, but wall time much: rows that were measured on a busy machine say so.
 """
 
-import argparse
 import json
 import os
 import platform
-import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from study.benchmarks.k_cost.tasks import TASKS, Row
-from study.run.store import write_json
+from study.benchmarks.k_cost.tasks import TASKS, Measurement
+from study.run import records
+from study.solutions.calculix.calculix import (
+    CalculixError,
+    check_finished,
+    find_calculix,
+    read_version,
+)
+from study.solutions.calculix.grids import Grid
+from study.solutions.calculix.standard_decks import RoughBlock
 
-RECORD = Path(__file__).parents[2] / "run" / "cost_record.json"
+CALCULIX = "CalculiX"
+"""Method of the measurements of CalculiX."""
 N_RUNS = 3
-LONG_RUN = 10.0
+LONG_RUN_SECONDS = 10.0
 """CPU seconds above which one run is enough."""
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 """One thread per process: with several, CPU time would not be comparable."""
 
 
-# Rows
+# Measurements
 
 
-def list_rows() -> Iterator[Row]:
-    """Yield all rows of the record but CalculiX's."""
+def list_measurements() -> Iterator[Measurement]:
+    """Yield all measurements, in the order of the record."""
     plane = [(element, n) for element in ("galerkin-T6", "pw-T6") for n in (32, 64, 128, 256)]
     solid = [(element, n) for element in ("galerkin-T10", "pw-T10") for n in (5, 8, 11)]
-    for element, n in plane + solid:
-        for task in ("assembly", "factors"):
-            yield Row(task, element, n)
-    for element, n in [*plane, *((e, n) for e, n in solid if n < 11)]:
-        yield Row("frequencies", element, n)
+    for element, n in (*plane, *solid):
+        if n in (256, 11):
+            yield Measurement("assembly", element, n)
+        yield Measurement("factors", element, n)
+    for element, n in (*plane, *((e, n) for e, n in solid if n < 11)):
+        yield Measurement("frequencies", element, n)
     for element in ("galerkin-T10", "pw-T10"):
         for n in (5, 8, 11):
-            yield Row("contact", element, n)
-            yield Row("contact", element, n, "Iterative")
-        yield Row("contact", element, 16, "Iterative")
-    for processes in (2, 4):
-        yield Row("contact", "pw-T10", 16, "Iterative", processes)
-    yield Row("contact", "pw-T10", 27, "Iterative")
-    yield Row("contact", "pw-T10", 35, "Iterative", 2)
-    for method in ("Direct", "Iterative", "compared"):
-        yield Row("bodies", "pw-T10", 10, method)
-    for n in (7, 14):
-        yield Row("bodies", "pw-T10", n, "Iterative")
-    for processes in (1, 2, 3):
-        yield Row("bodies", "pw-T10", 20, "Iterative", processes)
-    for n in (10, 20, 40, 80):
-        yield Row("search", "pw-T10", n, "graded")
-    for n in (30, 100, 300, 1000):
-        yield Row("pieces", "pw-T6", n)
-    for n in (10, 25, 50, 100):
-        yield Row("pieces", "pw-T10", n, "Iterative")
-    for n in (5, 10, 17):
-        yield Row("sliding", "pw-T10", n, "Iterative")
+            yield Measurement("contact", element, n)
+            yield Measurement("contact", element, n, "Iterative")
+        yield Measurement("contact", element, 16, "Iterative")
+    yield Measurement("contact", "pw-T10", 16, "Iterative", processes=2)
+    yield Measurement("contact", "pw-T10", 27, "Iterative")
+    yield Measurement("contact", "pw-T10", 35, "Iterative", processes=2)
     for n in (8, 11):
-        yield Row("contact", "pw-hybrid-T10", n)
+        yield Measurement("contact", "C3D10", n, CALCULIX)
+    for n in (8, 11, 16, 27):
+        yield Measurement("linear", "pw-T10", n, "Iterative")
+    yield Measurement("linear", "pw-T10", 35, "Iterative", processes=2)
+    for method in ("Direct", "Iterative", "compared"):
+        yield Measurement("bodies", "pw-T10", 10, method)
+    for n in (7, 14):
+        yield Measurement("bodies", "pw-T10", n, "Iterative")
+    for processes in (1, 2, 3):
+        yield Measurement("bodies", "pw-T10", 20, "Iterative", processes)
+    for n in (10, 25, 50, 100):
+        yield Measurement("pieces", "pw-T10", n, "Iterative")
+    for n in (5, 10, 17):
+        yield Measurement("sliding", "pw-T10", n, "Iterative")
+    yield Measurement("contact", "pw-hybrid-T10", 11)
     for n in (8, 11, 16, 22):
-        yield Row("contact", "pw-hybrid-T10", n, "Iterative")
-    yield Row("contact", "pw-hybrid-T10", 16, "Iterative", 2)
-    for element in ("galerkin-hybrid-T10", "pw-hybrid-T10"):
-        for n in (5, 8):
-            yield Row("incompressible", element, n)
-        for n in (5, 8, 11, 16, 22):
-            yield Row("incompressible", element, n, "Iterative")
-    yield Row("incompressible", "pw-hybrid-T10", 22, "Iterative", 2)
-    for n in (5, 8, 11, 13, 16, 27):
-        yield Row("linear", "pw-T10", n, "Iterative")
-    for n in (17, 35):
-        yield Row("linear", "pw-T10", n, "Iterative", 2)
+        yield Measurement("contact", "pw-hybrid-T10", n, "Iterative")
+    for element, numbers in (("galerkin", (8, 22)), ("pw", (5, 8, 11, 16, 22))):
+        yield Measurement("incompressible", f"{element}-hybrid-T10", 8)
+        for n in numbers:
+            yield Measurement("incompressible", f"{element}-hybrid-T10", n, "Iterative")
+    yield Measurement("incompressible", "pw-hybrid-T10", 22, "Iterative", processes=2)
 
 
 # Record
 
 
-def main() -> None:
-    """Write the record; rows that are not measured now stay as they are."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--only", nargs="*", help="tasks")
-    parser.add_argument("--one", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.one:
-        _run_here(Row(**json.loads(options.one)))
-        return
-    names = {row.name for row in list_rows() if options.only is None or row.task in options.only}
-    write_record(RECORD, names)
+def measurement_of_row(row: records.Row) -> Measurement:
+    """Return the measurement that a row of the record has the numbers of."""
+    return Measurement(**row.content["row"])
 
 
-def write_record(path: Path, names: set[str]) -> None:
-    """Measure rows by their names, and write them among those of the tracked record."""
-    content = json.loads(RECORD.read_text()) if RECORD.is_file() else {"rows": []}
-    entries = {Row(**entry["row"]).name: entry for entry in content["rows"]}
-    for row in list_rows():
-        if row.name in names:
-            machine = describe_machine()
-            measured = measure_row(row)
-            entries[row.name] = {"row": asdict(row), "machine": machine, "measured": measured}
-            print(row.name, measured, file=sys.stderr, flush=True)
-            write_json(path, {"rows": list(entries.values())})
+def write_record(path: Path, names: Iterable[str]) -> None:
+    """Measure by names, and write a copy of the tracked record with the new rows.
+
+    CalculiX' rows stay as they are.
+    """
+    rows = records.read_rows(records.TIME_AND_MEMORY)
+    for measurement in list_measurements():
+        if measurement.name in names and measurement.method != CALCULIX:
+            row = rows[measurement.key] = measure(measurement)
+            print(row.key, row.content["measured"], file=sys.stderr, flush=True)
+            records.write_rows(path, rows.values())
+
+
+def measure(measurement: Measurement) -> records.Row:
+    """Measure time and memory, and return the row of the record."""
+    machine = describe_machine()
+    versions = None
+    if measurement.method == CALCULIX:
+        calculix = find_calculix()
+        if calculix is None:
+            raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
+        versions = {"calculix": read_version(calculix)}
+    content = {"row": asdict(measurement), "measured": measure_median(measurement)}
+    input_sha256 = records.digest_input(asdict(measurement))
+    return records.create_row(measurement.key, input_sha256, content, versions, machine)
 
 
 def describe_machine() -> str:
@@ -123,41 +129,94 @@ def describe_machine() -> str:
     return f"{machine}, busy (load {load:.0f})" if load > (os.cpu_count() or 1) else machine
 
 
-def measure_row(row: Row) -> dict[str, float]:
+def measure_median(measurement: Measurement) -> dict[str, float]:
     """Return the medians of several runs, or the numbers of a single long one."""
     runs: list[dict[str, float]] = []
     for _ in range(N_RUNS):
-        runs.append(run_alone(row))
-        if runs[-1]["whole_seconds"] > LONG_RUN:
+        runs.append(measure_in_new_processes(measurement))
+        if runs[-1]["whole_seconds"] > LONG_RUN_SECONDS:
             break
     return {name: statistics.median(run[name] for run in runs) for name in runs[0]}
 
 
-def run_alone(row: Row) -> dict[str, float]:
-    """Return the numbers of a row, measured by processes of its own."""
+def measure_in_new_processes(measurement: Measurement) -> dict[str, float]:
+    """Return the numbers of one run in processes of its own."""
     module = "study.benchmarks.k_cost.measure"
-    command = [sys.executable, "-m", module, "--one", json.dumps(asdict(row))]
-    if row.processes > 1:
-        command = ["mpirun", "-n", str(row.processes), *command]
+    command = [sys.executable, "-m", module, json.dumps(asdict(measurement))]
+    if measurement.processes > 1:
+        command = ["mpirun", "-n", str(measurement.processes), *command]
     environment = os.environ | ENVIRONMENT
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     numbers: dict[str, float] = json.loads(run.stdout.strip().splitlines()[-1])
     return numbers
 
 
-def _run_here(row: Row) -> None:
-    """Measure one row in this process, and print its numbers."""
+def _measure_in_this_process(measurement: Measurement) -> None:
+    """Measure in this process, and print the numbers."""
+    if measurement.method == CALCULIX:
+        calculix = find_calculix()
+        assert calculix is not None
+        print(json.dumps(measure_calculix(calculix, rough_block(measurement.cells))))
+        return
     from mpi4py import MPI
 
-    comm, started = MPI.COMM_WORLD, time.perf_counter()
-    numbers = TASKS[row.task](row)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    numbers["wall_seconds"] = comm.allreduce(time.perf_counter() - started, MPI.MAX)
+    comm, start = MPI.COMM_WORLD, time.perf_counter()
+    numbers = TASKS[measurement.task](measurement)
+    numbers["wall_seconds"] = comm.allreduce(time.perf_counter() - start, MPI.MAX)
     numbers["whole_seconds"] = comm.allreduce(time.process_time())
-    numbers["megabytes"] = comm.allreduce(peak)
+    numbers["megabytes"] = comm.allreduce(read_peak_memory())
     if comm.rank == 0:
         print(json.dumps(numbers))
 
 
+def read_peak_memory() -> float:
+    """Return the largest resident size of this process, in megabytes.
+
+    Unlike `ru_maxrss` it is without that of the process that started this one.
+    """
+    status = Path("/proc/self/status").read_text()
+    (kilobytes,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(kilobytes) / 1024
+
+
+# CalculiX on the block that stands on a rough plane
+
+
+def rough_block(cells: int) -> RoughBlock:
+    """Return the block with this number of cubes along its height, as CalculiX' problem."""
+    grid = Grid("T10", (0.0,) * 3, (2.0, 1.0, 1.0), (2 * cells, cells, cells))
+    return RoughBlock("C3D10", grid)
+
+
+def measure_calculix(calculix: str, problem: RoughBlock) -> dict[str, float]:
+    """Return unknowns, contact iterations, megabytes and seconds of one run on one thread.
+
+    Megabytes are not less than the size of this process, which therefore has to be small.
+
+    Raises:
+        CalculixError: If CalculiX fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "job.inp").write_text(problem.deck())
+        start = time.perf_counter()
+        output_path = Path(folder, "output")
+        flags = os.O_WRONLY | os.O_CREAT
+        redirection = [(os.POSIX_SPAWN_OPEN, 1, str(output_path), flags, 0o600)]
+        command = ["env", "-C", folder, "OMP_NUM_THREADS=1", calculix, "job"]
+        process = os.posix_spawnp("env", command, os.environ, file_actions=redirection)
+        _, status, usage = os.wait4(process, 0)
+        wall_seconds = time.perf_counter() - start
+        check_finished(status, output_path.read_text())
+        increments = Path(folder, "job.sta").read_text().splitlines()[2:]
+        iterations = sum(int(line.split()[3]) for line in increments)
+    return {
+        "dofs": 3 * len(problem.grid.nodes),
+        "iterations": iterations,
+        "megabytes": usage.ru_maxrss / 1024,
+        "whole_seconds": usage.ru_utime + usage.ru_stime,
+        "wall_seconds": wall_seconds,
+    }
+
+
 if __name__ == "__main__":
-    main()
+    _measure_in_this_process(Measurement(**json.loads(sys.argv[1])))

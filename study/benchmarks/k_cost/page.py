@@ -1,26 +1,26 @@
-"""Cost of the elements and solvers: the record of `measure`, as a section.
+"""Cost of the elements and solvers.
 
-Each case is a row of `record.json`: nothing is measured when the report is built.
+Each case is a row of the record `time_and_memory.json`: nothing is measured when the report is
+built.
 """
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.benchmarks.k_cost.measure import RECORD, Row
-from study.benchmarks.k_cost.tasks import EXACT_DIGITS, FORCING
+from study.benchmarks.k_cost.measure import CALCULIX, measurement_of_row
+from study.benchmarks.k_cost.tasks import EXACT_DIGITS, FORCING, Measurement
 from study.judge.checks import check
 from study.judge.measures.general import ratio
 from study.model.units import units_of
 from study.publish.plots.style import FULL, LOOK, plain_ticks
+from study.run import records
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -49,7 +49,7 @@ PROBLEM = r"""
 Costs were measured on a block clamped at its base, and on the same block pressed against a rough plane ($\mu = 0.3$) and
 held by contact alone. Times are medians of three runs, or of a single run where it takes long; the machine has
 {{ parameters("K/factors-pw-T10-8-Direct")["machine"] }}. The numbers come from a stored record, which
-`python3 -m study.benchmarks.k_cost.measure` renews.
+`python3 -m study.publish.renew_records` renews.
 """
 
 METHOD = r"""
@@ -61,8 +61,8 @@ finer tetrahedra stands on another block and is held only by contact with it ($\
 V11). In the fourth, the clamped block at $\nu = 1/2$, with an independent pressure field, is pressed and pushed from
 above. In the fifth, a rough ball is pressed into rubber and moved along it, at large strains.
 
-A script (`python3 -m study.benchmarks.k_cost.measure`) runs each row in separate processes and writes a record that is
-kept under version control and read by this section; nothing is measured when the report is built. Seconds are CPU time,
+A script (`python3 -m study.publish.renew_records`) runs each row in separate processes and writes a record that is kept
+under version control and read by this section; nothing is measured when the report is built. Seconds are CPU time,
 the median of three runs or, for long runs, a single one. CalculiX solves the contact problem of the block on the rigid
 plane with one thread and surface-to-surface contact of its C3D10 elements.
 
@@ -77,7 +77,6 @@ the largest resident size of all processes together. Machine: {{ parameters("K/f
 
 # Cases
 
-RECORD_NAME = RECORD.relative_to(Path(__file__).parents[3]).as_posix()
 UNITS = {"*seconds": "s", "megabytes": "MB", "*": "1"}
 
 
@@ -93,13 +92,13 @@ def recorded(
     """Return a row of the record: CPU seconds (median), of the task and of the whole process.
 
     Args:
-        task: its name.
-        element: its name.
-        cells: along the height of the block.
-        method: of the linear systems.
-        processes: of MPI.
-        machine: as `describe_machine` returns it.
-        measured: numbers.
+        task: Name of the task.
+        element: Name of the element.
+        cells: Number of cells along the height of the block.
+        method: Method for the linear systems.
+        processes: Number of MPI processes.
+        machine: Machine, as `describe_machine` returns it.
+        measured: The numbers.
     """
     del task, element, cells, method
     scalars = {**measured, "processes": float(processes)}
@@ -115,47 +114,48 @@ def recorded_of_calculix(
     machine: str,
     measured: dict[str, float],
 ) -> Result:
-    """Return a row of CalculiX, whose elements are none of the study's; arguments as before."""
+    """Return a row of CalculiX, which has other elements; arguments as for `recorded`."""
     return recorded(task, peer_element, cells, method, processes, machine, measured)
 
 
-def load_cases(path: Path = RECORD) -> list[Case]:
-    """Return a case for each row of a record that `measure` has written."""
-    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    measured_rows = {Row(**entry["row"]): entry["measured"] for entry in record["rows"]}
-    machines = {Row(**entry["row"]): entry["machine"] for entry in record["rows"]}
+def load_cases(path: Path = records.TIME_AND_MEMORY) -> list[Case]:
+    """Return a case for each row of a record: the tracked one, or one that is measured now."""
+    rows = {measurement_of_row(row): row for row in records.read_rows(path).values()}
+    measured_numbers = {key: row.content["measured"] for key, row in rows.items()}
     cases = []
-    for row, measured in measured_rows.items():
+    for measurement, measured in measured_numbers.items():
         problem: Callable[..., Result] = recorded
-        parameters = {**asdict(row), "machine": machines[row]}
-        if row.method == "CalculiX":
+        parameters = {**asdict(measurement), "machine": rows[measurement].machine}
+        if measurement.method == CALCULIX:
             problem, parameters["peer_element"] = recorded_of_calculix, parameters.pop("element")
-        parameters["measured"] = measured | _contact_over_parts(row, measured, measured_rows)
-        is_tracked = path == RECORD or row.method == "CalculiX"
-        cases.append(
-            Case("K", row.name, problem, parameters, record=RECORD_NAME if is_tracked else "")
-        )
+        parameters["measured"] = measured | _contact_over_parts(measurement, measured_numbers)
+        is_tracked = path == records.TIME_AND_MEMORY or measurement.method == CALCULIX
+        record = records.name_in_project(records.TIME_AND_MEMORY) if is_tracked else ""
+        cases.append(Case("K", measurement.name, problem, parameters, record=record))
     return cases
 
 
 def _contact_over_parts(
-    row: Row, measured: dict[str, float], measured_rows: dict[Row, dict[str, float]]
+    contact: Measurement, measured_numbers: dict[Measurement, dict[str, float]]
 ) -> dict[str, float]:
-    """Return the time of a whole run of contact, relative to that of its parts on their own.
+    """Return the CPU time of a whole run of contact over that of its parts on their own.
 
-    "linear" rows measure assembly, one set-up of the multigrid levels, and plain solutions with K,
-    clamped at its base, to two accuracies. The denominator of `over_bare` has assembly, one set-up,
-    and a plain solution for each Newton step with the reduction of the residual that this step
-    required (`digits` is the sum of their decimal logarithms), interpolated between the two
-    accuracies. A solution with K from scratch cannot do without levels, so their set-up counts, but
-    only once, although contact makes parts of them anew; imports, mesh, contact's set-up and checks
-    do not count. The denominator of `over_solutions` is a lower bound: each step as one plain
-    solution to `FORCING`, and assembly; no levels, no exact last step.
+    Measurements of the task "linear" have the times of assembly, of one set-up of the multigrid
+    levels, and of plain solutions with K, clamped at its base, to two accuracies. The denominator
+    of `over_bare` has assembly, one set-up, and a plain solution for each Newton step with the
+    reduction of the residual that this step required (`digits` is the sum of their decimal
+    logarithms), interpolated between the two accuracies. A solution with K from scratch needs
+    levels, so their set-up counts, but only once, although contact renews parts of them; imports,
+    mesh, contact's set-up and checks do not count. The denominator of `over_solutions` is a lower
+    bound: assembly, and one plain solution to `FORCING` for each step, without levels and without
+    an exact last step.
     """
-    linear_row = replace(row, task="linear", method="Iterative")
-    if row.task != "contact" or row.method != "Iterative" or linear_row not in measured_rows:
+    linear_measurement = replace(contact, task="linear")
+    is_iterative_contact = contact.task == "contact" and contact.method == "Iterative"
+    if not is_iterative_contact or linear_measurement not in measured_numbers:
         return {}
-    linear, n_steps = measured_rows[linear_row], measured["iterations"]
+    linear, measured = measured_numbers[linear_measurement], measured_numbers[contact]
+    n_steps = measured["iterations"]
     forcing_digits = -math.log10(FORCING)
     further_digits = measured["digits"] - n_steps * forcing_digits
     seconds_per_digit = (linear["exact_seconds"] - linear["seconds"]) / (
@@ -256,7 +256,7 @@ COST_PANELS = {
 }
 COST_ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 CALCULIX_ELEMENTS = {"galerkin-T10": "C3D10"}
-"""CalculiX's names of elements."""
+"""CalculiX's elements on the same meshes."""
 LINE_STYLES = {"Direct": "-", "Iterative": "--", "CalculiX": "-."}
 
 
@@ -327,7 +327,7 @@ GROWTH_SERIES = {
     "with a pressure, ν = 1/2": ("contact-pw-hybrid-T10", (8, 11, 16, 22), "#009E73", "^"),
     "loose pieces": ("pieces-pw-T10", (10, 25, 50, 100), "#444444", "D"),
 }
-"""Task and element, sizes, colour and marker (those of no element)."""
+"""Task and element, sizes, and colour and marker, which differ from those of the elements."""
 GROWTH_KEYS = {
     label: [f"K/{task}-{size}-Iterative" for size in sizes]
     for label, (task, sizes, *_) in GROWTH_SERIES.items()

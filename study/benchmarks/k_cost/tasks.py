@@ -1,7 +1,7 @@
 """Tasks whose time and memory section K measures.
 
-Each task takes a row and returns numbers of it: unknowns `dofs`, CPU seconds of the task and, where
-there are any, counts and norms of the solution. Tasks import what they need, because imports are
+Each task returns numbers: unknowns `dofs`, CPU seconds of the task and, where there are any, counts
+and norms of the solution. Tasks import what they need, because imports are
 part of the measured memory and of the time of a process.
 """
 
@@ -34,20 +34,19 @@ IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
 
 
 @dataclass(frozen=True)
-class Row:
-    """One measurement.
+class Measurement:
+    """Task whose time and memory are measured, with its problem, method and processes.
 
     Args:
-        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
-            "search": the facing parts of their faces, "pieces": loose ones side by side on a plane,
-            "sliding": a rough ball pressed into rubber, and on along it, at large strains,
-            "incompressible": a linear solution with a pressure field, or "linear": one solution of
-            K with contact's solver, of the clamped block.
-        element: as in the study, or one of CalculiX.
-        cells: along the height of the block, or of the lower one; or the number of pieces.
-        method: "Direct", "Iterative", "compared": both, for their difference; "graded": wide cells
-            around the others; or "CalculiX", which `tests.speed.calculix_block` measures.
-        processes: of MPI.
+        task: Name of the task: "assembly", "factors" (factorisation) or "frequencies" of the
+            clamped block; "contact" (the block on a rough plane); "bodies" (a block on another);
+            "pieces" (loose cubes on a plane); "sliding" (a rough ball pressed into rubber and moved
+            along it, at large strains); "incompressible" (the clamped block with a pressure field);
+            "linear" (the clamped block by the solver of contact problems).
+        element: Element of the study or of CalculiX.
+        cells: Number of cells along the height of the block, or of the lower one; or of cubes.
+        method: "Direct", "Iterative", "compared" (both, for their difference) or "CalculiX".
+        processes: Number of MPI processes.
     """
 
     task: str
@@ -58,9 +57,14 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Name of the case."""
+        """Name of the case of section K."""
         parallel = f"-{self.processes}" if self.processes > 1 else ""
         return f"{self.task}-{self.element}-{self.cells}-{self.method}{parallel}"
+
+    @property
+    def key(self) -> str:
+        """Section and name."""
+        return f"K/{self.name}"
 
 
 # Tasks
@@ -76,11 +80,9 @@ STIFFNESS_RATIO, CELL_RATIO = 3.0, 0.8
 UPPER_ENDS = (0.13, 0.83)
 """Where the upper block begins and ends, across."""
 FRICTION_BETWEEN = 0.2
-RIM = 6.0
-"""Width of the wide cells around the lower block where the search is measured."""
 
-CELLS_OF_PIECE = {2: 4, 3: 6}
-"""Cells along the side of a loose piece, by dimension."""
+CELLS_OF_CUBE = 6
+"""Cells along the side of a loose cube."""
 BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
 """Translations of a ball of radius 1 on a block of rubber 2 x 2 x 1: pressed in, and on along it."""
 
@@ -108,49 +110,49 @@ def _create_solver(method: str) -> "Direct | Iterative":
 # The clamped block
 
 
-def measure_assembly(row: Row) -> dict[str, float]:
+def measure_assembly(measurement: Measurement) -> dict[str, float]:
     """Measure the assembly of the stiffness."""
     from pw_elements import assemble_matrix
 
-    form = _block(row.element, row.cells).stiffness()
+    form = _create_block(measurement.element, measurement.cells).stiffness()
     assemble_matrix(form)  # compiles the form
     K, seconds = time_cpu(lambda: assemble_matrix(form))
     return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
 
 
-def measure_factors(row: Row) -> dict[str, float]:
+def measure_factors(measurement: Measurement) -> dict[str, float]:
     """Measure MUMPS' factorisation: LDL^T of the standard element, LU of the new one."""
     from pw_elements import assemble_matrix
     from pw_elements.algebra import factorise
 
-    body, supports = _clamped_block(row)
+    body, supports = _create_clamped_block(measurement)
     matrix = supports.matrix(assemble_matrix(body.stiffness()))
-    symmetric = row.element.startswith("galerkin")
+    symmetric = measurement.element.startswith("galerkin")
     prepared, seconds = time_cpu(lambda: factorise(matrix, symmetric))
     entries = prepared.ksp.getPC().getFactorMatrix().getMumpsInfog(29)
     entries = entries if entries >= 0 else -1e6 * entries  # MUMPS returns large numbers in millions
     return {"dofs": matrix.getSize()[0], "seconds": seconds, "entries": float(entries)}
 
 
-def measure_frequencies(row: Row) -> dict[str, float]:
+def measure_frequencies(measurement: Measurement) -> dict[str, float]:
     """Measure the computation of the lowest frequencies."""
     from pw_elements import assemble_matrix, vibration_modes
 
-    body, supports = _clamped_block(row)
+    body, supports = _create_clamped_block(measurement)
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     _, seconds = time_cpu(lambda: vibration_modes(K, M, supports, N_MODES))
     return {"dofs": K.getSize()[0], "seconds": seconds}
 
 
-def measure_incompressible(row: Row) -> dict[str, float]:
+def measure_incompressible(measurement: Measurement) -> dict[str, float]:
     """Measure a solution of the block at nu = 1/2, pressed and pushed from above."""
     from pw_elements import assemble_matrix, assemble_vector, boundary_measure, solve, split
 
-    body, supports = _clamped_block(row)
+    body, supports = _create_clamped_block(measurement)
     K = assemble_matrix(body.stiffness())
     top = boundary_measure(body.spaces.mesh, lambda x: np.isclose(x[2], 1.0))
     load = assemble_vector(body.surface_load((PUSH, PUSH / 2, -PRESSURE), top))
-    solver = _create_solver(row.method)
+    solver = _create_solver(measurement.method)
     a, seconds = time_cpu(lambda: solve(K, load, supports, solver))
     report = a.getAttr("report")
     displacement, pressure = split(body.spaces.trial, a)
@@ -163,7 +165,7 @@ def measure_incompressible(row: Row) -> dict[str, float]:
     }
 
 
-def measure_linear(row: Row) -> dict[str, float]:
+def measure_linear(measurement: Measurement) -> dict[str, float]:
     """Measure assembly, set-up of the multigrid levels, and two solutions.
 
     The residual is reduced to `FORCING` of the load, and by `EXACT_DIGITS`.
@@ -171,7 +173,7 @@ def measure_linear(row: Row) -> dict[str, float]:
     from pw_elements import Iterative, assemble_matrix
     from pw_elements.algebra import full_size_masking_reduction
 
-    body, supports = _clamped_block(row)
+    body, supports = _create_clamped_block(measurement)
     K, assembly = time_cpu(lambda: assemble_matrix(body.stiffness(), blocked=True))
     load = full_size_masking_reduction(supports).load(K, _load_block(body))
 
@@ -198,7 +200,7 @@ def measure_linear(row: Row) -> dict[str, float]:
     }
 
 
-def _block(element: str, cells: int) -> "Body":
+def _create_block(element: str, cells: int) -> "Body":
     """Return the block, without anything assembled."""
     from mpi4py import MPI
 
@@ -220,11 +222,11 @@ def _block(element: str, cells: int) -> "Body":
     return Body(spaces(element, mesh), material, state)
 
 
-def _clamped_block(row: Row) -> "tuple[Body, Reduction]":
+def _create_clamped_block(measurement: Measurement) -> "tuple[Body, Reduction]":
     """Return the block, and the supports of its base."""
     from pw_elements import Reduction, prescribe
 
-    body = _block(row.element, row.cells)
+    body = _create_block(measurement.element, measurement.cells)
     space, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
     base = [prescribe(space, i, lambda x: np.isclose(x[dim - 1], 0.0)) for i in range(dim)]
     return body, Reduction.dirichlet(space, base)
@@ -245,15 +247,17 @@ def _load_block(body: "Body") -> "PETSc.Vec":
 # The block on a rough plane
 
 
-def measure_contact(row: Row) -> dict[str, float]:
+def measure_contact(measurement: Measurement) -> dict[str, float]:
     """Measure the block on a rough plane, pressed and pushed, held by contact alone."""
     from pw_elements import Direct
 
     digits: list[float] = []
-    solver = Direct() if row.method == "Direct" else _create_digit_counter(digits)
-    state, seconds = time_cpu(lambda: _solve_block_on_plane(row.element, row.cells, solver))
+    solver = Direct() if measurement.method == "Direct" else _create_digit_counter(digits)
+    state, seconds = time_cpu(
+        lambda: _solve_block_on_plane(measurement.element, measurement.cells, solver)
+    )
     (pair,) = state.pairs
-    return ({} if row.method == "Direct" else {"digits": sum(digits)}) | {
+    return ({} if measurement.method == "Direct" else {"digits": sum(digits)}) | {
         "dofs": state.unknowns.getSize(),
         "seconds": seconds,
         "iterations": state.iterations,
@@ -269,7 +273,7 @@ def _solve_block_on_plane(element: str, cells: int, solver: "Direct | Iterative"
     from pw_elements import Iterative, Reduction, assemble_matrix
     from pw_elements.contact import ContactPair, Plane, solve_contact
 
-    body = _block(element, cells)
+    body = _create_block(element, cells)
     space = body.spaces.trial
     K = assemble_matrix(body.stiffness(), blocked=isinstance(solver, Iterative))
     load = _load_block(body)
@@ -310,15 +314,15 @@ def _create_digit_counter(digits: list[float]) -> "Iterative":
 # Two blocks
 
 
-def measure_bodies(row: Row) -> dict[str, float]:
+def measure_bodies(measurement: Measurement) -> dict[str, float]:
     """Measure a block on a coarser one, which alone holds it: pressed and pushed, with friction."""
     from petsc4py import PETSc
 
     from pw_elements import Direct, Iterative
 
-    if row.method == "compared":
+    if measurement.method == "compared":
         states, seconds = time_cpu(
-            lambda: [_solve_two_blocks(row, solver) for solver in (Direct(), Iterative())]
+            lambda: [_solve_two_blocks(measurement, solver) for solver in (Direct(), Iterative())]
         )
         a, b = (state.displacement for state in states)
         statuses = [state.pairs[0].status for state in states]
@@ -329,8 +333,8 @@ def measure_bodies(row: Row) -> dict[str, float]:
             "difference": (b - a).norm(largest) / a.norm(largest),
             "other_statuses": float(np.sum(statuses[0] != statuses[1])),
         }
-    solver = _create_solver(row.method)
-    state, seconds = time_cpu(lambda: _solve_two_blocks(row, solver))
+    solver = _create_solver(measurement.method)
+    state, seconds = time_cpu(lambda: _solve_two_blocks(measurement, solver))
     (pair,) = state.pairs
     return {
         "dofs": state.displacement.getSize(),
@@ -344,26 +348,7 @@ def measure_bodies(row: Row) -> dict[str, float]:
     }
 
 
-def measure_search(row: Row) -> dict[str, float]:
-    """Measure the mortar integrals of two layers whose meshes do not match.
-
-    With the method "graded" wide cells surround the lower one.
-    """
-    from pw_elements import Reduction
-    from pw_elements.contact.interface import build_interface
-    from pw_elements.spaces import AssemblyRecord
-    from study.model.discretisation import spaces
-
-    rim = RIM if row.method == "graded" else 0.0
-    mesh, is_upper = _two_blocks((row.cells, round(CELL_RATIO * row.cells)), (1, 1), rim)
-    space = spaces(row.element, mesh).trial
-    pair, no_supports = _pair_of_blocks(space, is_upper), Reduction.dirichlet(space, [])
-    record = AssemblyRecord(stress_states=frozenset({"solid"}))
-    _, seconds = time_cpu(lambda: build_interface([pair], space, no_supports, record))
-    return {"dofs": space.dofmap.index_map.size_global * 3, "seconds": seconds}
-
-
-def _solve_two_blocks(row: Row, solver: "Direct | Iterative") -> "ContactState":
+def _solve_two_blocks(measurement: Measurement, solver: "Direct | Iterative") -> "ContactState":
     """Assemble and solve."""
     from dolfinx.mesh import meshtags
 
@@ -372,8 +357,8 @@ def _solve_two_blocks(row: Row, solver: "Direct | Iterative") -> "ContactState":
     from pw_elements.elasticity import StressState
     from study.model.discretisation import spaces
 
-    sizes = (row.cells, round(CELL_RATIO * row.cells))
-    mesh, is_upper = _two_blocks(sizes, sizes)
+    sizes = (measurement.cells, round(CELL_RATIO * measurement.cells))
+    mesh, is_upper = _mesh_two_blocks(sizes)
     cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     tags = meshtags(mesh, 3, cells, is_upper(3, cells).astype(np.int32))
     materials = {
@@ -381,27 +366,23 @@ def _solve_two_blocks(row: Row, solver: "Direct | Iterative") -> "ContactState":
         for tag, ratio in ((0, 1), (1, STIFFNESS_RATIO))
     }
     material = pw.Material.by_tag(mesh, tags, materials)
-    body = pw.Body(spaces(row.element, mesh), material, StressState.SOLID)
+    body = pw.Body(spaces(measurement.element, mesh), material, StressState.SOLID)
     space = body.spaces.trial
     top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 2.0))
     load = pw.assemble_vector(body.surface_load((PUSH / 2, PUSH / 4, -PRESSURE), top))
     base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
     supports = pw.Reduction.dirichlet(space, base)
-    pair = _pair_of_blocks(space, is_upper)
+    pair = _create_pair_of_blocks(space, is_upper)
     (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
     return state
 
 
-def _two_blocks(
-    sizes: tuple[int, int], layers: tuple[int, int], rim: float = 0.0
-) -> "tuple[Mesh, IsUpper]":
+def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
     """Return a mesh of a block on a coarser one, and which entities belong to the upper one.
 
     Args:
-        sizes: cells along the sides of the lower and of the upper block.
-        layers: cells along their heights.
-        rim: width of the lower one's outermost cells; zero for that of the others.
+        divisions: Numbers of cells along the sides of the lower and of the upper block.
     """
     from mpi4py import MPI
 
@@ -413,12 +394,9 @@ def _two_blocks(
     low, high = UPPER_ENDS
     corners = ([(0, 0, 0), (1, 1, 1)], [(low, low, 1), (high, high, 2)])
     lower, upper = (
-        create_box(MPI.COMM_SELF, ends, (n, n, depth), CellType.tetrahedron)
-        for ends, n, depth in zip(corners, sizes, layers, strict=True)
+        create_box(MPI.COMM_SELF, ends, (n, n, n), CellType.tetrahedron)
+        for ends, n in zip(corners, divisions, strict=True)
     )
-    if rim:
-        regular, widened = [0, 1 / sizes[0], 1 - 1 / sizes[0], 1], [-rim, 0, 1, 1 + rim]
-        lower.geometry.x[:, :2] = np.interp(lower.geometry.x[:, :2], regular, widened)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])
     cells = np.concatenate(
         [cell_geometry_nodes(lower), cell_geometry_nodes(upper) + len(lower.geometry.x)]
@@ -438,7 +416,7 @@ def _two_blocks(
     return mesh, is_upper
 
 
-def _pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
+def _create_pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
     """Return the pair of the upper block's nodes and the lower one's facets."""
     from dolfinx import fem
     from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
@@ -453,48 +431,27 @@ def _pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPa
     return ContactPair(nodes, DeformableSurface(facets[~is_slave]), FRICTION_BETWEEN)
 
 
-# Loose pieces
+# Loose cubes
 
 
-def measure_pieces(row: Row) -> dict[str, float]:
-    """Measure loose squares or cubes on a rough plane, each pressed and pushed."""
-    from mpi4py import MPI
-
-    from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
-
+def measure_pieces(measurement: Measurement) -> dict[str, float]:
+    """Measure loose cubes on a rough plane, each pressed and pushed."""
     import pw_elements as pw
-    from pw_elements._compat import cell_geometry_nodes
     from pw_elements.contact import ContactPair, Plane, solve_contact
     from pw_elements.elasticity import StressState
     from study.model.discretisation import spaces
 
-    comm, dim = MPI.COMM_WORLD, 3 if row.element.endswith("T10") else 2
-    n = CELLS_OF_PIECE[dim]
-    if dim == 3:
-        corners = [(0, 0, 0), (1, 1, 1)]
-        piece = create_box(MPI.COMM_SELF, corners, (n, n, n), CellType.tetrahedron)
-    else:
-        piece = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], (n, n))
-    n_nodes, numbers = len(piece.geometry.x), np.arange(row.cells)
-    shifts = np.column_stack([2.0 * numbers, *np.zeros((dim - 1, row.cells))])
-    x = (piece.geometry.x[:, :dim] + shifts[:, None]).reshape(-1, dim)
-    cells = cell_geometry_nodes(piece) + n_nodes * numbers[:, None, None]
-    cells = cells.reshape(-1, dim + 1).astype(np.int64)
-    if comm.rank:
-        cells, x = cells[:0], x[:0]
-    mesh = create_mesh(comm, cells=cells, x=x, e=piece.ufl_domain().ufl_coordinate_element())
-    state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
+    mesh = _mesh_cubes(measurement.cells)
     material = pw.Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = pw.Body(spaces(row.element, mesh), material, state)
-    space, solver = body.spaces.trial, _create_solver(row.method)
+    body = pw.Body(spaces(measurement.element, mesh), material, StressState.SOLID)
+    space, solver = body.spaces.trial, _create_solver(measurement.method)
 
     def assemble_and_solve() -> "ContactState":
-        K = pw.assemble_matrix(body.stiffness(), blocked=row.method == "Iterative")
-        top = pw.boundary_measure(mesh, lambda x: np.isclose(x[dim - 1], 1.0))
-        traction = (PUSH / 10, *[0.0] * (dim - 2), -PRESSURE / 10)
-        load = pw.assemble_vector(body.surface_load(traction, top))
-        up = np.eye(dim)[dim - 1]
-        floor = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), Plane(0 * up, up), FRICTION)
+        K = pw.assemble_matrix(body.stiffness(), blocked=measurement.method == "Iterative")
+        top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
+        load = pw.assemble_vector(body.surface_load((PUSH / 10, 0.0, -PRESSURE / 10), top))
+        plane = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        floor = ContactPair(lambda x: np.isclose(x[2], 0.0), plane, FRICTION)
         no_supports = pw.Reduction.dirichlet(space, [])
         (state,) = solve_contact(K, load, no_supports, floor, space, solver=solver)
         return state
@@ -509,10 +466,30 @@ def measure_pieces(row: Row) -> dict[str, float]:
     }
 
 
+def _mesh_cubes(n_cubes: int) -> "Mesh":
+    """Return a mesh of unit cubes in a row, at distances of one."""
+    from mpi4py import MPI
+
+    from dolfinx.mesh import CellType, create_box, create_mesh
+
+    from pw_elements._compat import cell_geometry_nodes
+
+    comm, n, corners = MPI.COMM_WORLD, CELLS_OF_CUBE, [(0, 0, 0), (1, 1, 1)]
+    cube = create_box(MPI.COMM_SELF, corners, (n, n, n), CellType.tetrahedron)
+    n_nodes, numbers = len(cube.geometry.x), np.arange(n_cubes)
+    shifts = np.column_stack([2.0 * numbers, np.zeros(n_cubes), np.zeros(n_cubes)])
+    x = (cube.geometry.x + shifts[:, None]).reshape(-1, 3)
+    cells = cell_geometry_nodes(cube) + n_nodes * numbers[:, None, None]
+    cells = cells.reshape(-1, 4).astype(np.int64)
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    return create_mesh(comm, cells=cells, x=x, e=cube.ufl_domain().ufl_coordinate_element())
+
+
 # A ball on rubber
 
 
-def measure_sliding(row: Row) -> dict[str, float]:
+def measure_sliding(measurement: Measurement) -> dict[str, float]:
     """Measure two increments of neo-Hookean rubber, and one of the linear body on its mesh."""
     from mpi4py import MPI
 
@@ -524,10 +501,10 @@ def measure_sliding(row: Row) -> dict[str, float]:
     from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
     from study.model.discretisation import spaces
 
-    n = (2 * row.cells, 2 * row.cells, row.cells)
+    n = (2 * measurement.cells, 2 * measurement.cells, measurement.cells)
     corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
     mesh = create_box(MPI.COMM_WORLD, corners, n, CellType.tetrahedron)
-    pair_of_spaces = spaces(row.element, mesh)
+    pair_of_spaces = spaces(measurement.element, mesh)
     space = pair_of_spaces.trial
     u = fem.Function(space)
     F = ufl.Identity(3) + ufl.grad(u)
@@ -572,13 +549,12 @@ def measure_sliding(row: Row) -> dict[str, float]:
     }
 
 
-TASKS: dict[str, Callable[[Row], dict[str, float]]] = {
+TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "assembly": measure_assembly,
     "factors": measure_factors,
     "frequencies": measure_frequencies,
     "contact": measure_contact,
     "bodies": measure_bodies,
-    "search": measure_search,
     "pieces": measure_pieces,
     "sliding": measure_sliding,
     "incompressible": measure_incompressible,

@@ -1,4 +1,4 @@
-"""The same problems here and in CalculiX, node by node."""
+"""Compare CalculiX with the library on the same problems, node by node."""
 
 from dataclasses import asdict, dataclass
 
@@ -26,7 +26,7 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.decks import (
     Block,
     HalfBeam,
@@ -96,18 +96,19 @@ right end lifts off.
 
 GALERKIN, PW = "galerkin-T6", "pw-T6"
 NODES_AT_EDGE = 4
-"""Nodes nearer than two elements to an end, or to a change of contact status, are at an edge."""
+"""Distance in nodes from the ends, and from changes of contact status, below which nodes are at an
+edge: two elements."""
 
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact forces along the lower side by one element.
+    """Contact forces of one element along the lower side.
 
     Args:
-        x: (m,) positions.
-        force: (m, 2), of the foundation on the body, tangential and normal.
-        transferred: (m, 2), T times the forces.
-        status: (m,), of contact.
+        x: Positions (m,).
+        force: Forces (m, 2) of the foundation on the body, tangential and normal.
+        transferred: T times the forces (m, 2).
+        status: Contact status (m,).
     """
 
     x: Array
@@ -120,10 +121,10 @@ def reactions(case: str, tracked: str) -> Result:
     """Compare the reactions of the two triangles, section 7.1.
 
     Args:
-        case: name of the problem.
-        tracked: digest of the tracked answer.
+        case: Name of the problem.
+        tracked: Digest of the recorded answer.
     """
-    problem, peer = PROBLEMS[case], peer_of(case, tracked)
+    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
     assert isinstance(problem, TwoTriangles)
     standard, new = (s7_1_two_triangles.structure(element).curves for element in (GALERKIN, PW))
     peer_force = np.column_stack([np.zeros(3), peer.numbers["reaction"]])
@@ -145,19 +146,19 @@ def reactions(case: str, tracked: str) -> Result:
 def contact(case: str, tracked: str) -> Result:
     """Compare contact forces below the block, section 7.2, over the mean normal nodal force.
 
-    `raw`: CalculiX against the standard element. `transferred`: T times CalculiX against the new
-    element. `control`: T times the library's standard element against the new one. `elsewhere`: as
-    `transferred`, away from edges of contact zones. Curves are in units of the example.
+    `raw` compares CalculiX with the standard element, `transferred` T times CalculiX with the new
+    element, `control` T times the library's standard element with the new one; `elsewhere` is
+    `transferred` away from the edges of contact zones. Curves are in units of the example.
 
     Args:
-        case: name of the problem.
-        tracked: digest of the tracked answer.
+        case: Name of the problem.
+        tracked: Digest of the recorded answer.
     """
     problem = PROBLEMS[case]
     assert isinstance(problem, Block)
-    peer = peer_of(case, tracked)
-    bodies = [_block(problem, element) for element in (GALERKIN, PW)]
-    standard, new = (_contact_line(problem, body) for body in bodies)
+    peer = load_unchanged_answer(case, tracked)
+    bodies = [_discretise_block(problem, element) for element in (GALERKIN, PW)]
+    standard, new = (_solve_contact_line(problem, body) for body in bodies)
     zeros = np.zeros(len(standard.x))
     peer_force = np.column_stack(
         [peer.numbers.get("force_tangential", zeros), peer.numbers["force_normal"]]
@@ -173,7 +174,7 @@ def contact(case: str, tracked: str) -> Result:
     }
     curves: dict[str, np.ndarray] = {"x": standard.x}
     curves |= {f"status_{GALERKIN}": standard.status, f"status_{PW}": new.status}
-    for axis, name in _components(problem):
+    for axis, name in _compared_components(problem):
         raw = peer_force[:, axis] - standard.force[:, axis]
         difference = transferred[:, axis] - new.force[:, axis]
         control = standard.transferred[:, axis] - new.force[:, axis]
@@ -198,10 +199,10 @@ def native_pressure(case: str, tracked: str) -> Result:
     """Return CalculiX's own contact pressure below an evenly pressed block, over the pressure.
 
     Args:
-        case: name of the problem.
-        tracked: digest of the tracked answer.
+        case: Name of the problem.
+        tracked: Digest of the recorded answer.
     """
-    problem, peer = PROBLEMS[case], peer_of(case, tracked)
+    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
     assert isinstance(problem, NativePressure)
     pressure = peer.numbers["pressure"] / problem.pressure
     corner, midside = float(np.median(pressure[2:-2:2])), float(np.median(pressure[1::2]))
@@ -214,10 +215,10 @@ def critical_stress(case: str, tracked: str) -> Result:
     """Compare the critical stress (Pa) of the half beam under uniform load, section 7.6.
 
     Args:
-        case: name of the problem.
-        tracked: digest of the tracked answer.
+        case: Name of the problem.
+        tracked: Digest of the recorded answer.
     """
-    problem, peer = PROBLEMS[case], peer_of(case, tracked)
+    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
     assert isinstance(problem, HalfBeam)
     (peer_stress,) = peer.numbers["critical_stress"]
     scalars = {"peer": float(peer_stress)}
@@ -232,14 +233,14 @@ def critical_stress(case: str, tracked: str) -> Result:
     return Result(scalars, units_of(scalars, {"difference_*": "1", "*": "Pa"}), dofs=dofs)
 
 
-def _block(problem: Block, element: str) -> Discretisation:
+def _discretise_block(problem: Block, element: str) -> Discretisation:
     mesh = problem.mesh
     material = Material(problem.modulus, problem.ratio)
     return discretise(element, lambda _: _triangles(mesh), material, StressState.PLANE_STRESS)
 
 
-def _contact_line(problem: Block, body: Discretisation) -> ContactLine:
-    """Return the library's forces after the pressure, and after the pull in equal steps."""
+def _solve_contact_line(problem: Block, body: Discretisation) -> ContactLine:
+    """Return the library's contact forces after the pressure and after the pull."""
     (_, y0), (x1, y1) = problem.mesh.lower, problem.mesh.upper
 
     def is_lower(x: Array) -> npt.NDArray[np.bool_]:
@@ -258,7 +259,7 @@ def _contact_line(problem: Block, body: Discretisation) -> ContactLine:
         steps = problem.increments
         loads += [loads[0] + pull * (k / steps) for k in range(1, steps + 1)]
     if not problem.friction:
-        middle = problem.mesh.nodes[problem.mesh.node(problem.mesh.divisions[0], 0) - 1][0]
+        middle = problem.mesh.nodes[problem.mesh.node_number(problem.mesh.divisions[0], 0) - 1][0]
         supports = [prescribe(body.space, 0, lambda x: is_lower(x) & np.isclose(x[0], middle))]
     foundation = ContactPair(is_lower, Plane((0.0, y0), (0.0, 1.0)), problem.friction)
     states = solve_contact(body.K, loads, body.supports(supports), [foundation], body.space)
@@ -290,7 +291,7 @@ def _is_away_from_edges(*status: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
     return np.abs(index[:, None] - edges).min(axis=1) >= NODES_AT_EDGE
 
 
-def _components(problem: Block) -> list[tuple[int, str]]:
+def _compared_components(problem: Block) -> list[tuple[int, str]]:
     """Return axis and name of the components of force that are compared."""
     return [(1, "normal"), (0, "tangential")] if problem.friction else [(1, "normal")]
 
@@ -327,13 +328,13 @@ def _implied_parameters(problem: TwoTriangles | Block | HalfBeam) -> dict[str, o
     }
 
 
-# the digest makes a case out of date when its tracked file changes
+# With the digest among the parameters, a result is outdated when the recorded answer changes
 CASES = [
     Case(
         "P",
         name,
         PROBLEM_FUNCTIONS[type(problem)],
-        {"case": name, "tracked": tracked_digest(name)},
+        {"case": name, "tracked": answer_digest(name)},
         _implied_parameters(problem),
     )
     for name, problem in PROBLEMS.items()
@@ -344,7 +345,7 @@ CASES += [
         "P",
         name,
         against_standard,
-        {"case": name, "tracked": tracked_digest(name)},
+        {"case": name, "tracked": answer_digest(name)},
         implied_parameters(specimen),
     )
     for name, specimen in SPECIMENS.items()

@@ -1,4 +1,4 @@
-"""CalculiX's elements against the standard ones: exact quadrature, and CalculiX's own rule."""
+"""CalculiX's elements against the standard ones, with exact quadrature and with CalculiX's."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -34,16 +34,16 @@ from pw_elements.spaces import Marker
 from study.model.elements import serendipity
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.solutions.calculix.calculix import Peer, peer_of
-from study.solutions.calculix.grids import Grid, Where
+from study.solutions.calculix.calculix import CalculixAnswer, load_unchanged_answer
+from study.solutions.calculix.grids import Grid, PointMarker
 from study.solutions.calculix.standard_decks import (
     SPECIMENS,
-    Buckling,
-    Compressed,
-    Resting,
+    BodyOnPlane,
+    BucklingColumn,
+    CompressedBody,
     RoughBlock,
     Specimen,
-    Vibrating,
+    VibratingBody,
 )
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +53,7 @@ _CELLS = {
     "Q8": ("quadrilateral", [0, 1, 3, 2]),
     "T10": ("tetrahedron", [0, 1, 2, 3]),
 }
-"""Names of cells, and their corners in Basix's order."""
+"""Shape of each cell, and its corners in Basix's order."""
 _STATES = {
     "CPS": StressState.PLANE_STRESS,
     "CPE": StressState.PLANE_STRAIN,
@@ -61,22 +61,22 @@ _STATES = {
     "C3D": StressState.SOLID,
 }
 REDUCED_DEGREES = {"T6": 2, "Q8": 4, "T10": 2}
-"""Degrees that CalculiX's points integrate exactly: three on a triangle, four on a tetrahedron,
-nine on a quadrilateral."""
+"""Degrees that CalculiX's integration points are exact for: three on a triangle, four in a
+tetrahedron, nine on a quadrilateral."""
 STANDARD_ELEMENTS = {"T6": "galerkin-T6", "Q8": "galerkin-Q8", "T10": "galerkin-T10"}
 
 
-class Model:
-    """A specimen of CalculiX's in the library's standard elements.
+class StandardModel:
+    """Specimen of the CalculiX decks in the library's standard elements.
 
     Args:
-        specimen: the body.
-        degree: of quadrature; None for the library's own choice.
+        specimen: The body.
+        degree: Degree of quadrature; None for the library's choice.
     """
 
     def __init__(self, specimen: Specimen, degree: int | None) -> None:
         self.grid = specimen.grid
-        mesh = grid_mesh(specimen.grid)
+        mesh = create_grid_mesh(specimen.grid)
         quadrilaterals = specimen.grid.cell == "Q8"
         spaces = serendipity(mesh) if quadrilaterals else Spaces.galerkin(mesh)
         material = Material(specimen.modulus, specimen.ratio, specimen.density)
@@ -85,38 +85,40 @@ class Model:
         self.space = spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
         self._tree = cKDTree(np.array(specimen.grid.nodes))
-        # numbers of the grid's nodes, less one, in the library's numbering
-        self.order = self.find_nodes(self.space.tabulate_dof_coordinates().T)
+        # Index in the grid of each node of the library
+        self.grid_index = self.find_nodes(self.space.tabulate_dof_coordinates().T)
 
-    def marker(self, where: Where) -> Marker:
+    def create_marker(self, is_marked_point: PointMarker) -> Marker:
         """Return a marker of points, from one of points in the grid without bulge."""
-        is_marked = np.array([where(point) for point in self.grid.places])
+        is_marked = np.array([is_marked_point(point) for point in self.grid.straight_nodes])
         return lambda x: is_marked[self.find_nodes(x)]
 
-    def prescribe(self, where: Where, axes: range, value: float = 0.0) -> list[fem.DirichletBC]:
+    def prescribe(
+        self, is_marked_point: PointMarker, axes: range, value: float = 0.0
+    ) -> list[fem.DirichletBC]:
         """Prescribe displacement components."""
-        marker = self.marker(where)
+        marker = self.create_marker(is_marked_point)
         return [prescribe(self.space, axis, marker, value) for axis in axes]
 
-    def in_grid_order(self, values: Array) -> Array:
+    def to_grid_order(self, values: Array) -> Array:
         """Return nodal values (n, dim) of the library's numbering in the grid's."""
         reordered = np.empty_like(values)
-        reordered[self.order] = values
+        reordered[self.grid_index] = values
         return reordered
 
-    def traction(self, where: Where, traction: list[float]) -> PETSc.Vec:
+    def assemble_traction(self, is_marked_point: PointMarker, traction: list[float]) -> PETSc.Vec:
         """Return the load vector of a traction."""
-        surface = boundary_measure(self.body.spaces.mesh, self.marker(where))
+        surface = boundary_measure(self.body.spaces.mesh, self.create_marker(is_marked_point))
         return assemble_vector(self.body.surface_load(traction, surface))
 
     def find_nodes(self, x: Array) -> npt.NDArray[np.intp]:
-        """Return the numbers, less one, of the grid's nodes at points, columns of x."""
+        """Return the indices of the grid's nodes at points, the columns of x."""
         distance, node = self._tree.query(x[: len(self.grid.lower)].T)
         assert distance.max() < 1e-9
         return node
 
 
-def grid_mesh(grid: Grid) -> Mesh:
+def create_grid_mesh(grid: Grid) -> Mesh:
     """Return the mesh of a grid, with straight sides, or curved ones where it bulges."""
     name, order = _CELLS[grid.cell]
     dimension = len(grid.lower)
@@ -125,90 +127,98 @@ def grid_mesh(grid: Grid) -> Mesh:
     mesh = create_mesh(
         MPI.COMM_SELF,
         cells=cells.reshape(corners.shape).astype(np.int64),
-        x=np.array(grid.places)[used],
+        x=np.array(grid.straight_nodes)[used],
         e=basix.ufl.element("Lagrange", name, 1, shape=(dimension,)),
     )
     if not grid.bulge:
         return mesh
-    return curved_mesh(mesh, lambda x: np.array([grid.bulged(point[:dimension]) for point in x]))
+    return curved_mesh(
+        mesh, lambda x: np.array([grid.bulged_point(point[:dimension]) for point in x])
+    )
 
 
-def _compress(problem: Compressed, model: Model) -> dict[str, Array]:
+def _solve_compressed(problem: CompressedBody, model: StandardModel) -> dict[str, Array]:
     all_axes = range(problem.dimension)
     supports = [
-        *model.prescribe(problem.bottom, all_axes),
-        *model.prescribe(problem.top, range(problem.up)),
-        *model.prescribe(problem.top, range(problem.up, problem.dimension), -problem.depth),
+        *model.prescribe(problem.is_at_bottom, all_axes),
+        *model.prescribe(problem.is_at_top, range(problem.vertical_axis)),
+        *model.prescribe(
+            problem.is_at_top, range(problem.vertical_axis, problem.dimension), -problem.depth
+        ),
     ]
     load = model.K.createVecLeft()
     load.set(0.0)
     a = solve(model.K, load, Reduction.dirichlet(model.space, supports))
     displacement, force = (
-        model.in_grid_order(v.array_r.reshape(-1, problem.dimension)) for v in (a, model.K * a)
+        model.to_grid_order(v.array_r.reshape(-1, problem.dimension)) for v in (a, model.K * a)
     )
-    bottom = np.array(problem.grid.nodes_where(problem.bottom)) - 1
+    bottom = np.array(problem.grid.find_nodes(problem.is_at_bottom)) - 1
     reaction = force[bottom, 1:] if problem.is_axisymmetric else force[bottom]
     return {"displacement": displacement.ravel(), "reaction": reaction.ravel()}
 
 
-def _vibrate(problem: Vibrating, model: Model) -> dict[str, Array]:
+def _solve_vibrating(problem: VibratingBody, model: StandardModel) -> dict[str, Array]:
     M = assemble_matrix(model.body.mass())
     supports = _clamp_bottom(problem, model)
     return {"eigenvalue": vibration_modes(model.K, M, supports, problem.count).eigenvalues}
 
 
-def _buckle(problem: Buckling, model: Model) -> dict[str, Array]:
+def _solve_buckling(problem: BucklingColumn, model: StandardModel) -> dict[str, Array]:
     supports = _clamp_bottom(problem, model)
-    load = model.traction(problem.top, [0.0, -1.0])
+    load = model.assemble_traction(problem.is_at_top, [0.0, -1.0])
     prestress = as_function(model.space, solve(model.K, load, supports))
-    K_sigma = assemble_matrix(model.body.initial_stress(model.body.stress(prestress)))
+    K_sigma = assemble_matrix(model.body.geometric_stiffness(model.body.stress(prestress)))
     return {"critical_pressure": buckling(model.K, K_sigma, supports, problem.count).factors}
 
 
-def _clamp_bottom(problem: Vibrating | Buckling, model: Model) -> Reduction:
-    supports = model.prescribe(problem.bottom, range(problem.dimension))
+def _clamp_bottom(problem: VibratingBody | BucklingColumn, model: StandardModel) -> Reduction:
+    supports = model.prescribe(problem.is_at_bottom, range(problem.dimension))
     return Reduction.dirichlet(model.space, supports)
 
 
-def _rest_on_plane(problem: Resting, model: Model) -> dict[str, Array]:
-    supports = model.prescribe(problem.on(1, 0.0), range(1, 2)) if problem.dimension == 3 else []
+def _solve_resting(problem: BodyOnPlane, model: StandardModel) -> dict[str, Array]:
+    supports = (
+        model.prescribe(problem.is_on_plane(1, 0.0), range(1, 2)) if problem.dimension == 3 else []
+    )
     if not problem.friction:
-        supports += model.prescribe(problem.on(0, 0.0), range(1))
+        supports += model.prescribe(problem.is_on_plane(0, 0.0), range(1))
     down, along = [0.0] * problem.dimension, [0.0] * problem.dimension
-    down[problem.up], along[0] = -problem.pressure, problem.pull * problem.pressure
-    loads = [model.traction(problem.is_pressed, down)]
+    down[problem.vertical_axis], along[0] = -problem.pressure, problem.pull * problem.pressure
+    loads = [model.assemble_traction(problem.is_pressed, down)]
     if problem.pull:
-        pull = model.traction(problem.on(0, problem.grid.upper[0]), along)
+        pull = model.assemble_traction(problem.is_on_plane(0, problem.grid.upper[0]), along)
         steps = problem.increments
         loads += [loads[0] + pull * (k / steps) for k in range(1, steps + 1)]
     _, force = _solve_on_plane(problem, model, loads, supports, problem.friction)
     contact_force = force[np.array(problem.contact_nodes) - 1]
-    numbers = {"force_normal": contact_force[:, problem.up]}
+    numbers = {"force_normal": contact_force[:, problem.vertical_axis]}
     if problem.friction:
-        numbers["force_tangential"] = contact_force[:, : problem.up].ravel()
+        numbers["force_tangential"] = contact_force[:, : problem.vertical_axis].ravel()
     return numbers
 
 
-def _push_rough_block(problem: RoughBlock, model: Model) -> dict[str, Array]:
+def _solve_rough_block(problem: RoughBlock, model: StandardModel) -> dict[str, Array]:
     """Solve by contact at nodes, where CalculiX has contact at integration points of faces."""
-    load = model.traction(problem.top, [0.0, 0.0, -problem.pressure])
-    push = model.traction(problem.on(0, problem.grid.lower[0]), [*problem.push, 0.0])
+    load = model.assemble_traction(problem.is_at_top, [0.0, 0.0, -problem.pressure])
+    push = model.assemble_traction(
+        problem.is_on_plane(0, problem.grid.lower[0]), [*problem.push, 0.0]
+    )
     displacement, force = _solve_on_plane(problem, model, [load + push], [], problem.friction)
     return {"displacement": displacement.ravel(), "force": force.sum(axis=0)}
 
 
 def _solve_on_plane(
     problem: Specimen,
-    model: Model,
+    model: StandardModel,
     loads: list[PETSc.Vec],
     supports: list[fem.DirichletBC],
     friction: float,
 ) -> tuple[Array, Array]:
     """Return displacements and contact forces (n, dim) on a rigid plane, after all loads."""
     up = [0.0] * problem.dimension
-    up[problem.up] = 1.0
+    up[problem.vertical_axis] = 1.0
     foundation = ContactPair(
-        model.marker(problem.bottom), Plane(problem.grid.lower, tuple(up)), friction
+        model.create_marker(problem.is_at_bottom), Plane(problem.grid.lower, tuple(up)), friction
     )
     reduction = Reduction.dirichlet(model.space, supports)
     state = solve_contact(model.K, loads, reduction, [foundation], model.space)[-1]
@@ -216,44 +226,46 @@ def _solve_on_plane(
     force = np.zeros((len(problem.grid.nodes), problem.dimension))
     force[model.find_nodes(pair.position.T)] = pair.force_vector
     displacement = state.displacement.array_r.reshape(force.shape)
-    return model.in_grid_order(displacement), force
+    return model.to_grid_order(displacement), force
 
 
 _SOLVERS: dict[type, Callable[..., dict[str, Array]]] = {
-    Compressed: _compress,
-    Vibrating: _vibrate,
-    Buckling: _buckle,
-    Resting: _rest_on_plane,
-    RoughBlock: _push_rough_block,
+    CompressedBody: _solve_compressed,
+    VibratingBody: _solve_vibrating,
+    BucklingColumn: _solve_buckling,
+    BodyOnPlane: _solve_resting,
+    RoughBlock: _solve_rough_block,
 }
 
 
 def against_standard(case: str, tracked: str) -> Result:
-    """Return the largest differences of CalculiX from the standard element, by kind of number.
+    """Compare CalculiX with the standard element: return the largest differences by quantity.
 
-    `exact` has the library's own quadrature, `reduced` CalculiX's. Displacements and reactions
-    are over their largest entry, eigenvalues and buckling pressures each over itself, contact
-    forces over the mean normal one.
+    `exact` has the library's quadrature, `reduced` CalculiX's. Displacements and reactions are
+    relative to their largest entry, eigenvalues and buckling pressures to each value, contact
+    forces to the mean normal force.
 
     Args:
-        case: name of a specimen.
-        tracked: digest of the tracked answer.
+        case: Name of a specimen.
+        tracked: Digest of the recorded answer.
     """
-    problem, peer = SPECIMENS[case], peer_of(case, tracked)
+    problem, peer = SPECIMENS[case], load_unchanged_answer(case, tracked)
     scalars: dict[str, float] = {}
     curves: dict[str, Array] = {}
     dofs = 0
     for rule, degree in (("exact", None), ("reduced", REDUCED_DEGREES[problem.grid.cell])):
-        model = Model(problem, degree)
+        model = StandardModel(problem, degree)
         dofs = model.K.getSize()[0]
         for name, ours in _SOLVERS[type(problem)](problem, model).items():
             peers = peer.numbers[name]
-            scalars[f"{rule}_{name}"] = float((np.abs(peers - ours) / _scale(name, peer)).max())
+            scalars[f"{rule}_{name}"] = float(
+                (np.abs(peers - ours) / _difference_scale(name, peer)).max()
+            )
             curves |= {f"{rule}_{name}": ours, f"peer_{name}": peers}
     return Result(scalars, dimensionless(scalars), curves, dofs=dofs)
 
 
-def _scale(name: str, peer: Peer) -> Array:
+def _difference_scale(name: str, peer: CalculixAnswer) -> Array:
     """Return the scale by which differences are divided."""
     values = peer.numbers[name]
     if name in ("eigenvalue", "critical_pressure"):

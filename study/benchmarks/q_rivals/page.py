@@ -45,9 +45,9 @@ from study.model.units import dimensionless, units_of
 from study.publish.plots.style import BESIDE, SIDE, plain_ticks
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
-from study.run.sources import closure
+from study.run.sources import collect_imported_sources
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import peer_of, tracked_digest
+from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.hertz_line import PENALTIES
 from study.solutions.hertz_problem import Answer, NoSolution, Problem, line, sphere
 
@@ -129,7 +129,7 @@ class Method:
     def lines(self) -> int:
         """Lines of the method's file and of those of its folder that it builds on."""
         folder = f"{self.module.__name__.rpartition('.')[0]}."
-        files = closure(self.module.__name__).items()
+        files = collect_imported_sources(self.module.__name__).items()
         sources = [path for name, path in files if name.startswith(folder)]
         return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources)
 
@@ -260,7 +260,7 @@ def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
     """
     candidates = []
     for penalty_stiffness, digest in zip(PENALTIES, tracked, strict=True):
-        peer = peer_of(f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest)
+        peer = load_unchanged_answer(f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest)
         nodes = peer.numbers["x"]
         x = np.linspace(0, nodes[-1], 64 * len(nodes))
         pressure = np.interp(x, nodes, peer.numbers["pressure"])
@@ -312,7 +312,7 @@ CASES += [
             "edges": n,
             "offset": offset,
             "tracked": [
-                tracked_digest(f"hertz-line-{n}-{offset}-{stiffness}") for stiffness in PENALTIES
+                answer_digest(f"hertz-line-{n}-{offset}-{stiffness}") for stiffness in PENALTIES
             ],
         },
         {"method": "calculix", "words": "CalculiX, faces by a penalty", "choices": 1},

@@ -33,8 +33,8 @@ from study.meshes.solid_meshes import box
 from study.model.reading import compared
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.solutions.calculix.calculix import peer_of
-from study.solutions.calculix.two_bodies import PAIRS, Blocks
+from study.solutions.calculix.calculix import load_unchanged_answer
+from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks
 from study.solutions.half_space import Elastic, HertzLine, HertzSphere, displacement_in_space
 from study.solutions.stick_slip import Cattaneo
 
@@ -453,22 +453,22 @@ def calculix(case: str, tracked: str) -> Result:
         case: Name of the deck.
         tracked: Digest of the stored solution.
     """
-    problem, peer = PAIRS[case], peer_of(case, tracked)
+    problem, peer = PAIRS[case], load_unchanged_answer(case, tracked)
     exact: list[HertzSphere] = []
-    if isinstance(problem, Blocks):
+    if isinstance(problem, StackedBlocks):
         bodies = _make_two_blocks("p2-p2", 3, 1.0)
     else:
-        bodies, exact = _make_two_spheres("p2-p2", problem.edges, problem.other)
+        bodies, exact = _make_two_spheres("p2-p2", problem.edges, problem.size_ratio)
     x, peer_x = bodies.x, problem.nodes
     # nodes of both bodies may coincide: a further coordinate distinguishes the bodies
-    face, n_lower = peer_x[problem.slave[0] - 1, -1], len(problem.grids[0].places)
+    face, n_lower = peer_x[problem.slave_nodes[0] - 1, -1], len(problem.grids[0].straight_nodes)
     peer_positions = np.column_stack([peer_x, np.arange(len(peer_x)) >= n_lower])
     positions = np.column_stack([x, _is_node_above(bodies, face)])
     distance, peer_node = cKDTree(peer_positions).query(positions)
     assert distance.max() < 1e-9
     assert len(np.unique(peer_node)) == len(peer_x) == len(x)
     displacement = np.zeros_like(peer_x)
-    displacement[problem.around - 1] = peer.numbers["displacement"].reshape(-1, 3)
+    displacement[problem.nodes_around_contact - 1] = peer.numbers["displacement"].reshape(-1, 3)
     body = replace(bodies.body, quadrature_degree=CALCULIX_DEGREE)
     u = bodies.K.createVecRight()
     u.setArray(displacement[peer_node].ravel())
@@ -480,10 +480,10 @@ def calculix(case: str, tracked: str) -> Result:
     for nodes in (node, opposite):
         force[nodes, -1] = residual[nodes, -1]
     peer_pressure = np.zeros(len(peer_x))
-    peer_pressure[problem.slave - 1] = peer.numbers["pressure"]
+    peer_pressure[problem.slave_nodes - 1] = peer.numbers["pressure"]
     pressure, displacement = peer_pressure[peer_node[node]], displacement[peer_node]
     solution = ContactSolution(node, pressure, area, force, opposite, displacement, 0, True, [])
-    if isinstance(problem, Blocks):
+    if isinstance(problem, StackedBlocks):
         exact_pressure: Array = np.full(len(node), problem.pressure)
         result = compare_with_exact_pressure(
             bodies, solution, exact_pressure, problem.pressure, np.inf

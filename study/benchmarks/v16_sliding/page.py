@@ -35,8 +35,8 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import peer_of, tracked_digest
-from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT, block_lines
+from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
+from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT, block_mesh_lines
 from study.solutions.rubber import Array, History, RubberBody, move_tool
 
 SECTION = "V16"
@@ -174,11 +174,11 @@ def energy(element: str, elements: int, pressed: int) -> Result:
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
     """Move the tool as in CalculiX, with its energy; compare total forces with its stored record."""
-    peer, recorded = CYLINDERS[case], peer_of(case, tracked).numbers
+    peer, recorded = CYLINDERS[case], load_unchanged_answer(case, tracked).numbers
     rubber = RubberBody(
         element, _make_plane_block(peer.elements), QUADRATURE_DEGREES[2], calculix_energy=True
     )
-    history = _move_round_tool(rubber, peer.ways, peer.friction, has_sliding=True)
+    history = _move_round_tool(rubber, peer.tool_translations, peer.friction, has_sliding=True)
     force = np.array([state.pairs[0].force for state in history.states[1:]])
     normal, tangential = -force[:, 1], force[:, 0]
     largest = recorded["N"].max()
@@ -265,7 +265,7 @@ def _move_round_tool(
 
 def _make_plane_block(elements: int) -> Mesh:
     """Mesh a block below a cylinder, with `elements` along the radius of the cylinder."""
-    return on_lines(MPI.COMM_SELF, *block_lines(elements), "triangle")
+    return on_lines(MPI.COMM_SELF, *block_mesh_lines(elements), "triangle")
 
 
 def _make_space_block(elements: int, is_half: bool) -> Mesh:
@@ -377,7 +377,7 @@ CASES = [
             "V16",
             f"calculix-pw-T6-{case}",
             against_calculix,
-            {"element": "pw-T6", "case": case, "tracked": tracked_digest(case)},
+            {"element": "pw-T6", "case": case, "tracked": answer_digest(case)},
         )
         for case in CYLINDERS
     ),

@@ -17,7 +17,7 @@ from study.benchmarks.v17_bodies.problems import (
 from study.judge.checks import check
 from study.judge.measures.general import scalar
 from study.run.cases import Case, mark_costly
-from study.solutions.calculix.calculix import tracked_digest
+from study.solutions.calculix.calculix import answer_digest
 from study.solutions.calculix.die import DIES
 
 SECTION = "V17"
@@ -91,7 +91,7 @@ CASES = [
             "V17",
             f"calculix-pw-T6-{case}",
             against_calculix,
-            {"element": "pw-T6", "case": case, "tracked": tracked_digest(case)},
+            {"element": "pw-T6", "case": case, "tracked": answer_digest(case)},
         )
         for case in DIES
     ),

@@ -25,19 +25,19 @@ from study.meshes.line_mesh import on_lines
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.solutions.calculix.calculix import peer_of
+from study.solutions.calculix.calculix import load_unchanged_answer
 from study.solutions.calculix.die import (
     CURVATURE,
     DEPTH,
     DIES,
-    ELEMENTS,
+    SLIDING_ELEMENTS,
     FRICTION,
     GAP,
-    HALF,
-    PRESSED,
-    TIMES,
-    lines,
-    shaped,
+    N_CALCULIX_INCREMENTS,
+    N_PRESSING_INCREMENTS,
+    INCREMENT_ENDS,
+    mesh_lines,
+    shape_die,
 )
 from study.solutions.rubber import RubberBody, lame_over_shear
 
@@ -177,9 +177,9 @@ def make_die_mesh(
         slave_elements: Number of elements over the width of the die.
         master_elements: Number of elements of the block over the same width.
     """
-    block, upper = lines(slave_elements, master_elements)
+    block, upper = mesh_lines(slave_elements, master_elements)
     mesh, _ = joined(
-        _make_quadratic_mesh(*block, lambda x: x), _make_quadratic_mesh(*upper, shaped)
+        _make_quadratic_mesh(*block, lambda x: x), _make_quadratic_mesh(*upper, shape_die)
     )
 
     def is_under_die(x: Array) -> Mask:
@@ -200,7 +200,7 @@ def _find_facets(mesh: Mesh, is_inside: Callable[[Array], Mask]) -> Indices:
 def die(element: str, own: int, opposite: int) -> Result:
     """Press a parabolic die into a block and slide it over ten of its elements."""
     bodies, sides, record = _press_and_slide_die(element, own, opposite)
-    sliding_states = record.states[PRESSED:]
+    sliding_states = record.states[N_PRESSING_INCREMENTS:]
     weight_area = _integrate_weight_functions(bodies, sides)
     last, force = (
         _contact_pair(sliding_states[-1]),
@@ -244,19 +244,21 @@ def _press_and_slide_die(
     bodies = RubberBody(element, mesh, QUADRATURE_DEGREE, calculix_energy)
     x = bodies.x
     is_base, is_top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
-    travel = ELEMENTS / slave_elements
+    travel = SLIDING_ELEMENTS / slave_elements
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[is_top] = [travel * max(0.0, time - 1), -DEPTH * min(time, 1.0)]
 
-    times = TIMES[:HALF] if calculix_energy else TIMES
+    times = INCREMENT_ENDS[:N_CALCULIX_INCREMENTS] if calculix_energy else INCREMENT_ENDS
     return bodies, sides, slide_bodies(bodies, sides, set_displacements, (is_base, is_top), times)
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
     """Move the die as in CalculiX, with its energy; compare forces with its stored record."""
-    peer, recorded = DIES[case], peer_of(case, tracked).numbers
-    bodies, _, record = _press_and_slide_die(element, peer.own, peer.opposite, calculix_energy=True)
+    peer, recorded = DIES[case], load_unchanged_answer(case, tracked).numbers
+    bodies, _, record = _press_and_slide_die(
+        element, peer.die_elements, peer.block_elements, calculix_energy=True
+    )
     force = np.array([_contact_pair(state).force for state in record.states])
     normal, tangential = force[:, 1], -force[:, 0]
     largest = recorded["N"].max()
@@ -277,7 +279,7 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
 
 def ironed(element: str) -> Result:
     """Slide a flat die on a block whose upper side stays flat; all nodes slip."""
-    (across, _), (die_lines, _) = lines(*FLAT_ELEMENTS)
+    (across, _), (die_lines, _) = mesh_lines(*FLAT_ELEMENTS)
     die_heights = GAP + _divide_interval(0.0, FLAT_HEIGHT, 3)
     block = _make_quadratic_mesh(across, _divide_interval(-1.0, 0.0, 3), lambda x: x)
     mesh, _ = joined(block, _make_quadratic_mesh(die_lines, die_heights, lambda x: x))

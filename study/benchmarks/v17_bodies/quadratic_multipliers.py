@@ -181,7 +181,7 @@ class DualQuadraticMortar(SlidingMortar):
             differentiate_master_forces,
         )
 
-    def evaluate_for_verification(self, x: Array) -> MortarMatrices:
+    def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
         """Return the mortar matrices for checks of states, by the same formulas as `linearise`."""
         mortar = self.linearise(x)
         return MortarMatrices(

@@ -188,7 +188,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         prestress = fem.Constant(body.body.spaces.mesh, np.array([[-1.0, 0.0], [0.0, 0.0]]))
         critical = buckling(
             body.K,
-            assemble_matrix(body.body.initial_stress(prestress)),
+            assemble_matrix(body.body.geometric_stiffness(prestress)),
             _make_reduction(body, [*_make_support_conditions(body, ends), corner], treatment),
             N_STRIP_MODES,
             is_symmetrised(element),

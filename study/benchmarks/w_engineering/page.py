@@ -29,9 +29,9 @@ from study.judge.checks import check
 from study.judge.measures.engineering import WORTH, answers, largest_difference, rule_error
 from study.model.units import dimensionless
 from study.publish.plots.style import FULL
+from study.run import records
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
-from study.run.records import read_rows
 from study.run.store import Result, Results
 
 SECTION = "W"
@@ -290,13 +290,13 @@ def _make_cases(cell: str, known: dict[str, References]) -> list[Case]:
 def _read_plane_references() -> dict[str, References]:
     """Return references of the plane problems out of the tracked record."""
     return {
-        row["parameters"]["problem"]: {
+        row.content["parameters"]["problem"]: {
             name.removesuffix("reference"): value
-            for name, value in row["scalars"].items()
+            for name, value in row.content["scalars"].items()
             if name.endswith("reference")
         }
-        for row in read_rows().values()
-        if row["section"] == "W" and row["parameters"]["element"].endswith("T6")
+        for row in records.read_rows(records.COSTLY_CASES).values()
+        if row.key.startswith("W/") and row.content["parameters"]["element"].endswith("T6")
     }
 
 

@@ -523,7 +523,7 @@ def throw_block(element: str, cells: int) -> ImpactResult:
     mass = scheme.M.getDiagonal().array_r.reshape(-1, dim)
     end_momentum = (mass * history.velocity.array_r.reshape(-1, dim)).sum(axis=0)
     end_velocity = end_momentum / mass.sum(axis=0)
-    energies, force = history.energies, history.pairs[0].total
+    energies, force = history.energies, history.pairs[0].total_force
     normal_impulse, tangential_impulse = (history.step * np.sum(force[:, axis]) for axis in (-1, 0))
     return ImpactResult(
         float(end_velocity[-1] / SPEED_DOWN),

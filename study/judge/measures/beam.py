@@ -7,7 +7,7 @@ import numpy as np
 
 from study.judge.measures.stored_cases import T6, matching, of_section
 from study.paper.items import TABLE_2
-from study.run.store import Results, Stored
+from study.run.store import Results, StoredResult
 
 
 def printed(results: Results, element: str, mode: int) -> float:
@@ -81,7 +81,7 @@ def _treatment(results: Results, case: str) -> dict[str, Any]:
     return {name: own[name] for name in ("element", "form", "prestress_symmetrised")}
 
 
-def _uniform(results: Results, **treatment: object) -> list[Stored]:
+def _uniform(results: Results, **treatment: object) -> list[StoredResult]:
     found = matching(results, "7.6", {"problem": "beam", "load": "uniform", **treatment})
     return sorted(found, key=lambda stored: stored.parameters["divisions"])
 

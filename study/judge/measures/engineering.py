@@ -12,7 +12,7 @@ larger error, so that "by more than both errors" would hold for opposite signs o
 
 from collections.abc import Sequence
 
-from study.run.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, StoredResult
 
 WORTH = 0.01  # of the reference: less is nobody's reason to change elements
 HONEST = ("own", "skip", "projected", "none")  # the last of problems that read no pressure
@@ -104,7 +104,7 @@ def answers(
     mesh: int,
     name: str = "",
     readings: Sequence[str] = HONEST,
-) -> tuple[Stored, Stored]:
+) -> tuple[StoredResult, StoredResult]:
     """The standard element's result and the new one's (in dynamics the sibling's), best readings.
 
     Raises:
@@ -120,7 +120,7 @@ def answers(
     return best[0], best[1]
 
 
-def _apart(standard: Stored, new: Stored, name: str) -> float:
+def _apart(standard: StoredResult, new: StoredResult, name: str) -> float:
     """Relative difference of two answers."""
     apart = standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]
     return abs(apart / new.scalars[f"{name}reference"])
@@ -141,7 +141,7 @@ def _answers(results: Results) -> list[tuple[str, str, str]]:
 
 def _found(
     results: Results, problem: str, cell: str, mesh: int, element: str, readings: Sequence[str]
-) -> list[Stored]:
+) -> list[StoredResult]:
     stated = {"problem": problem, "mesh": mesh, "reading": list(readings)}
     return results.where("W", **stated, element=f"{element}-{cell}")
 

@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from study.judge.measures.stored_cases import Selection, matching
-from study.run.store import Results, Stored
+from study.run.store import Results, StoredResult
 
 # Keys of two cases
 Pair: TypeAlias = tuple[str, str]
@@ -77,7 +77,7 @@ def relative_difference(
 
 def lowest_order(results: Results, section: str, cases: Selection, name: str) -> float:
     """Lowest order of an error, from the coarsest to the finest mesh of cases alike but for `n`."""
-    series: dict[str, list[Stored]] = {}
+    series: dict[str, list[StoredResult]] = {}
     for stored in matching(results, section, cases):
         series.setdefault(stored.case.rsplit("-", 1)[0], []).append(stored)
     orders = []

@@ -5,9 +5,9 @@ import re
 import numpy as np
 
 from study.judge.measures.stored_cases import Selection, like, matching
-from study.run.cases import page_source
+from study.run.cases import find_page_source
 from study.run.pages import read_constants
-from study.run.store import Results, Stored
+from study.run.store import Results, StoredResult
 
 # Of each new element, the standard one with the same nodes
 _STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
@@ -42,7 +42,7 @@ def greco_change(results: Results, cases: Selection, other: str) -> float:
 
 def _greco_reference(reference: str) -> tuple[float, ...]:
     """Return the displacements that the page of section V6 has from a reference, in m."""
-    constants = read_constants(page_source("V6"))
+    constants = read_constants(find_page_source("V6"))
     displacements: tuple[float, ...] = constants[reference.upper()]
     return displacements
 
@@ -105,7 +105,9 @@ def _scanned(results: Results, settings: str) -> list[str]:
     return [name for name in names if re.fullmatch(settings, name)]
 
 
-def _convergence_pairs(results: Results, settings: Selection) -> list[tuple[Stored, Stored]]:
+def _convergence_pairs(
+    results: Results, settings: Selection
+) -> list[tuple[StoredResult, StoredResult]]:
     """Results of the new T6 or T10, and of the standard one in the same setting."""
     cases: Selection
     if isinstance(settings, str):

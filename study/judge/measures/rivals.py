@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from study.run.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, StoredResult
 
 NEW = "pw-T6"
 
@@ -79,7 +79,7 @@ def rival_extreme(
     return max(found) if largest else min(found)
 
 
-def _plane(results: Results, **parameters: object) -> list[Stored]:
+def _plane(results: Results, **parameters: object) -> list[StoredResult]:
     found = results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
     if not found:
         raise MissingResult(f"no result of section Q has {parameters}: run ./run study Q")

@@ -4,17 +4,17 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from study.run.store import MissingResult, Results, Stored
+from study.run.store import MissingResult, Results, StoredResult
 
 T6 = ("galerkin-T6", "pw-T6")
 
 _OF_A_RECORD = ("measured", "units", "dofs")  # what a tracked result has besides
 
-# Parameters and their values, see `Stored.has`, or a regular expression for the cases' names
+# Parameters and their values, see `StoredResult.has`, or a regular expression for the cases' names
 Selection = Mapping[str, Any] | str
 
 
-def of_section(results: Results, section: str) -> list[Stored]:
+def of_section(results: Results, section: str) -> list[StoredResult]:
     """All results of a section; `MissingResult` if there are none."""
     found = results.section(section)
     if not found:
@@ -22,7 +22,7 @@ def of_section(results: Results, section: str) -> list[Stored]:
     return found
 
 
-def matching(results: Results, section: str, cases: Selection) -> list[Stored]:
+def matching(results: Results, section: str, cases: Selection) -> list[StoredResult]:
     """Results of the cases with some parameters, or names; `MissingResult` if there are none."""
     found = [s for s in of_section(results, section) if _selects(cases, s)]
     if not found:
@@ -30,14 +30,14 @@ def matching(results: Results, section: str, cases: Selection) -> list[Stored]:
     return found
 
 
-def like(results: Results, stored: Stored, **others: object) -> Stored:
+def like(results: Results, stored: StoredResult, **others: object) -> StoredResult:
     """The result of the same section whose parameters differ in these alone."""
     same = {name: value for name, value in stored.parameters.items() if name not in _OF_A_RECORD}
     (found,) = matching(results, stored.section, {**same, **others})[:1]
     return found
 
 
-def _selects(cases: Selection, stored: Stored) -> bool:
+def _selects(cases: Selection, stored: StoredResult) -> bool:
     if isinstance(cases, str):
         return re.fullmatch(cases, stored.case) is not None
     return stored.has(**cases)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from study.publish.texts import HERE, Place, Texts, numbers, provenance
 from study.run.cases import SECTIONS
-from study.run.store import CorruptResult, MissingResult, NoScalar, Results, write_whole
+from study.run.store import CorruptResult, MissingResult, MissingScalar, Results, write_atomically
 
 if TYPE_CHECKING:
     import weasyprint
@@ -80,8 +80,8 @@ def build(results: Results, out: Path) -> list[str]:
     page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
     if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
         return incomplete
-    write_whole(pdf, laid_out(html).write_pdf(pdf_variant="pdf/ua-1"))
-    write_whole(page, html.encode())
+    write_atomically(pdf, laid_out(html).write_pdf(pdf_variant="pdf/ua-1"))
+    write_atomically(page, html.encode())
     return incomplete
 
 
@@ -97,7 +97,7 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         paper.parts()  # now it is known where figures, tables and sections are
         paper.strict = not paper.incomplete
         parts = paper.parts()
-        cases = [case for section in SECTIONS for case in results.readable(section)]
+        cases = [case for section in SECTIONS for case in results.readable_results(section)]
         origin = provenance(cases)
         html = paper.render(
             "base.html",
@@ -155,7 +155,7 @@ class _Paper(Texts):
         before = dict(self.numbers)
         try:
             return Markup(re.sub(BREAK, numbers.THIN, self.text(name)))
-        except (MissingResult, CorruptResult, NoScalar) as missing:
+        except (MissingResult, CorruptResult, MissingScalar) as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)

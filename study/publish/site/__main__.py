@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     for line in missing:
         print(f"site: {line}", file=sys.stderr)
     print(f"site: {out / 'index.html'}")
-    if any(results.corrupt(section) for section in SECTIONS):
+    if any(results.corrupt_results(section) for section in SECTIONS):
         return EXIT_CORRUPT
     return int(bool(missing))
 

@@ -23,8 +23,8 @@ from study.publish.site import mathematics
 from study.publish.texts import PAPERS, Place, Texts, provenance, section_facts
 from study.publish.texts.numbers import short
 from study.publish.texts.statements import by_fact, names_section
-from study.run.cases import SECTIONS, page_source, title
-from study.run.store import CorruptResult, MissingResult, NoScalar, Results, StudyError
+from study.run.cases import SECTIONS, find_page_source, title
+from study.run.store import CorruptResult, MissingResult, MissingScalar, Results, StudyError
 
 HERE = Path(__file__).parent
 REPORT = ("report.html", "report.pdf")
@@ -87,8 +87,8 @@ def copy_data(results: Results, pages: Path) -> list[str]:
     for section in SECTIONS:
         folder = pages / "data" / section
         folder.mkdir(parents=True)
-        missing += results.corrupt(section).values()
-        for stored in results.readable(section):
+        missing += results.corrupt_results(section).values()
+        for stored in results.readable_results(section):
             endings = ("json", "npz") if stored.curves else ("json",)
             for ending in endings:
                 shutil.copy(results.folder / section / f"{stored.case}.{ending}", folder)
@@ -144,7 +144,7 @@ class _Sheets(Texts):
         before = dict(self.numbers)
         try:
             body = self.text(name)
-        except (MissingResult, CorruptResult, NoScalar) as missing:
+        except (MissingResult, CorruptResult, MissingScalar) as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
@@ -218,7 +218,7 @@ class _Sheets(Texts):
         for group, members in GROUPS.items():
             rows = [self._summary(section) for section in members if section in sections]
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
-        cases = [case for section in sections for case in self.results.readable(section)]
+        cases = [case for section in sections for case in self.results.readable_results(section)]
         parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
         tree = "\n".join(["paper", "claims", "facts", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
@@ -233,8 +233,8 @@ class _Sheets(Texts):
         sheet = section_facts(section)
         if strange := sheet.keys() - {*PARTS}:
             raise StudyError(f"the facts of {section} have {', '.join(sorted(strange))}")
-        path = page_source(section)
-        cases = len(self.results.readable(section))
+        path = find_page_source(section)
+        cases = len(self.results.readable_results(section))
         rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
             ("Computed in", Markup("<code>{}</code>").format(path.relative_to(ROOT).as_posix())),
@@ -244,7 +244,9 @@ class _Sheets(Texts):
         return _raw(self.render("facts.html", rows=rows))
 
     def _data(self, section: str) -> str:
-        page = self.render("data.html", section=section, cases=self.results.readable(section))
+        page = self.render(
+            "data.html", section=section, cases=self.results.readable_results(section)
+        )
         return f"## Data\n\n{_raw(page)}"
 
     def _summary(self, section: str) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from study.run.sources import code_digest, package_sources
-from study.run.store import StudyError, write_whole
+from study.run.sources import digest_code, list_package_sources
+from study.run.store import StudyError, write_atomically
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 ORDER = (
@@ -164,8 +164,8 @@ def _ensure_run(one: Example, store: Path) -> None:
     digest = hashlib.sha256()
     for file in (f"{one.name}.py", *one.files):
         digest.update((EXAMPLES / file).read_bytes())
-    for path in package_sources("pw_elements"):
-        digest.update(f"{path.name} {code_digest(path)}".encode())
+    for path in list_package_sources("pw_elements"):
+        digest.update(f"{path.name} {digest_code(path)}".encode())
     note, picture, printed = (store / f"{one.name}.{end}" for end in ("sha256", "png", "txt"))
     made = all(path.is_file() for path in (picture, printed, note))
     if made and note.read_bytes() == digest.hexdigest().encode():
@@ -182,6 +182,6 @@ def _ensure_run(one: Example, store: Path) -> None:
         )
         if done.returncode:
             raise StudyError(f"examples/{one.name}.py failed: {done.stderr.strip()[-2000:]}")
-        write_whole(picture, (Path(folder) / f"{one.name}.png").read_bytes())
-    write_whole(printed, done.stdout.encode())
-    write_whole(note, digest.hexdigest().encode())
+        write_atomically(picture, (Path(folder) / f"{one.name}.png").read_bytes())
+    write_atomically(printed, done.stdout.encode())
+    write_atomically(note, digest.hexdigest().encode())

@@ -37,14 +37,14 @@ from study.publish.texts.statements import (
     wanted,
     with_readings,
 )
-from study.run.cases import SECTIONS, page_source
+from study.run.cases import SECTIONS, find_page_source
 from study.run.pages import read_constants
-from study.run.store import CorruptResult, MissingResult, Results, Stored, StudyError
+from study.run.store import CorruptResult, MissingResult, Results, StoredResult, StudyError
 
 HERE = Path(__file__).parent
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 for _section in SECTIONS:  # a page may bring its own
-    REFERENCES |= read_constants(page_source(_section)).get("REFERENCES", {})
+    REFERENCES |= read_constants(find_page_source(_section)).get("REFERENCES", {})
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
 BLOCKS = {
@@ -304,7 +304,7 @@ def _markdown_template(name: str) -> str | None:
         return f"{{% filter markdown %}}{chapter.read_text('utf-8')}{{% endfilter %}}"
     if section not in SECTIONS:
         return None
-    texts = read_constants(page_source(section))
+    texts = read_constants(find_page_source(section))
     blocks = [
         f"{{% block {block} %}}{{% filter markdown %}}{texts[constant]}{{% endfilter %}}"
         "{% endblock %}"
@@ -323,13 +323,13 @@ def _without_blank_lines(html: Markup) -> Markup:
 
 def section_facts(section: str) -> dict[str, str]:
     """Return geometry, mesh, material and so on of a section, as its page says."""
-    facts: dict[str, str] = read_constants(page_source(section)).get("FACTS", {})
+    facts: dict[str, str] = read_constants(find_page_source(section)).get("FACTS", {})
     return facts
 
 
 def short_section_facts(section: str) -> dict[str, str]:
     """Return the same in words for which the report's appendix has room."""
-    short: dict[str, str] = read_constants(page_source(section)).get("SHORT_FACTS", {})
+    short: dict[str, str] = read_constants(find_page_source(section)).get("SHORT_FACTS", {})
     return section_facts(section) | short
 
 
@@ -368,7 +368,7 @@ def of_the_paper(name: str) -> str:
     return f" (the paper's Figs {match[2]}{joint}{match[3]})"
 
 
-def provenance(cases: list[Stored]) -> dict[str, Any]:
+def provenance(cases: list[StoredResult]) -> dict[str, Any]:
     """Return the cases, and the distinct sets of versions, to which they refer by letters."""
     sets: list[dict[str, str]] = []
     rows = []

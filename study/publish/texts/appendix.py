@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from study.run.cases import SECTIONS
-from study.run.sources import closure
-from study.run.store import Results, Stored
+from study.run.sources import collect_imported_sources
+from study.run.store import Results, StoredResult
 
 # Parameters, and curves of series, that say how fine a mesh is
 MESHES = (
@@ -63,16 +63,16 @@ def computed(results: Results, section: str) -> Computed:
 
 def computed_and_recorded(results: Results) -> tuple[int, int]:
     """Return how many results were computed, and how many were read from tracked records."""
-    cases = [case for section in SECTIONS for case in results.readable(section)]
+    cases = [case for section in SECTIONS for case in results.readable_results(section)]
     recorded = sum(bool(case.record) for case in cases)
     return len(cases) - recorded, recorded
 
 
-def _unknowns(case: Stored) -> int:
+def _unknowns(case: StoredResult) -> int:
     return int(case.provenance.get("dofs") or case.parameters.get("dofs") or 0)
 
 
-def _sizes(case: Stored) -> list[tuple[float, ...]]:
+def _sizes(case: StoredResult) -> list[tuple[float, ...]]:
     """Return the sizes of a case's meshes: (n,) or, for divisions, (n, m)."""
     sizes: list[Any] = []
     for name in MESHES:
@@ -97,7 +97,7 @@ def _degrees(module: str) -> set[int]:
     folder, _, name = module.rpartition(".")
     own = f"{folder}." if name == "page" else f"{folder}.{name.partition('_')[0]}_"
     found: set[int] = set()
-    for other, path in closure(module).items():
+    for other, path in collect_imported_sources(module).items():
         if not other.startswith(own):
             continue
         for node in ast.parse(path.read_text("utf-8")).body:

@@ -1,4 +1,6 @@
-"""CalculiX decks of the study's problems, on the study's meshes; needs no DOLFINx.
+"""CalculiX decks of the problems of sections 7.1, 7.2 and 7.6, on the same meshes.
+
+Needs no DOLFINx.
 
 Keywords: G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20.
 """
@@ -8,8 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
-# Faces of the two triangles of a square, by the side of the square that they lie on
-BOTTOM, RIGHT, TOP, LEFT = 1, 2, 2, 3
+import numpy as np
+
+from study.solutions.calculix.output import Array, CalculixError, read_tables
+
+BOTTOM_FACE, RIGHT_FACE, TOP_FACE, LEFT_FACE = 1, 2, 2, 3
+"""Numbers of the faces of a square's two triangles that lie on the sides of the square."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +31,7 @@ class TrianglePairs:
 
     @cached_property
     def nodes(self) -> list[tuple[float, float]]:
-        """Coordinates; node k is entry k - 1."""
+        """Coordinates of the nodes; node k is entry k - 1."""
         (x0, y0), (x1, y1), (nx, ny) = self.lower, self.upper, self.divisions
         return [
             (x0 + (x1 - x0) * i / (2 * nx), y0 + (y1 - y0) * j / (2 * ny))
@@ -35,7 +41,7 @@ class TrianglePairs:
 
     @cached_property
     def elements(self) -> list[list[int]]:
-        """Corner nodes counterclockwise, then the middles of the sides that start at them."""
+        """Nodes of the elements: corners counterclockwise, then the middles of sides."""
         nx, ny = self.divisions
         cells = []
         for j, i in product(range(0, 2 * ny, 2), range(0, 2 * nx, 2)):
@@ -43,49 +49,49 @@ class TrianglePairs:
                 corners = [(i, j), (i + b[0], j + b[1]), (i + c[0], j + c[1])]
                 around = zip(corners, [*corners[1:], corners[0]], strict=True)
                 middles = [((p[0] + q[0]) // 2, (p[1] + q[1]) // 2) for p, q in around]
-                cells.append([self.node(*place) for place in corners + middles])
+                cells.append([self.node_number(*index) for index in corners + middles])
         return cells
 
-    def node(self, i: int, j: int) -> int:
-        """Number of the node in column i and row j, both from 0."""
+    def node_number(self, i: int, j: int) -> int:
+        """Return the number of the node in column i and row j, both from 0."""
         return j * (2 * self.divisions[0] + 1) + i + 1
 
-    def row(self, j: int) -> list[int]:
-        """Nodes of row j from left to right; 0 is the lower side."""
-        return [self.node(i, j) for i in range(2 * self.divisions[0] + 1)]
+    def row_nodes(self, j: int) -> list[int]:
+        """Return the nodes of row j from left to right; 0 is the lower side."""
+        return [self.node_number(i, j) for i in range(2 * self.divisions[0] + 1)]
 
-    def column(self, i: int) -> list[int]:
-        """Nodes of column i from bottom to top; 0 is the left side."""
-        return [self.node(i, j) for j in range(2 * self.divisions[1] + 1)]
+    def column_nodes(self, i: int) -> list[int]:
+        """Return the nodes of column i from bottom to top; 0 is the left side."""
+        return [self.node_number(i, j) for j in range(2 * self.divisions[1] + 1)]
 
-    def bottom(self) -> list[int]:
-        """Elements along the lower side; their face is `BOTTOM`."""
+    def bottom_elements(self) -> list[int]:
+        """Return the elements along the lower side; their face there is `BOTTOM_FACE`."""
         return [2 * i + 1 for i in range(self.divisions[0])]
 
-    def top(self, start: float, end: float) -> list[int]:
-        """Elements along the upper side whose squares lie in start <= x <= end; face `TOP`."""
+    def top_elements(self, start: float, end: float) -> list[int]:
+        """Return the elements along the upper side in start <= x <= end; face `TOP_FACE`."""
         nx, ny = self.divisions
-        side = (self.upper[0] - self.lower[0]) / nx
-        first, last = (round((x - self.lower[0]) / side) for x in (start, end))
+        square = (self.upper[0] - self.lower[0]) / nx
+        first, last = (round((x - self.lower[0]) / square) for x in (start, end))
         return [2 * (nx * (ny - 1) + i) + 2 for i in range(first, last)]
 
-    def right(self) -> list[int]:
-        """Elements along the right side; their face is `RIGHT`."""
+    def right_elements(self) -> list[int]:
+        """Return the elements along the right side; their face there is `RIGHT_FACE`."""
         nx, ny = self.divisions
         return [2 * (nx * j + nx - 1) + 1 for j in range(ny)]
 
-    def left(self) -> list[int]:
-        """Elements along the left side; their face is `LEFT`."""
+    def left_elements(self) -> list[int]:
+        """Return the elements along the left side; their face there is `LEFT_FACE`."""
         nx, ny = self.divisions
         return [2 * nx * j + 2 for j in range(ny)]
 
-    def body(self, element: str, modulus: float, ratio: float, thickness: float) -> list[str]:
-        """Lines of nodes, elements, material and section."""
+    def body_lines(self, element: str, modulus: float, ratio: float, thickness: float) -> list[str]:
+        """Return the lines of nodes, elements, material and section."""
         return [
             "*NODE",
             *(f"{k},{x!r},{y!r},0." for k, (x, y) in enumerate(self.nodes, start=1)),
             f"*ELEMENT,TYPE={element},ELSET=BODY",
-            *(row([k, *cell]) for k, cell in enumerate(self.elements, start=1)),
+            *(join_numbers([k, *cell]) for k, cell in enumerate(self.elements, start=1)),
             f"*MATERIAL,NAME=ELASTIC\n*ELASTIC\n{modulus!r},{ratio!r}",
             f"*SOLID SECTION,ELSET=BODY,MATERIAL=ELASTIC\n{thickness!r}",
         ]
@@ -93,42 +99,48 @@ class TrianglePairs:
 
 @dataclass(frozen=True)
 class TwoTriangles:
-    """Section 7.1: unit square under unit pressure, reactions of its lower side."""
+    """Unit square under unit pressure (section 7.1): reactions of its lower side."""
 
     mesh = TrianglePairs((0.0, 0.0), (1.0, 1.0), (1, 1))
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         mesh = self.mesh
-        lower = mesh.row(0)
-        return text(
+        lower = mesh.row_nodes(0)
+        return join_lines(
             [
-                *mesh.body("CPS6", 1.0, 0.3, 1.0),
-                f"*NSET,NSET=SUPPORT\n{row(lower)}",
+                *mesh.body_lines("CPS6", 1.0, 0.3, 1.0),
+                f"*NSET,NSET=SUPPORT\n{join_numbers(lower)}",
                 f"*BOUNDARY\nSUPPORT,2,2\n{lower[0]},1,1",
                 "*STEP\n*STATIC",
-                *distributed(mesh.top(0.0, 1.0), TOP, 1.0),
+                *pressure_lines(mesh.top_elements(0.0, 1.0), TOP_FACE, 1.0),
                 "*NODE PRINT,NSET=SUPPORT\nRF\n*END STEP",
             ]
         )
 
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the reactions of the lower side, and their positions."""
+        (forces,) = read_tables(output, "forces")
+        x = [self.mesh.nodes[int(node) - 1][0] for node in forces[:, 0]]
+        return {"x": np.array(x), "reaction": forces[:, 2]}
+
 
 @dataclass(frozen=True)
 class Block:
-    """Section 7.2: block on a rigid surface, pressed from above and pulled at its right side.
+    """Block on a rigid surface, pressed from above and pulled at its right side (section 7.2).
 
-    Node-to-surface contact, with a fixed brick of its own below each node: what the brick
-    carries is the node's contact force, and the penalty is the same for all nodes. CalculiX
-    follows displacements; the loads are small, so that they do not count, and the forces are
-    scaled back: without gaps they are proportional to the loads.
+    Contact is node-to-surface, with a separate fixed brick below each node: the force on the brick
+    is the contact force of the node, and the penalty is the same for all nodes. CalculiX takes
+    displacements into account, so the loads are made small and the forces are scaled back: without
+    gaps they are proportional to the loads.
 
     Args:
-        element: CPS6 is CalculiX's plane stress, whose thickness strain is a field of its own.
-            CPE6 with the constants below is plane stress exactly.
-        thickness: of the block.
-        friction: Coulomb's mu, the same everywhere.
-        pull: traction on the right side over the pressure.
-        pressed: part of the upper side that the pressure acts on.
+        element: "CPS6" is CalculiX's plane stress, with an independent field of thickness strains.
+            "CPE6" with the constants of `_elastic_constants` is plane stress exactly.
+        thickness: Thickness of the block.
+        friction: Coulomb's coefficient, the same everywhere.
+        pull: Traction on the right side over the pressure.
+        pressed: Ends of the part of the upper side that the pressure acts on.
     """
 
     element: str = "CPE6"
@@ -141,64 +153,80 @@ class Block:
     modulus, ratio, pressure = 1000.0, 0.3, 200.0
     increments = 10
     scale = 1e-3
-    # Penalty and stick slope, per area of a brick's face; friction converges with no larger ones
+    # Penalty and stick slope, times the area of a brick's face; with larger ones friction does not
+    # converge
     penalty, stick_slope = 5e7, 1e6
-    # Tension of open nodes, per area, far below the contact pressure
+    # Tension at open nodes, far below the contact pressure
     tension = 1e-9
 
     @property
     def contact_nodes(self) -> list[int]:
         """Nodes of the lower side from left to right."""
-        return self.mesh.row(0)
+        return self.mesh.row_nodes(0)
 
-    def bricks(self) -> list[list[int]]:
-        """Nodes of the rigid brick below each contact node, its upper face last."""
+    def brick_nodes(self) -> list[list[int]]:
+        """Return the nodes of the brick below each contact node, its upper face last."""
         first = len(self.mesh.nodes) + 1
-        return [list(range(first + 8 * k, first + 8 * k + 8)) for k in range(self._count)]
+        return [list(range(first + 8 * k, first + 8 * k + 8)) for k in range(self._n_contact_nodes)]
 
     @property
-    def _count(self) -> int:
+    def _n_contact_nodes(self) -> int:
         return len(self.contact_nodes)
 
     def deck(self) -> str:
-        """The input file."""
-        mesh, middle = self.mesh, self.mesh.node(self.mesh.divisions[0], 0)
-        held = [] if self.friction else [f"{middle},1,1"]
-        return text(
+        """Return the input file."""
+        mesh, middle = self.mesh, self.mesh.node_number(self.mesh.divisions[0], 0)
+        side_support = [] if self.friction else [f"{middle},1,1"]
+        return join_lines(
             [
-                *mesh.body(self.element, *self._constants(), self.thickness),
-                *self._rigid(),
-                *self._contact(),
+                *mesh.body_lines(self.element, *self._elastic_constants(), self.thickness),
+                *self._brick_lines(),
+                *self._contact_lines(),
                 "*BOUNDARY\nRIGID,1,3",
-                *held,
-                *self._loads(),
+                *side_support,
+                *self._load_lines(),
                 "*NODE PRINT,NSET=RIGID\nRF\n*END STEP",
             ]
         )
 
-    def _constants(self) -> tuple[float, float]:
-        """Modulus and ratio that make the element's state the plane stress of the example."""
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the contact forces of the last increment, and the positions of their nodes.
+
+        The force of a node is the sum over the spatial nodes of its brick.
+        """
+        last_table = read_tables(output, "forces")[-1]
+        force = {int(line[0]): line[1:] for line in last_table}
+        sums = np.array([sum(force[node] for node in brick) for brick in self.brick_nodes()])
+        scaled = sums / (self.scale * self.thickness)
+        numbers = {"x": self._contact_positions(), "force_normal": scaled[:, 1]}
+        return numbers | ({"force_tangential": scaled[:, 0]} if self.friction else {})
+
+    def _contact_positions(self) -> Array:
+        return np.array([self.mesh.nodes[node - 1][0] for node in self.contact_nodes])
+
+    def _elastic_constants(self) -> tuple[float, float]:
+        """Return the modulus and Poisson's ratio with which the element is in plane stress."""
         nu = self.ratio
         if self.element == "CPS6":
             return self.modulus, nu
         return self.modulus * (1 + 2 * nu) / (1 + nu) ** 2, nu / (1 + nu)
 
-    def _rigid(self) -> list[str]:
-        reach = 2 * self.mesh.nodes[1][0]
-        places, elements = [], []
-        for k, (node, brick) in enumerate(zip(self.contact_nodes, self.bricks(), strict=True)):
+    def _brick_lines(self) -> list[str]:
+        half_width = 2 * self.mesh.nodes[1][0]
+        nodes, elements = [], []
+        for k, (node, brick) in enumerate(zip(self.contact_nodes, self.brick_nodes(), strict=True)):
             x, y = self.mesh.nodes[node - 1]
             corners = product((y - 1.0, y), ((-1, -1), (-1, 1), (1, 1), (1, -1)))
-            places += [
-                f"{number},{x + reach * a!r},{height!r},{float(b)!r}"
+            nodes += [
+                f"{number},{x + half_width * a!r},{height!r},{float(b)!r}"
                 for number, (height, (a, b)) in zip(brick, corners, strict=True)
             ]
-            elements.append(row([len(self.mesh.elements) + 1 + k, *brick]))
+            elements.append(join_numbers([len(self.mesh.elements) + 1 + k, *brick]))
         section = "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC"
         bricks = ["*ELEMENT,TYPE=C3D8,ELSET=BRICKS", *elements, section]
-        return ["*NODE,NSET=RIGID", *places, *bricks]
+        return ["*NODE,NSET=RIGID", *nodes, *bricks]
 
-    def _contact(self) -> list[str]:
+    def _contact_lines(self) -> list[str]:
         lines = []
         for k, node in enumerate(self.contact_nodes):
             lines += [
@@ -206,76 +234,101 @@ class Block:
                 f"*SURFACE,NAME=FACE{k}\n{len(self.mesh.elements) + 1 + k},S2",
                 f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE=NODE TO SURFACE\nNODE{k},FACE{k}",
             ]
-        lines += self._law(self.penalty)
+        lines += self._contact_law_lines(self.penalty)
         if self.friction:
             lines.append(f"*FRICTION\n{self.friction!r},{self.stick_slope!r}")
         return lines
 
-    def _law(self, penalty: float) -> list[str]:
+    def _contact_law_lines(self, penalty: float) -> list[str]:
         return [
             "*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR",
             f"{penalty!r},{self.tension!r}",
         ]
 
-    def _loads(self) -> list[str]:
-        """Pressure, then pull, in one step: a new step would relax the penetration of the last."""
+    def _load_lines(self) -> list[str]:
+        """Return pressure, then pull, in one step: a new one would relax the penetration."""
         pressure = self.scale * self.pressure
-        pressed = self.mesh.top(*self.pressed)
+        pressed = self.mesh.top_elements(*self.pressed)
         if not self.pull:
-            return ["*STEP\n*STATIC\n1.,1.", *distributed(pressed, TOP, pressure)]
+            return ["*STEP\n*STATIC\n1.,1.", *pressure_lines(pressed, TOP_FACE, pressure)]
         return [
             "*AMPLITUDE,NAME=PRESS\n0.,0.,1.,1.,2.,1.",
             "*AMPLITUDE,NAME=PULL\n0.,0.,1.,0.,2.,1.",
             f"*STEP\n*STATIC,DIRECT\n{1 / self.increments!r},2.",
-            *distributed(pressed, TOP, pressure, ",AMPLITUDE=PRESS"),
-            *distributed(self.mesh.right(), RIGHT, -self.pull * pressure, ",AMPLITUDE=PULL"),
+            *pressure_lines(pressed, TOP_FACE, pressure, ",AMPLITUDE=PRESS"),
+            *pressure_lines(
+                self.mesh.right_elements(), RIGHT_FACE, -self.pull * pressure, ",AMPLITUDE=PULL"
+            ),
         ]
 
 
 @dataclass(frozen=True)
 class NativePressure(Block):
-    """The block under even pressure, with contact as users set it up: whole lower side on a face.
+    """Block under even pressure with contact as users set it up: its lower side on one face.
 
-    What CalculiX calls the contact pressure of a node is its force over the area that the program
-    gives to it.
+    The contact pressure that CalculiX prints is the force of a node over an area of its choice.
     """
 
     penalty = 1e7
 
-    def _rigid(self) -> list[str]:
-        (x0, y), (x1, _) = (self.mesh.nodes[k - 1] for k in self.mesh.row(0)[:: self._count - 1])
+    def _brick_lines(self) -> list[str]:
+        (x0, y), (x1, _) = (
+            self.mesh.nodes[k - 1] for k in self.mesh.row_nodes(0)[:: self._n_contact_nodes - 1]
+        )
         corners = product(
             (y - 1.0, y), ((x0 - 1, -1.0), (x0 - 1, 1.0), (x1 + 1, 1.0), (x1 + 1, -1.0))
         )
-        brick = self.bricks()[0]
+        brick = self.brick_nodes()[0]
         return [
             "*NODE,NSET=RIGID",
             *(f"{k},{x!r},{y!r},{z!r}" for k, (y, (x, z)) in zip(brick, corners, strict=True)),
-            f"*ELEMENT,TYPE=C3D8,ELSET=BRICKS\n{row([len(self.mesh.elements) + 1, *brick])}",
+            "*ELEMENT,TYPE=C3D8,ELSET=BRICKS",
+            join_numbers([len(self.mesh.elements) + 1, *brick]),
             "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC",
         ]
 
-    def _contact(self) -> list[str]:
+    def _contact_lines(self) -> list[str]:
         return [
             "*SURFACE,NAME=LOWER",
-            *(f"{element},S{BOTTOM}" for element in self.mesh.bottom()),
+            *(f"{element},S{BOTTOM_FACE}" for element in self.mesh.bottom_elements()),
             f"*SURFACE,NAME=FACE\n{len(self.mesh.elements) + 1},S2",
             "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=NODE TO SURFACE\nLOWER,FACE",
-            *self._law(self.penalty),
+            *self._contact_law_lines(self.penalty),
         ]
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         return super().deck().replace("*END STEP", "*CONTACT PRINT\nCSTR\n*END STEP")
+
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the contact pressures, each the mean over the spatial nodes of a plane node.
+
+        CalculiX numbers its spatial nodes in threes, in the order of the plane nodes; a corner has
+        three of them, a mid-side node the outer two.
+
+        Raises:
+            CalculixError: If there are other numbers of spatial nodes.
+        """
+        (spatial,) = read_tables(output, "contact stress")
+        number = spatial[:, 0].astype(int)
+        plane_node = (number - number.min()) // 3
+        counts = np.bincount(plane_node)
+        expected = np.where(np.arange(len(self.contact_nodes)) % 2 == 0, 3, 2)
+        if not np.array_equal(counts, expected):
+            raise CalculixError(
+                f"contact nodes have {counts.tolist()} spatial nodes, expected 3, 2, 3, 2, ... 3"
+            )
+        pressure = np.bincount(plane_node, spatial[:, 1]) / counts / self.scale
+        return {"x": self._contact_positions(), "pressure": pressure.astype(np.float64)}
 
 
 @dataclass(frozen=True)
 class HalfBeam:
-    """Section 7.6: half beam under uniform load, v = 0 on the whole end face.
+    """Half beam under uniform load, v = 0 on the whole end face (section 7.6).
 
     Args:
-        divisions: squares along and across.
-        mode: 1 with the symmetric supports, 2 with the antisymmetric ones.
+        divisions: Numbers of squares along and across the beam.
+        mode: 1 with symmetric supports, 2 with antisymmetric ones.
     """
 
     divisions: tuple[int, int]
@@ -288,24 +341,24 @@ class HalfBeam:
 
     @property
     def mesh(self) -> TrianglePairs:
-        """Half of the beam, its end face left."""
+        """Mesh of half of the beam, whose end face is on the left."""
         y = self.height / 2
         return TrianglePairs((0.0, -y), (self.length / 2, y), self.divisions)
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         mesh, (nx, ny) = self.mesh, self.divisions
-        middle = mesh.column(2 * nx)
-        supports = [(k, 2) for k in mesh.column(0)]
-        loads = distributed(mesh.left(), LEFT, self.stress)
+        middle = mesh.column_nodes(2 * nx)
+        supports = [(k, 2) for k in mesh.column_nodes(0)]
+        loads = pressure_lines(mesh.left_elements(), LEFT_FACE, self.stress)
         if self.mode == 1:
             supports += [(k, 1) for k in middle]
         else:
             supports += [(middle[ny], 1), *((k, 2) for k in middle)]
-            loads += distributed(mesh.right(), RIGHT, self.stress)
-        return text(
+            loads += pressure_lines(mesh.right_elements(), RIGHT_FACE, self.stress)
+        return join_lines(
             [
-                *mesh.body("CPS6", self.modulus, self.ratio, self.thickness),
+                *mesh.body_lines("CPS6", self.modulus, self.ratio, self.thickness),
                 "*BOUNDARY",
                 *(f"{node},{axis},{axis}" for node, axis in supports),
                 "*STEP\n*BUCKLE\n1,1e-8",
@@ -314,17 +367,29 @@ class HalfBeam:
             ]
         )
 
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the critical stress."""
+        (factors,) = read_tables(output, "FACTOR")
+        return {"critical_stress": self.stress * factors[:, 1]}
 
-def distributed(elements: list[int], face: int, size: float, parameters: str = "") -> list[str]:
-    """Lines of a pressure on one and the same face of some elements."""
-    return [f"*DLOAD{parameters}", *(f"{element},P{face},{size!r}" for element in elements)]
+
+def pressure_lines(
+    elements: list[int], face: int, pressure: float, parameters: str = ""
+) -> list[str]:
+    """Return the lines of a pressure on the same face of some elements."""
+    return [f"*DLOAD{parameters}", *(f"{element},P{face},{pressure!r}" for element in elements)]
 
 
-def row(numbers: Iterable[float]) -> str:
-    """One line of numbers."""
+def join_numbers(numbers: Iterable[float]) -> str:
+    """Return one line of numbers."""
     return ",".join(map(str, numbers))
 
 
-def text(lines: list[str]) -> str:
-    """The lines as a file."""
+def join_lines(lines: list[str]) -> str:
+    """Return the lines as the text of a file."""
     return "\n".join(lines) + "\n"
+
+
+def round_to_12_digits(number: float) -> float:
+    """Return a number with 12 digits, which fits in the 20 characters that CalculiX reads."""
+    return float(f"{number:.12g}")

@@ -1,7 +1,8 @@
-"""CalculiX' parabolic die slid over a block, as in section V17; needs no DOLFINx.
+"""CalculiX deck of a parabolic die that slides over a block, as in section V17.
 
-Both bodies have the energy of `study.solutions.calculix.cylinder`, and CPE6 elements on the meshes
-of the section. Contact is of faces, by a penalty, the die's being the slave's.
+Needs no DOLFINx. Both bodies have the energy of `study.solutions.calculix.cylinder`, and CPE6
+elements on the meshes of the section. Contact is surface-to-surface, by a penalty; the die is the
+slave.
 """
 
 from collections.abc import Iterator
@@ -11,63 +12,69 @@ from functools import cached_property
 import numpy as np
 
 from study.meshes.mesh_lines import growing
-from study.solutions.calculix.cylinder import BULK
-from study.solutions.calculix.decks import row, text
+from study.solutions.calculix.cylinder import BULK_MODULUS
+from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
 from study.solutions.calculix.grids import Grid
-from study.solutions.calculix.printed import Array, tables
+from study.solutions.calculix.output import Array, read_tables
 
-# Lengths over the die's width, which is one, stresses over the shear modulus.
-# First distance of the bodies, curvature of the die, and its ways
+# Lengths are relative to the die's width, stresses to the shear modulus.
+# Initial gap, curvature and indentation of the die
 GAP, CURVATURE, DEPTH, FRICTION = 0.01, 1.2, 0.15, 0.3
-ELEMENTS = 10  # of the die, that it slides over
-PRESSED, SLID = 4, 16  # increments
-BLOCK, DIE = (-1.0, 2.0), (-0.5, 0.5)
-GROWTH = 1.4  # of elements, away from the contact
+SLIDING_ELEMENTS = 10  # length of sliding, in elements of the die
+N_PRESSING_INCREMENTS, N_SLIDING_INCREMENTS = 4, 16  # numbers of increments
+BLOCK_ENDS, DIE_ENDS = (-1.0, 2.0), (-0.5, 0.5)
+SIZE_RATIO = 1.4  # of neighbouring elements, away from the contact
 
 
-def lines(own: int, opposite: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Lines across and upwards of block and die, with so many elements per width at the contact."""
+def mesh_lines(
+    die_elements: int, block_elements: int
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return mesh lines (x, y) of block and die, from numbers of elements per width at contact."""
     block, die = (
         np.linspace(*ends, round((ends[1] - ends[0]) * n) + 1, dtype=np.float64)
-        for ends, n in ((BLOCK, opposite), (DIE, own))
+        for ends, n in ((BLOCK_ENDS, block_elements), (DIE_ENDS, die_elements))
     )
-    below, above = (growing(1 / n, 1.0, GROWTH) for n in (opposite, own))
+    below, above = (growing(1 / n, 1.0, SIZE_RATIO) for n in (block_elements, die_elements))
     return (block, -below[::-1]), (die, above)
 
 
-# Ends of increments; the die is down at 1 and at its other end at 2. CalculiX goes half of the way
-TIMES = [
-    *((k + 1) / PRESSED for k in range(PRESSED)),
-    *(1 + (k + 1) / SLID for k in range(SLID)),
+# Times of the ends of increments: at 1 the die is down, at 2 it has slid. CalculiX stops half way
+INCREMENT_ENDS = [
+    *((k + 1) / N_PRESSING_INCREMENTS for k in range(N_PRESSING_INCREMENTS)),
+    *(1 + (k + 1) / N_SLIDING_INCREMENTS for k in range(N_SLIDING_INCREMENTS)),
 ]
-HALF = PRESSED + SLID // 2
+N_CALCULIX_INCREMENTS = N_PRESSING_INCREMENTS + N_SLIDING_INCREMENTS // 2
 
 
-def shaped(x: Array) -> Array:
-    """Places (n, 2 or 3) of the die, a rectangle between y = 0 and 1 at first."""
+def shape_die(x: Array) -> Array:
+    """Return the points (n, 2 or 3) of the die from those of a rectangle between y = 0 and 1."""
     low = GAP + CURVATURE * x[:, 0] ** 2 / 2
     return np.column_stack([x[:, 0], low + x[:, 1] * (1 - low), x[:, 2:]])
 
 
 @dataclass(frozen=True)
-class Die:
-    """The die pressed, then slid.
+class DieOnBlock:
+    """Die that is pressed into the block, then slides over it.
 
     Args:
-        own, opposite: elements of die and block per width.
-        penalty: pressure over penetration, in shear moduli over widths.
+        die_elements: Number of the die's elements per width.
+        block_elements: Number of the block's elements per width.
+        penalty: Pressure over penetration, in shear moduli over widths.
     """
 
-    own: int
-    opposite: int
+    die_elements: int
+    block_elements: int
     penalty: float = 1e3
 
     stick_slope = 1e2  # shear traction over slip
 
     @cached_property
     def grids(self) -> tuple[Grid, Grid]:
-        """Lattices of block and die."""
-        block, die = (tuple(len(x) - 1 for x in body) for body in lines(self.own, self.opposite))
+        """Meshes of block and die, in steps of mesh lines."""
+        block, die = (
+            tuple(len(x) - 1 for x in body)
+            for body in mesh_lines(self.die_elements, self.block_elements)
+        )
         lower, upper = (
             Grid("T6", (0.0, 0.0), (float(n), float(m)), (n, m)) for n, m in (block, die)
         )
@@ -75,37 +82,45 @@ class Die:
 
     @property
     def nodes(self) -> Iterator[tuple[float, float]]:
-        """Places, the block's first."""
-        for grid, (x, y), moved in zip(
-            self.grids, lines(self.own, self.opposite), (lambda x: x, shaped), strict=True
+        """Coordinates of the nodes, those of the block first."""
+        for grid, (x, y), shape in zip(
+            self.grids,
+            mesh_lines(self.die_elements, self.block_elements),
+            (lambda x: x, shape_die),
+            strict=True,
         ):
-            i, j = np.array(grid.places).T
-            at = np.interp(i, np.arange(len(x)), x), np.interp(j, np.arange(len(y)), y)
-            for place in moved(np.column_stack(at)):
-                yield float(place[0]), float(place[1])
+            i, j = np.array(grid.straight_nodes).T
+            xy = np.interp(i, np.arange(len(x)), x), np.interp(j, np.arange(len(y)), y)
+            for point in shape(np.column_stack(xy)):
+                yield float(point[0]), float(point[1])
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         block, die = self.grids
-        first, begun = len(block.places), len(block.elements)
-        upper, width = block.upper[1], die.upper[1]
-        slave = die.faces_where(lambda p: p[1] == 0)
-        master = block.faces_where(lambda p: p[1] == upper)
-        every = [*block.elements, *([k + first for k in cell] for cell in die.elements)]
-        return text(
+        n_block_nodes, n_block_elements = len(block.straight_nodes), len(block.elements)
+        block_top, die_top = block.upper[1], die.upper[1]
+        slave = die.find_faces(lambda p: p[1] == 0)
+        master = block.find_faces(lambda p: p[1] == block_top)
+        elements = [*block.elements, *([k + n_block_nodes for k in cell] for cell in die.elements)]
+        sliding_distance = round_to_12_digits(SLIDING_ELEMENTS / self.die_elements)
+        return join_lines(
             [
                 "*NODE,NSET=ALL",
-                *(row([k, *map(_short, (*p, 0.0))]) for k, p in enumerate(self.nodes, start=1)),
+                *(
+                    join_numbers([k, *map(round_to_12_digits, (*p, 0.0))])
+                    for k, p in enumerate(self.nodes, start=1)
+                ),
                 "*ELEMENT,TYPE=CPE6,ELSET=BODIES",
-                *(row([k, *cell]) for k, cell in enumerate(every, start=1)),
-                f"*MATERIAL,NAME=RUBBER\n*HYPERELASTIC,NEO HOOKE\n.5,{_short(2 / BULK)}",
+                *(join_numbers([k, *cell]) for k, cell in enumerate(elements, start=1)),
+                "*MATERIAL,NAME=RUBBER\n*HYPERELASTIC,NEO HOOKE",
+                f".5,{round_to_12_digits(2 / BULK_MODULUS)}",
                 "*SOLID SECTION,ELSET=BODIES,MATERIAL=RUBBER\n1.",
                 "*NSET,NSET=BASE",
-                *(str(node) for node in block.nodes_where(lambda p: p[1] == 0)),
+                *(str(node) for node in block.find_nodes(lambda p: p[1] == 0)),
                 "*NSET,NSET=TOP",
-                *(str(first + node) for node in die.nodes_where(lambda p: p[1] == width)),
+                *(str(n_block_nodes + node) for node in die.find_nodes(lambda p: p[1] == die_top)),
                 "*SURFACE,NAME=SLAVE",
-                *(f"{begun + k},S{face}" for k, face in slave),
+                *(f"{n_block_elements + k},S{face}" for k, face in slave),
                 "*SURFACE,NAME=MASTER",
                 *(f"{k},S{face}" for k, face in master),
                 "*SURFACE INTERACTION,NAME=TOUCH",
@@ -114,9 +129,9 @@ class Die:
                 f"*FRICTION\n{FRICTION},{self.stick_slope}",
                 "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nSLAVE,MASTER",
                 f"*AMPLITUDE,NAME=DOWN\n0.,0.,1.,{-DEPTH},2.,{-DEPTH}",
-                f"*AMPLITUDE,NAME=ASIDE\n0.,0.,1.,0.,2.,{_short(ELEMENTS / self.own)}",
+                f"*AMPLITUDE,NAME=ASIDE\n0.,0.,1.,0.,2.,{sliding_distance}",
                 "*TIME POINTS,NAME=PRINTED",
-                *(str(time) for time in TIMES[:HALF]),
+                *(str(time) for time in INCREMENT_ENDS[:N_CALCULIX_INCREMENTS]),
                 "*STEP,NLGEOM,INC=1000\n*STATIC\n.05,1.5,1e-6,.05",
                 "*BOUNDARY\nBASE,1,2",
                 "*BOUNDARY,AMPLITUDE=DOWN\nTOP,2,2,1.",
@@ -125,14 +140,13 @@ class Die:
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """Forces on the die's top at the ends of increments."""
-        forces = np.concatenate(tables(printed, "total force"))
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the forces on the die's top at the ends of increments."""
+        forces = np.concatenate(read_tables(output, "total force"))
         return {"N": -forces[:, 1], "T": forces[:, 0]}
 
 
-def _short(number: float) -> float:
-    return float(f"{number:.12g}")
-
-
-DIES = {f"die-{own}-{opposite}": Die(own, opposite) for own, opposite in ((8, 6),)}
+DIES = {
+    f"die-{die_elements}-{block_elements}": DieOnBlock(die_elements, block_elements)
+    for die_elements, block_elements in ((8, 6),)
+}

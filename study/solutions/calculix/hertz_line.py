@@ -1,7 +1,8 @@
-"""CalculiX' Hertz line contact with the edges of section Q: its own pressure; needs no DOLFINx.
+"""CalculiX deck of the Hertz line contact of section Q, for the pressure that CalculiX prints.
 
-The surface of the body is the parabola and the rigid one is flat: a brick's face, held. Contact is
-of faces, by a penalty; the manual does not recommend its contact of nodes for quadratic elements.
+Needs no DOLFINx. The body has a parabolic surface, and the rigid surface is flat: the face of a
+fixed brick. Contact is surface-to-surface, by a penalty; for quadratic elements the manual does not
+recommend node-to-surface contact.
 """
 
 from collections.abc import Iterator
@@ -12,96 +13,101 @@ import numpy as np
 import numpy.typing as npt
 
 from study.meshes.mesh_lines import growing
-from study.solutions.calculix.decks import row, text
+from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
 from study.solutions.calculix.grids import Grid
-from study.solutions.calculix.printed import Array, fields
+from study.solutions.calculix.output import Array, read_node_values
 from study.solutions.half_space import Elastic, HertzLine
 
-PENALTIES = 1, 10, 100  # times h/E
-RADIUS, ZONE, OUTER, GROWTH = 1e5, 1.3, 5.0, 1.3
+PENALTIES = 1, 10, 100
+"""Pressure over penetration, times h/E."""
+RADIUS, MIN_FINE_WIDTH, BODY_SIZE, SIZE_RATIO = 1e5, 1.3, 5.0, 1.3
 
 
 @dataclass(frozen=True)
-class Line:
-    """Half of the half plane, CPE6 elements.
+class HertzLineProblem:
+    """Line contact of one half of a symmetric half plane, CPE6 elements.
 
     Args:
-        edges: over the half width.
-        offset: where in the next edge contact ends.
-        penalty: pressure over penetration, times h/E.
+        edges: Number of edges within the half width of the contact.
+        offset: Position of the end of contact in the next edge, from 0 to 1.
+        penalty: Pressure over penetration, times h/E.
     """
 
     edges: int
     offset: float
     penalty: float
 
-    written = ".frd"
+    output_suffix = ".frd"
 
     @property
-    def known(self) -> HertzLine:
-        """Half width 1, E 1."""
+    def exact_solution(self) -> HertzLine:
+        """Hertz' solution with half width 1 and E = 1."""
         body = Elastic(1.0, 0.3)
         return HertzLine(body, RADIUS, np.pi * body.plane_modulus / (4 * RADIUS))
 
     @property
-    def size(self) -> float:
-        """Length of an edge."""
+    def edge_length(self) -> float:
+        """Length of an edge in the contact."""
         return 1 / (self.edges + self.offset)
 
     @cached_property
-    def lines(self) -> tuple[Array, Array]:
-        """Mesh lines across and from below."""
-        near = self.size * np.arange(np.ceil(ZONE / self.size) + 1)
-        far = near[-1] + growing(self.size, OUTER - near[-1], GROWTH)[1:]
-        return np.concatenate([near, far]), -growing(self.size, OUTER, GROWTH)[::-1]
+    def mesh_lines(self) -> tuple[Array, Array]:
+        """Mesh lines: x, and y from below."""
+        near = self.edge_length * np.arange(np.ceil(MIN_FINE_WIDTH / self.edge_length) + 1)
+        far = near[-1] + growing(self.edge_length, BODY_SIZE - near[-1], SIZE_RATIO)[1:]
+        return np.concatenate([near, far]), -growing(self.edge_length, BODY_SIZE, SIZE_RATIO)[::-1]
 
     @cached_property
     def grid(self) -> Grid:
-        """Its lattice."""
-        x, y = (len(lines) - 1 for lines in self.lines)
+        """Mesh of the body, in steps of mesh lines."""
+        x, y = (len(lines) - 1 for lines in self.mesh_lines)
         return Grid("T6", (0.0, 0.0), (float(x), float(y)), (x, y))
 
     @cached_property
     def nodes(self) -> Array:
-        """Places (n, 2) before the surface is curved."""
-        lattice = np.array(self.grid.places)
+        """Coordinates (n, 2) of the nodes before the surface is curved."""
+        indices = np.array(self.grid.straight_nodes)
         columns = [
-            np.interp(at, np.arange(len(lines)), lines)
-            for at, lines in zip(lattice.T, self.lines, strict=True)
+            np.interp(index, np.arange(len(lines)), lines)
+            for index, lines in zip(indices.T, self.mesh_lines, strict=True)
         ]
         return np.column_stack(columns)
 
     @property
-    def slave(self) -> npt.NDArray[np.int64]:
-        """Numbers of the nodes that may touch, from the middle outwards."""
+    def slave_nodes(self) -> npt.NDArray[np.int64]:
+        """Nodes that may come into contact, from the middle outwards."""
         x, y = self.nodes.T
-        found = np.flatnonzero(np.isclose(y, 0.0) & (x < self._zone + 1e-9))
-        return found[np.argsort(x[found])] + 1
+        index = np.flatnonzero(np.isclose(y, 0.0) & (x < self._fine_width + 1e-9))
+        return index[np.argsort(x[index])] + 1
 
     @property
-    def _zone(self) -> float:
-        return float(self.size * np.ceil(ZONE / self.size))
+    def _fine_width(self) -> float:
+        """Width with edges of one size."""
+        return float(self.edge_length * np.ceil(MIN_FINE_WIDTH / self.edge_length))
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         x, y = self.nodes.T
-        placed = np.column_stack([x, y - np.isclose(y, 0.0) * x**2 / (2 * RADIUS)])
-        top, columns = self.grid.upper[1], round(self._zone / self.size)
-        sides = self.grid.faces_where(lambda p: p[1] == top and p[0] <= columns)
+        curved = np.column_stack([x, y - np.isclose(y, 0.0) * x**2 / (2 * RADIUS)])
+        top, columns = self.grid.upper[1], round(self._fine_width / self.edge_length)
+        sides = self.grid.find_faces(lambda p: p[1] == top and p[0] <= columns)
         first, element = len(x) + 1, len(self.grid.elements) + 1
-        low, high = -1.0, self._zone + 1.0
+        low, high = -1.0, self._fine_width + 1.0
         corners = [(low, -1), (low, 1), (high, 1), (high, -1)]
         brick = [(a, height, b) for height in (0.0, 1.0) for a, b in corners]
-        return text(
+        return join_lines(
             [
                 "*NODE,NSET=ALL",
-                *(row([k, *map(_short, (*p, 0.0))]) for k, p in enumerate(placed, start=1)),
+                *(
+                    join_numbers([k, *map(round_to_12_digits, (*p, 0.0))])
+                    for k, p in enumerate(curved, start=1)
+                ),
                 "*NODE,NSET=RIGID",
-                *(row([first + k, *p]) for k, p in enumerate(brick)),
+                *(join_numbers([first + k, *p]) for k, p in enumerate(brick)),
                 "*ELEMENT,TYPE=CPE6,ELSET=BODY",
-                *(row([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
+                *(join_numbers([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
                 "*ELEMENT,TYPE=C3D8,ELSET=BRICK",
-                row([element, *range(first, first + 8)]),
+                join_numbers([element, *range(first, first + 8)]),
                 "*MATERIAL,NAME=ELASTIC\n*ELASTIC\n1.,.3",
                 "*SOLID SECTION,ELSET=BODY,MATERIAL=ELASTIC\n1.",
                 "*SOLID SECTION,ELSET=BRICK,MATERIAL=ELASTIC",
@@ -110,40 +116,38 @@ class Line:
                 f"*SURFACE,NAME=MASTER\n{element},S1",
                 "*SURFACE INTERACTION,NAME=TOUCH",
                 "*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR",
-                f"{_short(self.penalty / self.size)},1e-15",
+                f"{round_to_12_digits(self.penalty / self.edge_length)},1e-15",
                 "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nSLAVE,MASTER",
                 "*STEP\n*STATIC\n1.,1.\n*BOUNDARY",
                 "RIGID,1,1,0.\nRIGID,3,3,0.",
-                f"RIGID,2,2,{_short(-self.known.approach)}",
-                *self._held(),
+                f"RIGID,2,2,{round_to_12_digits(-self.exact_solution.approach)}",
+                *self._support_lines(),
                 "*NODE FILE,OUTPUT=2D\nU\n*CONTACT FILE\nCDIS,CSTR\n*END STEP",
             ]
         )
 
-    def _held(self) -> Iterator[str]:
+    def _support_lines(self) -> Iterator[str]:
         x, y = self.nodes.T
-        far = np.isclose(x, OUTER) | np.isclose(y, -OUTER)
-        field = self.known.displacement(self.nodes[far])
-        field[x[far] == 0, 0] = 0.0
-        for place, k in enumerate(np.flatnonzero(far)):
+        far = np.isclose(x, BODY_SIZE) | np.isclose(y, -BODY_SIZE)
+        displacement = self.exact_solution.displacement(self.nodes[far])
+        displacement[x[far] == 0, 0] = 0.0
+        for i, k in enumerate(np.flatnonzero(far)):
             for axis in (0, 1):
-                moved = _short(float(field[place, axis]))
-                yield row([int(k) + 1, axis + 1, axis + 1, moved])
-        yield from (row([int(k), 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1)
+                component = round_to_12_digits(float(displacement[i, axis]))
+                yield join_numbers([int(k) + 1, axis + 1, axis + 1, component])
+        yield from (
+            join_numbers([int(k), 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1
+        )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """Places of the slave's nodes and CalculiX' pressures there, over Hertz' peak."""
-        contact = fields(printed)["CONTACT"]
-        pressure = np.array([contact[k][3] for k in self.slave]) / self.known.peak
-        return {"x": self.nodes[self.slave - 1, 0], "pressure": pressure}
-
-
-def _short(number: float) -> float:
-    return float(f"{number:.12g}")
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return positions of the slave nodes, and the pressures there over Hertz' peak."""
+        contact = read_node_values(output)["CONTACT"]
+        pressure = np.array([contact[k][3] for k in self.slave_nodes]) / self.exact_solution.peak
+        return {"x": self.nodes[self.slave_nodes - 1, 0], "pressure": pressure}
 
 
-LINES = {
-    f"hertz-line-{n}-{offset}-{penalty}": Line(n, offset, float(penalty))
+HERTZ_LINES = {
+    f"hertz-line-{n}-{offset}-{penalty}": HertzLineProblem(n, offset, float(penalty))
     for n in (4, 8, 16)
     for offset in (0.375, 0.875)
     for penalty in PENALTIES

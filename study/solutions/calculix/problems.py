@@ -1,13 +1,23 @@
-"""All problems that CalculiX has solved, by the names of their tracked files."""
+"""All problems that CalculiX solves for the study."""
 
-from study.solutions.calculix.cylinder import CYLINDERS, Cylinder
+from study.solutions.calculix.cylinder import CYLINDERS, CylinderOnRubber
 from study.solutions.calculix.decks import Block, HalfBeam, NativePressure, TwoTriangles
-from study.solutions.calculix.die import DIES, Die
-from study.solutions.calculix.hertz_line import LINES, Line
+from study.solutions.calculix.die import DIES, DieOnBlock
+from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineProblem
 from study.solutions.calculix.standard_decks import SPECIMENS, AnySpecimen
-from study.solutions.calculix.two_bodies import PAIRS, Blocks, Spheres
+from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks, TouchingSpheres
 
-Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line | Cylinder | Die
+Problem = (
+    TwoTriangles
+    | Block
+    | HalfBeam
+    | AnySpecimen
+    | StackedBlocks
+    | TouchingSpheres
+    | HertzLineProblem
+    | CylinderOnRubber
+    | DieOnBlock
+)
 
 PROBLEMS: dict[str, Problem] = {
     "two-triangles": TwoTriangles(),
@@ -26,7 +36,8 @@ PROBLEMS: dict[str, Problem] = {
     },
     **SPECIMENS,
     **PAIRS,
-    **LINES,
+    **HERTZ_LINES,
     **CYLINDERS,
     **DIES,
 }
+"""Problems by the names of their recorded answers."""

@@ -1,6 +1,6 @@
-"""Decks that set CalculiX's elements beside the standard ones: four kinds of problems.
+"""CalculiX decks for the comparison of its elements with the standard ones.
 
-They are linear (contact aside), so that units and sizes of loads do not count.
+The problems are linear apart from contact, so units and sizes of loads do not matter.
 """
 
 from collections.abc import Iterable
@@ -9,21 +9,21 @@ from itertools import product
 
 import numpy as np
 
-from study.solutions.calculix.decks import row, text
-from study.solutions.calculix.grids import Grid, Where
-from study.solutions.calculix.printed import Array, tables
+from study.solutions.calculix.decks import join_lines, join_numbers
+from study.solutions.calculix.grids import Grid, PointMarker
+from study.solutions.calculix.output import Array, read_tables
 
-# CalculiX computes a sector of two degrees of an axisymmetric body
-SECTORS = 180
+N_SECTORS = 180
+"""Number of sectors of an axisymmetric body, of which CalculiX computes one: two degrees."""
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """A body of one material.
+    """Body of one material.
 
     Args:
-        element: CalculiX's name, like CAX6.
-        grid: its mesh.
+        element: Name of the element in CalculiX, such as "CAX6".
+        grid: The mesh.
     """
 
     element: str
@@ -34,12 +34,12 @@ class Specimen:
 
     @property
     def dimension(self) -> int:
-        """Of the mesh."""
+        """Dimension of the mesh."""
         return len(self.grid.lower)
 
     @property
-    def up(self) -> int:
-        """Axis that points upwards: that of symmetry, or the last one."""
+    def vertical_axis(self) -> int:
+        """Axis that points upwards: the axis of symmetry, or the last one."""
         return self.dimension - 1
 
     @property
@@ -47,119 +47,126 @@ class Specimen:
         """Whether the mesh is half of a section along the axis x = 0."""
         return self.element.startswith("CAX")
 
-    def on(self, axis: int, value: float) -> Where:
-        """Marker of a plane across an axis."""
+    def is_on_plane(self, axis: int, value: float) -> PointMarker:
+        """Return a marker of a plane across an axis."""
         return lambda x: abs(x[axis] - value) < 1e-9
 
     @property
-    def bottom(self) -> Where:
+    def is_at_bottom(self) -> PointMarker:
         """Marker of the lower side."""
-        return self.on(self.up, self.grid.lower[self.up])
+        return self.is_on_plane(self.vertical_axis, self.grid.lower[self.vertical_axis])
 
     @property
-    def top(self) -> Where:
+    def is_at_top(self) -> PointMarker:
         """Marker of the upper side."""
-        return self.on(self.up, self.grid.upper[self.up])
+        return self.is_on_plane(self.vertical_axis, self.grid.upper[self.vertical_axis])
 
-    def body(self) -> list[str]:
-        """Lines of nodes, elements, material and section."""
+    def body_lines(self) -> list[str]:
+        """Return the lines of nodes, elements, material and section."""
         plane = (0.0,) * (3 - self.dimension)
         return [
             "*NODE,NSET=ALL",
-            *(f"{k},{digits((*x, *plane))}" for k, x in enumerate(self.grid.nodes, start=1)),
+            *(f"{k},{join_rounded((*x, *plane))}" for k, x in enumerate(self.grid.nodes, start=1)),
             f"*ELEMENT,TYPE={self.element},ELSET=BODY",
-            *(row([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
+            *(join_numbers([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
             f"*MATERIAL,NAME=ELASTIC\n*ELASTIC\n{self.modulus!r},{self.ratio!r}",
             f"*DENSITY\n{self.density!r}",
             "*SOLID SECTION,ELSET=BODY,MATERIAL=ELASTIC",
             *([repr(self.thickness)] if self.element.startswith("CP") else []),
         ]
 
-    def held(self, where: Where, axes: range, value: float = 0.0) -> list[str]:
-        """Lines of prescribed displacements."""
-        nodes = self.grid.nodes_where(where)
+    def support_lines(self, is_marked: PointMarker, axes: range, value: float = 0.0) -> list[str]:
+        """Return the lines of prescribed displacements."""
+        nodes = self.grid.find_nodes(is_marked)
         return [f"{node},{axis + 1},{axis + 1},{value!r}" for node in nodes for axis in axes]
 
-    def pressed(self, where: Where, size: float, parameters: str = "") -> list[str]:
-        """Lines of a pressure on the faces at all corners of which a marker holds."""
-        faces = self.grid.faces_where(where)
-        return [f"*DLOAD{parameters}", *(f"{k},P{face},{digits([size])}" for k, face in faces)]
+    def pressure_lines(
+        self, is_marked: PointMarker, pressure: float, parameters: str = ""
+    ) -> list[str]:
+        """Return the lines of a pressure on the faces at whose corners a marker is true."""
+        faces = self.grid.find_faces(is_marked)
+        return [
+            f"*DLOAD{parameters}",
+            *(f"{k},P{face},{join_rounded([pressure])}" for k, face in faces),
+        ]
 
 
 @dataclass(frozen=True)
-class Compressed(Specimen):
-    """Held at the bottom, where reactions are read; the top is moved down and held sideways."""
+class CompressedBody(Specimen):
+    """Body fixed at the bottom; the top is moved down and held sideways."""
 
     depth = 0.01
 
     def deck(self) -> str:
-        """The input file."""
-        every = range(self.dimension)
-        return text(
+        """Return the input file."""
+        all_axes = range(self.dimension)
+        return join_lines(
             [
-                *self.body(),
-                f"*NSET,NSET=SUPPORT\n{lines(self.grid.nodes_where(self.bottom))}",
+                *self.body_lines(),
+                f"*NSET,NSET=SUPPORT\n{join_node_numbers(self.grid.find_nodes(self.is_at_bottom))}",
                 "*BOUNDARY",
-                *self.held(self.bottom, every),
-                *self.held(self.top, range(self.up)),
+                *self.support_lines(self.is_at_bottom, all_axes),
+                *self.support_lines(self.is_at_top, range(self.vertical_axis)),
                 "*STEP\n*STATIC\n*BOUNDARY",
-                *self.held(self.top, range(self.up, self.dimension), -self.depth),
+                *self.support_lines(
+                    self.is_at_top, range(self.vertical_axis, self.dimension), -self.depth
+                ),
                 "*NODE PRINT,NSET=ALL\nU\n*NODE PRINT,NSET=SUPPORT\nRF\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """Displacements of all nodes, and reactions of the bottom."""
-        (moved,), (force,) = tables(printed, "displacements"), tables(printed, "forces")
-        last = self.dimension + 1
-        displacement, reaction = moved[:, 1:last], force[:, 1:last]
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return displacements of all nodes, and reactions of the bottom."""
+        (motions,), (forces,) = read_tables(output, "displacements"), read_tables(output, "forces")
+        end = self.dimension + 1
+        displacement, reaction = motions[:, 1:end], forces[:, 1:end]
         if self.is_axisymmetric:
-            displacement[:, 0] /= self._printed_radially()
-            reaction = SECTORS * reaction[:, 1:]  # radial ones hold the sides of the sector too
+            displacement[:, 0] /= self._radial_output_factors()
+            reaction = N_SECTORS * reaction[:, 1:]  # radial ones support the sector's sides, too
         return {"displacement": displacement.ravel(), "reaction": reaction.ravel()}
 
-    def _printed_radially(self) -> Array:
-        """Parts of radial displacements that CalculiX prints as those of plane nodes.
+    def _radial_output_factors(self) -> Array:
+        """Return the radial displacements that CalculiX prints over the true ones, at the nodes.
 
-        They are means of the x components of the spatial nodes: of two, one degree beside the
-        plane, at mid-side nodes (but for the curvature of the side's displacement); of these and
-        of the one between, which counts four times, at corners.
+        CalculiX prints means of the x components at spatial nodes: at mid-side nodes of two nodes,
+        one degree beside the plane (apart from the curvature of the side's displacement); at
+        corners of these and of the node between, which has four times their weight.
         """
-        beside = np.cos(np.pi / SECTORS)
-        parts = np.full(len(self.grid.nodes), beside)
-        parts[np.array(self.grid.corners) - 1] = (4 + 2 * beside) / 6
-        return parts
+        cosine = np.cos(np.pi / N_SECTORS)
+        factors = np.full(len(self.grid.nodes), cosine)
+        factors[np.array(self.grid.corner_nodes) - 1] = (4 + 2 * cosine) / 6
+        return factors
 
 
 @dataclass(frozen=True)
-class Vibrating(Specimen):
-    """Held at the bottom: lowest squares of angular frequencies."""
+class VibratingBody(Specimen):
+    """Body fixed at the bottom: squares of the lowest angular frequencies."""
 
     count = 6
 
     def deck(self) -> str:
-        """The input file."""
-        return text(
+        """Return the input file."""
+        return join_lines(
             [
-                *self.body(),
+                *self.body_lines(),
                 "*BOUNDARY",
-                *self.held(self.bottom, range(self.dimension)),
+                *self.support_lines(self.is_at_bottom, range(self.dimension)),
                 f"*STEP\n*FREQUENCY\n{self.count}\n*NODE FILE\nU\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """The squares."""
-        (rows,) = tables(printed, "(RAD/TIME)")
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the squares of the angular frequencies."""
+        (rows,) = read_tables(output, "(RAD/TIME)")
         return {"eigenvalue": rows[:, 1]}
 
 
 @dataclass(frozen=True)
-class Buckling(Specimen):
-    """Plane column, held at the bottom and pressed on the top: buckling pressures.
+class BucklingColumn(Specimen):
+    """Plane column, fixed at the bottom and pressed on the top: buckling pressures.
 
     Args:
-        thickness: of the column; the pressures do not depend on it.
+        thickness: Thickness of the column; exact pressures do not depend on it.
     """
 
     thickness: float = 1.0
@@ -167,35 +174,35 @@ class Buckling(Specimen):
     count = 2
 
     def deck(self) -> str:
-        """The input file."""
-        return text(
+        """Return the input file."""
+        return join_lines(
             [
-                *self.body(),
+                *self.body_lines(),
                 "*BOUNDARY",
-                *self.held(self.bottom, range(self.dimension)),
+                *self.support_lines(self.is_at_bottom, range(self.dimension)),
                 f"*STEP\n*BUCKLE\n{self.count},1e-8",
-                *self.pressed(self.top, 1.0),
+                *self.pressure_lines(self.is_at_top, 1.0),
                 "*NODE FILE\nU\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """The pressures."""
-        (factors,) = tables(printed, "FACTOR")
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the buckling pressures."""
+        (factors,) = read_tables(output, "FACTOR")
         return {"critical_pressure": factors[:, 1]}
 
 
 @dataclass(frozen=True)
-class Resting(Specimen):
-    """On a rigid plane, pressed on a part of the top near x = 0; y = 0 is a plane of symmetry.
+class BodyOnPlane(Specimen):
+    """Body on a rigid plane, pressed on a part of the top near x = 0, symmetric about y = 0.
 
-    Each contact node faces a fixed brick of its own, as in `Block`.
+    There is a separate fixed brick below each contact node, as in `Block`.
 
     Args:
-        friction: Coulomb's mu; without it x = 0 is held, too.
-        pull: traction on the side at the end of x over the pressure.
-        penalty: pressure over penetration on a brick of area four.
-        stick_slope: the same of friction over slip, as long as it sticks.
+        friction: Coulomb's coefficient; without friction x = 0 is supported.
+        pull: Traction on the side at the end of x over the pressure.
+        penalty: Pressure over penetration on a brick of area four.
+        stick_slope: Friction over slip of a sticking node, on a brick of area four.
     """
 
     friction: float = 0.0
@@ -206,44 +213,50 @@ class Resting(Specimen):
     pressure, width, increments = 0.2, 1.0, 10
 
     def is_pressed(self, x: tuple[float, ...]) -> bool:
-        """Marker of the pressed part of the top."""
-        return self.top(x) and x[0] < self.width + 1e-9
+        """Return whether a point is on the pressed part of the top."""
+        return self.is_at_top(x) and x[0] < self.width + 1e-9
 
     @property
     def contact_nodes(self) -> list[int]:
         """Nodes of the lower side."""
-        return self.grid.nodes_where(self.bottom)
+        return self.grid.find_nodes(self.is_at_bottom)
 
     def deck(self) -> str:
-        """The input file."""
-        symmetry = self.held(self.on(1, 0.0), range(1, 2)) if self.dimension == 3 else []
-        side = self.held(self.on(0, 0.0), range(1)) if not self.friction else []
-        return text(
+        """Return the input file."""
+        symmetry = (
+            self.support_lines(self.is_on_plane(1, 0.0), range(1, 2)) if self.dimension == 3 else []
+        )
+        side = self.support_lines(self.is_on_plane(0, 0.0), range(1)) if not self.friction else []
+        return join_lines(
             [
-                *self.body(),
-                *self._rigid(),
-                *self._contact(),
+                *self.body_lines(),
+                *self._brick_lines(),
+                *self._contact_lines(),
                 "*BOUNDARY\nRIGID,1,3",
                 *symmetry,
                 *side,
-                *self._loads(),
+                *self._load_lines(),
                 "*NODE PRINT,NSET=RIGID\nRF\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """What each brick carries, of the whole body, at the end of the last increment."""
-        force = tables(printed, "forces")[-1][:, 1:]
-        carried = force.reshape(-1, 8, 3).sum(axis=1) * (SECTORS if self.is_axisymmetric else 1)
-        forces = {"force_normal": carried[:, self.up]}
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return the forces on the bricks, of the whole body, after the last increment."""
+        force = read_tables(output, "forces")[-1][:, 1:]
+        brick_force = force.reshape(-1, 8, 3).sum(axis=1) * (
+            N_SECTORS if self.is_axisymmetric else 1
+        )
+        forces = {"force_normal": brick_force[:, self.vertical_axis]}
         if self.friction:
-            forces["force_tangential"] = carried[:, : self.up].ravel()
+            forces["force_tangential"] = brick_force[:, : self.vertical_axis].ravel()
         return forces
 
-    def _rigid(self) -> list[str]:
-        return bricks(self, [self.grid.nodes[node - 1] for node in self.contact_nodes], 1.0)
+    def _brick_lines(self) -> list[str]:
+        return rigid_brick_lines(
+            self, [self.grid.nodes[node - 1] for node in self.contact_nodes], 1.0
+        )
 
-    def _contact(self) -> list[str]:
+    def _contact_lines(self) -> list[str]:
         count, pairs = len(self.grid.elements), []
         for k, node in enumerate(self.contact_nodes):
             pairs += [
@@ -251,102 +264,110 @@ class Resting(Specimen):
                 f"*SURFACE,NAME=FACE{k}\n{count + 1 + k},S2",
                 f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE=NODE TO SURFACE\nNODE{k},FACE{k}",
             ]
-        return pairs + law(self.penalty, self.friction, self.stick_slope)
+        return pairs + contact_law_lines(self.penalty, self.friction, self.stick_slope)
 
-    def _loads(self) -> list[str]:
-        """Pressure, then pull, in one step: a new step would relax the penetration of the last."""
+    def _load_lines(self) -> list[str]:
+        """Return pressure, then pull, in one step: a new one would relax the penetration."""
         if not self.pull:
-            return ["*STEP\n*STATIC\n1.,1.", *self.pressed(self.is_pressed, self.pressure)]
-        end = self.on(0, self.grid.upper[0])
+            return ["*STEP\n*STATIC\n1.,1.", *self.pressure_lines(self.is_pressed, self.pressure)]
+        end = self.is_on_plane(0, self.grid.upper[0])
         return [
             "*AMPLITUDE,NAME=PRESS\n0.,0.,1.,1.,2.,1.",
             "*AMPLITUDE,NAME=PULL\n0.,0.,1.,0.,2.,1.",
             f"*STEP\n*STATIC\n{1 / self.increments!r},2.,1e-9,{1 / self.increments!r}",
-            *self.pressed(self.is_pressed, self.pressure, ",AMPLITUDE=PRESS"),
-            *self.pressed(end, -self.pull * self.pressure, ",AMPLITUDE=PULL"),
+            *self.pressure_lines(self.is_pressed, self.pressure, ",AMPLITUDE=PRESS"),
+            *self.pressure_lines(end, -self.pull * self.pressure, ",AMPLITUDE=PULL"),
         ]
 
 
 @dataclass(frozen=True)
 class RoughBlock(Specimen):
-    """Free block on one rigid face, by surface-to-surface contact: pressed and pushed at once.
+    """Free block on one rigid face, with surface-to-surface contact: pressed and pushed at once.
 
     Args:
-        friction: Coulomb's mu.
-        penalty: pressure over penetration.
-        stick_slope: friction over slip, as long as it sticks.
+        friction: Coulomb's coefficient.
+        penalty: Pressure over penetration.
+        stick_slope: Friction over slip where the block sticks.
     """
 
     friction: float = 0.3
     penalty: float = 1e6
     stick_slope: float = 1e5
 
-    # so small that changes of shape, which it follows, do not count
+    # Small, because CalculiX takes displacements into account
     pressure, push = 0.1, (0.02, 0.01)
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         middle = tuple((a + b) / 2 for a, b in zip(self.grid.lower, self.grid.upper, strict=True))
-        side = self.on(0, self.grid.lower[0])
-        return text(
+        side = self.is_on_plane(0, self.grid.lower[0])
+        return join_lines(
             [
-                *self.body(),
-                *bricks(self, [(*middle[:2], self.grid.lower[2])], 2 * max(self.grid.upper)),
+                *self.body_lines(),
+                *rigid_brick_lines(
+                    self, [(*middle[:2], self.grid.lower[2])], 2 * max(self.grid.upper)
+                ),
                 "*SURFACE,NAME=LOWER",
-                *(f"{k},S{face}" for k, face in self.grid.faces_where(self.bottom)),
+                *(f"{k},S{face}" for k, face in self.grid.find_faces(self.is_at_bottom)),
                 f"*SURFACE,NAME=FACE\n{len(self.grid.elements) + 1},S2",
                 "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nLOWER,FACE",
-                *law(self.penalty, self.friction, self.stick_slope),
+                *contact_law_lines(self.penalty, self.friction, self.stick_slope),
                 "*BOUNDARY\nRIGID,1,3\n*STEP\n*STATIC\n1.,1.",
-                *self.pressed(self.top, self.pressure),
-                *self.pushed(side, self.push),
+                *self.pressure_lines(self.is_at_top, self.pressure),
+                *self.traction_lines(side, self.push),
                 "*NODE PRINT,NSET=ALL\nU\n*NODE PRINT,NSET=RIGID\nRF\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """Displacements of all nodes, and the force on the rigid face."""
-        moved = tables(printed, "displacements")[-1][:, 1:]
-        force = tables(printed, "forces")[-1][:, 1:]
-        return {"displacement": moved.ravel(), "force": force.sum(axis=0)}
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return displacements of all nodes, and the force on the rigid face."""
+        displacement = read_tables(output, "displacements")[-1][:, 1:]
+        force = read_tables(output, "forces")[-1][:, 1:]
+        return {"displacement": displacement.ravel(), "force": force.sum(axis=0)}
 
-    def pushed(self, where: Where, traction: tuple[float, float]) -> list[str]:
-        """Lines of a traction along x and y, as forces on mid-side nodes: corners get none."""
+    def traction_lines(self, is_marked: PointMarker, traction: tuple[float, float]) -> list[str]:
+        """Return the lines of a traction along x and y: its forces are on mid-side nodes alone."""
         force: dict[int, float] = {}
-        nodes = [np.array(place) for place in self.grid.nodes]
-        for k, number in self.grid.faces_where(where):
-            a, b, c = (nodes[node - 1] for node in self.grid.face(k, number)[:3])
+        nodes = [np.array(point) for point in self.grid.nodes]
+        for k, number in self.grid.find_faces(is_marked):
+            a, b, c = (nodes[node - 1] for node in self.grid.face_nodes(k, number)[:3])
             area = float(np.linalg.norm(np.cross(b - a, c - a))) / 2
-            for node in self.grid.face(k, number)[3:]:
+            for node in self.grid.face_nodes(k, number)[3:]:
                 force[node] = force.get(node, 0.0) + area / 3
         return [
             "*CLOAD",
             *(
-                f"{node},{axis},{digits([size * part])}"
-                for node, part in force.items()
-                for axis, size in enumerate(traction, start=1)
+                f"{node},{axis},{join_rounded([component * size])}"
+                for node, size in force.items()
+                for axis, component in enumerate(traction, start=1)
             ),
         ]
 
 
-def bricks(body: Specimen, places: list[tuple[float, ...]], reach: float) -> list[str]:
-    """Lines of fixed bricks, numbered after the body, with a place in the middle of each's top."""
+def rigid_brick_lines(
+    body: Specimen, points: list[tuple[float, ...]], half_width: float
+) -> list[str]:
+    """Return the lines of bricks of height one, with these points in the middle of their tops.
+
+    Nodes and elements are numbered after those of the body.
+    """
     first, count = len(body.grid.nodes) + 1, len(body.grid.elements)
-    around = [(-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)]
+    w = half_width
+    corners = [(-w, -w), (w, -w), (w, w), (-w, w)]
     nodes: list[str] = []
     elements = []
-    for k, place in enumerate(places):
-        x, y, z = (*place, 0.0)[:3]
-        for below, (a, b) in product((1.0, 0.0), around):
+    for k, point in enumerate(points):
+        x, y, z = (*point, 0.0)[:3]
+        for below, (a, b) in product((1.0, 0.0), corners):
             corner = (x + a, y + b, z - below) if body.dimension == 3 else (x + a, y - below, z - b)
-            nodes.append(f"{first + len(nodes)},{digits(corner)}")
-        elements.append(row([count + 1 + k, *range(first + 8 * k, first + 8 * k + 8)]))
+            nodes.append(f"{first + len(nodes)},{join_rounded(corner)}")
+        elements.append(join_numbers([count + 1 + k, *range(first + 8 * k, first + 8 * k + 8)]))
     section = "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC"
     return ["*NODE,NSET=RIGID", *nodes, "*ELEMENT,TYPE=C3D8,ELSET=BRICKS", *elements, section]
 
 
-def law(penalty: float, friction: float, stick_slope: float) -> list[str]:
-    """Lines of the contact law TOUCH; open nodes pull far less than closed ones press."""
+def contact_law_lines(penalty: float, friction: float, stick_slope: float) -> list[str]:
+    """Return the lines of the contact law TOUCH; the tension at open nodes is negligible."""
     return [
         "*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR",
         f"{penalty!r},1e-9",
@@ -354,13 +375,13 @@ def law(penalty: float, friction: float, stick_slope: float) -> list[str]:
     ]
 
 
-def lines(nodes: list[int]) -> str:
-    """Nodes in lines of sixteen, which is as many as CalculiX reads."""
-    return "\n".join(row(nodes[k : k + 16]) for k in range(0, len(nodes), 16))
+def join_node_numbers(nodes: list[int]) -> str:
+    """Return node numbers in lines of sixteen, which is as many as CalculiX reads."""
+    return "\n".join(join_numbers(nodes[k : k + 16]) for k in range(0, len(nodes), 16))
 
 
-def digits(values: Iterable[float]) -> str:
-    """Part of a line, with as many digits as always fit in the characters that CalculiX reads."""
+def join_rounded(values: Iterable[float]) -> str:
+    """Return a part of a line: numbers with twelve digits, which CalculiX can read."""
     return ",".join(f"{value:.12g}" for value in values)
 
 
@@ -372,31 +393,31 @@ _BARREL = Grid("T10", (0.0, 0.0, 0.0), (2.0, 1.0, 1.5), (4, 2, 3), bulge=0.2)
 _BLOCK = Grid("T10", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (4, 2, 2))
 
 
-def _squares(grid: Grid) -> Grid:
-    """The same rectangle of 8-node quadrilaterals."""
+def _with_quadrilaterals(grid: Grid) -> Grid:
+    """Return the same rectangle with 8-node quadrilaterals."""
     return Grid("Q8", grid.lower, grid.upper, grid.divisions)
 
 
-AnySpecimen = Compressed | Vibrating | Buckling | Resting | RoughBlock
+AnySpecimen = CompressedBody | VibratingBody | BucklingColumn | BodyOnPlane | RoughBlock
 
 SPECIMENS: dict[str, AnySpecimen] = {
-    "statics-CAX6": Compressed("CAX6", _RING),
-    "statics-CAX8": Compressed("CAX8", _squares(_RING)),
-    "statics-C3D10": Compressed("C3D10", _BOX),
-    "statics-C3D10-curved": Compressed("C3D10", _BARREL),
-    "frequencies-CAX6": Vibrating("CAX6", _RING),
-    "frequencies-CAX8": Vibrating("CAX8", _squares(_RING)),
-    "frequencies-C3D10": Vibrating("C3D10", _BOX),
-    "frequencies-C3D10-curved": Vibrating("C3D10", _BARREL),
-    "buckling-CPE6": Buckling("CPE6", _COLUMN),
-    "buckling-CPE8": Buckling("CPE8", _squares(_COLUMN)),
-    "buckling-CPS6": Buckling("CPS6", _COLUMN),
-    "buckling-CPS6-thin": Buckling("CPS6", _COLUMN, thickness=0.01),
-    "contact-CAX6": Resting("CAX6", _CYLINDER),
-    "contact-CAX8": Resting("CAX8", _squares(_CYLINDER)),
-    "contact-C3D10": Resting("C3D10", _BLOCK),
-    "contact-C3D10-friction": Resting("C3D10", _BLOCK, 0.3, 0.1, penalty=5e8),
-    "contact-C3D10-friction-soft": Resting("C3D10", _BLOCK, 0.3, 0.1, 5e8, stick_slope=1e6),
+    "statics-CAX6": CompressedBody("CAX6", _RING),
+    "statics-CAX8": CompressedBody("CAX8", _with_quadrilaterals(_RING)),
+    "statics-C3D10": CompressedBody("C3D10", _BOX),
+    "statics-C3D10-curved": CompressedBody("C3D10", _BARREL),
+    "frequencies-CAX6": VibratingBody("CAX6", _RING),
+    "frequencies-CAX8": VibratingBody("CAX8", _with_quadrilaterals(_RING)),
+    "frequencies-C3D10": VibratingBody("C3D10", _BOX),
+    "frequencies-C3D10-curved": VibratingBody("C3D10", _BARREL),
+    "buckling-CPE6": BucklingColumn("CPE6", _COLUMN),
+    "buckling-CPE8": BucklingColumn("CPE8", _with_quadrilaterals(_COLUMN)),
+    "buckling-CPS6": BucklingColumn("CPS6", _COLUMN),
+    "buckling-CPS6-thin": BucklingColumn("CPS6", _COLUMN, thickness=0.01),
+    "contact-CAX6": BodyOnPlane("CAX6", _CYLINDER),
+    "contact-CAX8": BodyOnPlane("CAX8", _with_quadrilaterals(_CYLINDER)),
+    "contact-C3D10": BodyOnPlane("C3D10", _BLOCK),
+    "contact-C3D10-friction": BodyOnPlane("C3D10", _BLOCK, 0.3, 0.1, penalty=5e8),
+    "contact-C3D10-friction-soft": BodyOnPlane("C3D10", _BLOCK, 0.3, 0.1, 5e8, stick_slope=1e6),
     "contact-C3D10-surface": RoughBlock("C3D10", _BLOCK),
     "contact-C3D10-surface-stiff": RoughBlock("C3D10", _BLOCK, penalty=1e7, stick_slope=1e6),
 }

@@ -1,9 +1,9 @@
-"""CalculiX decks of two elastic bodies on the meshes of section V11; needs no DOLFINx.
+"""CalculiX decks of two elastic bodies on the meshes of section V11.
 
-Its contact of faces: "SURFACE TO SURFACE", a penalty at points of the slave's faces, and "MORTAR",
-with dual multipliers. Keywords: G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20. Its
-mortar knows no supports of the slave's nodes, with which its matrix is singular, and so no planes
-of symmetry that cut the faces.
+Needs no DOLFINx. Contact is either "SURFACE TO SURFACE", a penalty at points of the slave's faces,
+or "MORTAR", with dual multipliers. With the latter, slave nodes must not be supported, or the
+matrix is singular: no plane of symmetry may cut the contact. Keywords: G. Dhondt, "CalculiX
+CrunchiX User's Manual", version 2.20.
 """
 
 from abc import ABC, abstractmethod
@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from study.meshes.mesh_lines import OUTER, graded
-from study.solutions.calculix.decks import row, text
-from study.solutions.calculix.grids import Grid, Place
-from study.solutions.calculix.printed import Array, fields
+from study.solutions.calculix.decks import join_lines, join_numbers
+from study.solutions.calculix.grids import Grid, Point
+from study.solutions.calculix.output import Array, read_node_values
 from study.solutions.half_space import Elastic, HertzSphere
 
-SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
-_UP = 2  # the axis across the faces
+SURFACE_TO_SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
+_Z = 2
 
 Indices = npt.NDArray[np.int64]
 Support = tuple[int, int, float]  # node, axis, displacement
@@ -29,105 +29,112 @@ Support = tuple[int, int, float]  # node, axis, displacement
 
 @dataclass(frozen=True)
 class TwoBodies(ABC):
-    """The lower body, whose upper side is the slave, and the upper one.
+    """Lower body, whose upper side is the slave, and an upper body.
 
     Args:
-        contact: CalculiX's name of the formulation.
-        penalty: pressure over penetration.
+        contact: Contact formulation, by its name in CalculiX.
+        penalty: Pressure over penetration.
     """
 
     contact: str
     penalty: float = 1e6
 
-    written = ".frd"  # the kind of file that numbers are read from
-    ratio = 0.3  # Poisson's
+    output_suffix = ".frd"  # of the file that numbers are read from
+    ratio = 0.3  # Poisson's ratio
     moduli = (1.0, 1.0)
 
     @property
     @abstractmethod
     def grids(self) -> tuple[Grid, Grid]:
-        """Lattices of both."""
+        """Meshes of the lower and the upper body, before `place_nodes`."""
 
     @abstractmethod
-    def placed(self, x: Array, upper: bool) -> Array:
-        """Places (n, 3) of those of a lattice."""
+    def place_nodes(self, x: Array, upper: bool) -> Array:
+        """Return where nodes (n, 3) of a mesh in `grids` are."""
 
     @abstractmethod
     def supports(self) -> Iterator[Support]:
-        """Prescribed displacements."""
+        """Yield node, axis and value of prescribed displacements."""
 
-    def loads(self) -> list[str]:
-        """Lines of loads."""
+    def load_lines(self) -> list[str]:
+        """Return the lines of loads."""
         return []
 
     @cached_property
     def nodes(self) -> Array:
-        """Places (n, 3) of all nodes; node k is row k - 1."""
-        both = zip(self.grids, (False, True), strict=True)
-        return np.concatenate([self.placed(np.array(grid.places), upper) for grid, upper in both])
+        """Coordinates (n, 3) of all nodes; node k is row k - 1."""
+        grids = zip(self.grids, (False, True), strict=True)
+        return np.concatenate(
+            [self.place_nodes(np.array(grid.straight_nodes), upper) for grid, upper in grids]
+        )
 
     @property
-    def places(self) -> list[Place]:
-        """The same as numbers."""
+    def node_points(self) -> list[Point]:
+        """Coordinates of all nodes as tuples of numbers."""
         return [tuple(float(part) for part in x) for x in self.nodes]
 
     @cached_property
     def elements(self) -> Indices:
         """Nodes (e, 10) of all elements; element k is row k - 1."""
         lower, upper = (np.array(grid.elements) for grid in self.grids)
-        return np.concatenate([lower, upper + len(self.grids[0].places)])
+        return np.concatenate([lower, upper + len(self.grids[0].straight_nodes)])
 
     @property
-    def sides(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-        """Elements and their faces of the slave and of the master."""
+    def contact_faces(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+        """Elements and numbers of their faces, on the slave and on the master."""
         lower, upper = self.grids
-        top, bottom = lower.upper[_UP], upper.lower[_UP]
-        master = upper.faces_where(lambda x: abs(x[_UP] - bottom) < 1e-9)
+        top, bottom = lower.upper[_Z], upper.lower[_Z]
+        master = upper.find_faces(lambda x: abs(x[_Z] - bottom) < 1e-9)
         return (
-            lower.faces_where(lambda x: abs(x[_UP] - top) < 1e-9),
+            lower.find_faces(lambda x: abs(x[_Z] - top) < 1e-9),
             [(k + len(lower.elements), face) for k, face in master],
         )
 
     @cached_property
-    def slave(self) -> Indices:
-        """Nodes of the slave's face, in order."""
+    def slave_nodes(self) -> Indices:
+        """Nodes of the slave's faces, sorted."""
         lower = self.grids[0]
-        return np.unique([node for k, face in self.sides[0] for node in lower.face(k, face)])
+        return np.unique(
+            [node for k, face in self.contact_faces[0] for node in lower.face_nodes(k, face)]
+        )
 
     @cached_property
-    def master(self) -> Indices:
-        """Nodes of the master's face, in order."""
+    def master_nodes(self) -> Indices:
+        """Nodes of the master's faces, sorted."""
         lower, upper = self.grids
         first = len(lower.elements)
-        faces = [upper.face(k - first, face) for k, face in self.sides[1]]
-        return np.unique(faces) + len(lower.places)
+        faces = [upper.face_nodes(k - first, face) for k, face in self.contact_faces[1]]
+        return np.unique(faces) + len(lower.straight_nodes)
 
     @cached_property
-    def around(self) -> Indices:
-        """Nodes of all elements that have one on either face: what its forces come from."""
-        faces = np.concatenate([self.slave, self.master])
+    def nodes_around_contact(self) -> Indices:
+        """Nodes of all elements with a node in contact: contact forces depend on them."""
+        faces = np.concatenate([self.slave_nodes, self.master_nodes])
         return np.unique(self.elements[np.isin(self.elements, faces).any(axis=1)])
 
     def deck(self) -> str:
-        """The input file."""
+        """Return the input file."""
         lower = len(self.grids[0].elements)
         cells: list[list[int]] = [[int(node) for node in cell] for cell in self.elements]
         numbered = list(enumerate(cells, start=1))
-        slave, master = self.sides
+        slave, master = self.contact_faces
         body: list[str] = []
-        for name, of, modulus in zip(
+        for name, elements, modulus in zip(
             ("LOWER", "UPPER"), (numbered[:lower], numbered[lower:]), self.moduli, strict=True
         ):
             body += [
                 f"*ELEMENT,TYPE=C3D10,ELSET={name}",
-                *(row([k, *cell]) for k, cell in of),
+                *(join_numbers([k, *cell]) for k, cell in elements),
                 f"*MATERIAL,NAME=OF_{name}\n*ELASTIC\n{modulus!r},{self.ratio!r}",
                 f"*SOLID SECTION,ELSET={name},MATERIAL=OF_{name}",
             ]
-        return text(
+        return join_lines(
             [
                 "*NODE,NSET=ALL",
-                *(row([k, *map(_rounded, x)]) for k, x in enumerate(self.places, start=1)),
+                *(
+                    join_numbers([k, *map(_round_to_9_digits, x)])
+                    for k, x in enumerate(self.node_points, start=1)
+                ),
                 *body,
                 "*SURFACE,NAME=SLAVE",
                 *(f"{k},S{face}" for k, face in slave),
@@ -137,130 +144,138 @@ class TwoBodies(ABC):
                 f"*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n{self.penalty!r},1e-12",
                 f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact}\nSLAVE,MASTER",
                 "*STEP\n*STATIC\n1.,1.\n*BOUNDARY",
-                *(row([k, axis + 1, axis + 1, _rounded(u)]) for k, axis, u in self.supports()),
-                *self.loads(),
+                *(
+                    join_numbers([k, axis + 1, axis + 1, _round_to_9_digits(u)])
+                    for k, axis, u in self.supports()
+                ),
+                *self.load_lines(),
                 "*NODE FILE\nU\n*CONTACT FILE\nCDIS,CSTR\n*END STEP",
             ]
         )
 
-    def numbers(self, printed: str) -> dict[str, Array]:
-        """Displacements of the nodes around the faces, and pressures of the slave's."""
-        found = fields(printed)
-        moved, contact = found["DISP"], found["CONTACT"]
+    def read_numbers(self, output: str) -> dict[str, Array]:
+        """Return displacements of `nodes_around_contact`, and pressures of `slave_nodes`."""
+        blocks = read_node_values(output)
+        displacement, contact = blocks["DISP"], blocks["CONTACT"]
         return {
-            "displacement": np.concatenate([moved[k][:3] for k in self.around]),
-            "pressure": np.array([contact[k][3] for k in self.slave]),
+            "displacement": np.concatenate(
+                [displacement[k][:3] for k in self.nodes_around_contact]
+            ),
+            "pressure": np.array([contact[k][3] for k in self.slave_nodes]),
         }
 
 
 @dataclass(frozen=True)
-class Blocks(TwoBodies):
-    """The patch test: a block on another, pressed from above, and held there by contact alone.
+class StackedBlocks(TwoBodies):
+    """Patch test: a block on another, pressed from above and held by contact alone.
 
-    Supports that hold them sideways are far from the faces, and hold nothing back.
+    Supports that hold the blocks sideways are far from the contact, and have no reactions.
     """
 
-    pressure = 1e-6  # so small that changes of shape do not count
+    pressure = 1e-6  # small, because CalculiX takes displacements into account
     grids = (
         Grid("T10", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (3, 4, 3)),
         Grid("T10", (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (2, 3, 2)),
     )
 
-    def placed(self, x: Array, upper: bool) -> Array:  # noqa: ARG002
-        """As in the lattice."""
+    def place_nodes(self, x: Array, upper: bool) -> Array:  # noqa: ARG002
+        """Return the nodes unchanged."""
         return x
 
     def supports(self) -> Iterator[Support]:
-        """Of the base, and on the planes of symmetry near base and top."""
-        for k, x in enumerate(self.places, start=1):
-            for axis in range(_UP):
-                if x[axis] == 0 and abs(x[_UP] - 1) > 0.8:
+        """Yield the supports of the base, and of the planes of symmetry near base and top."""
+        for k, x in enumerate(self.node_points, start=1):
+            for axis in range(_Z):
+                if x[axis] == 0 and abs(x[_Z] - 1) > 0.8:
                     yield k, axis, 0.0
-            if x[_UP] == 0:
-                yield k, _UP, 0.0
+            if x[_Z] == 0:
+                yield k, _Z, 0.0
 
-    def loads(self) -> list[str]:
-        """The pressure from above."""
+    def load_lines(self) -> list[str]:
+        """Return the lines of the pressure from above."""
         lower, upper = self.grids
-        top = upper.faces_where(lambda x: abs(x[_UP] - upper.upper[_UP]) < 1e-9)
-        size = self.pressure
-        return ["*DLOAD", *(f"{k + len(lower.elements)},P{face},{size!r}" for k, face in top)]
+        top = upper.find_faces(lambda x: abs(x[_Z] - upper.upper[_Z]) < 1e-9)
+        n_lower, pressure = len(lower.elements), self.pressure
+        return ["*DLOAD", *(f"{k + n_lower},P{face},{pressure!r}" for k, face in top)]
 
 
 @dataclass(frozen=True)
-class Spheres(TwoBodies):
-    """A quarter of two spheres of unequal moduli; outer sides have Hertz's displacements.
+class TouchingSpheres(TwoBodies):
+    """Quarter of two spheres with unequal moduli, with Hertz' displacements on the outer sides.
 
     Args:
-        edges: of the slave, along the radius of the contact.
-        other: edges of the master over the slave's.
+        edges: Number of edges of the slave along the radius of the contact.
+        size_ratio: Number of edges of the master over that of the slave.
     """
 
     edges: int = 3
-    other: float = 0.71
+    size_ratio: float = 0.71
 
     moduli = (1.0, 3.0)
     radius = 1e3
 
     @property
     def grids(self) -> tuple[Grid, Grid]:
-        """A lattice of unit cubes for each."""
+        """Meshes of unit cubes."""
         divisions = [
-            (len(x) - 1, len(x) - 1, len(z) - 1) for (x, z) in (self._lines(0), self._lines(1))
+            (len(x) - 1, len(x) - 1, len(z) - 1)
+            for (x, z) in (self._mesh_lines(0), self._mesh_lines(1))
         ]
         lower, upper = (Grid("T10", (0.0,) * 3, tuple(map(float, n)), n) for n in divisions)
         return lower, upper
 
     @property
-    def known(self) -> tuple[HertzSphere, HertzSphere]:
-        """Of the lower and the upper body."""
+    def exact_solutions(self) -> tuple[HertzSphere, HertzSphere]:
+        """Hertz' solutions for the lower and the upper body."""
         bodies = [Elastic(E, self.ratio) for E in self.moduli]
         force = 4 / 3 / self.radius / sum(1 / b.plane_modulus for b in bodies)
         first, second = (HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies)
         return first, second
 
-    def placed(self, x: Array, upper: bool) -> Array:
-        """On the mesh lines, and the upper face on its sphere."""
-        across, along = self._lines(upper)
+    def place_nodes(self, x: Array, upper: bool) -> Array:
+        """Return the nodes on the mesh lines; the lower side of the upper body is curved."""
+        across, along = self._mesh_lines(upper)
         lines = (across, across, along)
-        y = [np.interp(x[:, i], np.arange(len(of)), of) for i, of in enumerate(lines)]
+        y = [np.interp(x[:, i], np.arange(len(line)), line) for i, line in enumerate(lines)]
         if upper:
-            y[_UP] = y[_UP] + (y[0] ** 2 + y[1] ** 2) / (2 * self.radius)
+            y[_Z] = y[_Z] + (y[0] ** 2 + y[1] ** 2) / (2 * self.radius)
         return np.column_stack(y)
 
     def supports(self) -> Iterator[Support]:
-        """Planes of symmetry, and the outer sides."""
-        of_lower = np.arange(len(self.nodes)) < len(self.grids[0].places)
-        approach = sum(known.approach for known in self.known)
+        """Yield the supports of planes of symmetry, and Hertz' displacements of outer sides."""
+        is_lower = np.arange(len(self.nodes)) < len(self.grids[0].straight_nodes)
+        approach = sum(exact.approach for exact in self.exact_solutions)
         x = self.nodes
-        outer = (np.abs(x[:, _UP]) > OUTER - 1e-9) | np.isclose(x[:, :_UP].max(axis=1), OUTER)
-        for k in np.flatnonzero(outer):
-            known, turn = (self.known[0], 1.0) if of_lower[k] else (self.known[1], -1.0)
-            r = float(np.hypot(*x[k, :_UP]))
-            ((out, up),) = known.displacement(np.array([[r, turn * x[k, _UP]]]))
-            for axis in range(_UP):
-                yield k + 1, axis, out * x[k, axis] / max(r, 1e-12)
-            yield k + 1, _UP, turn * up - (0.0 if of_lower[k] else approach)
-        for axis in range(_UP):
-            for k in np.flatnonzero((np.abs(x[:, axis]) < 1e-12) & ~outer):
+        is_outer = (np.abs(x[:, _Z]) > OUTER - 1e-9) | np.isclose(x[:, :_Z].max(axis=1), OUTER)
+        for k in np.flatnonzero(is_outer):
+            exact, sign = (
+                (self.exact_solutions[0], 1.0) if is_lower[k] else (self.exact_solutions[1], -1.0)
+            )
+            r = float(np.hypot(*x[k, :_Z]))
+            ((radial, up),) = exact.displacement(np.array([[r, sign * x[k, _Z]]]))
+            for axis in range(_Z):
+                yield k + 1, axis, radial * x[k, axis] / max(r, 1e-12)
+            yield k + 1, _Z, sign * up - (0.0 if is_lower[k] else approach)
+        for axis in range(_Z):
+            for k in np.flatnonzero((np.abs(x[:, axis]) < 1e-12) & ~is_outer):
                 yield k + 1, axis, 0.0
 
-    def _lines(self, upper: bool | int) -> tuple[Array, Array]:
-        """Across the axis, and along it."""
-        lines = graded(self.edges * self.other if upper else self.edges)
+    def _mesh_lines(self, upper: bool | int) -> tuple[Array, Array]:
+        """Return mesh lines across the axis, and along it."""
+        lines = graded(self.edges * self.size_ratio if upper else self.edges)
         return lines.beside, -lines.below[::-1] if upper else lines.below
 
 
-def _rounded(value: float) -> float:
-    """Without the digits that another processor or NumPy would round otherwise."""
+def _round_to_9_digits(value: float) -> float:
+    """Return a number without the digits that another processor or NumPy would round otherwise."""
     return float(f"{value:.9g}")
 
 
-# A penalty on faces of quadratic elements holds more points than the faces have nodes: pressures
-# between spheres are the worse the stiffer it is
-PAIRS: dict[str, Blocks | Spheres] = {
-    "two-blocks-surface": Blocks(SURFACE),
-    "two-blocks-mortar": Blocks(MORTAR),
-    "two-spheres-surface": Spheres(SURFACE, 1e2),
-    "two-spheres-surface-stiff": Spheres(SURFACE, 1e3),
+PAIRS: dict[str, StackedBlocks | TouchingSpheres] = {
+    "two-blocks-surface": StackedBlocks(SURFACE_TO_SURFACE),
+    "two-blocks-mortar": StackedBlocks(MORTAR),
+    "two-spheres-surface": TouchingSpheres(SURFACE_TO_SURFACE, 1e2),
+    "two-spheres-surface-stiff": TouchingSpheres(SURFACE_TO_SURFACE, 1e3),
 }
+"""Problems by their names. A penalty on faces of quadratic elements constrains more points than the
+faces have nodes: the stiffer it is, the worse are the pressures between spheres."""
