@@ -6,7 +6,7 @@ import pytest
 from study.benchmarks.v13_fluxes.graded_conduction import GradedWall, SourcedSquare
 from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_error
 from study.benchmarks.v14_rubber.moments import moments_about_origin, triangle_moment_contributions
-from study.benchmarks.v14_rubber.page import QUADRATURE_DEGREES, RubberBlock
+from study.benchmarks.v14_rubber.page import DEGREE, RubberBlock
 
 RATIO = 20.0
 
@@ -87,7 +87,7 @@ def test_interpolation_error_of_a_polynomial_is_zero():
 def test_moment_of_nodal_forces_is_the_sum_of_triangle_contributions():
     block = RubberBlock("pw-T6", 6)
     forces = block.solve_punch_travel().reactions().array_r.reshape(-1, 2)
-    contributions = triangle_moment_contributions(block.u, QUADRATURE_DEGREES[2]).sum()
+    contributions = triangle_moment_contributions(block.u, DEGREE[2]).sum()
     total = moments_about_origin(block.x + block.displacement, forces)[:, 2].sum()
     assert total == pytest.approx(contributions, abs=1e-14)
     assert abs(contributions) > 1e-5

@@ -102,7 +102,7 @@ degree, which involves no equation.
 
 Array = npt.NDArray[np.float64]
 
-QUADRATURE_DEGREE = 8
+DEGREE = 8
 """Degree of quadrature of integrands that are not polynomials."""
 MAX_RELATIVE_WEIGHT_AREA = 1e-9
 """Largest integral of a test function, over the tributary area, that counts as no weight."""
@@ -218,7 +218,7 @@ def _solve_conduction(
         mesh = create_rectangle(MPI.COMM_SELF, corners, (elements, elements), CellType[cell])
     spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
-    dx = ufl.dx(metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    dx = ufl.dx(metadata={"quadrature_degree": DEGREE})
     x = ufl.SpatialCoordinate(mesh)
     base = ufl.exp(problem.growth * x[0])
     F = base * (1 + u) * ufl.inner(ufl.grad(u), ufl.grad(v)) * dx

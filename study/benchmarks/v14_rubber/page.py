@@ -90,7 +90,7 @@ HALF_WIDTH, PUNCH_HALF_WIDTH = 1.0, 0.5
 PUNCH_DEPTH, PUNCH_SHIFT = 0.2, 0.1
 ROTATION_ANGLE = 0.7
 """Angle in radians by which the deformed block is rotated."""
-QUADRATURE_DEGREES = {2: 6, 3: 4}
+DEGREE = {2: 6, 3: 4}
 """Degree of quadrature by dimension; higher degrees change results by at most some 1e-6."""
 MIN_RELATIVE_CORRECTION = 1e-11
 """Least relative correction for the order of Newton's method; smaller ones are round-off from
@@ -184,7 +184,7 @@ class RubberBlock:
 
     def make_residual(self, u: fem.Function) -> ufl.Form:
         """Return the weak form without loads for displacements u."""
-        return internal_work_form(u, self._weights, QUADRATURE_DEGREES[self.dim], self._stress)
+        return internal_work_form(u, self._weights, DEGREE[self.dim], self._stress)
 
     def solve_punch_travel(self) -> PetrovGalerkinProblem:
         """Move the punch by its whole travel and return the solved problem."""
@@ -246,16 +246,14 @@ class RubberBlock:
         )
         distance = np.linalg.norm(centres[:, None] - support_ends, axis=2)
         is_near = distance < SUPPORT_END_RADIUS
-        defect = triangle_moment_contributions(self.u, QUADRATURE_DEGREES[2], self._stress)
+        defect = triangle_moment_contributions(self.u, DEGREE[2], self._stress)
         defect /= np.linalg.norm(self._nodal_moments(forces), axis=1).sum()
         regions = {"left": is_near[:, 0], "right": is_near[:, 1], "far": ~is_near.any(axis=1)}
         return {f"moment_defect_{name}": defect[cells].sum() for name, cells in regions.items()}
 
     def smallest_volume_ratio(self) -> float:
         """Return the smallest det F at the quadrature points."""
-        points, _ = basix.make_quadrature(
-            self.space.mesh.basix_cell(), QUADRATURE_DEGREES[self.dim]
-        )
+        points, _ = basix.make_quadrature(self.space.mesh.basix_cell(), DEGREE[self.dim])
         volume_ratio = fem.Expression(ufl.det(ufl.Identity(self.dim) + ufl.grad(self.u)), points)
         cells = np.arange(len(self.space.dofmap.list))
         return float(volume_ratio.eval(self.space.mesh, cells).min())

@@ -219,7 +219,7 @@ def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
 RING_RADIUS = 8.0
 MAX_SQUEEZE, N_SQUEEZE_STEPS = 0.25, 10
 """Squeeze over the diameter of the cord, and number of its increments."""
-QUADRATURE_DEGREE = 6
+DEGREE = 6
 """Degree of quadrature of the ring."""
 MAX_ACTIVE_SETS, MAX_RECAPTURES = 30, 2
 """Largest number of active sets in a step, and of times that a node is held again in it. A node at
@@ -307,7 +307,7 @@ class ORing:
         u, p = ufl.split(self.solution)
         self._v, q = ufl.split(ufl.TestFunction(pair.test))
         self._circumference = 2 * np.pi * r
-        rule = {"quadrature_degree": QUADRATURE_DEGREE}
+        rule = {"quadrature_degree": DEGREE}
         self._dx = ufl.dx(domain=mesh, metadata=rule)
         self._ds = ufl.ds(domain=mesh, metadata=rule)
         self._F = ufl.Identity(3) + _axisymmetric_gradient(u, r)

@@ -52,7 +52,7 @@ from study.solutions.manufactured import plane, plane_pressure, solid, solid_pre
 Array = npt.NDArray[np.float64]
 
 YOUNGS_MODULUS = 1.0
-QUADRATURE_DEGREE = 8
+DEGREE = 8
 """Degree of quadrature of integrals of exact fields."""
 
 
@@ -128,16 +128,16 @@ def _solve_manufactured(element: str, nu: float, n: int, is_enclosed: bool = Fal
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), state)
     exact, W = ManufacturedField(body, nu), body.spaces.trial
-    load_body = Body(body.spaces, body.material, state, quadrature_degree=QUADRATURE_DEGREE)
+    load_body = Body(body.spaces, body.material, state, quadrature_degree=DEGREE)
     f = assemble_vector(load_body.body_load(-ufl.div(exact.stress_expression())))
     traction = exact.stress_expression() * ufl.FacetNormal(mesh)
-    boundary = boundary_measure(mesh, lambda x: np.ones(x.shape[1], dtype=bool), QUADRATURE_DEGREE)
+    boundary = boundary_measure(mesh, lambda x: np.ones(x.shape[1], dtype=bool), DEGREE)
     f.axpy(1.0, assemble_vector(body.surface_load(traction, boundary)))
     K = assemble_matrix(body.stiffness())
     supports = Reduction.dirichlet(W, _prescribe_exact_displacements(W, exact, is_enclosed))
     u, p = _displacement_and_pressure(body, solve(K, f, supports))
 
-    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": DEGREE})
 
     def l2_norm(value: Expr) -> float:
         return float(np.sqrt(fem.assemble_scalar(fem.form(ufl.inner(value, value) * dx))))

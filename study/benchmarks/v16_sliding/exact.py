@@ -28,7 +28,7 @@ from study.solutions.rubber import (
 
 Mask = npt.NDArray[np.bool_]
 
-QUADRATURE_DEGREES = {2: 4, 3: 2}
+DEGREE = {2: 4, 3: 2}
 """Degree of quadrature by dimension, for all problems of the section."""
 PLATE_COMPRESSION, PLATE_SHEAR = 0.4, 0.5
 """Downward and sideward motion of the plate over the height of the cube."""
@@ -104,7 +104,7 @@ def hertz(element: str, radius: float) -> Result:
     lines = np.concatenate([-far[::-1], near, far])
     depths = -growing(size, HERTZ_EXTENT, HERTZ_GROWTH)[::-1]
     mesh = on_lines(MPI.COMM_SELF, lines, depths, "triangle")
-    rubber = RubberBody(element, mesh, QUADRATURE_DEGREES[2])
+    rubber = RubberBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
 
     def is_base(x: Array) -> Mask:
@@ -143,8 +143,8 @@ def _make_cube(element: str) -> RubberBody:
     lines: Array = np.linspace(0.0, 1.0, 4 if is_plane else 3, dtype=np.float64)
     if is_plane:
         mesh = on_lines(MPI.COMM_SELF, lines, lines, "triangle")
-        return RubberBody(element, mesh, QUADRATURE_DEGREES[2])
-    return RubberBody(element, box("tetrahedron", lines, lines, lines), QUADRATURE_DEGREES[3])
+        return RubberBody(element, mesh, DEGREE[2])
+    return RubberBody(element, box("tetrahedron", lines, lines, lines), DEGREE[3])
 
 
 def _make_rigid_plate(dim: int) -> Plane:

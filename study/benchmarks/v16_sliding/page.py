@@ -19,7 +19,7 @@ from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Sphere
 from pw_elements.contact.model import ContactState
 from study.benchmarks.v16_sliding.exact import (
-    QUADRATURE_DEGREES,
+    DEGREE,
     compressed,
     hertz,
     make_rubber_result,
@@ -175,9 +175,7 @@ def energy(element: str, elements: int, pressed: int) -> Result:
 def against_calculix(element: str, case: str, tracked: str) -> Result:
     """Move the tool as in CalculiX, with its energy; compare total forces with its stored record."""
     peer, recorded = CYLINDERS[case], load_unchanged_answer(case, tracked).numbers
-    rubber = RubberBody(
-        element, _make_plane_block(peer.elements), QUADRATURE_DEGREES[2], calculix_energy=True
-    )
+    rubber = RubberBody(element, _make_plane_block(peer.elements), DEGREE[2], calculix_energy=True)
     history = _move_round_tool(rubber, peer.tool_translations, peer.friction, has_sliding=True)
     force = np.array([state.pairs[0].force for state in history.states[1:]])
     normal, tangential = -force[:, 1], force[:, 0]
@@ -226,11 +224,9 @@ def _press_and_iron_block(
     element: str, elements: int, pressed: int, ironed: int, friction: float
 ) -> tuple[RubberBody, History]:
     if element.endswith("T6"):
-        rubber = RubberBody(element, _make_plane_block(elements), QUADRATURE_DEGREES[2])
+        rubber = RubberBody(element, _make_plane_block(elements), DEGREE[2])
     else:
-        rubber = RubberBody(
-            element, _make_space_block(elements, is_half=ironed > 0), QUADRATURE_DEGREES[3]
-        )
+        rubber = RubberBody(element, _make_space_block(elements, is_half=ironed > 0), DEGREE[3])
     translations = [(0.0, -TOOL_DEPTH * (k + 1) / pressed) for k in range(pressed)]
     translations += [(TOOL_TRAVEL * (k + 1) / ironed, -TOOL_DEPTH) for k in range(ironed)]
     return rubber, _move_round_tool(rubber, translations, friction, ironed > 0)

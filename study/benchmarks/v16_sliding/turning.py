@@ -12,7 +12,7 @@ from scipy.integrate import solve_bvp
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import curved_mesh
-from study.benchmarks.v16_sliding.exact import QUADRATURE_DEGREES, make_rubber_result
+from study.benchmarks.v16_sliding.exact import DEGREE, make_rubber_result
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import growing
 from study.run.store import Result
@@ -50,7 +50,7 @@ def wheel(element: str, elements: int) -> Result:
     lines = np.concatenate([low - far[::-1], near, high + far])
     depths = -growing(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
     mesh = on_lines(MPI.COMM_SELF, lines, depths, "triangle")
-    rubber = RubberBody(element, mesh, QUADRATURE_DEGREES[2])
+    rubber = RubberBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
     supports = [prescribe(space, k, lambda x: np.isclose(x[1], -WHEEL_BLOCK_SIZE)) for k in (0, 1)]
 
@@ -96,7 +96,7 @@ def wheel(element: str, elements: int) -> Result:
 
 def bush(element: str) -> Result:
     """Turn a rigid shaft in a rubber bush; compare with a boundary value problem in the radius."""
-    rubber = RubberBody(element, _make_bush_mesh(), QUADRATURE_DEGREES[2])
+    rubber = RubberBody(element, _make_bush_mesh(), DEGREE[2])
     x, is_outside = rubber.x, np.isclose(np.hypot(*rubber.x.T), BUSH_RADIUS)
     prescribed = fem.Function(rubber.solution.function_space)
     nodes = np.flatnonzero(is_outside).astype(np.int32)
