@@ -1,7 +1,6 @@
 """Quartic indenters: contact pressures with their peak away from the middle."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,11 +16,10 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic
+from study.solutions.half_space import Elastic, QuarticLine, QuarticRound
 from study.solutions.indentation import Indenter, series
 
-Array = npt.NDArray[np.floating[Any]]
-Points = npt.NDArray[np.float64]
+Array = npt.NDArray[np.float64]
 
 SECTION = "V18"
 TITLE = "Quartic indenters"
@@ -70,117 +68,37 @@ Both pressures are largest at $a/\sqrt{2}$, where they are $\sqrt{2}$ times the 
 """
 
 BODY = Elastic(youngs_modulus=1000.0, poissons_ratio=0.3)
-HALF_WIDTH = 1.0
-COEFFICIENT = 1e-3
-"""A of the profile, per cubed length."""
-_SOURCES = 64
-"""Point forces that replace the pressure at a distance of a half width or more."""
+CONTACT_HALF_WIDTH = 1.0
+PROFILE_COEFFICIENT = 1e-3
+"""Coefficient A of the profile A x⁴, in one over a cubed length."""
 
 
 @dataclass(frozen=True)
 class QuarticPunch:
-    """Rigid punch above y = A s⁴, with s the distance from the axis; gaps along the axis."""
+    """Rigid punch that fills y >= A s⁴, where s is the distance from the axis.
 
-    coefficient: float
+    Args:
+        profile_coefficient: A, in one over a cubed length.
+    """
 
-    def gap(self, x: Points) -> Points:
-        """Return gaps (n,) of points x (n, 2)."""
-        gap: Points = self.coefficient * x[:, 0] ** 4 - x[:, 1]
+    profile_coefficient: float
+
+    def gap(self, x: Array) -> Array:
+        """Return gaps (n,) at points (n, 2), measured along the axis."""
+        gap: Array = self.profile_coefficient * x[:, 0] ** 4 - x[:, 1]
         return gap
 
-    def normal(self, x: Points) -> Points:
-        """Return the direction (n, 2) in which the punch pushes: downwards."""
+    def normal(self, x: Array) -> Array:
+        """Return the normal (n, 2) that points from the punch into the body: downwards."""
         return np.tile([0.0, -1.0], (len(x), 1))
 
 
-@dataclass(frozen=True)
-class QuarticLine:
-    """Exact solution in the plane; the force is one per unit thickness."""
-
-    body: Elastic
-    coefficient: float
-    half_width: float
-    bounded: ClassVar[bool] = True
-
-    @property
-    def force(self) -> float:
-        """P = 3 pi/4 E* A a⁴."""
-        stiffness = self.body.plane_modulus * self.coefficient
-        return float(0.75 * np.pi * stiffness * self.half_width**4)
-
-    def pressure(self, x: Array) -> Array:
-        """Return the pressure (m,) at distances x from the middle."""
-        square = np.maximum(0.0, self.half_width**2 - x**2)
-        stiffness = self.body.plane_modulus * self.coefficient
-        pressure: Array = stiffness * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
-        return pressure
-
-    def force_within(self, x: Array) -> Array:
-        """Return the integral of the pressure from 0 to x."""
-        s = np.clip(x / self.half_width, 0.0, 1.0)
-        angle, root = np.arcsin(s), np.sqrt(1 - s**2)
-        first = (s * root + angle) / 2
-        second = (s * (2 * s**2 - 1) * root + angle) / 8
-        force: Array = self.force / (0.75 * np.pi) * (first + 2 * second)
-        return force
-
-    def displacement(self, x: Array) -> Array:
-        """Return the displacements (n, 2) of points x by Gauss-Chebyshev quadrature."""
-        angle = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
-        position = self.half_width * np.cos(angle)
-        lengths = self.half_width * np.sin(angle) * np.pi / (_SOURCES + 1)
-        forces = self.pressure(position) * lengths
-        return self.body.line_displacement(x, position, forces, np.zeros_like(forces))
-
-    @property
-    def approach(self) -> float:
-        """Depth of the middle, by the mean of log over the pressure, log(a/2) - 1/4."""
-        mean = np.log(self.half_width / 2) - 0.25
-        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
-
-
-@dataclass(frozen=True)
-class QuarticRound:
-    """Exact solution in axisymmetry."""
-
-    body: Elastic
-    coefficient: float
-    half_width: float
-    bounded: ClassVar[bool] = True
-
-    @property
-    def force(self) -> float:
-        """P = 64/15 E* A a⁵."""
-        return float(64 / 15 * self.body.plane_modulus * self.coefficient * self.half_width**5)
-
-    def pressure(self, x: Array) -> Array:
-        """Return the pressure (m,) at distances x from the axis."""
-        square = np.maximum(0.0, self.half_width**2 - x**2)
-        factor = 32 / (9 * np.pi) * self.body.plane_modulus * self.coefficient
-        pressure: Array = factor * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
-        return pressure
-
-    def force_within(self, x: Array) -> Array:
-        """Return the force on the disc of radius x."""
-        cosine = np.sqrt(1 - np.clip(x / self.half_width, 0.0, 1.0) ** 2)
-        force: Array = self.force * (1 - 5 / 3 * cosine**3 + 2 / 3 * cosine**5)
-        return force
-
-    def displacement(self, x: Array) -> Array:
-        """Return the displacements (n, 2) of points x: sources of strength as a⁴ - t⁴."""
-        t, weights = np.polynomial.legendre.leggauss(_SOURCES)
-        strength = self.force * (1 - t**4) * weights / 1.6
-        return self.body.round_displacement(x, self.half_width * t, strength)
-
-    @property
-    def approach(self) -> float:
-        """Depth 8/3 A a⁴ of the middle."""
-        return 8 / 3 * self.coefficient * self.half_width**4
-
-
-EXACT: dict[str, tuple[QuarticLine | QuarticRound, StressState]] = {
-    "line": (QuarticLine(BODY, COEFFICIENT, HALF_WIDTH), StressState.PLANE_STRAIN),
-    "round": (QuarticRound(BODY, COEFFICIENT, HALF_WIDTH), StressState.AXISYMMETRIC),
+EXACT_SOLUTIONS: dict[str, tuple[QuarticLine | QuarticRound, StressState]] = {
+    "line": (QuarticLine(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH), StressState.PLANE_STRAIN),
+    "round": (
+        QuarticRound(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH),
+        StressState.AXISYMMETRIC,
+    ),
 }
 
 # Method and cases
@@ -191,23 +109,24 @@ surface that the page defines itself by its gap and its normal. As there, each e
 positions of the edge of contact within an element.
 """
 
-LEVELS = (4, 8, 16, 32)
+ELEMENTS_OVER_HALF_WIDTH = (4, 8, 16, 32)
 EDGE_POSITIONS = (0.125, 0.375, 0.625, 0.875)
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9")
 
 
 def quartic(element: str, kind: str) -> Result:
-    """Press the indenter with the exact force.
+    """Press a quartic indenter with the exact force on a series of meshes.
 
     Args:
-        element: its name.
-        kind: "line" in the plane, "round" in axisymmetry.
+        element: Name of the element.
+        kind: "line" in plane strain, "round" in axisymmetry.
     """
-    exact, state = EXACT[kind]
+    exact, state = EXACT_SOLUTIONS[kind]
     meshes = {
-        n: [np.arange(np.ceil(1.3 * (n + q)) + 1) / (n + q) for q in EDGE_POSITIONS] for n in LEVELS
+        n: [np.arange(np.ceil(1.3 * (n + q)) + 1) / (n + q) for q in EDGE_POSITIONS]
+        for n in ELEMENTS_OVER_HALF_WIDTH
     }
-    result = series(element, Indenter(exact, QuarticPunch(COEFFICIENT), state), meshes)
+    result = series(element, Indenter(exact, QuarticPunch(PROFILE_COEFFICIENT), state), meshes)
     exact_peak = float(exact.pressure(np.array([exact.half_width / np.sqrt(2.0)]))[0])
     # `series` compares the peak with the exact pressure in the middle: error_peak and order_peak
     scalars = {name: value for name, value in result.scalars.items() if "_peak" not in name[5:]}
@@ -224,7 +143,7 @@ def quartic(element: str, kind: str) -> Result:
 
 CASES = [
     Case("V18", f"{kind}-{element}", quartic, {"element": element, "kind": kind})
-    for kind in EXACT
+    for kind in EXACT_SOLUTIONS
     for element in ELEMENTS
 ]
 
@@ -248,7 +167,7 @@ def draw_quartic(results: Results) -> Figure:
     """Pressure under quartic indenters, and its error."""
     fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.4))
     for (kind, (exact, _)), pressure_axis, error_axis in zip(
-        EXACT.items(), axes[::2], axes[1::2], strict=True
+        EXACT_SOLUTIONS.items(), axes[::2], axes[1::2], strict=True
     ):
         for element in ("galerkin-T6", "pw-T6"):
             curves = results.curves(f"V18/{kind}-{element}")

@@ -59,20 +59,22 @@ $(\tan\,\alpha + \mu)/(1 - \mu\,\tan\,\alpha)$ times the weight, where $\alpha$ 
 coefficient the springs are chosen so that it comes to rest after 1 m.
 """
 
-SLOPE, WEIGHT, PUSH = 0.1, 3058.0, 1500.0
+INCLINE_SLOPE, WEIGHT, PUSH_FORCE = 0.1, 3058.0, 1500.0
 """Slope of the incline; weight and push in N."""
-SPRINGS = {0.0: 1194.0, 0.1: 882.0, 0.2: 563.9}
-"""Stiffness of the springs in N/m, with which the wedge slides by 1 m, by friction coefficient."""
+SPRING_STIFFNESSES = {0.0: 1194.0, 0.1: 882.0, 0.2: 563.9}
+"""Spring stiffness in N/m for which the wedge slides by 1 m, by friction coefficient."""
 
 
-def sliding_ratio(friction: float) -> float:
-    """Return the horizontal force over the weight at which the wedge slides uphill."""
-    return (SLOPE + friction) / (1 - friction * SLOPE)
+def force_ratio_while_sliding(friction: float) -> float:
+    """Return horizontal over vertical contact force while a rigid wedge slides uphill."""
+    return (INCLINE_SLOPE + friction) / (1 - friction * INCLINE_SLOPE)
 
 
-def sliding_distance(friction: float) -> float:
-    """Return the distance in m at which springs and friction balance the push."""
-    return (PUSH - WEIGHT * sliding_ratio(friction)) / SPRINGS[friction]
+def exact_sliding_distance(friction: float) -> float:
+    """Return the distance in m after which springs and friction balance the push."""
+    return (PUSH_FORCE - WEIGHT * force_ratio_while_sliding(friction)) / SPRING_STIFFNESSES[
+        friction
+    ]
 
 
 # Method
@@ -88,37 +90,37 @@ the solver reports an unsupported body.
 """
 
 LENGTH, HEIGHT = 4.0, 1.2
-"""Size of the wedge in m, such that no corner lifts; its lower side rises by the slope from 0."""
+"""Size of the wedge in m, chosen so that no corner lifts; its lower side follows the incline."""
 YOUNGS_MODULUS, POISSONS_RATIO = 1e7, 0.3
-"""In Pa; soft enough for the springs to count as a support."""
-INCREMENTS = 5
-"""Steps of the push, after the weight."""
-BISECTIONS = 20
-"""Bisections of the interval that encloses the push at which the wedge without springs slides."""
+"""Young's modulus in Pa (soft, so that the springs count as a support) and Poisson's ratio."""
+N_PUSH_INCREMENTS = 5
+"""Number of increments of the push, after the one of the weight."""
+N_BISECTIONS = 20
+"""Number of bisections of the interval that contains the limit of the push without springs."""
 
 
 def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result:
-    """Solve the wedge on springs; return contact forces and the distance that it slides.
+    """Push the wedge against springs; return contact forces and the distance that it slides.
 
-    `sliding` is the mean displacement of the left side, on which springs hold and the push acts,
+    `sliding` is the mean displacement of the left side, on which the springs and the push act,
     and `sliding_known` the exact one, in m; `ratio` is that of the horizontal to the vertical
     contact force, and `ratio_known` the exact one.
 
     Args:
-        element: its name.
-        friction: coefficient of friction, of `SPRINGS`.
-        divisions: squares along the wedge and over its height.
+        element: Name of the element.
+        friction: Coefficient of friction, a key of `SPRING_STIFFNESSES`.
+        divisions: Numbers of squares along the wedge and over its height.
     """
     wedge = _discretise_wedge(element, divisions)
-    springs = _spring_stiffness(wedge, SPRINGS[friction])
+    springs = _assemble_spring_stiffness(wedge, SPRING_STIFFNESSES[friction])
     wedge_on_springs = Discretisation(element, wedge.body, wedge.K + springs)
     weight, push = _weight_load(wedge), _push_load(wedge)
-    loads = [weight + push * (k / INCREMENTS) for k in range(INCREMENTS + 1)]
+    loads = [weight + push * (k / N_PUSH_INCREMENTS) for k in range(N_PUSH_INCREMENTS + 1)]
     states = _solve_on_incline(wedge_on_springs, loads, friction)
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill_direction()
-    surface = SurfaceNodes.from_body(wedge.body, _base)
+    surface = SurfaceNodes.from_body(wedge.body, _is_on_base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     scalars = {
         "force_normal": force_n.sum(),
@@ -128,10 +130,10 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "sawtooth": surface.sawtooth(force_n, closed),
         "peak_pressure": pressure.max(),
         "slipping": np.mean(contact.status == SLIP),
-        "sliding": _mean_displacement(wedge, states[-1].displacement),
-        "sliding_known": sliding_distance(friction),
+        "sliding": _mean_left_side_displacement(wedge, states[-1].displacement),
+        "sliding_known": exact_sliding_distance(friction),
         "ratio": -contact.force[0] / contact.force[1],
-        "ratio_known": sliding_ratio(friction),
+        "ratio_known": force_ratio_while_sliding(friction),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
     kinds = {**CONTACT_UNITS, "slipping": "1", "sliding*": "length", "ratio*": "1"}
@@ -154,17 +156,17 @@ def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:
     `holds` is the largest push with an equilibrium, `slides` the smallest without.
 
     Args:
-        element: its name.
-        friction: coefficient of friction.
-        divisions: squares along the wedge and over its height.
+        element: Name of the element.
+        friction: Coefficient of friction.
+        divisions: Numbers of squares along the wedge and over its height.
     """
     wedge = _discretise_wedge(element, divisions)
-    weight, unit_push = _weight_load(wedge), _push_load(wedge) * (WEIGHT / PUSH)
-    exact = sliding_ratio(friction)
-    holds, slides = SLOPE, 2 * exact
-    for _ in range(BISECTIONS):
+    weight, unit_push = _weight_load(wedge), _push_load(wedge) * (WEIGHT / PUSH_FORCE)
+    exact = force_ratio_while_sliding(friction)
+    holds, slides = INCLINE_SLOPE, 2 * exact
+    for _ in range(N_BISECTIONS):
         middle = (holds + slides) / 2
-        loads = [weight + unit_push * SLOPE, weight + unit_push * middle]
+        loads = [weight + unit_push * INCLINE_SLOPE, weight + unit_push * middle]
         try:
             _solve_on_incline(wedge, loads, friction)
         except FreeBody:
@@ -179,20 +181,22 @@ def _solve_on_incline(
     wedge: Discretisation, loads: list[PETSc.Vec], friction: float
 ) -> list[ContactState]:
     uphill = _uphill_direction()
-    incline = ContactPair(_base, Plane((0.0, 0.0), (-uphill[1], uphill[0])), friction)
+    incline = ContactPair(_is_on_base, Plane((0.0, 0.0), (-uphill[1], uphill[0])), friction)
     return solve_contact(wedge.K, loads, wedge.supports([]), [incline], wedge.space)
 
 
 def _discretise_wedge(element: str, divisions: tuple[int, int]) -> Discretisation:
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    return discretise(element, partial(_build_mesh, divisions), material, StressState.PLANE_STRAIN)
+    return discretise(
+        element, partial(_build_wedge_mesh, divisions), material, StressState.PLANE_STRAIN
+    )
 
 
-def _build_mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+def _build_wedge_mesh(divisions: tuple[int, int], cell: str) -> Mesh:
     def raise_lower_side(x: Array) -> Array:
-        moved = x.copy()
-        moved[:, 1] += SLOPE * x[:, 0] * (1 - x[:, 1] / HEIGHT)
-        return moved
+        position = x.copy()
+        position[:, 1] += INCLINE_SLOPE * x[:, 0] * (1 - x[:, 1] / HEIGHT)
+        return position
 
     build = triangles if cell == "triangle" else quadrilaterals
     rectangle = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
@@ -200,47 +204,47 @@ def _build_mesh(divisions: tuple[int, int], cell: str) -> Mesh:
 
 
 def _weight_load(wedge: Discretisation) -> PETSc.Vec:
-    area = LENGTH * (HEIGHT - SLOPE * LENGTH / 2)
+    area = LENGTH * (HEIGHT - INCLINE_SLOPE * LENGTH / 2)
     return assemble_vector(wedge.body.body_load((0.0, -WEIGHT / area)))
 
 
 def _push_load(wedge: Discretisation) -> PETSc.Vec:
-    return wedge.surface_load((PUSH / HEIGHT, 0.0), _left_side)
+    return wedge.surface_load((PUSH_FORCE / HEIGHT, 0.0), _is_on_left_side)
 
 
-def _spring_stiffness(wedge: Discretisation, stiffness: float) -> PETSc.Mat:
+def _assemble_spring_stiffness(wedge: Discretisation, stiffness: float) -> PETSc.Mat:
     """Return the matrix of horizontal springs spread over the left side."""
     spaces = wedge.body.spaces
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
-    left_side = boundary_measure(spaces.mesh, _left_side)
+    left_side = boundary_measure(spaces.mesh, _is_on_left_side)
     return assemble_matrix(stiffness / HEIGHT * u[0] * v[0] * left_side)
 
 
-def _mean_displacement(wedge: Discretisation, displacement: PETSc.Vec) -> float:
+def _mean_left_side_displacement(wedge: Discretisation, displacement: PETSc.Vec) -> float:
     """Return the mean horizontal displacement of the left side."""
     u = as_function(wedge.space, displacement)
-    left_side = boundary_measure(wedge.body.spaces.mesh, _left_side)
+    left_side = boundary_measure(wedge.body.spaces.mesh, _is_on_left_side)
     return float(fem.assemble_scalar(fem.form(u[0] / HEIGHT * left_side)))
 
 
 def _uphill_direction() -> Array:
     """Return the unit vector (2,) along the incline."""
-    return np.array([1.0, SLOPE]) / np.hypot(1.0, SLOPE)
+    return np.array([1.0, INCLINE_SLOPE]) / np.hypot(1.0, INCLINE_SLOPE)
 
 
-def _base(x: Array) -> npt.NDArray[np.bool_]:
-    return np.isclose(x[1], SLOPE * x[0])
+def _is_on_base(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[1], INCLINE_SLOPE * x[0])
 
 
-def _left_side(x: Array) -> npt.NDArray[np.bool_]:
+def _is_on_left_side(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6")
-DIVISIONS = ((8, 2), (16, 4), (32, 8))
-ROUGHEST = max(SPRINGS)
+MESH_DIVISIONS = ((8, 2), (16, 4), (32, 8))
+HIGHEST_FRICTION = max(SPRING_STIFFNESSES)
 CASES = [
     Case(
         "V7",
@@ -249,15 +253,15 @@ CASES = [
         {"element": element, "friction": friction, "divisions": divisions},
     )
     for element in ELEMENTS
-    for friction in SPRINGS
-    for divisions in (DIVISIONS if friction == ROUGHEST else DIVISIONS[1:2])
+    for friction in SPRING_STIFFNESSES
+    for divisions in (MESH_DIVISIONS if friction == HIGHEST_FRICTION else MESH_DIVISIONS[1:2])
 ]
 CASES += [
     Case(
         "V7",
         f"{element}-limit",
         limit,
-        {"element": element, "friction": ROUGHEST, "divisions": DIVISIONS[0]},
+        {"element": element, "friction": HIGHEST_FRICTION, "divisions": MESH_DIVISIONS[0]},
     )
     for element in ("galerkin-T6", "pw-T6")
 ]
@@ -278,21 +282,20 @@ RESULT = r"""
 """
 
 
-def draw(results: Results) -> Figure:
-    """Wedge on an incline: force ratio over friction, and nodal forces along the base.
-
-    Panels: horizontal over vertical contact force, nodal normal forces.
-    """
+def draw_wedge(results: Results) -> Figure:
+    """Wedge on an incline: force ratio over friction, and nodal normal forces along the base."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.8))
     mu = np.linspace(0, 0.25, 51)
-    left.plot(mu, [sliding_ratio(m) for m in mu], color="black", lw=1.0, label="statics")
-    for element in DRAWN:
-        ratios = [results.scalar(f"V7/{element}-mu{m}-16x4", "ratio") for m in SPRINGS]
+    left.plot(
+        mu, [force_ratio_while_sliding(m) for m in mu], color="black", lw=1.0, label="statics"
+    )
+    for element in PLOT_ELEMENTS:
+        ratios = [results.scalar(f"V7/{element}-mu{m}-16x4", "ratio") for m in SPRING_STIFFNESSES]
         look = {**LOOK[element], "linestyle": "none"}
-        if element == "pw-T6":  # both coincide
+        if element == "pw-T6":  # the markers of both elements coincide
             look |= {"markerfacecolor": "none", "markersize": 9}
-        left.plot(list(SPRINGS), ratios, **look)
-        curves = results.curves(f"V7/{element}-mu{ROUGHEST}-16x4")
+        left.plot(list(SPRING_STIFFNESSES), ratios, **look)
+        curves = results.curves(f"V7/{element}-mu{HIGHEST_FRICTION}-16x4")
         right.plot(curves["x"], curves["force_n"], **LOOK[element])
     left.set(
         title="(a)",
@@ -306,10 +309,10 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def caption(results: Results) -> str:
-    """Return the caption, with the distances."""
+def caption_wedge(results: Results) -> str:
+    """Return the caption, with the sliding distances."""
     distances = ", ".join(
-        f"{results.scalar(f'V7/pw-T6-mu{m}-16x4', 'sliding'):.4f} m" for m in SPRINGS
+        f"{results.scalar(f'V7/pw-T6-mu{m}-16x4', 'sliding'):.4f} m" for m in SPRING_STIFFNESSES
     )
     return (
         "Wedge pushed up an incline of 1:10 against springs (NAFEMS CGS-4). (a) Ratio of the "
@@ -318,13 +321,15 @@ def caption(results: Results) -> str:
     )
 
 
-DRAWN = ("galerkin-T6", "pw-T6")
+PLOT_ELEMENTS = ("galerkin-T6", "pw-T6")
 FIGURES = [
     PageFigure(
         "v7_wedge",
-        draw,
-        needs=[f"V7/{element}-mu{mu}-16x4" for element in DRAWN for mu in SPRINGS],
-        caption=caption,
+        draw_wedge,
+        needs=[
+            f"V7/{element}-mu{mu}-16x4" for element in PLOT_ELEMENTS for mu in SPRING_STIFFNESSES
+        ],
+        caption=caption_wedge,
         alt="Three measured force ratios on the curve of statics. Nodal forces along the "
         "base: the standard element's alternate by a factor of two, the new element's are even.",
     )

@@ -1,4 +1,4 @@
-"""Explicit dynamics with the positive lumped mass: which stiffness it may be combined with."""
+"""Explicit dynamics: which stiffness can be combined with the positive lumped mass."""
 
 from functools import partial
 
@@ -74,48 +74,50 @@ $\rho^2 - (2 - \Delta t^2\, w)\, \rho + 1 = 0$, whose product is one: unless $w$
 them exceeds one in magnitude and that component grows, whatever the step.
 """
 
-COURANT = 0.5
+TIME_STEP_FRACTION = 0.5
 """Time step over the largest one that is stable for real eigenvalues."""
-PERIODS = 10
-"""Time of the vibration, in periods of the slowest mode."""
-MAX_AMPLITUDE = 1e6
-"""Displacement, over the initial one, at which a growing vibration is given up."""
+N_PERIODS = 10
+"""Duration of the vibration, in periods of the slowest mode."""
+MAX_RELATIVE_AMPLITUDE = 1e6
+"""Displacement over the initial one at which the integration of a growing vibration stops."""
 
 
 def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     """Compute all eigenvalues of a pair (K, M) on a clamped square, and its free vibration.
 
     Args:
-        matrices: a name of `PAIRS`.
-        squares: along a side, each cut in two triangles.
-        regular: whether nodes stay where they are; else the mesh is distorted.
+        matrices: Key of `MATRIX_PAIRS`.
+        squares: Number of squares along a side, each cut into two triangles.
+        regular: Whether the mesh is regular, not distorted.
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
         mesh = move_nodes(mesh, smooth_distortion)
-    K, M, clamp, start = PAIRS[matrices](mesh)
+    K, M, clamp, initial_displacement = MATRIX_PAIRS[matrices](mesh)
     stiffness, mass = dense(clamp.matrix(K)), dense(clamp.matrix(M))
     eigenvalues = scipy.linalg.eigvals(stiffness, mass)
     largest = np.abs(eigenvalues).max()
-    step = COURANT * 2 / np.sqrt(largest)
+    time_step = TIME_STEP_FRACTION * 2 / np.sqrt(largest)
     scalars = {
         "imaginary": float(np.abs(eigenvalues.imag).max() / largest),
-        "growth_per_step": float(_growth_per_step(step**2 * eigenvalues)),
+        "growth_per_step": float(_amplification_per_step_less_one(time_step**2 * eigenvalues)),
         "smallest_real": float(eigenvalues.real.min()),
         "lumped_smallest": float(np.diag(mass).min()),
     }
     curves = {"real": eigenvalues.real, "imaginary": eigenvalues.imag}
     if "lumped" in matrices:
         period = 2 * np.pi / np.sqrt(np.abs(eigenvalues).min())
-        end = PERIODS * period
-        time, amplitude = _vibrate_freely(stiffness, np.diag(mass), start, step, end)
+        end_time = N_PERIODS * period
+        time, amplitude = _vibrate_freely(
+            stiffness, np.diag(mass), initial_displacement, time_step, end_time
+        )
         scalars |= {"amplification": amplitude.max(), "steps": float(len(time) - 1)}
         curves |= {"time": time / period, "amplitude": amplitude}
     return Result(scalars, dimensionless(scalars), curves, dofs=K.getSize()[0])
 
 
-def _growth_per_step(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
-    """Return the largest |rho| less one, for eigenvalues times dt^2."""
+def _amplification_per_step_less_one(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
+    """Return the largest |rho| less one for eigenvalues of K and M times dt^2."""
     half_sum = 1 - scaled_eigenvalues / 2
     root = np.sqrt(half_sum**2 - 1 + 0j)
     return max(np.abs(half_sum + root).max(), np.abs(half_sum - root).max()) - 1
@@ -124,35 +126,41 @@ def _growth_per_step(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
 def _vibrate_freely(
     K: npt.NDArray[np.float64],
     mass: npt.NDArray[np.float64],
-    start: npt.NDArray[np.float64],
-    step: float,
-    end: float,
+    initial_displacement: npt.NDArray[np.float64],
+    time_step: float,
+    end_time: float,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Integrate by central differences from rest, as long as displacements are bounded.
+    """Integrate by central differences from rest until the end or `MAX_RELATIVE_AMPLITUDE`.
 
     Args:
-        K: stiffness (n, n).
-        mass: lumped masses (n,).
-        start: displacements (n,) at the start.
-        step: time step.
-        end: time at the end.
+        K: Stiffness (n, n).
+        mass: Lumped masses (n,).
+        initial_displacement: Displacements (n,).
+        time_step: Time step.
+        end_time: Time at which the integration ends.
 
     Returns:
-        times, and the largest displacements over the largest one at the start.
+        Times, and the largest displacements at these times over the largest initial one.
     """
-    previous, current = start, start - step**2 / 2 * (K @ start) / mass
-    time, amplitude = [0.0, step], [1.0, np.abs(current).max() / np.abs(start).max()]
-    while time[-1] < end and amplitude[-1] < MAX_AMPLITUDE:
-        previous, current = current, 2 * current - previous - step**2 * (K @ current) / mass
-        time.append(time[-1] + step)
-        amplitude.append(np.abs(current).max() / np.abs(start).max())
+    previous, current = (
+        initial_displacement,
+        initial_displacement - time_step**2 / 2 * (K @ initial_displacement) / mass,
+    )
+    time, amplitude = (
+        [0.0, time_step],
+        [1.0, np.abs(current).max() / np.abs(initial_displacement).max()],
+    )
+    while time[-1] < end_time and amplitude[-1] < MAX_RELATIVE_AMPLITUDE:
+        previous, current = current, 2 * current - previous - time_step**2 * (K @ current) / mass
+        time.append(time[-1] + time_step)
+        amplitude.append(np.abs(current).max() / np.abs(initial_displacement).max())
     return np.array(time), np.array(amplitude)
 
 
-def _assemble_pair(
+def _assemble_matrices_and_deflection(
     mesh: Mesh, stiffness: str, mass: str
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, npt.NDArray[np.float64]]:
-    """Return K, M, the clamp, and the free displacements under the weight."""
+    """Return K, M, the clamped reduction, and the reduced displacements under the weight."""
     pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     galerkin = Body(Spaces.galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     K_galerkin = assemble_matrix(galerkin.stiffness())
@@ -171,7 +179,7 @@ def _assemble_pair(
     clamp = Reduction.dirichlet(space, [prescribe(space, i, _is_clamped) for i in (0, 1)])
     weight = assemble_vector(galerkin.body_load((0.0, -1.0)))
     deflection = solve(K_galerkin, weight, clamp)
-    if stiffness == "sibling":  # its own lumped mass is the new element's on triangles
+    if stiffness == "sibling":  # on triangles the sibling's lumped mass equals the new element's
         deflection = sibling.coefficients(deflection)
     return K, M, clamp, dense(clamp.right).T @ deflection.array_r
 
@@ -182,30 +190,38 @@ def _is_clamped(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 
 # Cases
 
-PAIRS = {
-    "pw-lumped": partial(_assemble_pair, stiffness="unsymmetric", mass="lumped"),
-    "pw-consistent": partial(_assemble_pair, stiffness="unsymmetric", mass="consistent"),
-    "pwsym-lumped": partial(_assemble_pair, stiffness="symmetric part", mass="lumped"),
-    "galerkin-lumped": partial(_assemble_pair, stiffness="standard", mass="lumped"),
-    "sibling-lumped": partial(_assemble_pair, stiffness="sibling", mass="lumped"),
+MATRIX_PAIRS = {
+    "pw-lumped": partial(_assemble_matrices_and_deflection, stiffness="unsymmetric", mass="lumped"),
+    "pw-consistent": partial(
+        _assemble_matrices_and_deflection, stiffness="unsymmetric", mass="consistent"
+    ),
+    "pwsym-lumped": partial(
+        _assemble_matrices_and_deflection, stiffness="symmetric part", mass="lumped"
+    ),
+    "galerkin-lumped": partial(
+        _assemble_matrices_and_deflection, stiffness="standard", mass="lumped"
+    ),
+    "sibling-lumped": partial(
+        _assemble_matrices_and_deflection, stiffness="sibling", mass="lumped"
+    ),
 }
-STIFFNESS_ELEMENTS = {
+ELEMENT_BY_STIFFNESS = {
     "unsymmetric": "pw-T6",
     "symmetric part": "pwsym-T6",
     "standard": "galerkin-T6",
     "sibling": "sibling-T6",
 }
-"""Elements of the stiffness; the mass is always that of the new element."""
-SQUARES = 8
+"""Element that provides the stiffness; the mass is always that of the new element."""
+N_SQUARES = 8
 
 
 def _make_case(name: str, matrices: str, **parameters: object) -> Case:
-    kinds = PAIRS[matrices].keywords
-    implied = {"element": STIFFNESS_ELEMENTS[kinds["stiffness"]], **kinds}
+    kinds = MATRIX_PAIRS[matrices].keywords
+    implied = {"element": ELEMENT_BY_STIFFNESS[kinds["stiffness"]], **kinds}
     return Case("V9", name, pair, {"matrices": matrices, **parameters}, implied)
 
 
-CASES = [_make_case(name, name, squares=SQUARES) for name in PAIRS]
+CASES = [_make_case(name, name, squares=N_SQUARES) for name in MATRIX_PAIRS]
 CASES += [
     _make_case(f"{name}-{n}", name, squares=n, regular=True)
     for name in ("pw-lumped", "pw-consistent")
@@ -232,9 +248,9 @@ PLOT_SERIES = {
     "pwsym-lumped": ("its symmetric part", "pwsym-T6"),
     "galerkin-lumped": ("standard stiffness", "galerkin-T6"),
 }
-"""Cases of the figure, with the name in the legend and the element whose colour they have."""
+"""Label in the legend and element whose colour is used, by case."""
 STEPS_PER_POINT = 20
-"""Time steps of which the figure shows the largest displacement."""
+"""Number of time steps of which the figure shows the largest displacement as one point."""
 
 
 def draw_explicit(results: Results) -> Figure:
@@ -247,7 +263,7 @@ def draw_explicit(results: Results) -> Figure:
         curves = results.curves(f"V9/{case}")
         color = LOOK[element]["color"]
         spectrum.plot(curves["real"], curves["imaginary"], ".", color=color, ms=3, label=label)
-        # the largest displacement within each stretch, so that no maximum is passed over
+        # envelope: a plain subsample would miss maxima
         starts = np.arange(0, len(curves["time"]), STEPS_PER_POINT)
         envelope = np.maximum.reduceat(curves["amplitude"], starts)
         dashes = "--" if case == "galerkin-lumped" else "-"
@@ -271,7 +287,7 @@ def caption_explicit(results: Results) -> str:
 
 
 def describe_explicit(results: Results) -> str:
-    """Return the figure in words, with the size that displacements grow to."""
+    """Return the text alternative of the figure, with the largest displacement."""
     size = results.scalar("V9/pw-lumped", "amplification")
     return (
         "Eigenvalues of the symmetric pairs on the real axis, those of the unsymmetric one around "

@@ -71,6 +71,16 @@ class Elastic:
         v -= (kappa - 1) / 2 * shear_integral.real + y * shear.imag
         return np.stack([u.sum(axis=1), v.sum(axis=1)], axis=1) / (2 * self.shear_modulus)
 
+    def line_approach(self, force: float, mean_logarithm: float) -> float:
+        """Return the depth to which a rigid indenter presses the surface of a half plane.
+
+        Args:
+            force: per length.
+            mean_logarithm: mean, weighted by the pressure, of the logarithm of the distance from
+                the middle.
+        """
+        return float(-2 * force * mean_logarithm / (np.pi * self.plane_modulus))
+
     def round_displacement(self, x: Array, t: Array, strength: Array) -> Array:
         """Displacements (n, 2) of points (n, 2) by sources at imaginary depths in axisymmetry.
 
@@ -133,6 +143,19 @@ class KnownContact(Protocol):
         ...
 
 
+def displacement_in_space(contact: KnownContact, x: Array) -> npt.NDArray[np.float64]:
+    """Return displacements (n, 3) of points (n, 3) of a half space z < 0 in axisymmetric contact.
+
+    Args:
+        contact: Contact with the axis x = y = 0.
+        x: Points at least twice the contact radius away.
+    """
+    r = np.hypot(x[:, 0], x[:, 1])
+    u = contact.displacement(np.column_stack([r, x[:, 2]]))
+    radial = u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None]
+    return np.asarray(np.column_stack([radial, u[:, 1]]), dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class HertzLine:
     """Parabola of a radius R, pressed with a force per length P on a half plane."""
@@ -171,8 +194,7 @@ class HertzLine:
     @property
     def approach(self) -> float:
         """By the mean of log over the pressure, log(a/2) - 1/2."""
-        mean = np.log(self.half_width / 2) - 0.5
-        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
+        return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.5)
 
 
 @dataclass(frozen=True)
@@ -242,8 +264,7 @@ class FlatLine:
     @property
     def approach(self) -> float:
         """By the mean of log over the pressure, log(b/2)."""
-        mean = np.log(self.half_width / 2)
-        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
+        return self.body.line_approach(self.force, np.log(self.half_width / 2))
 
 
 @dataclass(frozen=True)
@@ -356,3 +377,92 @@ class BondedLine:
 
         ends = np.minimum(self._stretched(np.minimum(x, self.half_width)), _RANGE)
         return np.array([quad(traction, 0.0, end, limit=200)[0] for end in ends])
+
+
+@dataclass(frozen=True)
+class _QuarticContact:
+    """Contact of a rigid indenter y = A x⁴ (in axisymmetry A r⁴) that has a given half width.
+
+    Args:
+        body: Half plane or half space.
+        coefficient: A, in one over a cubed length.
+        half_width: Half width or radius of the contact.
+    """
+
+    body: Elastic
+    coefficient: float
+    half_width: float
+    bounded: ClassVar[bool] = True
+
+    def _pressure(self, x: Array, factor: float) -> Array:
+        """Return factor E* A (a² + 2 x²) sqrt(a² - x²), which is zero outside of the contact."""
+        square = np.maximum(0.0, self.half_width**2 - x**2)
+        stiffness = factor * self.body.plane_modulus * self.coefficient
+        pressure: Array = stiffness * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
+        return pressure
+
+
+class QuarticLine(_QuarticContact):
+    """Quartic indenter on a half plane (I. Y. Shtaerman); the force is per length."""
+
+    @property
+    def force(self) -> float:
+        """P = 3 pi/4 E* A a⁴."""
+        stiffness = self.body.plane_modulus * self.coefficient
+        return float(0.75 * np.pi * stiffness * self.half_width**4)
+
+    def pressure(self, x: Array) -> Array:
+        """Return the pressure E* A (a² + 2 x²) sqrt(a² - x²)."""
+        return self._pressure(x, 1.0)
+
+    def force_within(self, x: Array) -> Array:
+        """Return the integral of the pressure from 0 to x."""
+        s = np.clip(x / self.half_width, 0.0, 1.0)
+        angle, root = np.arcsin(s), np.sqrt(1 - s**2)
+        first = (s * root + angle) / 2
+        second = (s * (2 * s**2 - 1) * root + angle) / 8
+        force: Array = self.force / (0.75 * np.pi) * (first + 2 * second)
+        return force
+
+    def displacement(self, x: Array) -> Array:
+        """Return displacements by Gauss-Chebyshev quadrature of the second kind."""
+        angle = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
+        position = self.half_width * np.cos(angle)
+        lengths = self.half_width * np.sin(angle) * np.pi / (_SOURCES + 1)
+        forces = self.pressure(position) * lengths
+        return self.body.line_displacement(x, position, forces, np.zeros_like(forces))
+
+    @property
+    def approach(self) -> float:
+        """Depth of the middle; the mean of log over the pressure is log(a/2) - 1/4."""
+        return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.25)
+
+
+class QuarticRound(_QuarticContact):
+    """Quartic indenter on a half space (I. N. Sneddon, 1965)."""
+
+    @property
+    def force(self) -> float:
+        """P = 64/15 E* A a⁵."""
+        return float(64 / 15 * self.body.plane_modulus * self.coefficient * self.half_width**5)
+
+    def pressure(self, x: Array) -> Array:
+        """Return the pressure 32/(9 pi) E* A (a² + 2 r²) sqrt(a² - r²)."""
+        return self._pressure(x, 32 / (9 * np.pi))
+
+    def force_within(self, x: Array) -> Array:
+        """Return the force on the disc of radius x."""
+        cosine = np.sqrt(1 - np.clip(x / self.half_width, 0.0, 1.0) ** 2)
+        force: Array = self.force * (1 - 5 / 3 * cosine**3 + 2 / 3 * cosine**5)
+        return force
+
+    def displacement(self, x: Array) -> Array:
+        """Return displacements by sources whose strength is proportional to a⁴ - t⁴."""
+        t, weights = np.polynomial.legendre.leggauss(_SOURCES)
+        strength = self.force * (1 - t**4) * weights / 1.6
+        return self.body.round_displacement(x, self.half_width * t, strength)
+
+    @property
+    def approach(self) -> float:
+        """8/3 A a⁴."""
+        return 8 / 3 * self.coefficient * self.half_width**4

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from study.solutions.half_space import Elastic
+
 Array = npt.NDArray[np.float64]
+
+_N_SOURCES = 64
+"""Number of point forces that replace an elliptic traction."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,23 @@ class Cattaneo:
         ratio = self.stick / self.half_width
         sticking = ratio * self.peak * _semi_ellipse(x / self.stick)
         return self.friction * (self.pressure(x) - sticking)
+
+    def displacement(self, body: Elastic, x: Array) -> Array:
+        """Return displacements (n, 2) of the lower half plane under pressure and shear.
+
+        Args:
+            body: Half plane.
+            x: Points (n, 2), at least twice the half width away from the contact.
+        """
+        theta = np.arange(1, _N_SOURCES + 1) * np.pi / (_N_SOURCES + 1)
+        s, weight = np.cos(theta), 2 / (_N_SOURCES + 1) * np.sin(theta) ** 2
+        normal, zero = self.force * weight, np.zeros(_N_SOURCES)
+        shear = self.friction * normal if self.share else zero
+        field = body.line_displacement(x, self.half_width * s, normal, shear)
+        if self.share:
+            sticking = (1 - self.share) * self.friction * normal
+            field = field - body.line_displacement(x, self.stick * s, zero, sticking)
+        return np.asarray(field, dtype=np.float64)
 
 
 def _semi_ellipse(s: npt.NDArray[np.floating]) -> Array:

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from pw_elements import Material
 from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
-from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, wave_speeds_squared
+from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, squared_wave_speeds
 from study.benchmarks.v10_space import partial_slip
 from study.meshes.mesh_lines import graded
 from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
@@ -152,8 +152,8 @@ def test_mindlin_holds_what_it_says():
     )
 
 
-def test_stick_radius_of_mindlins_tractions_is_that_of_its_disc():
-    """At any nodes that stick, without those that have no traction."""
+def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
+    """The nodes are random, and some of them have no traction."""
     sphere = HertzSphere(HALF_SPACE, 1e3, hertz_force(HALF_SPACE, 1e3))
     exact = MindlinSphere(sphere, partial_slip.FRICTION, partial_slip.FRICTION_FRACTION)
     r = np.random.default_rng(3).uniform(0, 1, 200)
@@ -202,12 +202,12 @@ def test_stick_radius_below_a_flat_punch(material, known):
 MATERIAL = Material(1.0, 0.3)
 
 
-def test_frequency_equation_gives_published_eigenvalues():
+def test_rod_eigenvalues_agree_with_published_ones():
     published = [8.32708524, 18.69438659, 21.0458481, 24.33204579, 32.8373545, 41.46258448]
     assert Rod(MATERIAL, 0.5, 1.0).eigenvalues(6) == pytest.approx(published, rel=2e-9)
 
 
-def test_slow_waves_in_a_thin_rod_are_those_of_a_bar():
+def test_thin_rod_eigenvalues_tend_to_those_of_a_bar():
     # Rayleigh's correction for lateral inertia: E k^2 / rho (1 - (nu k a)^2 / 2)
     material, radius, length = Material(7.0, 0.3, density=2.0), 0.02, 3.0
     k = np.pi * np.arange(1, 4) / length
@@ -217,9 +217,9 @@ def test_slow_waves_in_a_thin_rod_are_those_of_a_bar():
     assert np.all(exact < bar * (1 - 1e-5))
 
 
-def test_wave_speeds_of_plane_states():
-    solid, shear = wave_speeds_squared(MATERIAL, StressState.PLANE_STRAIN)
-    plate, same = wave_speeds_squared(MATERIAL, StressState.PLANE_STRESS)
+def test_wave_speeds_in_plane_states_agree_with_theory():
+    solid, shear = squared_wave_speeds(MATERIAL, StressState.PLANE_STRAIN)
+    plate, same = squared_wave_speeds(MATERIAL, StressState.PLANE_STRESS)
     assert shear == same == pytest.approx(1 / 2.6)
     assert plate / shear == pytest.approx(2 / (1 - 0.3))
     assert solid / shear == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))

@@ -1,59 +1,62 @@
-"""Section V11: the methods that are compared for two bodies."""
+"""Section V11: methods for two bodies that are compared with the library's."""
 
 import numpy as np
 import pytest
 
 from pw_elements.contact.interface import OverlapQuadrature, gather_boundary_facets
-from study.benchmarks.v11_two_bodies.methods import couple_by_multipliers, dual_functions
+from study.benchmarks.v11_two_bodies.methods import (
+    dual_quadratic_functions,
+    integrate_multiplier_coupling,
+)
 from study.benchmarks.v11_two_bodies.problems import hertz
 from tests.contact.two_bodies import StackedBlocks
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_duals_of_quadratics_are_biorthogonal(cell):
-    """In space those of the transformed functions."""
+def test_dual_quadratic_functions_are_biorthogonal(cell):
+    """In space they are the duals of the transformed functions."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (
+    slave, master = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
     )
-    overlap = OverlapQuadrature.from_slave_and_master(one, other, one.nodes, revolved=False)
-    at, N = overlap.functions[0]
-    psi = dual_functions(at, N, overlap.measure, one.space_dim)
+    overlap = OverlapQuadrature.from_slave_and_master(slave, master, slave.nodes, revolved=False)
+    node, N = overlap.functions[0]
+    psi = dual_quadratic_functions(node, N, overlap.measure, slave.space_dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
-    tested = N.copy()
-    if one.space_dim == 3:
-        tested *= 3 / 4
+    biorthogonal_functions = N.copy()
+    if slave.space_dim == 3:
+        biorthogonal_functions *= 3 / 4
         for vertex, edges in enumerate(((4, 5), (3, 5), (3, 4))):
-            tested[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
-    rows = np.searchsorted(one.nodes, at)
-    M = np.zeros((len(one.nodes), len(one.nodes)))
-    parts = np.einsum("q,qa,qb->qab", overlap.measure, psi, tested)
-    np.add.at(M, (rows[:, :, None], rows[:, None, :]), parts)
-    off = M - np.diag(np.diag(M))
-    assert np.abs(off).max() < 1e-12 * np.abs(M).max()
+            biorthogonal_functions[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
+    rows = np.searchsorted(slave.nodes, node)
+    M = np.zeros((len(slave.nodes), len(slave.nodes)))
+    products = np.einsum("q,qa,qb->qab", overlap.measure, psi, biorthogonal_functions)
+    np.add.at(M, (rows[:, :, None], rows[:, None, :]), products)
+    off_diagonal = M - np.diag(np.diag(M))
+    assert np.abs(off_diagonal).max() < 1e-12 * np.abs(M).max()
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
-    """By the integral of its weight; and the master as much."""
+def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
+    """The force is the integral of the node's weight; the master's is opposite and as large."""
     stack = StackedBlocks((2, 3), cell)
-    one, other = (
+    slave, master = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
     )
-    found = couple_by_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
-    forces = found.forces.toarray()
-    assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)
-    assert found.weight.sum() == pytest.approx(1.0)
+    coupling = integrate_multiplier_coupling("pw-dual-gap", slave, master, len(stack.x), 1.0)
+    forces = coupling.forces.toarray()
+    assert forces[:, slave.nodes] == pytest.approx(np.diag(coupling.weight), abs=1e-12)
+    assert coupling.weight.sum() == pytest.approx(1.0)
     assert forces.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
     # gaps of a rigid motion of the slave away from the master
-    moved = np.zeros(len(stack.x))
-    moved[one.nodes] = 1.0
-    assert found.rows @ moved == pytest.approx(found.weight)
+    unit_motion = np.zeros(len(stack.x))
+    unit_motion[slave.nodes] = 1.0
+    assert coupling.rows @ unit_motion == pytest.approx(coupling.weight)
 
 
-def test_on_matching_meshes_duals_are_node_to_segment():
-    """A dual's node then faces one of the master's."""
-    found = [
+def test_dual_multipliers_on_matching_meshes_are_node_to_segment():
+    """Each slave node is then opposite to a node of the master."""
+    errors = [
         hertz(method, 4, 1.0).scalars["pressure_l2"] for method in ("p2-dual", "node-to-segment")
     ]
-    assert found[0] == pytest.approx(found[1], rel=1e-6)
+    assert errors[0] == pytest.approx(errors[1], rel=1e-6)

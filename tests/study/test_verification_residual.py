@@ -1,12 +1,12 @@
-"""Sections V13 and V14: their exact fields, Trefftz's way, and where moments come from."""
+"""Sections V13 and V14: exact fields, Trefftz's method, and moments of nodal forces."""
 
 import numpy as np
 import pytest
 
 from study.benchmarks.v13_fluxes.graded_conduction import GradedWall, SourcedSquare
-from study.benchmarks.v13_fluxes.trefftz import Trefftz, polynomial_error
-from study.benchmarks.v14_rubber.moments import moments, triangle_moments
-from study.benchmarks.v14_rubber.page import DEGREE, Block
+from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_error
+from study.benchmarks.v14_rubber.moments import moments_about_origin, triangle_moment_contributions
+from study.benchmarks.v14_rubber.page import DEGREE, RubberBlock
 
 RATIO = 20.0
 
@@ -18,7 +18,7 @@ def derivative(f, x, axis, h=1e-4):
 
 
 @pytest.mark.parametrize("problem", [GradedWall(RATIO), SourcedSquare(RATIO)])
-def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
+def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem):
     x = np.random.default_rng(0).uniform(0.05, 0.95, (2, 20))
 
     def k(p):
@@ -31,7 +31,7 @@ def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
     assert np.abs(balance / RATIO ** x[0] + problem.source(*x)).max() < 1e-6
     right = np.array([np.ones(20), x[1]])
     assert flux(0)(right) == pytest.approx(problem.flux(x[1]), rel=1e-6)
-    if problem.insulated:
+    if problem.is_insulated:
         for end in (0.0, 1.0):
             assert np.abs(flux(1)(np.array([x[0], np.full(20, end)]))).max() < 1e-7
 
@@ -45,49 +45,49 @@ def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
         (SourcedSquare, 8, False, 1e-11),
     ],
 )
-def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, transformed, error):
-    class Hidden(problem):
-        """Whose temperature is known on the boundary alone."""
+def test_trefftz_uses_exact_temperatures_on_the_boundary_only(problem, degree, transformed, error):
+    class BoundaryOnly(problem):
+        """Problem whose exact temperature is NaN inside."""
 
         def temperature(self, x, y):
             inside = np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) < 0.5 - 1e-12
             return np.where(inside, np.nan, super().temperature(x, y))
 
-    known = problem(RATIO)
-    answer = Trefftz(Hidden(RATIO), degree, transformed)
+    exact = problem(RATIO)
+    solution = TrefftzSolution(BoundaryOnly(RATIO), degree, transformed)
     x = np.random.default_rng(1).uniform(0, 1, (2, 50))
-    assert np.abs(answer.temperature(*x) - known.temperature(*x)).max() < error
-    assert answer.flux(x[1]) == pytest.approx(known.flux(x[1]), abs=300 * error)
+    assert np.abs(solution.temperature(*x) - exact.temperature(*x)).max() < error
+    assert solution.flux(x[1]) == pytest.approx(exact.flux(x[1]), abs=300 * error)
 
 
 @pytest.mark.parametrize("transformed", [True, False])
-def test_trefftzs_way_says_where_its_iteration_does_not_settle(transformed):
-    with pytest.raises(ArithmeticError, match="the iteration changes by"):
-        Trefftz(GradedWall(1e4), 10, transformed)
+def test_trefftz_raises_if_its_iteration_does_not_converge(transformed):
+    with pytest.raises(ArithmeticError, match="iteration has not converged"):
+        TrefftzSolution(GradedWall(1e4), 10, transformed)
 
 
-def test_the_iteration_contracts_by_the_least_eigenvalue():
-    """Laplace's, of functions that vanish at the ends and are insulated at the sides, is pi^2."""
+def test_trefftz_iteration_contracts_by_the_smallest_laplacian_eigenvalue():
+    """The eigenvalue is pi^2 for functions that are zero at the ends and insulated at the sides."""
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2
-    assert Trefftz(GradedWall(ratio), 10).n_iterations == pytest.approx(
+    assert TrefftzSolution(GradedWall(ratio), 10).n_iterations == pytest.approx(
         np.log(1e-12) / np.log(rate), abs=3
     )
 
 
-def test_interpolation_of_a_polynomial_leaves_nothing():
+def test_interpolation_error_of_a_polynomial_is_zero():
     class Cubic(SourcedSquare):
         def temperature(self, x, y):
             return x**3 * y
 
-    assert polynomial_error(Cubic(1.0), 3, transformed=False) < 1e-14
-    assert polynomial_error(Cubic(1.0), 2, transformed=False) > 1e-3
+    assert interpolation_error(Cubic(1.0), 3, transformed=False) < 1e-14
+    assert interpolation_error(Cubic(1.0), 2, transformed=False) > 1e-3
 
 
-def test_the_moment_of_nodal_forces_is_what_curved_stresses_of_triangles_add():
-    block = Block("pw-T6", 6)
-    forces = block.press().reactions().array_r.reshape(-1, 2)
-    added = triangle_moments(block.u, DEGREE[2]).sum()
-    total = moments(block.x + block.displacement, forces)[:, 2].sum()
-    assert total == pytest.approx(added, abs=1e-14)
-    assert abs(added) > 1e-5
+def test_moment_of_nodal_forces_is_the_sum_of_triangle_contributions():
+    block = RubberBlock("pw-T6", 6)
+    forces = block.solve_punch_travel().reactions().array_r.reshape(-1, 2)
+    contributions = triangle_moment_contributions(block.u, DEGREE[2]).sum()
+    total = moments_about_origin(block.x + block.displacement, forces)[:, 2].sum()
+    assert total == pytest.approx(contributions, abs=1e-14)
+    assert abs(contributions) > 1e-5

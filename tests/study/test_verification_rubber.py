@@ -1,4 +1,4 @@
-"""Section V15: its inf-sup constants by dense algebra, its seal by the library's contact."""
+"""Section V15: inf-sup constants against dense algebra, the seal against the library's contact."""
 
 from functools import partial
 
@@ -19,43 +19,42 @@ from tests.contact.cases import ElasticBody, on_plane
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
-def test_inf_sup_constants_are_singular_values_between_the_norms(element):
+def test_inf_sup_constants_are_smallest_singular_values_between_norms(element):
     mesh = moved_mesh(element, 2)
     dim = mesh.geometry.dim
     pair = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
-    # another shear modulus: the norms take it out
+    # a shear modulus other than the page's; the norms make the constant independent of it
     body, mu = ElasticBody(mesh, lambda _: pair, state, 12.0, 0.5), 4.0
-    held = body.make_clamping_supports(on_plane(dim - 1, 0.0))
+    supports = body.make_clamping_supports(on_plane(dim - 1, 0.0))
 
-    def norm(space):
-        (u, p), (v, q) = (ufl.split(of(space)) for of in (ufl.TrialFunction, ufl.TestFunction))
+    def norm_factor(space):
+        (u, p), (v, q) = ufl.TrialFunctions(space), ufl.TestFunctions(space)
         strains = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v)))
-        gram = held.matrix(assemble_matrix((2 * mu * strains + p * q / (2 * mu)) * ufl.dx))
+        gram = supports.matrix(assemble_matrix((2 * mu * strains + p * q / (2 * mu)) * ufl.dx))
         return cholesky(dense(gram), lower=True)
 
-    b = dense(held.matrix(body.K))
-    scaled = solve_triangular(norm(pair.test), b, lower=True)
-    scaled = solve_triangular(norm(pair.trial), scaled.T, lower=True)
-    found = infsup(element, 2).scalars["inf_sup"]
-    assert found == pytest.approx(svdvals(scaled)[-1], rel=1e-6)
+    b = dense(supports.matrix(body.K))
+    scaled = solve_triangular(norm_factor(pair.test), b, lower=True)
+    scaled = solve_triangular(norm_factor(pair.trial), scaled.T, lower=True)
+    assert infsup(element, 2).scalars["inf_sup"] == pytest.approx(svdvals(scaled)[-1], rel=1e-6)
 
 
-def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements():
+def test_seal_at_a_small_squeeze_has_the_force_of_small_displacement_contact():
     squeeze = 0.004
-    ring = contact.Ring("pw-hybrid-T6", 6)
-    ring.press(1 - squeeze)
-    large = -ring.nodal_forces()[ring.is_upper, 1].sum()
+    ring = contact.ORing("pw-hybrid-T6", 6)
+    ring.press_to_height(1 - squeeze)
+    large_strain_force = -ring.nodal_forces()[ring.is_held_by_upper_plate, 1].sum()
 
     mesh = ring.space.mesh
     body = ElasticBody(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
 
-    def outside(x, side):
+    def is_on_outer_side(x, side):
         return (np.hypot(x[0] - contact.RING_RADIUS, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)
 
     pairs = [
         ContactPair(
-            lambda x, side=side: outside(x, side),
+            lambda x, side=side: is_on_outer_side(x, side),
             Plane((0.0, side), (0.0, -side)),
             0.0,
             [Motion((0.0, -side * squeeze))],
@@ -63,7 +62,7 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
         for side in (1.0, -1.0)
     ]
     (state,) = body.solve_contact(pairs)
-    small = -state.pairs[0].force[1]
-    closed = (state.pairs[0].status > 0).sum()
-    assert closed == ring.is_upper.sum()
-    assert large == pytest.approx(small, rel=0.01)
+    small_strain_force = -state.pairs[0].force[1]
+    n_closed = (state.pairs[0].status > 0).sum()
+    assert n_closed == ring.is_held_by_upper_plate.sum()
+    assert large_strain_force == pytest.approx(small_strain_force, rel=0.01)

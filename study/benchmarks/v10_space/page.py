@@ -1,11 +1,12 @@
 """Contact in space: pressures on faces of tetrahedra and hexahedra against exact ones.
 
 Corner nodes of a standard 10-node tetrahedron have no weight on its faces and carry no force under
-uniform pressure. Compared are the standard elements, those with piecewise-linear weights, and two
+uniform pressure. Standard elements and those with piecewise-linear weights are compared with two
 other uses of the standard tetrahedron, see `study.solutions.solids`.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -38,7 +39,13 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic, FlatRound, HertzSphere, KnownContact
+from study.solutions.half_space import (
+    Elastic,
+    FlatRound,
+    HertzSphere,
+    KnownContact,
+    displacement_in_space,
+)
 from study.solutions.half_space_shear import hertz_force
 from study.solutions.solids import INNER, Solid, face_result
 
@@ -100,47 +107,47 @@ Interpolating instead would end at the first slipping node and so count nodes ag
 # Lengths are divided by the contact radius, stresses by E
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
 SPHERE_RADIUS = 1e3
-"""So large that slopes are small."""
+"""Radius of the sphere, so large that slopes are small."""
 PUNCH_DEPTH = 1e-3
 
-# Of the cubes
-PRESSURE, SHEAR, FRICTION = 1e-3, 0.4e-3, 0.5
+# Cubes
+PRESSURE, SHEAR_TRACTION, CUBE_FRICTION = 1e-3, 0.4e-3, 0.5
 CELL_SIZE = 0.25
-NODE_SHIFT = 0.12
+MAX_RELATIVE_NODE_SHIFT = 0.12
 """Largest random shift of the nodes of hexahedra, over the size of a cell."""
 
 
 def patch(element: str) -> Result:
-    """Solve a cube that is pressed evenly on a smooth rigid plane: uniaxial stress."""
+    """Press a cube uniformly on a smooth rigid plane; the exact stress is uniaxial."""
     return _solve_cube(element, np.eye(3), 0.0, 0.0, POISSONS_RATIO)
 
 
 def tilted(element: str) -> Result:
-    """Solve a rotated cube that is pressed and pushed evenly on a rough rigid plane, nu = 0."""
-    return _solve_cube(element, _oblique_rotation(), SHEAR, FRICTION, 0.0)
+    """Press and push a rotated cube uniformly on a rough rigid plane, nu = 0."""
+    return _solve_cube(element, _oblique_rotation(), SHEAR_TRACTION, CUBE_FRICTION, 0.0)
 
 
 def _solve_cube(
     element: str, rotation: Array, shear: float, friction: float, poissons_ratio: float
 ) -> Result:
-    """Solve a rotated cube on a plane under even tractions; `shear` acts along its own x axis."""
-    mesh = _cube_mesh(element)
+    """Solve a rotated cube on a plane under uniform tractions; `shear` acts along its x axis."""
+    mesh = _make_cube_mesh(element)
     mesh.geometry.x[:] = mesh.geometry.x @ rotation.T
     solid = Solid.of(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
 
-    def side(axis: int, position: float) -> Callable[[Array], Mask]:
+    def on_side(axis: int, position: float) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(rotation[:, axis] @ p, position, atol=1e-9)
 
-    base = side(2, 0.0)
-    # stress in the cube's own axes, and its tractions on all sides but the base
+    base = on_side(2, 0.0)
+    # stress in the rotated axes of the cube, and its tractions on all sides but the base
     stress = np.array([[0.0, 0.0, shear], [0.0, 0.0, 0.0], [shear, 0.0, -PRESSURE]])
-    load = solid.surface_load(rotation @ stress[:, 2], side(2, 1.0))
+    load = solid.surface_load(rotation @ stress[:, 2], on_side(2, 1.0))
     if shear:
         for position, sign in ((0.0, -1.0), (1.0, 1.0)):
-            load.axpy(sign, solid.surface_load(rotation @ stress[:, 0], side(0, position)))
+            load.axpy(sign, solid.surface_load(rotation @ stress[:, 0], on_side(0, position)))
     conditions = []
     if not friction:  # symmetry planes; with friction contact alone holds the cube
-        conditions = [prescribe(solid.space, i, side(i, 0.0)) for i in (0, 1)]
+        conditions = [prescribe(solid.space, i, on_side(i, 0.0)) for i in (0, 1)]
     plane = Plane((0.0, 0.0, 0.0), tuple(rotation[:, 2]))
     pair = ContactPair(base, plane, friction)
     supports = solid.supports(conditions)
@@ -165,7 +172,7 @@ def _solve_cube(
     )
 
 
-def _cube_mesh(element: str) -> Mesh:
+def _make_cube_mesh(element: str) -> Mesh:
     """Return a unit cube of unstructured tetrahedra, or of distorted hexahedra."""
     if cell_of(element) == "tetrahedron":
         return on_cube(element, CELL_SIZE)
@@ -175,90 +182,89 @@ def _cube_mesh(element: str) -> Mesh:
     is_inside = ~np.isclose(np.abs(x - 0.5), 0.5)
     random = np.random.default_rng(1).uniform(-1, 1, (len(lines) ** 3, 3))
     number = np.rint(x / CELL_SIZE).astype(int) @ [len(lines) ** 2, len(lines), 1]
-    x[:] += NODE_SHIFT * CELL_SIZE * random[number] * is_inside
+    x[:] += MAX_RELATIVE_NODE_SHIFT * CELL_SIZE * random[number] * is_inside
     return mesh
 
 
 def _oblique_rotation() -> Array:
-    """Return a rotation about an axis that is none of the mesh's."""
+    """Return the matrix of a rotation about an axis that is oblique to the mesh."""
     return np.asarray(Rotation.from_rotvec([0.5, -0.9, 0.4]).as_matrix())
 
 
 def sphere(element: str, elements: int, poissons_ratio: float = POISSONS_RATIO) -> Result:
-    """Solve a rigid sphere on a half space, a quarter of it.
+    """Press a rigid sphere on a half space, a quarter of which is modelled.
 
     Args:
-        element: its name.
-        elements: number along the contact radius.
-        poissons_ratio: of the half space.
+        element: Name of the element.
+        elements: Number of elements along the contact radius.
+        poissons_ratio: Poisson's ratio of the half space.
     """
     body = Elastic(YOUNGS_MODULUS, poissons_ratio)
     exact = HertzSphere(body, SPHERE_RADIUS, hertz_force(body, SPHERE_RADIUS))
     lines = graded(elements)
     mesh = box(cell_of(element), lines.beside, lines.beside, lines.below)
 
-    def contact_face(p: Array) -> Mask:
+    def is_contact_face(p: Array) -> Mask:
         return np.isclose(p[2], 0.0) & (np.maximum(p[0], p[1]) < lines.zone + 1e-9)
 
-    def outer_sides(p: Array) -> Mask:
+    def is_outer_side(p: Array) -> Mask:
         return np.isclose(p[2], -OUTER) | np.isclose(np.maximum(p[0], p[1]), OUTER)
 
     paraboloid = Parabola((0.0, 0.0, 0.0), SPHERE_RADIUS)
-    return _solve_indented(element, mesh, exact, paraboloid, contact_face, outer_sides)
+    return _solve_indented_half_space(
+        element, mesh, exact, paraboloid, is_contact_face, is_outer_side
+    )
 
 
 def punch(element: str, elements: int) -> Result:
-    """Solve a rigid circular flat punch on a half space, a quarter of it.
+    """Press a rigid circular flat punch on a half space, a quarter of which is modelled.
 
     Args:
-        element: its name.
-        elements: half of the number along the radius.
+        element: Name of the element.
+        elements: Half of the number of elements along the radius.
     """
     exact = FlatRound(Elastic(YOUNGS_MODULUS, POISSONS_RATIO), 1.0, PUNCH_DEPTH)
     size_at_edge = 0.5 / elements**2
     radii = 1 + growing(size_at_edge, OUTER - 1, GROWTH)[1:]
     mesh = quarter_disc(cell_of(element), elements, radii, depths(size_at_edge))
 
-    def contact_face(p: Array) -> Mask:
+    def is_contact_face(p: Array) -> Mask:
         return np.isclose(p[2], 0.0) & (np.hypot(p[0], p[1]) < 1 + 1e-9)
 
-    def outer_sides(p: Array) -> Mask:
-        # the middle of a straight side lies within the cylinder
+    def is_outer_side(p: Array) -> Mask:
+        # the middle of a straight element side lies inside the cylinder
         chord = OUTER * np.cos(np.pi / (8 * elements))
         return np.isclose(p[2], -OUTER) | (np.hypot(p[0], p[1]) > chord * (1 - 1e-9))
 
     flat_punch = FlatPunch((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0)
-    return _solve_indented(element, mesh, exact, flat_punch, contact_face, outer_sides)
+    return _solve_indented_half_space(
+        element, mesh, exact, flat_punch, is_contact_face, is_outer_side
+    )
 
 
-def _solve_indented(
+def _solve_indented_half_space(
     element: str,
     mesh: Mesh,
     exact: KnownContact,
     indenter: Parabola | FlatPunch,
-    contact_face: Callable[[Array], Mask],
-    outer_sides: Callable[[Array], Mask],
+    is_contact_face: Callable[[Array], Mask],
+    is_outer_side: Callable[[Array], Mask],
 ) -> Result:
     """Solve a quarter of a half space under a rigid indenter that moves to its exact depth."""
     body = exact.body
     solid = Solid.of(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
 
-    def far_field(x: Array) -> Array:
-        r = np.hypot(x[:, 0], x[:, 1])
-        u = exact.displacement(np.column_stack([r, x[:, 2]]))
-        return np.column_stack([u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None], u[:, 1]])
+    def on_symmetry_plane(axis: int) -> Callable[[Array], Mask]:
+        return lambda p: np.isclose(p[axis], 0.0) & ~is_outer_side(p)
 
-    def symmetry(axis: int) -> Callable[[Array], Mask]:
-        return lambda p: np.isclose(p[axis], 0.0) & ~outer_sides(p)
-
-    conditions = solid.held(outer_sides, far_field)
-    conditions += [prescribe(solid.space, i, symmetry(i)) for i in (0, 1)]
-    pair = ContactPair(contact_face, indenter, 0.0, [Motion((0.0, 0.0, -exact.approach))])
+    conditions = solid.held(is_outer_side, partial(displacement_in_space, exact))
+    conditions += [prescribe(solid.space, i, on_symmetry_plane(i)) for i in (0, 1)]
+    pair = ContactPair(is_contact_face, indenter, 0.0, [Motion((0.0, 0.0, -exact.approach))])
     no_load = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, no_load, supports, [pair], solid.space)
-    faces = solid.faces(contact_face)
-    forces = -solid.nodal_forces(states[-1], no_load, contact_face)
+    faces = solid.faces(is_contact_face)
+    forces = -solid.nodal_forces(states[-1], no_load, is_contact_face)
     r = np.linalg.norm(faces[0].position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
         pressure = np.where(r < 1 - 1e-9, exact.pressure(np.minimum(r, 1 - 1e-9)), 0.0)
@@ -279,11 +285,11 @@ def _solve_indented(
 
 TETRAHEDRA = ("galerkin-T10", "transferred-T10", "sibling-T10", "pw-T10")
 ELEMENTS = (*TETRAHEDRA, "galerkin-H27", "pw-H27")
-FINELY_COMPARED = ("galerkin-T10", "sibling-T10", "pw-T10")
-"""Tetrahedra whose partial slip is computed on finer meshes, too."""
+REFINED_TETRAHEDRA = ("galerkin-T10", "sibling-T10", "pw-T10")
+"""Tetrahedra for which partial slip is also computed on finer meshes."""
 
 
-def _mindlin_case(element: str, n: int) -> Case:
+def _make_mindlin_case(element: str, n: int) -> Case:
     return Case("V10", f"mindlin-{element}-{n}", mindlin, {"element": element, "elements": n})
 
 
@@ -313,10 +319,10 @@ CASES = mark_costly(
     *("*-transferred-*[234]", "*-transferred", "*-nu0.3"),
 )
 CASES += mark_costly(
-    [_mindlin_case(element, n) for element in FINELY_COMPARED for n in (4, 5, 6, 8)]
+    [_make_mindlin_case(element, n) for element in REFINED_TETRAHEDRA for n in (4, 5, 6, 8)]
 )
 CASES += mark_costly(
-    [_mindlin_case(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
+    [_make_mindlin_case(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
 )
 
 # Results
@@ -366,24 +372,24 @@ DETAILS = r"""
 <p class="note">Partial slip with 4 and more elements over <i>a</i>, and most results with forces times <b><i>T</i></b>, ν = 0.3 or hexahedra, come from a longer series that is computed and compared by <code>./run nightly</code>.</p>
 """
 
-SHOWN_TETRAHEDRA = ("galerkin-T10", "sibling-T10", "pw-T10")
-STICK_RADIUS = np.cbrt(0.5)
-"""Of Mindlin's stick zone, over the contact radius, for half of the friction that is available."""
+PLOT_TETRAHEDRA = ("galerkin-T10", "sibling-T10", "pw-T10")
+STICK_ZONE_RADIUS = np.cbrt(0.5)
+"""Radius of Mindlin's stick zone over the contact radius, for half of the available friction."""
 
 # Figure: which nodes stick
 
-MINDLIN_KEYS = [f"V10/mindlin-{element}-3" for element in SHOWN_TETRAHEDRA]
+MINDLIN_KEYS = [f"V10/mindlin-{element}-3" for element in PLOT_TETRAHEDRA]
 STATUS_COLOURS = {STICK: "#0072B2", SLIP: "#E8A33D", OPEN: "#777777"}
 
 
-def draw_stick(results: Results) -> Figure:
-    """Which nodes of two spheres in partial slip stick.
+def draw_stick_zones(results: Results) -> Figure:
+    """Sticking, slipping and open nodes of two spheres in partial slip.
 
-    One panel for each element, half of the contact each.
+    One panel per element, with half of the contact.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.2), sharex=True, sharey=True)
     angle = np.linspace(0, np.pi, 201)
-    for ax, element, key in zip(axes, SHOWN_TETRAHEDRA, MINDLIN_KEYS, strict=True):
+    for ax, element, key in zip(axes, PLOT_TETRAHEDRA, MINDLIN_KEYS, strict=True):
         curves = results.curves(key)
         x, y, _ = curves["x"].T
         has_reading = np.isfinite(curves["pressure"])
@@ -392,7 +398,7 @@ def draw_stick(results: Results) -> Figure:
             dots, crosses = is_shown & has_reading, is_shown & ~has_reading
             ax.plot(x[dots], y[dots], "o", ms=3.4, color=colour, label=STATUS[status])
             ax.plot(x[crosses], y[crosses], "x", ms=3.0, color=colour)
-        for radius, line in ((1.0, ":"), (STICK_RADIUS, "-")):
+        for radius, line in ((1.0, ":"), (STICK_ZONE_RADIUS, "-")):
             ax.plot(radius * np.cos(angle), radius * np.sin(angle), line, color="black", lw=0.8)
         radius = results.scalar(key, "stick_radius")
         ax.set_title(f"{NAMED_ELEMENTS[element].name}: {radius:.3f}", fontsize=8)
@@ -406,22 +412,22 @@ def draw_stick(results: Results) -> Figure:
 # Figure: tractions over the radius
 
 SPHERE_CASE, PUNCH_CASE, MINDLIN_CASE = "sphere-{}-5", "punch-{}-4", "mindlin-{}-3"
-ELEMENTS_BY_CASE = {
-    SPHERE_CASE: (*SHOWN_TETRAHEDRA, "pw-H27"),
-    PUNCH_CASE: SHOWN_TETRAHEDRA,
-    MINDLIN_CASE: SHOWN_TETRAHEDRA,
+PLOT_ELEMENTS_BY_CASE = {
+    SPHERE_CASE: (*PLOT_TETRAHEDRA, "pw-H27"),
+    PUNCH_CASE: PLOT_TETRAHEDRA,
+    MINDLIN_CASE: PLOT_TETRAHEDRA,
 }
-RADIUS_KEYS = [
+TRACTION_KEYS = [
     f"V10/{case.format(element)}"
-    for case, elements in ELEMENTS_BY_CASE.items()
+    for case, elements in PLOT_ELEMENTS_BY_CASE.items()
     for element in elements
 ]
 
 
-def draw_radius(results: Results) -> Figure:
-    """Contact in space, pressure and shear over the distance from the axis.
+def draw_tractions_over_radius(results: Results) -> Figure:
+    """Contact in space: pressure and shear over the distance from the axis.
 
-    Panels: sphere, flat punch, shear of partial slip; a marker for each node with weight.
+    Panels: sphere, flat punch, shear of partial slip; one marker per node with a weight.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5))
     panels = (
@@ -430,7 +436,7 @@ def draw_radius(results: Results) -> Figure:
         (MINDLIN_CASE, "shear", "(c) partial slip, shear"),
     )
     for ax, (case, quantity, title) in zip(axes, panels, strict=True):
-        for element in ELEMENTS_BY_CASE[case]:
+        for element in PLOT_ELEMENTS_BY_CASE[case]:
             curves = results.curves("V10/" + case.format(element))
             r = np.hypot(*curves["x"][:, :2].T)
             look = LOOK[element] | {"linestyle": "none", "markersize": 2.5, "zorder": 2}
@@ -439,8 +445,8 @@ def draw_radius(results: Results) -> Figure:
     r = np.linspace(0, 1, 401)[:-1]
     hertz = np.sqrt(1 - r**2)
     flat_punch = 1 / np.sqrt(1 - r**2) / 3
-    in_stick_zone = np.sqrt(np.maximum(0, 1 - (r / STICK_RADIUS) ** 2))
-    shear = 0.4 * (hertz - STICK_RADIUS * in_stick_zone)
+    in_stick_zone = np.sqrt(np.maximum(0, 1 - (r / STICK_ZONE_RADIUS) ** 2))
+    shear = 0.4 * (hertz - STICK_ZONE_RADIUS * in_stick_zone)
     for ax, exact in zip(axes, (hertz, flat_punch, shear), strict=True):
         ax.plot(r, exact, **(LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
     axes[0].set(ylabel="traction / $p_0$ of the sphere", ylim=(0, 1.1))
@@ -453,24 +459,24 @@ def draw_radius(results: Results) -> Figure:
 # Figure: errors on the face below the sphere
 
 SPHERE_KEYS = [f"V10/sphere-{element}-5" for element in ELEMENTS]
-LARGEST_COLOUR = 2.0
+MAX_COLOURED_ERROR = 2.0
 """Largest error of the colour scale, in % of p0."""
 COLOUR_SCALE: dict[str, Any] = {
-    "norm": plt.Normalize(-LARGEST_COLOUR, LARGEST_COLOUR),
+    "norm": plt.Normalize(-MAX_COLOURED_ERROR, MAX_COLOURED_ERROR),
     "cmap": "RdBu_r",
 }
 
 
-def draw_faces(results: Results) -> Figure:
+def draw_pressure_errors(results: Results) -> Figure:
     """Errors of pressures on the face below a rigid sphere.
 
-    One panel for each element, a quarter of the contact each.
+    One panel per element, with a quarter of the contact.
     """
     fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.0), sharex=True, sharey=True)
     for ax, element, key in zip(axes.flat, ELEMENTS, SPHERE_KEYS, strict=True):
         curves = results.curves(key)
         error = 100 * (curves["pressure"] - curves["exact_pressure"])
-        _draw_nodes(ax, curves["x"], error)
+        _draw_nodal_errors(ax, curves["x"], error)
         ax.set_title(NAMED_ELEMENTS[element].name)
     for ax in axes[1]:
         ax.set_xlabel("$x/a$")
@@ -482,8 +488,8 @@ def draw_faces(results: Results) -> Figure:
     return fig
 
 
-def _draw_nodes(ax: Axes, x: Array, error: Array) -> None:
-    """Draw the nodes of the contact, those without a pressure as crosses."""
+def _draw_nodal_errors(ax: Axes, x: Array, error: Array) -> None:
+    """Draw the nodes in contact coloured by their error; nodes without a pressure are crosses."""
     is_near = np.hypot(*x[:, :2].T) < 1
     dots, crosses = is_near & np.isfinite(error), is_near & ~np.isfinite(error)
     ax.scatter(x[dots, 0], x[dots, 1], s=22, c=error[dots], ec="#777777", lw=0.4, **COLOUR_SCALE)
@@ -495,8 +501,8 @@ def _draw_nodes(ax: Axes, x: Array, error: Array) -> None:
     ax.grid(visible=False)
 
 
-def caption_faces(results: Results) -> str:
-    """Return the caption, with the number of nodes that have no reading."""
+def caption_pressure_errors(results: Results) -> str:
+    """Return the caption, with the number of nodes that have no pressure."""
     weightless = results.scalar("V10/sphere-galerkin-T10-5", "weightless_nodes")
     nodes = results.scalar("V10/sphere-galerkin-T10-5", "nodes")
     return (
@@ -510,7 +516,7 @@ def caption_faces(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "v10_stick",
-        draw_stick,
+        draw_stick_zones,
         needs=MINDLIN_KEYS,
         caption="What the nodes do in one half of the contact of two equal spheres in partial "
         "slip, three elements over the radius a (dotted), ν = 0; the solid line is the border of "
@@ -524,8 +530,8 @@ FIGURES = [
     ),
     PageFigure(
         "v10_radius",
-        draw_radius,
-        needs=RADIUS_KEYS,
+        draw_tractions_over_radius,
+        needs=TRACTION_KEYS,
         caption="Own-function tractions over the distance from the axis, at all nodes whose "
         "integral is not zero: (a) below a rigid sphere, five elements over the radius a; (b) "
         "below a rigid flat punch, four elements, smaller towards its edge; (c) shear between two "
@@ -537,9 +543,9 @@ FIGURES = [
     ),
     PageFigure(
         "v10_faces",
-        draw_faces,
+        draw_pressure_errors,
         needs=SPHERE_KEYS,
-        caption=caption_faces,
+        caption=caption_pressure_errors,
         alt="Six quarter discs of nodes, pale inside and coloured towards the edge of the contact, "
         "where errors are largest. The standard tetrahedron's has crosses at all corners of its "
         "elements; the new hexahedron's is the palest.",

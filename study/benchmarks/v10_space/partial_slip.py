@@ -20,32 +20,32 @@ Mask = npt.NDArray[np.bool_]
 
 # Lengths are divided by the contact radius, stresses by E
 YOUNGS_MODULUS = 1.0
-RELATIVE_RADIUS = 1e3
-"""Radius of the relative curvature; each sphere has twice this radius."""
+CURVATURE_RADIUS = 1e3
+"""Radius of the relative curvature; the radius of each sphere is twice as large."""
 FRICTION = 0.4
 FRICTION_FRACTION = 0.5
-"""Tangential force over what friction can carry, Q/(mu P)."""
+"""Tangential force over the friction limit, Q/(mu P)."""
 MESH_DISTANCE = 1.0
 """Distance between the two meshes, so that no nodes coincide."""
-BORDER_DISTANCE = 0.15
-"""Shear is compared farther than this from the border of the stick zone."""
+MIN_BORDER_DISTANCE = 0.15
+"""Distance from the border of the stick zone beyond which shear is compared."""
 
 
 def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
-    """Solve two equal bodies that are pressed and then pushed along x; one half is modelled.
+    """Press two equal spheres together, then push them along x; one half is modelled.
 
-    The outer sides have the displacements of half spaces under the exact tractions. Errors of the
+    Outer sides have the displacements of half spaces under the exact tractions. Errors of the
     shear are relative to mu p0, away from the border of the stick zone. `sticking_area_own` is the
     sum of the sticking nodes' weights over that of the nodes inside the exact disc; `stick_radius`
     is the radius of `fit_stick_radius` over the exact one.
 
     Args:
-        element: its name.
-        elements: number along the contact radius.
-        poissons_ratio: of both bodies; Mindlin's solution is exact for 0.
+        element: Name of the element.
+        elements: Number of elements along the contact radius.
+        poissons_ratio: Poisson's ratio of both bodies; Mindlin's solution is exact for 0.
     """
     body = Elastic(YOUNGS_MODULUS, poissons_ratio)
-    sphere = HertzSphere(body, 2 * RELATIVE_RADIUS, hertz_force(body, 2 * RELATIVE_RADIUS))
+    sphere = HertzSphere(body, 2 * CURVATURE_RADIUS, hertz_force(body, 2 * CURVATURE_RADIUS))
     exact = MindlinSphere(sphere, FRICTION, FRICTION_FRACTION)
     lines = graded(elements)
     x_lines = np.concatenate([-lines.beside[:0:-1], lines.beside])
@@ -53,43 +53,45 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     mesh = with_mirror_image(lower, MESH_DISTANCE)
     solid = Solid.of(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
 
-    def contact_face(height: float) -> Callable[[Array], Mask]:
+    def on_contact_face(height: float) -> Callable[[Array], Mask]:
         def marker(p: Array) -> Mask:
             is_near = np.maximum(np.abs(p[0]), p[1]) < lines.zone + 1e-9
             return np.isclose(p[2], height) & is_near
 
         return marker
 
-    def outer_sides(p: Array) -> Mask:
+    def is_outer_side(p: Array) -> Mask:
         ends = np.isclose(np.abs(p[2] - MESH_DISTANCE / 2), OUTER + MESH_DISTANCE / 2)
         return ends | np.isclose(np.abs(p[0]), OUTER) | np.isclose(p[1], OUTER)
 
-    def far_field(pushed: bool) -> Callable[[Array], Array]:
+    def far_displacement(is_pushed: bool) -> Callable[[Array], Array]:
         def displacement(x: Array) -> Array:
             is_upper = (x[:, 2] > MESH_DISTANCE / 2)[:, None]
             mirrored = [0.0, 0.0, MESH_DISTANCE] + x * [-1.0, 1.0, -1.0]
-            u = exact.displacement(np.where(is_upper, mirrored, x), pushed)
+            u = exact.displacement(np.where(is_upper, mirrored, x), is_pushed)
             return np.where(is_upper, u * [-1.0, 1.0, -1.0], u)
 
         return displacement
 
     symmetry = prescribe(solid.space, 1, lambda p: np.isclose(p[1], 0.0))
-    shape = Parabola((0.0, 0.0, 0.0), RELATIVE_RADIUS)
-    upper = MatchingNodes(contact_face(MESH_DISTANCE), shape, offset=(0.0, 0.0, MESH_DISTANCE))
-    # the far field differs between the increments: loads stand for its prescribed values
-    loads = [solid.held_by_load(outer_sides, far_field(pushed)) for pushed in (False, True)]
-    sides = [prescribe(solid.space, i, outer_sides) for i in range(3)]
+    shape = Parabola((0.0, 0.0, 0.0), CURVATURE_RADIUS)
+    upper = MatchingNodes(on_contact_face(MESH_DISTANCE), shape, offset=(0.0, 0.0, MESH_DISTANCE))
+    # loads replace the prescribed far displacements, which differ between the increments
+    loads = [
+        solid.held_by_load(is_outer_side, far_displacement(pushed)) for pushed in (False, True)
+    ]
+    sides = [prescribe(solid.space, i, is_outer_side) for i in range(3)]
     supports = solid.supports([symmetry, *sides])
     depth = -2 * exact.normal.approach
     motions = [Motion((0.0, 0.0, depth)), Motion((2 * exact.shift, 0.0, depth))]
-    pair = ContactPair(contact_face(0.0), upper, FRICTION, motions)
+    pair = ContactPair(on_contact_face(0.0), upper, FRICTION, motions)
     states = solve_contact(solid.K, loads, supports, [pair], solid.space)
 
-    surface, standard = faces = solid.faces(contact_face(0.0))
-    forces = solid.nodal_forces(states[-1], loads[-1], contact_face(0.0))
+    surface, standard = faces = solid.faces(on_contact_face(0.0))
+    forces = solid.nodal_forces(states[-1], loads[-1], on_contact_face(0.0))
     forces = forces * [1.0, 1.0, -1.0]  # normal components are positive in compression
     r = np.linalg.norm(surface.position[:, :2], axis=1)
-    is_compared = (r < INNER) & (np.abs(r - exact.stick) > BORDER_DISTANCE)
+    is_compared = (r < INNER) & (np.abs(r - exact.stick) > MIN_BORDER_DISTANCE)
     tractions = surface.pressure(forces)
     shear_error = np.abs(tractions[:, 0] - exact.shear(r)) / (FRICTION * exact.normal.peak)
     scalars = errors_beside("shear_error", np.where(is_compared, shear_error, np.nan), standard)
@@ -113,15 +115,15 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
 
 
 def fit_stick_radius(r: Array, tractions: Array, sticks: Mask) -> float:
-    """Return the radius at which the unused friction of the sticking nodes would vanish.
+    """Return the radius at which the unused friction of the sticking nodes vanishes.
 
-    In Mindlin's solution (mu p - |t|)² is a straight line over r²; one is fitted through the
-    sticking nodes. Interpolation would reach zero at the first slipping node, and count nodes.
+    In Mindlin's solution (mu p - |t|)² is a linear function of r²; it is fitted to the sticking
+    nodes. Interpolation would end at the first slipping node, and so depend on node positions.
 
     Args:
-        r: (m,), distances of the nodes from the axis.
-        tractions: (m, 3), the last component is the pressure; NaN where there is no reading.
-        sticks: (m,), whether a node sticks.
+        r: Distances (m,) of the nodes from the axis.
+        tractions: Tractions (m, 3), the last component the pressure; NaN at nodes without a weight.
+        sticks: Mask (m,) of the sticking nodes.
     """
     unused = FRICTION * tractions[:, 2] - np.linalg.norm(tractions[:, :2], axis=1)
     is_fitted = sticks & np.isfinite(unused)

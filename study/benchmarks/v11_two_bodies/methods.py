@@ -1,11 +1,11 @@
 """Methods for contact of two deformable bodies on meshes that do not match.
 
-With piecewise-linear weights: `pw-dual` is the library's method, whose gaps are weighted with the
-test functions. `pw-dual-gap` has the same test functions and multipliers, but gaps weighted with
-the multipliers' functions, the duals; the difference of the two is the cost, at the edge of
-contact, of a mean gap over positive functions.
+Methods with piecewise-linear weights: `pw-dual` is the library's method, which weights gaps with
+the test functions. `pw-dual-gap` has the same test functions and multipliers, but weights gaps with
+the functions of the multipliers, the duals; the difference between the two is the error that a mean
+gap over positive functions causes at the edge of contact.
 
-With standard test functions, for comparison: multipliers on the slave's face that are expanded in
+Methods with standard test functions, for comparison: multipliers on the slave's face, expanded in
 its standard functions (`p2-p2`), its linear ones (`p2-p1`) or the duals of the quadratic ones
 (`p2-dual`; in space those of the transformed basis of A. Popp, B. Wohlmuth, M. Gee and W. Wall,
 https://doi.org/10.1137/110848190), and nodes of the slave on the master's face
@@ -47,18 +47,19 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 Facets = npt.NDArray[np.int32]
 
-NEW = ("pw-dual", "pw-dual-gap")
+NEW_WEIGHT_METHODS = ("pw-dual", "pw-dual-gap")
 """Methods with piecewise-linear test functions."""
 
 _QUADRATURE_DEGREE = 3
-"""In space, where cells are straight but for 1e-3: the degree that the library takes for curved
-cells changes the ninth digit of pressures, and takes half of all time."""
+"""Degree of quadrature in space, where cells are straight to within 1e-3. The degree that the
+library uses for curved cells changes the ninth digit of pressures and takes half of all time."""
 _MAX_LINEAR_SYSTEMS = 40
-"""Of the active-set iteration of the methods for comparison, which may cycle."""
+"""Largest number of active sets in the methods for comparison, whose iteration may cycle."""
 _MID_SIDE_FACTOR, _VERTEX_FACTOR = 3 / 4, 1 / 8
-"""Share of a mid-side function that stays in the transformed basis, and goes to either vertex."""
+"""Fractions of a mid-side function that stay with it and that go to either vertex in the
+transformed basis."""
 _INSIDE_TOLERANCE = -1e-9
-"""Smallest barycentric coordinate of a point that is on a triangle but for round-off."""
+"""Smallest barycentric coordinate of a point that counts as inside a triangle."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,11 @@ class TwoBodies:
     """Two bodies, parts of one mesh, and their contact faces.
 
     Args:
-        method: its name, see `study.model.vocabulary.WAYS`.
-        body: with the test functions of the method.
-        K: free stiffness.
-        slave: facets, local numbers.
-        master: facets.
+        method: Name of the method, a key of `study.model.vocabulary.WAYS`.
+        body: Both bodies, with the test functions of the method.
+        K: Stiffness without supports.
+        slave: Local numbers of the slave's facets.
+        master: Local numbers of the master's facets.
     """
 
     method: str
@@ -93,17 +94,19 @@ class TwoBodies:
         """Assemble both bodies.
 
         Args:
-            method: its name.
-            mesh: of both bodies.
-            is_lower_cell: (cells,), whether a cell belongs to the lower body.
+            method: Name of the method.
+            mesh: Mesh of both bodies.
+            is_lower_cell: Mask (cells,) of the cells of the lower body.
             moduli: Young's moduli of the lower and of the upper body.
-            poissons_ratio: of both.
-            state: plane strain or solid.
-            faces: facets of slave and master.
+            poissons_ratio: Poisson's ratio of both bodies.
+            state: Plane strain or solid.
+            faces: Facets of slave and master.
         """
         E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
         E.x.array[:] = np.where(is_lower_cell, *moduli)
-        spaces = Spaces.petrov_galerkin(mesh) if method in NEW else Spaces.galerkin(mesh)
+        spaces = (
+            Spaces.petrov_galerkin(mesh) if method in NEW_WEIGHT_METHODS else Spaces.galerkin(mesh)
+        )
         degree = _QUADRATURE_DEGREE if state is StressState.SOLID else None
         body = Body(spaces, Material(E, poissons_ratio), state, quadrature_degree=degree)
         return cls(method, body, assemble_matrix(body.stiffness()), *faces)
@@ -115,7 +118,7 @@ class TwoBodies:
 
     @property
     def x(self) -> Array:
-        """Positions (nodes, dim)."""
+        """Positions of the nodes, (nodes, dim)."""
         return np.asarray(self.space.tabulate_dof_coordinates()[:, : self.space.mesh.geometry.dim])
 
     def load(self, traction: Array | Sequence[float], part: EntitySelection) -> PETSc.Vec:
@@ -129,10 +132,10 @@ class TwoBodies:
         conditions: list[fem.DirichletBC],
         friction: float = 0.0,
         motions: Sequence[Motion] = (),
-    ) -> "Solution":
+    ) -> "ContactSolution":
         """Solve the contact problem.
 
-        Friction, several loads and motions are available with the library's method only.
+        Only the library's method takes friction, several loads and motions.
         """
         if self.method == "pw-dual":
             reduction = Reduction.dirichlet(self.space, conditions)
@@ -145,7 +148,7 @@ class TwoBodies:
         assert isinstance(loads, PETSc.Vec)
         return _solve_saddle_point(self, loads, conditions)
 
-    def _library_solution(self, states: list[ContactState]) -> "Solution":
+    def _library_solution(self, states: list[ContactState]) -> "ContactSolution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
         slave, master = (
@@ -158,7 +161,7 @@ class TwoBodies:
         force = np.zeros_like(self.x)
         force[pair.node] = pair.force_vector
         force[pair.opposite_node] = pair.opposite_force
-        return Solution(
+        return ContactSolution(
             pair.node,
             np.where(covered > 0, pair.force_normal / np.where(covered > 0, covered, 1.0), np.nan),
             surface.tributary_area,
@@ -172,58 +175,58 @@ class TwoBodies:
 
 
 @dataclass(frozen=True)
-class Solution:
+class ContactSolution:
     """Solution of a contact problem by one of the methods.
 
     Args:
-        node: (m,), of the slave's face, in the order of positions.
-        pressure: (m,), NaN where the method has none.
-        area: (m,), tributary.
-        force: (nodes, dim), contact forces on both bodies.
-        opposite: (k,), nodes of the master's face.
-        displacement: (nodes, dim).
-        iterations: linear systems; the largest number of an increment.
-        settled: whether the iteration has converged.
-        states: of the library's method.
+        slave_node: Nodes (m,) of the slave's face, ordered by position.
+        pressure: Pressures (m,), NaN at nodes where the method has none.
+        area: Tributary areas (m,).
+        force: Contact forces (nodes, dim) on both bodies.
+        master_node: Nodes (k,) of the master's face.
+        displacement: Displacements (nodes, dim).
+        iterations: Largest number of linear systems of an increment.
+        has_converged: Whether the iteration has converged.
+        states: States of the library's method, otherwise empty.
     """
 
-    node: Indices
+    slave_node: Indices
     pressure: Array
     area: Array
     force: Array
-    opposite: Indices
+    master_node: Indices
     displacement: Array
     iterations: int
-    settled: bool
+    has_converged: bool
     states: list[ContactState]
 
-    def balances(self, x: Array) -> dict[str, float]:
-        """Return sums of the contact forces on both bodies, and of their moments.
+    def force_and_moment_imbalance(self, x: Array) -> dict[str, float]:
+        """Return the imbalance of the contact forces on both bodies, and of their moments.
 
-        Both are relative to the sum of the forces' magnitudes.
+        Both are relative to the sum of the magnitudes of the forces.
         """
-        size = np.abs(self.force).sum()
+        magnitude = np.abs(self.force).sum()
         if x.shape[1] == 3:
             moments = np.cross(x, self.force)
         else:
             moments = (x[:, 0] * self.force[:, 1] - x[:, 1] * self.force[:, 0])[:, None]
         return {
-            "balance_force": float(np.abs(self.force.sum(axis=0)).max() / size),
-            "balance_moment": float(np.abs(moments.sum(axis=0)).max() / size),
+            "balance_force": float(np.abs(self.force.sum(axis=0)).max() / magnitude),
+            "balance_moment": float(np.abs(moments.sum(axis=0)).max() / magnitude),
         }
 
 
 @dataclass(frozen=True)
-class Coupling:
-    """Coupling of both faces along the last coordinate.
+class FaceCoupling:
+    """Gap and force operators that couple both faces along the last coordinate.
 
     Gaps are `rows @ u + gap`, and multipliers exert the forces `forces.T @ multiplier`.
 
     Args:
-        rows: (m, nodes), of the vertical displacements.
-        forces: (m, nodes), vertical.
-        gap: (m,), in the undeformed configuration.
-        weight: (m,), integral of the function that weights the gap.
+        rows: Matrix (m, nodes) from vertical displacements to changes of gaps.
+        forces: Matrix (m, nodes) whose transpose turns multipliers into vertical forces.
+        gap: Gaps (m,) of the undeformed bodies.
+        weight: Integrals (m,) of the functions that weight the gaps.
     """
 
     rows: sp.csr_array
@@ -233,24 +236,26 @@ class Coupling:
 
 
 def _solve_saddle_point(
-    two: TwoBodies, load: PETSc.Vec, conditions: list[fem.DirichletBC]
-) -> Solution:
-    """Solve frictionless contact along the last coordinate, to which the normals are near."""
-    x, space = two.x, two.space
-    slave, master = (gather_boundary_facets(space, facets) for facets in (two.slave, two.master))
+    bodies: TwoBodies, load: PETSc.Vec, conditions: list[fem.DirichletBC]
+) -> ContactSolution:
+    """Solve frictionless contact along the last coordinate, which approximates the normals."""
+    x, space = bodies.x, bodies.space
+    slave, master = (
+        gather_boundary_facets(space, facets) for facets in (bodies.slave, bodies.master)
+    )
     dim = x.shape[1]
-    is_node_to_segment = two.method == "node-to-segment"
-    # the slave is pushed along its inward normal
+    is_node_to_segment = bodies.method == "node-to-segment"
+    # contact pushes the slave along its inward normal
     sign = -1.0 if slave.facet_normals[:, -1].mean() > 0 else 1.0
     if is_node_to_segment:
         coupling = _couple_nodes_to_segments(slave, master, len(x), sign)
     else:
-        coupling = couple_by_multipliers(two.method, slave, master, len(x), sign)
+        coupling = integrate_multiplier_coupling(bodies.method, slave, master, len(x), sign)
     G, B = (
         sp.csr_array(sp.kron(matrix, np.eye(dim)[-1:]))
         for matrix in (coupling.rows, coupling.forces)
     )
-    K = sp.csr_array(two.K.getValuesCSR()[::-1], shape=two.K.getSize())
+    K = sp.csr_array(bodies.K.getValuesCSR()[::-1], shape=bodies.K.getSize())
     u = np.zeros(x.size)
     is_prescribed = np.zeros(x.size, dtype=bool)
     for condition in conditions:
@@ -262,10 +267,10 @@ def _solve_saddle_point(
     K_free, G_free, B_free = K[free][:, free], G[:, free], B[:, free]
     initial_gap = coupling.gap + G @ u
     row_sums = np.abs(G).sum(axis=1)
-    has_row = row_sums > 1e-9 * row_sums.max()  # others face nothing
+    has_row = row_sums > 1e-9 * row_sums.max()  # other nodes have no master opposite
     stiffness = K.diagonal().mean()
     area = np.abs(coupling.weight).mean()
-    # multipliers are pressures and their gaps are weighted, or forces in node to segment
+    # multipliers are pressures with weighted gaps; in node to segment they are forces
     scale = stiffness if is_node_to_segment else stiffness / area**2
 
     active = has_row.copy()
@@ -274,13 +279,13 @@ def _solve_saddle_point(
     while (
         not settled
         and len(visited) < _MAX_LINEAR_SYSTEMS
-        and not any(np.array_equal(active, before) for before in visited)
+        and not any(np.array_equal(active, earlier_active) for earlier_active in visited)
     ):
         visited.append(active)
         G_active = G_free[active]
         zero = sp.csr_array((G_active.shape[0], G_active.shape[0]))
         matrix = sp.block_array([[K_free, -B_free[active].T], [G_active, zero]], format="csr")
-        unknowns = _solve_by_mumps(matrix, np.concatenate([free_load, -initial_gap[active]]))
+        unknowns = _solve_by_lu(matrix, np.concatenate([free_load, -initial_gap[active]]))
         u[free] = unknowns[: len(free)]
         multiplier = np.zeros(len(active))
         multiplier[active] = unknowns[len(free) :]
@@ -291,18 +296,18 @@ def _solve_saddle_point(
 
     force = np.zeros_like(x)
     force[:, -1] = coupling.forces.T @ multiplier
-    surface = SurfaceNodes.from_body(two.body, two.slave)
+    surface = SurfaceNodes.from_body(bodies.body, bodies.slave)
     order = np.searchsorted(slave.nodes, surface.node)
     if is_node_to_segment:
         pressure = surface.pressure(multiplier[order])
     else:
-        if two.method == "p2-p1":  # linear along each edge
+        if bodies.method == "p2-p1":  # linear along each edge
             node = np.searchsorted(slave.nodes, slave.facet_nodes)
-            for middle, ends in _facet_edges(slave.space_dim):
+            for middle, ends in _facet_edge_nodes(slave.space_dim):
                 multiplier[node[:, middle]] = multiplier[node[:, ends]].mean(axis=1)
                 has_row[node[:, middle]] = has_row[node[:, ends]].all(axis=1)
         pressure = np.where(has_row, multiplier, np.nan)[order]
-    return Solution(
+    return ContactSolution(
         surface.node,
         pressure,
         surface.tributary_area,
@@ -315,7 +320,7 @@ def _solve_saddle_point(
     )
 
 
-def _solve_by_mumps(matrix: sp.csr_array, right: Array) -> Array:
+def _solve_by_lu(matrix: sp.csr_array, right: Array) -> Array:
     """Solve a sparse linear system by LU with pivoting."""
     csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
     A = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
@@ -330,31 +335,35 @@ def _solve_by_mumps(matrix: sp.csr_array, right: Array) -> Array:
     return np.array(x.array_r)
 
 
-def couple_by_multipliers(
+def integrate_multiplier_coupling(
     method: str, slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
-) -> Coupling:
+) -> FaceCoupling:
     """Return the coupling by multipliers, integrated over the common segments of both faces.
 
     Args:
         method: "pw-dual-gap", "p2-p2", "p2-p1" or "p2-dual".
-        slave: its face.
-        master: its face.
-        n_nodes: number of all nodes.
-        sign: of the slave's inward normal along the last coordinate.
+        slave: Face of the slave.
+        master: Face of the master.
+        n_nodes: Number of nodes of both bodies.
+        sign: Sign of the slave's inward normal along the last coordinate.
     """
     overlap = OverlapQuadrature.from_slave_and_master(slave, master, slave.nodes, revolved=False)
     (slave_node, N_slave), (master_node, N_master), (weight_node, w_master) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
         "p2-p2": lambda: N_slave,
-        "p2-p1": lambda: _linear_functions(N_slave, slave.space_dim),
-        "p2-dual": lambda: dual_functions(slave_node, N_slave, overlap.measure, slave.space_dim),
+        "p2-p1": lambda: _linear_from_quadratic_functions(N_slave, slave.space_dim),
+        "p2-dual": lambda: dual_quadratic_functions(
+            slave_node, N_slave, overlap.measure, slave.space_dim
+        ),
     }
     phi = functions[method]()
     m = len(slave.nodes)
-    row = overlap.point if method in NEW else np.searchsorted(slave.nodes, slave_node)
+    row = (
+        overlap.point if method in NEW_WEIGHT_METHODS else np.searchsorted(slave.nodes, slave_node)
+    )
 
-    def integrals(column: Indices, values: Array) -> sp.csr_array:
+    def integrate_products(column: Indices, values: Array) -> sp.csr_array:
         products = np.einsum("q,qa,qk->qak", overlap.measure, phi, values)
         indices = tuple(
             np.broadcast_to(index, products.shape).ravel()
@@ -362,42 +371,45 @@ def couple_by_multipliers(
         )
         return sp.csr_array(sp.coo_array((products.ravel(), indices), (m, n_nodes)))
 
-    rows = forces = sign * (integrals(slave_node, N_slave) - integrals(master_node, N_master))
-    if method in NEW:
+    rows = forces = sign * (
+        integrate_products(slave_node, N_slave) - integrate_products(master_node, N_master)
+    )
+    if method in NEW_WEIGHT_METHODS:
         forces = sign * (
-            integrals(slave.nodes[row], overlap.weight) - integrals(weight_node, w_master)
+            integrate_products(slave.nodes[row], overlap.weight)
+            - integrate_products(weight_node, w_master)
         )
     weighted = overlap.measure[:, None] * phi
     gap = np.bincount(row.ravel(), (sign * overlap.separation[:, -1:] * weighted).ravel(), m)
     weight = np.bincount(row.ravel(), weighted.ravel(), m)
-    return Coupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
+    return FaceCoupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
 
 
-def _facet_edges(dim: int) -> list[tuple[int, list[int]]]:
-    """Return the middle node of each edge of a facet, with those at its ends."""
+def _facet_edge_nodes(dim: int) -> list[tuple[int, list[int]]]:
+    """Return the middle node and the two end nodes of each edge of a facet."""
     return {2: [(2, [0, 1])], 3: [(3, [1, 2]), (4, [0, 2]), (5, [0, 1])]}[dim]
 
 
-def _linear_functions(N: Array, dim: int) -> Array:
-    """Return linear functions of vertices (q, k), zero at mid-sides, from quadratic ones (q, k)."""
+def _linear_from_quadratic_functions(N: Array, dim: int) -> Array:
+    """Return linear functions (q, k), zero for mid-side nodes, from quadratic ones (q, k)."""
     linear = np.zeros_like(N)
     linear[:, :dim] = N[:, :dim]
-    for middle, ends in _facet_edges(dim):
+    for middle, ends in _facet_edge_nodes(dim):
         linear[:, ends] += N[:, [middle]] / 2
     return linear
 
 
-def dual_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
-    """Return the duals of a face's quadratic functions, in space of the transformed ones.
+def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
+    """Return the duals of a face's quadratic functions; in space those of the transformed basis.
 
     Args:
-        node: (q, k), nodes of the facet of each quadrature point.
-        N: (q, k), quadratic functions.
-        measure: (q,), weights of the quadrature.
-        dim: of the space.
+        node: Nodes (q, k) of the facet of each quadrature point.
+        N: Quadratic functions (q, k) at the quadrature points.
+        measure: Weights (q,) of the quadrature.
+        dim: Dimension of space.
 
     Returns:
-        Values (q, k).
+        Dual functions (q, k) at the quadrature points.
     """
     if dim == 3:
         transformed = _MID_SIDE_FACTOR * N
@@ -407,15 +419,15 @@ def dual_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
     facets, facet = np.unique(node, axis=0, return_inverse=True)
     M = np.zeros((len(facets), N.shape[1], N.shape[1]))
     np.add.at(M, facet.ravel(), np.einsum("q,qa,qb->qab", measure, N, N))
-    D = M.sum(axis=2)  # the transformed functions sum up to one, too
+    D = M.sum(axis=2)  # the transformed functions also sum up to one
     A = np.linalg.pinv(M) * D[:, None, :]
     return np.asarray(np.einsum("qa,qab->qb", N, A[facet.ravel()]))
 
 
 def _couple_nodes_to_segments(
     slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
-) -> Coupling:
-    """Return the coupling of the slave's nodes with the master's face below or above them."""
+) -> FaceCoupling:
+    """Return the coupling of the slave's nodes with the points of the master below or above."""
     x = slave.node_positions()
     _, corners, _ = master.sub_facet_nodes_corners_and_normals
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)
@@ -428,10 +440,10 @@ def _couple_nodes_to_segments(
     master_node, N = master.evaluate_trial_functions(sub_facet, position)
     y = master.interpolate_positions(sub_facet, N)
     m = len(x)
-    of_slave = sp.csr_array((np.ones(m), (np.arange(m), slave.nodes)), (m, n_nodes))
-    of_master = sp.csr_array(
+    slave_values = sp.csr_array((np.ones(m), (np.arange(m), slave.nodes)), (m, n_nodes))
+    master_values = sp.csr_array(
         (N.ravel(), (np.repeat(np.arange(m), N.shape[1]), master_node.ravel())), (m, n_nodes)
     )
     gap = sign * (x - y)[:, -1]
-    rows = sp.csr_array(sp.diags_array(faces_master * sign) @ (of_slave - of_master))
-    return Coupling(rows, rows, gap, faces_master.astype(float))
+    rows = sp.csr_array(sp.diags_array(faces_master * sign) @ (slave_values - master_values))
+    return FaceCoupling(rows, rows, gap, faces_master.astype(float))

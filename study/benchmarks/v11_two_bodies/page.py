@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.benchmarks.v11_two_bodies.methods import NEW
+from study.benchmarks.v11_two_bodies.methods import NEW_WEIGHT_METHODS
 from study.benchmarks.v11_two_bodies.problems import (
     calculix,
     cattaneo,
@@ -88,51 +88,59 @@ corners. With the new weights and 16 edges to the half width contact takes
 
 # Cases
 
-DUAL = (*NEW, "p2-dual")
+DUAL_METHODS = (*NEW_WEIGHT_METHODS, "p2-dual")
 """Methods with dual multipliers."""
 
 
-def _case(name: str, problem: Callable[..., Result], method: str, **parameters: float) -> Case:
+def _make_case(name: str, problem: Callable[..., Result], method: str, **parameters: float) -> Case:
     in_space = problem is spheres or parameters.get("dim") == 3
-    element = ("pw" if method in NEW else "galerkin") + ("-T10" if in_space else "-T6")
+    element = ("pw" if method in NEW_WEIGHT_METHODS else "galerkin") + (
+        "-T10" if in_space else "-T6"
+    )
     return Case(
         "V11", name.format(method), problem, {"way": method, **parameters}, {"element": element}
     )
 
 
 CASES = [
-    _case(f"{problem.__name__}-{dim}d-{{}}", problem, method, dim=dim)
+    _make_case(f"{problem.__name__}-{dim}d-{{}}", problem, method, dim=dim)
     for problem in (patch, overhang)
     for dim in (2, 3)
     for method in WAYS
 ]
 CASES += [
-    _case(f"hertz-2d-{{}}-{edges}", hertz, method, edges=edges)
+    _make_case(f"hertz-2d-{{}}-{edges}", hertz, method, edges=edges)
     for method in WAYS
     for edges in (4, 8, 16)
 ]
 CASES += [
-    _case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, method, edges=16, ratio=ratio)
+    _make_case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, method, edges=16, ratio=ratio)
     for method in WAYS
     for ratio in (0.5, 1.0, 2.0)
 ]
 CASES += [
-    _case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
+    _make_case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
     for problem in (cattaneo, unequal)
     for edges in (8, 16)
 ]
-CASES += [_case("r0094-{}", r0094, method) for method in WAYS]
-CASES += [_case("spheres-{}-3", spheres, method, edges=3) for method in WAYS]
-# the finer and the coarser mesh of other cases exchanged
-CASES += [_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0) for method in DUAL]
-CASES += mark_costly([_case("spheres-{}-5", spheres, method, edges=5) for method in WAYS])
+CASES += [_make_case("r0094-{}", r0094, method) for method in WAYS]
+CASES += [_make_case("spheres-{}-3", spheres, method, edges=3) for method in WAYS]
+# meshes of both bodies exchanged
+CASES += [
+    _make_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0)
+    for method in DUAL_METHODS
+]
+CASES += mark_costly([_make_case("spheres-{}-5", spheres, method, edges=5) for method in WAYS])
 CASES += mark_costly(
-    [_case("spheres-{}-3.55-ratio1.41", spheres, method, edges=3.55, ratio=1.41) for method in DUAL]
+    [
+        _make_case("spheres-{}-3.55-ratio1.41", spheres, method, edges=3.55, ratio=1.41)
+        for method in DUAL_METHODS
+    ]
 )
 CASES += mark_costly(
     [
-        _case("spheres-{}-5-ratio1.37", spheres, method, edges=5, ratio=1.37)
-        for method in ("node-to-segment", *DUAL)
+        _make_case("spheres-{}-5-ratio1.37", spheres, method, edges=5, ratio=1.37)
+        for method in ("node-to-segment", *DUAL_METHODS)
     ]
 )
 CASES += [
@@ -221,13 +229,13 @@ DETAILS = r"""
 
 PRESSURE_PANELS = {"hertz-2d-{}-4": "cylinders, 4 edges", "spheres-{}-3": "spheres, 3 edges"}
 PRESSURE_RANGE = (-0.3, 1.5)
-"""Of the panels, over Hertz's peak."""
+"""Range of the ordinate, in units of Hertz's peak pressure."""
 
 
-def draw_pressure(results: Results) -> Figure:
+def draw_pressures(results: Results) -> Figure:
     """Two deformable bodies: pressures of all methods on the same meshes.
 
-    A panel for each problem and method; the line is exact.
+    One panel per problem and method; lines are exact.
     """
     fig, axes = plt.subplots(2, len(WAYS), figsize=(FULL, 3.1), sharex=True, sharey=True)
     s = np.linspace(0, 1, 401)
@@ -247,7 +255,7 @@ def draw_pressure(results: Results) -> Figure:
     return fig
 
 
-def caption_pressure(results: Results) -> str:
+def caption_pressures(results: Results) -> str:
     """Return the caption, with the number of nodes outside the panels."""
     low, high = PRESSURE_RANGE
     pressures = [results.curves(f"V11/spheres-{method}-3")["pressure"] for method in WAYS]
@@ -267,10 +275,10 @@ def caption_pressure(results: Results) -> str:
 FORCE_METHODS = ("pw-dual", "p2-dual", "p2-p1", "node-to-segment")
 
 
-def draw_forces(results: Results) -> Figure:
-    """Two deformable bodies: nodal forces on both of them.
+def draw_nodal_forces(results: Results) -> Figure:
+    """Nodal forces on two deformable bodies.
 
-    A panel for each method: the slave's forces upwards, the master's downwards.
+    One panel per method: the slave's forces upwards, the master's downwards.
     """
     fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.6), sharex=True, sharey=True)
     for ax, method in zip(axes, FORCE_METHODS, strict=True):
@@ -294,11 +302,11 @@ def draw_forces(results: Results) -> Figure:
 
 # Figure: errors over the mesh, and smallest forces over the ratio of edges
 
-LEVELS = (4, 8, 16)
-RATIOS = (0.5, 1.0, 2.0)
+EDGES_OVER_HALF_WIDTH = (4, 8, 16)
+EDGE_RATIOS = (0.5, 1.0, 2.0)
 
 
-def draw_convergence(results: Results) -> Figure:
+def draw_errors_and_least_forces(results: Results) -> Figure:
     """Two deformable bodies: errors over the mesh, least master forces over the ratio of edges.
 
     Panels: L2 error, largest inner error, least force.
@@ -310,21 +318,23 @@ def draw_convergence(results: Results) -> Figure:
     }
     for ax, (name, title) in zip(axes, panels.items(), strict=False):
         for method in WAYS:
-            errors = [results.scalar(f"V11/hertz-2d-{method}-{n}", name) for n in LEVELS]
-            ax.plot(LEVELS, errors, **WAY_LOOK[method])
+            errors = [
+                results.scalar(f"V11/hertz-2d-{method}-{n}", name) for n in EDGES_OVER_HALF_WIDTH
+            ]
+            ax.plot(EDGES_OVER_HALF_WIDTH, errors, **WAY_LOOK[method])
         ax.set(xscale="log", yscale="log", xlabel="edges over half width")
         ax.set_title(title, fontsize=8)
-        ax.set_xticks(LEVELS, [str(n) for n in LEVELS], minor=False)
+        ax.set_xticks(EDGES_OVER_HALF_WIDTH, [str(n) for n in EDGES_OVER_HALF_WIDTH], minor=False)
         ax.minorticks_off()
     axes[0].set_ylabel("relative error")
     for method in WAYS:
         smallest_forces = [
             results.scalar(f"V11/hertz-2d-{method}-16-ratio{ratio}", "master_force_least")
-            for ratio in RATIOS
+            for ratio in EDGE_RATIOS
         ]
-        axes[2].plot(RATIOS, smallest_forces, **WAY_LOOK[method])
+        axes[2].plot(EDGE_RATIOS, smallest_forces, **WAY_LOOK[method])
     axes[2].set(xscale="log", xlabel="slave's edge over master's")
-    axes[2].set_xticks(RATIOS, ["1/2", "1", "2"], minor=False)
+    axes[2].set_xticks(EDGE_RATIOS, ["1/2", "1", "2"], minor=False)
     axes[2].minorticks_off()
     axes[2].set_title("(c) ratio of the meshes", fontsize=8)
     axes[2].set_ylabel("least master force / mean")
@@ -335,16 +345,16 @@ def draw_convergence(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v11_pressure",
-        draw_pressure,
+        draw_pressures,
         needs=[f"V11/{problem.format(method)}" for problem in PRESSURE_PANELS for method in WAYS],
-        caption=caption_pressure,
+        caption=caption_pressures,
         alt="Two rows of six plots of pressure over radius with half an ellipse. Points of the "
         "three dual ways and of node to segment lie on the ellipses, but for a bulge of the first "
         "near the edge of the spheres' contact; those of standard multipliers waver about them.",
     ),
     PageFigure(
         "v11_forces",
-        draw_forces,
+        draw_nodal_forces,
         needs=[f"V11/hertz-2d-{method}-8" for method in FORCE_METHODS],
         caption="Two cylinders, eight edges over the half width a: nodal contact forces on the "
         "slave (filled, upwards) and on the master (open, downwards). The node at x = 0 has only "
@@ -357,9 +367,9 @@ FIGURES = [
     ),
     PageFigure(
         "v11_convergence",
-        draw_convergence,
-        needs=[f"V11/hertz-2d-{method}-{n}" for method in WAYS for n in LEVELS]
-        + [f"V11/hertz-2d-{method}-16-ratio{ratio}" for method in WAYS for ratio in RATIOS],
+        draw_errors_and_least_forces,
+        needs=[f"V11/hertz-2d-{method}-{n}" for method in WAYS for n in EDGES_OVER_HALF_WIDTH]
+        + [f"V11/hertz-2d-{method}-16-ratio{ratio}" for method in WAYS for ratio in EDGE_RATIOS],
         caption="Two cylinders, E₂/E₁ = 3. (a), (b) Errors of the pressure over the slave's mesh. "
         "(c) The least of the master's nodal forces, over their mean where x < 0.8 a, for three "
         "ratios of edges (16 to the half width on the slave). Forces below zero are tensile, next "

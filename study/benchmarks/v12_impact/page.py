@@ -1,4 +1,4 @@
-"""Impact of an elastic bar on a rigid wall, by central differences with pairs (K, M)."""
+"""Impact of an elastic bar on a rigid wall by central differences, with several pairs (K, M)."""
 
 from dataclasses import dataclass
 
@@ -27,11 +27,11 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, Plane, solve_impact
 from pw_elements.elasticity import order_by_position
 from study.benchmarks.v12_impact.schemes import (
+    ELEMENT_BY_SCHEME,
     MATERIAL,
     POISSONS_RATIO,
-    SCHEMES,
-    STRESS_STATES,
-    Scheme,
+    STRESS_STATE_BY_DIMENSION,
+    StiffnessMassPair,
     on_plane,
 )
 from study.judge.checks import check
@@ -103,56 +103,56 @@ $\omega^2 = 2 \pi^2 c_s^2$.
 
 Array = npt.NDArray[np.float64]
 
-COURANT = 0.9
-"""Time step over the critical one; the library has the same."""
-END = 9.0
-"""Time at the end; the exact release is at 8."""
-LATE_END = 100.0
-"""Time at the end of the longest runs."""
-STEADY_TIME = (1.0, 7.0)
+TIME_STEP_FRACTION = 0.9
+"""Time step over the critical one, as in the library."""
+END_TIME = 9.0
+"""Time at which runs end; in the exact solution the bar leaves the wall at 8."""
+LONG_RUN_END_TIME = 100.0
+"""Time at which the longest runs end."""
+STEADY_TIME_INTERVAL = (1.0, 7.0)
 """Times between which pressures and forces are averaged."""
 MIN_CONTACT_FORCE = 0.05
-"""Total force, over the exact one, from which on the bar counts as in contact."""
+"""Least total force over the exact one at which the bar counts as in contact."""
 
 
 @dataclass(frozen=True)
 class BarMotion:
-    """The motion of the bar.
+    """Contact forces and energy of a bar that hits a wall.
 
     Args:
-        time: (s,), at which the forces act.
-        force: (s, m), of the wall on the nodes of the face, sorted by their positions.
-        energy: at the end over that at the start.
-        critical_step: the largest that is stable.
+        time: Times (s,) at which the forces act.
+        force: Forces (s, m) of the wall on the nodes of the face, ordered by position.
+        relative_energy_at_end: Energy at the end over that at the start.
+        critical_step: Largest stable time step.
     """
 
     time: Array
     force: Array
-    energy: float
+    relative_energy_at_end: float
     critical_step: float
 
 
-def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
-    """Throw a bar 4 long and 1 wide at a rigid wall, with `cells` along its width.
+def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Result:
+    """Throw a bar 4 long and 1 wide, with `cells` over its width, at a rigid wall.
 
-    Pressures and forces are means over the steady time at nodes inside the face. Pressures are read
-    by own weights; errors are `common` at nodes where the standard element has one, and `alone` at
-    others. Forces are over their mean. `open_share` is the fraction of all pairs of a node and a
-    step in which the node does not touch.
+    Pressures and forces are means over the steady time at nodes inside the face. A pressure is the
+    force over the integral of the node's own weight; errors are `common` at nodes with a weight of
+    the standard element, and `alone` at others. Forces are relative to their mean. `open_share` is
+    the fraction of all pairs of a node and a step in which the node does not touch the wall.
     """
     build = {2: on_strip, 3: on_bar}[dimension]
     mesh = build("", 1 / cells)
-    pair = Scheme.from_name(scheme, mesh)
-    supports = pair.wall_supports([1.0] * (dimension - 1))
-    solve = integrate_by_hand if scheme == "pw" else integrate_by_library
+    pair = StiffnessMassPair.from_name(scheme, mesh)
+    supports = pair.make_wall_supports([1.0] * (dimension - 1))
+    solve = integrate_for_any_stiffness if scheme == "pw" else integrate_with_library
     motion = solve(pair, supports, end)
     wall = on_plane(dimension - 1, 0.0)
     face = SurfaceNodes.from_body(pair.body, wall)
     if pair.sibling is not None:
         face = transferred(face, force_transfer(pair.space))
-    standard = Body(Spaces.galerkin(mesh), MATERIAL, STRESS_STATES[dimension])
-    total = motion.force.sum(axis=1)  # the exact one is 1, as the face's area
-    is_steady = (motion.time > STEADY_TIME[0]) & (motion.time < STEADY_TIME[1])
+    standard = Body(Spaces.galerkin(mesh), MATERIAL, STRESS_STATE_BY_DIMENSION[dimension])
+    total = motion.force.sum(axis=1)  # exact: 1, the area of the face
+    is_steady = (motion.time > STEADY_TIME_INTERVAL[0]) & (motion.time < STEADY_TIME_INTERVAL[1])
     inner = motion.force[is_steady][:, ~face.rim]
     mean = inner.mean(axis=0)
     pressure = face.pressure(motion.force[is_steady].mean(axis=0))[~face.rim]
@@ -169,7 +169,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
         "open_share": np.mean(inner == 0),
         "open_share_common": np.mean(inner[:, ~np.isnan(standard_pressure)] == 0),
         "release_time": motion.time[total > MIN_CONTACT_FORCE].max(),
-        "energy_end": motion.energy,
+        "energy_end": motion.relative_energy_at_end,
         "critical_step": motion.critical_step,
         "critical_step_over_h": motion.critical_step * cells,
     }
@@ -187,20 +187,20 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
 def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
     """Compute the lowest omega^2 of a unit square or cube between smooth walls.
 
-    It is that of a shear wave, 2 pi^2 c_s^2. Scalars of the finest mesh, and the order in the size
-    of cells. `acceleration_min` and `_max` are those of nodes under an even body force of one,
-    without supports.
+    It belongs to a shear wave: 2 pi^2 c_s^2. Scalars are those of the finest mesh, and the order in
+    the size of cells. `acceleration_min` and `acceleration_max` are the extreme accelerations of
+    nodes under a uniform body force of one, without supports.
     """
     exact = 2 * np.pi**2 * (1 - 2 * POISSONS_RATIO) / (2 * (1 - POISSONS_RATIO))
     build = {2: on_square, 3: on_cube}[dimension]
     sizes, errors = [], []
     for n in cells:
         mesh = build("T6", 1 / n)
-        pair = Scheme.from_name(scheme, mesh)
-        modes = vibration_modes(pair.K, pair.M, pair.wall_supports([1.0] * dimension), 1)
+        pair = StiffnessMassPair.from_name(scheme, mesh)
+        modes = vibration_modes(pair.K, pair.M, pair.make_wall_supports([1.0] * dimension), 1)
         sizes.append(cell_size(mesh))
         errors.append(modes.eigenvalues[0] / exact - 1)
-    acceleration = _free_fall_acceleration(pair)
+    acceleration = _free_fall_accelerations(pair)
     scalars = {
         "acceleration_min": acceleration.min(),
         "acceleration_max": acceleration.max(),
@@ -215,14 +215,16 @@ def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
 
 def regular_step(scheme: str, cells: int) -> Result:
     """Compute the critical step of a free unit cube whose small cubes are all cut alike."""
-    pair = Scheme.from_name(scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells))
+    pair = StiffnessMassPair.from_name(scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells))
     no_supports = Reduction.dirichlet(pair.space, [])
     scalars = {"critical_step_over_h": critical_step(pair.K, pair.M, no_supports) * cells}
     return Result(scalars, dimensionless(scalars), {}, dofs=pair.K.getSize()[0])
 
 
-def integrate_by_library(pair: Scheme, supports: Reduction, end: float = END) -> BarMotion:
-    """Integrate the impact of the bar by the library."""
+def integrate_with_library(
+    pair: StiffnessMassPair, supports: Reduction, end: float = END_TIME
+) -> BarMotion:
+    """Integrate the impact of the bar with the library's `solve_impact`."""
     dim = pair.body.spaces.mesh.geometry.dim
     axis = np.eye(dim)[-1]
     wall = ContactPair(on_plane(dim - 1, 0.0), Plane((0.0,) * dim, tuple(axis)))
@@ -237,15 +239,17 @@ def integrate_by_library(pair: Scheme, supports: Reduction, end: float = END) ->
     )
 
 
-def integrate_by_hand(pair: Scheme, supports: Reduction, end: float = END) -> BarMotion:
+def integrate_for_any_stiffness(
+    pair: StiffnessMassPair, supports: Reduction, end: float = END_TIME
+) -> BarMotion:
     """Integrate the impact of the bar for any stiffness; the library rejects unsymmetric ones."""
-    K, mass, free = _free_matrices(pair, supports)
+    K, mass, free = _extract_free_matrices(pair, supports)
     dim = pair.body.spaces.mesh.geometry.dim
     nodes = fem.locate_dofs_geometrical(pair.space, on_plane(dim - 1, 0.0))
     nodes = nodes[order_by_position(pair.space.tabulate_dof_coordinates()[nodes, :dim])]
     rows = np.searchsorted(free, dim * nodes + dim - 1)
-    critical = 2 / np.sqrt(abs(_highest_eigenvalue(K, mass)))
-    dt = COURANT * critical
+    critical = 2 / np.sqrt(abs(_largest_eigenvalue(K, mass)))
+    dt = TIME_STEP_FRACTION * critical
     n_steps = int(np.ceil(end / dt))
     v = _initial_velocity(pair).array_r[free]
     start_energy = mass * v @ v / 2
@@ -262,8 +266,8 @@ def integrate_by_hand(pair: Scheme, supports: Reduction, end: float = END) -> Ba
     return BarMotion(time, np.array(contact_forces), energy, critical)
 
 
-def _free_fall_acceleration(pair: Scheme) -> Array:
-    """Return the accelerations of the nodes under an even body force of one."""
+def _free_fall_accelerations(pair: StiffnessMassPair) -> Array:
+    """Return nodal accelerations along the last axis under a uniform body force of one."""
     dim = pair.body.spaces.mesh.geometry.dim
     load = assemble_vector(pair.body.body_load(np.eye(dim)[-1]))
     if pair.sibling is not None:
@@ -271,10 +275,10 @@ def _free_fall_acceleration(pair: Scheme) -> Array:
     return np.asarray((load.array_r / pair.M.getDiagonal().array_r)[dim - 1 :: dim])
 
 
-def _free_matrices(
-    pair: Scheme, supports: Reduction
+def _extract_free_matrices(
+    pair: StiffnessMassPair, supports: Reduction
 ) -> tuple[sp.csr_matrix, Array, npt.NDArray[np.intp]]:
-    """Return stiffness, masses and numbers of the free unknowns."""
+    """Return stiffness, masses and indices of the unsupported unknowns."""
     indptr, _, _ = supports.right.getValuesCSR()
     free = np.flatnonzero(np.diff(indptr))
     indptr, indices, values = pair.K.getValuesCSR()
@@ -282,14 +286,14 @@ def _free_matrices(
     return K, pair.M.getDiagonal().array_r[free], free
 
 
-def _highest_eigenvalue(K: sp.csr_matrix, mass: Array) -> complex:
-    """Return the eigenvalue of largest size of M^-1 K."""
+def _largest_eigenvalue(K: sp.csr_matrix, mass: Array) -> complex:
+    """Return the eigenvalue of M^-1 K of largest magnitude."""
     start = np.cos(np.arange(len(mass)))
     return complex(eigs(sp.diags(1 / mass) @ K, k=1, v0=start, return_eigenvectors=False)[0])
 
 
-def _initial_velocity(pair: Scheme) -> PETSc.Vec:
-    """Return velocities of the bar that flies towards the wall; the sibling's are the same."""
+def _initial_velocity(pair: StiffnessMassPair) -> PETSc.Vec:
+    """Return velocities of one towards the wall; the sibling's coefficients are the same."""
     velocity = pair.K.createVecRight()
     dim = pair.body.spaces.mesh.geometry.dim
     velocity.setArray(np.tile(-np.eye(dim)[-1], velocity.getLocalSize() // dim))
@@ -298,35 +302,40 @@ def _initial_velocity(pair: Scheme) -> PETSc.Vec:
 
 # Cases
 
-BAR_CELLS = {2: (4, 8, 16), 3: (3, 5, 7)}
+CELLS_OVER_BAR_WIDTH = {2: (4, 8, 16), 3: (3, 5, 7)}
 """Cells over the width of the bar, by dimension."""
-SQUARE_CELLS = {2: (8, 16, 32), 3: (5, 7, 9)}
-"""Cells along a side of square and cube, by dimension."""
-SHAPES = {2: ("square", "T6"), 3: ("cube", "T10")}
+CELLS_PER_SIDE = {2: (8, 16, 32), 3: (5, 7, 9)}
+"""Cells along a side of the square or cube, by dimension."""
+SHAPE_AND_CELL_BY_DIMENSION = {2: ("square", "T6"), 3: ("cube", "T10")}
 
 
-def _make_bar(scheme: str, dimension: int, cells: int, end: float = END) -> Case:
-    suffix = f"-{end:.0f}" if end != END else ""
+def _make_bar_case(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Case:
+    suffix = f"-{end:.0f}" if end != END_TIME else ""
     parameters = {"scheme": scheme, "dimension": dimension, "cells": cells, "end": end}
-    implied = {"element": f"{SCHEMES[scheme]}-{SHAPES[dimension][1]}"}
+    implied = {
+        "element": f"{ELEMENT_BY_SCHEME[scheme]}-{SHAPE_AND_CELL_BY_DIMENSION[dimension][1]}"
+    }
     return Case("V12", f"bar-{dimension}d-{scheme}-{cells}{suffix}", bar, parameters, implied)
 
 
-def _make_frequency(scheme: str, dimension: int, cells: tuple[int, ...], suffix: str = "") -> Case:
-    shape, cell = SHAPES[dimension]
+def _make_frequency_case(
+    scheme: str, dimension: int, cells: tuple[int, ...], suffix: str = ""
+) -> Case:
+    shape, cell = SHAPE_AND_CELL_BY_DIMENSION[dimension]
     parameters = {"scheme": scheme, "dimension": dimension, "cells": cells}
-    implied = {"element": f"{SCHEMES[scheme]}-{cell}"}
+    implied = {"element": f"{ELEMENT_BY_SCHEME[scheme]}-{cell}"}
     return Case("V12", f"frequency-{shape}-{scheme}{suffix}", frequency, parameters, implied)
 
 
 CASES = [
     case
-    for dimension in SHAPES
-    for scheme in SCHEMES
-    if dimension == 3 or scheme != "sibling-pwmass"  # in the plane the sibling's masses are equal
+    for dimension in SHAPE_AND_CELL_BY_DIMENSION
+    for scheme in ELEMENT_BY_SCHEME
+    if dimension == 3
+    or scheme != "sibling-pwmass"  # in the plane both masses of the sibling are equal
     for case in (
-        *(_make_bar(scheme, dimension, n) for n in BAR_CELLS[dimension]),
-        _make_frequency(scheme, dimension, SQUARE_CELLS[dimension]),
+        *(_make_bar_case(scheme, dimension, n) for n in CELLS_OVER_BAR_WIDTH[dimension]),
+        _make_frequency_case(scheme, dimension, CELLS_PER_SIDE[dimension]),
     )
 ]
 CASES += [
@@ -335,23 +344,32 @@ CASES += [
         f"step-cube-{scheme}",
         regular_step,
         {"scheme": scheme, "cells": 4},
-        {"element": f"{SCHEMES[scheme]}-T10"},
+        {"element": f"{ELEMENT_BY_SCHEME[scheme]}-T10"},
     )
     for scheme in ("sibling", "sibling-pwmass")
 ]
 CASES = mark_costly(CASES, "*-3d-*-7", "*-3d-sibling-pwmass-*", "frequency-cube-sibling-pwmass")
 
 FINE_BARS = ((2, 32), (2, 64), (3, 10), (3, 14), (3, 20))
-LATE_BARS = ((2, 16), (3, 5))
-FINE_SQUARES: tuple[tuple[int, tuple[int, ...]], ...] = ((2, (32, 64, 128)), (3, (9, 12, 16)))
+LONG_RUN_BARS = ((2, 16), (3, 5))
+FINE_CELLS_PER_SIDE: tuple[tuple[int, tuple[int, ...]], ...] = (
+    (2, (32, 64, 128)),
+    (3, (9, 12, 16)),
+)
 CASES += mark_costly(
     [
         case
         for scheme in ("hrz", "sibling")
         for case in (
-            *(_make_bar(scheme, dimension, n) for dimension, n in FINE_BARS),
-            *(_make_bar(scheme, dimension, n, LATE_END) for dimension, n in LATE_BARS),
-            *(_make_frequency(scheme, dimension, n, "-fine") for dimension, n in FINE_SQUARES),
+            *(_make_bar_case(scheme, dimension, n) for dimension, n in FINE_BARS),
+            *(
+                _make_bar_case(scheme, dimension, n, LONG_RUN_END_TIME)
+                for dimension, n in LONG_RUN_BARS
+            ),
+            *(
+                _make_frequency_case(scheme, dimension, n, "-fine")
+                for dimension, n in FINE_CELLS_PER_SIDE
+            ),
         )
     ]
 )
@@ -390,10 +408,10 @@ PLOT_SERIES = {
     "pw": ("new, unsymmetric (unstable)", "pw-T10", "-"),
 }
 """Schemes of the figure: name in the legend, element whose colour they have, and line style."""
-PLOT_BAR, PLOT_CUBE = "V12/bar-3d-{}-5", "V12/frequency-cube-{}"
-UNSTABLE_BAR = "V12/bar-3d-pw-7"
+PLOT_BAR_KEY, PLOT_CUBE_KEY = "V12/bar-3d-{}-5", "V12/frequency-cube-{}"
+UNSTABLE_BAR_KEY = "V12/bar-3d-pw-7"
 AVERAGING_TIME = 0.1
-"""Length of the intervals of time over which total forces are averaged."""
+"""Length of the time intervals over which total forces are averaged."""
 
 
 def draw_impact(results: Results) -> Figure:
@@ -404,13 +422,13 @@ def draw_impact(results: Results) -> Figure:
     fig, (pressures, total, errors) = plt.subplots(1, 3, figsize=(FULL, 2.5))
     for scheme, (label, element, dashes) in PLOT_SERIES.items():
         look = {"color": LOOK[element]["color"], "linestyle": dashes, "lw": 1.1}
-        curves = results.curves(PLOT_BAR.format(scheme))
+        curves = results.curves(PLOT_BAR_KEY.format(scheme))
         p = np.sort(curves["pressure"])
         pressures.plot((np.arange(len(p)) + 0.5) / len(p), p, label=label, **look)
         n_steps = max(1, round(AVERAGING_TIME / curves["time"][1]))
         mean = np.convolve(curves["total"], np.full(n_steps, 1 / n_steps), "same")
         total.plot(curves["time"], mean, **look)
-        cube = results.curves(PLOT_CUBE.format(scheme))
+        cube = results.curves(PLOT_CUBE_KEY.format(scheme))
         marker = LOOK[element]["marker"]
         errors.loglog(cube["size"], 100 * np.abs(cube["error"]), marker=marker, ms=3, **look)
     exact = LOOK["exact"]["color"]
@@ -434,7 +452,7 @@ def draw_impact(results: Results) -> Figure:
 
 def caption_impact(results: Results) -> str:
     """Return the caption, with the largest pressure of the unstable pair."""
-    worst = results.scalar(UNSTABLE_BAR, "pressure_max")
+    worst = results.scalar(UNSTABLE_BAR_KEY, "pressure_max")
     return (
         "A bar of unstructured tetrahedra, five over its width, hits a rigid wall; the wave "
         "returns at time 8. (a) Pressures at the inner nodes of its face, means over 1 < t < 7, in "
@@ -447,10 +465,10 @@ def caption_impact(results: Results) -> str:
 
 
 def describe_impact(results: Results) -> str:
-    """Return the figure in words, with the ranges of the pressures."""
+    """Return the text alternative of the figure, with the ranges of the pressures."""
     ranges = {
         scheme: " to ".join(
-            f"{results.scalar(PLOT_BAR.format(scheme), f'pressure_{end}'):.3f}"
+            f"{results.scalar(PLOT_BAR_KEY.format(scheme), f'pressure_{end}'):.3f}"
             for end in ("min", "max")
         )
         for scheme in PLOT_SERIES
@@ -468,8 +486,12 @@ FIGURES = [
         "v12_impact",
         draw_impact,
         needs=[
-            *(key.format(scheme) for key in (PLOT_BAR, PLOT_CUBE) for scheme in PLOT_SERIES),
-            UNSTABLE_BAR,
+            *(
+                key.format(scheme)
+                for key in (PLOT_BAR_KEY, PLOT_CUBE_KEY)
+                for scheme in PLOT_SERIES
+            ),
+            UNSTABLE_BAR_KEY,
         ],
         caption=caption_impact,
         alt=describe_impact,

@@ -28,29 +28,29 @@ Array = npt.NDArray[np.float64]
 
 POISSONS_RATIO = 0.3
 YOUNGS_MODULUS = (1 + POISSONS_RATIO) * (1 - 2 * POISSONS_RATIO) / (1 - POISSONS_RATIO)
-"""With density one, the speed of sound in uniaxial strain is one."""
+"""Young's modulus for which the speed of sound in uniaxial strain is one at density one."""
 MATERIAL = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-STRESS_STATES = {2: StressState.PLANE_STRAIN, 3: StressState.SOLID}
-"""By the dimension of the mesh."""
-SCHEMES = {
+STRESS_STATE_BY_DIMENSION = {2: StressState.PLANE_STRAIN, 3: StressState.SOLID}
+"""Stress state by dimension of the mesh."""
+ELEMENT_BY_SCHEME = {
     "hrz": "galerkin",
     "standard-pwmass": "galerkin",
     "sibling": "sibling",
     "sibling-pwmass": "sibling",
     "pw": "pw",
 }
-"""Names of schemes, and the elements whose stiffness they have."""
+"""Element whose stiffness a scheme uses, by name of the scheme."""
 
 
 @dataclass(frozen=True)
-class Scheme:
+class StiffnessMassPair:
     """A stiffness with a lumped mass.
 
     Args:
-        body: spaces and material.
-        K: stiffness, free.
-        M: mass, diagonal.
-        sibling: transformation to the sibling's coefficients, if these are the unknowns.
+        body: Spaces and material.
+        K: Stiffness without supports.
+        M: Diagonal mass.
+        sibling: Transformation to the sibling's coefficients, if these are the unknowns.
     """
 
     body: Body
@@ -59,21 +59,21 @@ class Scheme:
     sibling: Sibling | None = None
 
     @classmethod
-    def from_name(cls, name: str, mesh: Mesh) -> "Scheme":
-        """Assemble one of `SCHEMES` on a mesh."""
-        state = STRESS_STATES[mesh.topology.dim]
+    def from_name(cls, name: str, mesh: Mesh) -> "StiffnessMassPair":
+        """Assemble a scheme of `ELEMENT_BY_SCHEME` on a mesh."""
+        state = STRESS_STATE_BY_DIMENSION[mesh.topology.dim]
         standard = Body(Spaces.galerkin(mesh), MATERIAL, state)
         new = Body(Spaces.petrov_galerkin(mesh), MATERIAL, state)
         if name == "pw":
-            return cls(new, assemble_matrix(new.stiffness()), _row_sum_mass(new))
+            return cls(new, assemble_matrix(new.stiffness()), _assemble_row_sum_mass(new))
         K, space = assemble_matrix(standard.stiffness()), standard.spaces.trial
         if name == "hrz":
-            return cls(standard, K, _hrz_mass(space))
+            return cls(standard, K, _assemble_hrz_mass(space))
         if name == "standard-pwmass":
-            return cls(standard, K, _row_sum_mass(new))
+            return cls(standard, K, _assemble_row_sum_mass(new))
         sibling = Sibling.from_space(space)
         if name == "sibling-pwmass":
-            return cls(standard, sibling.matrix(K), _row_sum_mass(new), sibling)
+            return cls(standard, sibling.matrix(K), _assemble_row_sum_mass(new), sibling)
         M = lumped_mass(sibling.matrix(assemble_matrix(standard.mass())), space)
         return cls(standard, sibling.matrix(K), M, sibling)
 
@@ -82,8 +82,8 @@ class Scheme:
         """Trial space."""
         return self.body.spaces.trial
 
-    def wall_supports(self, lengths: list[float]) -> Reduction:
-        """Return smooth rigid walls at both ends of each of the first axes."""
+    def make_wall_supports(self, lengths: list[float]) -> Reduction:
+        """Return supports by smooth walls at coordinates 0 and `lengths` along the first axes."""
         conditions = [
             prescribe(self.space, axis, on_plane(axis, end))
             for axis, length in enumerate(lengths)
@@ -95,19 +95,19 @@ class Scheme:
 
 
 def on_plane(axis: int, value: float) -> Callable[[Array], npt.NDArray[np.bool_]]:
-    """Return a marker of the points (3, n) at which a coordinate has a value."""
+    """Return a function that marks points (3, n) at which a coordinate has a given value."""
     return lambda x: np.isclose(x[axis], value)
 
 
-def _row_sum_mass(body: Body) -> PETSc.Mat:
+def _assemble_row_sum_mass(body: Body) -> PETSc.Mat:
     return lumped_mass(assemble_matrix(body.mass()), body.spaces.trial)
 
 
-def _hrz_mass(space: fem.FunctionSpace) -> PETSc.Mat:
+def _assemble_hrz_mass(space: fem.FunctionSpace) -> PETSc.Mat:
     """Return the lumped mass of Hinton, Rock and Zienkiewicz for straight cells of density one.
 
-    It is the diagonal of the consistent mass, scaled to each cell's mass. DOI
-    10.1002/eqe.4290040305.
+    The diagonal of each cell's consistent mass is scaled to the mass of the cell.
+    DOI 10.1002/eqe.4290040305.
     """
     element = space.element.basix_element
     points, weights = basix.make_quadrature(element.cell_type, 4)

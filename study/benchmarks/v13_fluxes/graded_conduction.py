@@ -4,7 +4,7 @@ The conductivity of a unit square varies with position and temperature, k = exp(
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,21 +12,21 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-class Conduction(Protocol):
-    """A problem on the unit square whose temperatures at x = 0 and 1 are prescribed."""
+class ConductionProblem(Protocol):
+    """Conduction in the unit square with prescribed temperatures at x = 0 and x = 1."""
 
     @property
     def growth(self) -> float:
-        """Logarithm g of the ratio of conductivities at x = 1 and 0, at one temperature."""
+        """Logarithm g of the conductivity at x = 1 over that at x = 0, at one temperature."""
         ...
 
     @property
-    def insulated(self) -> bool:
-        """Whether no heat passes y = 0 and 1; otherwise temperatures are prescribed there."""
+    def is_insulated(self) -> bool:
+        """Whether the sides y = 0 and y = 1 are insulated; otherwise temperatures are prescribed."""
         ...
 
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact u."""
+        """Return the exact temperature u."""
         ...
 
     def flux(self, y: Array) -> Array:
@@ -34,31 +34,37 @@ class Conduction(Protocol):
         ...
 
     def source(self, x: Array, y: Array) -> Array:
-        """Return the source Q over exp(g x)."""
+        """Return the heat source Q over exp(g x)."""
         ...
 
 
 @dataclass(frozen=True)
-class GradedWall:
-    """A wall between two surfaces without a source; y = 0 and 1 are insulated.
-
-    With Kirchhoff's t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0, which exponentials
-    solve: t = t_0(x) + t_1(x) cos(pi y).
+class GradedMaterial:
+    """Material whose conductivity grows exponentially with x.
 
     Args:
-        ratio: conductivity at x = 1 over that at x = 0, at one temperature.
+        ratio: Conductivity at x = 1 over that at x = 0, at one temperature.
     """
 
     ratio: float
-    insulated: bool = True
 
     @property
     def growth(self) -> float:
-        """Logarithm of the ratio."""
+        """Logarithm g of the ratio."""
         return float(np.log(self.ratio))
 
+
+class GradedWall(GradedMaterial):
+    """A wall between two surfaces without a heat source; y = 0 and y = 1 are insulated.
+
+    With Kirchhoff's t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0, which
+    t = t_0(x) + t_1(x) cos(pi y) solves with exponentials t_0 and t_1.
+    """
+
+    is_insulated: ClassVar[bool] = True
+
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact u from Kirchhoff's t."""
+        """Return the exact temperature u from Kirchhoff's t."""
         g, s = self.growth, self._decay_rate
         mean = 0.25 + 0.5 * np.expm1(-g * x) / np.expm1(-g)
         wave = np.exp(-g * (x - 1) / 2) * np.sinh(s * x) / np.sinh(s)
@@ -79,24 +85,13 @@ class GradedWall:
         return float(np.hypot(np.pi, self.growth / 2))
 
 
-@dataclass(frozen=True)
-class SourcedSquare:
-    """A square with the source of u = cos(x) exp(y/2) / 2, which is prescribed on all sides.
+class SourcedSquare(GradedMaterial):
+    """A square with the heat source of u = cos(x) exp(y/2) / 2, prescribed on all sides."""
 
-    Args:
-        ratio: conductivity at x = 1 over that at x = 0, at one temperature.
-    """
-
-    ratio: float
-    insulated: bool = False
-
-    @property
-    def growth(self) -> float:
-        """Logarithm of the ratio."""
-        return float(np.log(self.ratio))
+    is_insulated: ClassVar[bool] = False
 
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact u."""
+        """Return the exact temperature u."""
         return np.asarray(np.cos(x) * np.exp(y / 2) / 2)
 
     def flux(self, y: Array) -> Array:
@@ -105,7 +100,7 @@ class SourcedSquare:
         return np.asarray(-self.ratio * (1 + np.cos(1) * half) * np.sin(1) * half)
 
     def source(self, x: Array, y: Array) -> Array:
-        """Return the source Q over exp(g x)."""
+        """Return the heat source Q over exp(g x)."""
         half = np.exp(y / 2) / 2
         u, u_x, u_y = half * np.cos(x), -half * np.sin(x), half * np.cos(x) / 2
         return np.asarray((1 + u) * (0.75 * u - self.growth * u_x) - (u_x**2 + u_y**2))

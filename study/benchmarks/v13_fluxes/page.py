@@ -1,4 +1,4 @@
-"""Nodal fluxes at prescribed nodes: reactions over areas, against exact fluxes."""
+"""Fluxes at prescribed nodes: reactions divided by areas, against exact fluxes."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -27,8 +27,12 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import triangles
-from study.benchmarks.v13_fluxes.graded_conduction import Conduction, GradedWall, SourcedSquare
-from study.benchmarks.v13_fluxes.trefftz import Trefftz, polynomial_error
+from study.benchmarks.v13_fluxes.graded_conduction import (
+    ConductionProblem,
+    GradedWall,
+    SourcedSquare,
+)
+from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_error
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar, smallest
 from study.model.units import dimensionless
@@ -99,45 +103,45 @@ degree, which involves no equation.
 Array = npt.NDArray[np.float64]
 
 DEGREE = 8
-"""Degree of quadrature where the integrand is no polynomial."""
+"""Degree of quadrature of integrands that are not polynomials."""
 MAX_RELATIVE_WEIGHT_AREA = 1e-9
-"""Integral of a test function, over the node's tributary area, below which the node has no weight."""
+"""Largest integral of a test function, over the tributary area, that counts as no weight."""
 
 
 @dataclass(frozen=True)
 class FluxMethod:
-    """How nodal reactions become fluxes.
+    """Conversion of nodal reactions to fluxes.
 
     Args:
-        element: name of the element.
-        spaces: makes its spaces from a mesh.
-        area: by which reactions are divided: the geometric area, or the integral of the weight.
-        transfers_forces: whether reactions are multiplied by T before.
+        element: Name of the element.
+        make_spaces: Function that makes the element's spaces from a mesh.
+        area: Divisor of reactions: the geometric area, or the integral of the weight.
+        applies_force_transfer: Whether reactions are multiplied by T first.
     """
 
     element: str
-    spaces: Callable[[Mesh, int], Spaces]
+    make_spaces: Callable[[Mesh, int], Spaces]
     area: Literal["geometric", "weight"] = "geometric"
-    transfers_forces: bool = False
+    applies_force_transfer: bool = False
 
 
 FLUX_METHODS = {
     "standard": FluxMethod("galerkin", Spaces.galerkin),
     "own": FluxMethod("galerkin", Spaces.galerkin, "weight"),
-    "transferred": FluxMethod("galerkin", Spaces.galerkin, transfers_forces=True),
+    "transferred": FluxMethod("galerkin", Spaces.galerkin, applies_force_transfer=True),
     "pw": FluxMethod("pw", Spaces.petrov_galerkin),
 }
 
 
 def square(way: str, elements: int) -> Result:
-    """Solve -laplace(u) = f on the unit square, u = sin(2 x) exp(y) + y^2; the flux at y = 1."""
+    """Return errors of the flux at y = 1 for u = sin(2 x) exp(y) + y^2 in the unit square."""
     return _solve_poisson(
         way, triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (elements, elements))
     )
 
 
 def cube(way: str, elements: int) -> Result:
-    """Solve it in the unit cube, u = sin(2 x) exp(z) + y^2; the flux at z = 1."""
+    """Return errors of the flux at z = 1 for u = sin(2 x) exp(z) + y^2 in the unit cube."""
     corners, divisions = [np.zeros(3), np.ones(3)], [elements] * 3
     return _solve_poisson(way, create_box(MPI.COMM_SELF, corners, divisions, CellType.tetrahedron))
 
@@ -145,23 +149,23 @@ def cube(way: str, elements: int) -> Result:
 def graded(
     way: str, elements: int, cell: str = "triangle", ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Solve a graded wall without a source; the flux at x = 1."""
+    """Return errors of the flux at x = 1 of a graded wall without a heat source."""
     return _solve_conduction(way, elements, GradedWall(ratio), cell)
 
 
 def sourced(
     way: str, elements: int, cell: str = "triangle", ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Solve a graded square with a source and a smooth temperature; the flux at x = 1."""
+    """Return errors of the flux at x = 1 of a graded square with a heat source."""
     return _solve_conduction(way, elements, SourcedSquare(ratio), cell)
 
 
 def trefftz(
     known: str, degree: int, transformed: bool = True, ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Solve the wall ("graded") or the square with the source ("sourced") by Trefftz's method."""
-    problem: Conduction = GradedWall(ratio) if known == "graded" else SourcedSquare(ratio)
-    solution = Trefftz(problem, degree, transformed)
+    """Solve the graded wall ("graded") or square ("sourced") by Trefftz's method."""
+    problem: ConductionProblem = GradedWall(ratio) if known == "graded" else SourcedSquare(ratio)
+    solution = TrefftzSolution(problem, degree, transformed)
     line: Array = np.linspace(0, 1, 33, dtype=np.float64)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     exact = problem.temperature(x, y)
@@ -173,53 +177,59 @@ def trefftz(
         "flux_error_median": np.median(flux_errors),
         "flux_error_max": flux_errors.max(),
         "boundary_misfit": solution.boundary_misfit,
-        "polynomial_error": polynomial_error(problem, degree, transformed),
+        "polynomial_error": interpolation_error(problem, degree, transformed),
         "iterations": solution.n_iterations,
     }
     curves = {"x": line, "flux": flux, "exact_flux": exact_flux}
     return _make_result(scalars, curves, solution.n_unknowns)
 
 
-def _solve_poisson(way: str, mesh: Mesh) -> Result:
-    spaces = FLUX_METHODS[way].spaces(mesh, 0)
+def _solve_poisson(method_name: str, mesh: Mesh) -> Result:
+    spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
-    last = mesh.geometry.dim - 1
+    axis = mesh.geometry.dim - 1
     x = ufl.SpatialCoordinate(mesh)
-    exact = ufl.sin(2 * x[0]) * ufl.exp(x[last]) + x[1] ** 2
+    exact = ufl.sin(2 * x[0]) * ufl.exp(x[axis]) + x[1] ** 2
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     f = assemble_vector(-ufl.div(ufl.grad(exact)) * v * ufl.dx(metadata={"quadrature_degree": 6}))
-    nodal = _interpolate(spaces.trial, lambda x: np.sin(2 * x[0]) * np.exp(x[last]) + x[1] ** 2)
-    boundary = fem.dirichletbc(nodal, _boundary_nodes(spaces.trial))
+    nodal = _interpolate_field(
+        spaces.trial, lambda x: np.sin(2 * x[0]) * np.exp(x[axis]) + x[1] ** 2
+    )
+    boundary = fem.dirichletbc(nodal, _find_boundary_nodes(spaces.trial))
     a = solve(K, f, Reduction.dirichlet(spaces.trial, boundary))
 
     def exact_flux(x: Array) -> Array:
-        return np.sin(2 * x[:, 0]) * np.e + (2 * x[:, 1] if last == 1 else 0.0)
+        return np.sin(2 * x[:, 0]) * np.e + (2 * x[:, 1] if axis == 1 else 0.0)
 
     error = float(np.abs(a.array_r - nodal.x.array).max() / np.abs(nodal.x.array).max())
     scalars = {"temperature_error": error}
-    return _compare_flux(way, spaces, reactions(K, a, f), last, exact_flux, scalars)
+    return _compare_with_exact_flux(
+        method_name, spaces, reactions(K, a, f), axis, exact_flux, scalars
+    )
 
 
-def _solve_conduction(way: str, elements: int, problem: Conduction, cell: str) -> Result:
+def _solve_conduction(
+    method_name: str, elements: int, problem: ConductionProblem, cell: str
+) -> Result:
     corners = (0.0, 0.0), (1.0, 1.0)
     if cell == "triangle":
         mesh = triangles(MPI.COMM_SELF, *corners, (elements, elements))
     else:
         mesh = create_rectangle(MPI.COMM_SELF, corners, (elements, elements), CellType[cell])
-    spaces = FLUX_METHODS[way].spaces(mesh, 0)
+    spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
     dx = ufl.dx(metadata={"quadrature_degree": DEGREE})
     x = ufl.SpatialCoordinate(mesh)
     base = ufl.exp(problem.growth * x[0])
     F = base * (1 + u) * ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
-    if not problem.insulated:
+    if not problem.is_insulated:
         exact = ufl.cos(x[0]) * ufl.exp(x[1] / 2) / 2
         F += ufl.div(base * (1 + exact) * ufl.grad(exact)) * v * dx
-    nodal = _interpolate(spaces.trial, lambda x: problem.temperature(x[0], x[1]))
+    nodal = _interpolate_field(spaces.trial, lambda x: problem.temperature(x[0], x[1]))
     prescribed = (
         fem.locate_dofs_geometrical(spaces.trial, lambda x: np.isclose(np.abs(x[0] - 0.5), 0.5))
-        if problem.insulated
-        else _boundary_nodes(spaces.trial)
+        if problem.is_insulated
+        else _find_boundary_nodes(spaces.trial)
     )
     u.x.array[:] = nodal.x.array.mean()
     nonlinear = PetrovGalerkinProblem(F, u, fem.dirichletbc(nodal, prescribed))
@@ -230,20 +240,25 @@ def _solve_conduction(way: str, elements: int, problem: Conduction, cell: str) -
         "iterations": len(increment.relative_corrections),
     }
     forces = nonlinear.reactions()
-    return _compare_flux(way, spaces, forces, 0, lambda x: problem.flux(x[:, 1]), scalars)
+    return _compare_with_exact_flux(
+        method_name, spaces, forces, 0, lambda x: problem.flux(x[:, 1]), scalars
+    )
 
 
-def _compare_flux(
-    way: str,
+def _compare_with_exact_flux(
+    method_name: str,
     spaces: Spaces,
     forces: PETSc.Vec,
     axis: int,
     exact_flux: Callable[[Array], Array],
     other_scalars: dict[str, float],
 ) -> Result:
-    """Compare the flux at the inner nodes of the side x_axis = 1, relative to the largest there."""
-    method = FLUX_METHODS[way]
-    if method.transfers_forces:
+    """Compare fluxes with exact ones at inner nodes of the side x_axis = 1.
+
+    Errors are relative to the largest exact flux at these nodes.
+    """
+    method = FLUX_METHODS[method_name]
+    if method.applies_force_transfer:
         forces = force_transfer(spaces.trial) * forces
     side = nodal_flux(spaces, forces, lambda x: np.isclose(x[axis], 1.0), method.area)
     surface = side.surface
@@ -252,7 +267,7 @@ def _compare_flux(
     exact = exact_flux(x)
     errors = np.abs(flux - exact) / np.abs(exact).max()
     is_weightless = surface.weight_area < MAX_RELATIVE_WEIGHT_AREA * surface.tributary_area
-    if method.transfers_forces:  # T gives each node its share
+    if method.applies_force_transfer:  # T gives weight to each node
         is_weightless[:] = False
     scalars = {
         "flux_error_median": np.nanmedian(errors),
@@ -270,14 +285,14 @@ def _make_result(scalars: dict[str, Any], curves: dict[str, Array], dofs: int) -
     return Result(numbers, dimensionless(numbers), curves, dofs=dofs)
 
 
-def _interpolate(space: fem.FunctionSpace, field: Callable[[Array], Array]) -> fem.Function:
+def _interpolate_field(space: fem.FunctionSpace, field: Callable[[Array], Array]) -> fem.Function:
     function = fem.Function(space)
     function.interpolate(field)
     return function
 
 
-def _boundary_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Return all nodes of the boundary of a unit square or cube."""
+def _find_boundary_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Return the nodes on the boundary of a unit square or cube."""
     dim = space.mesh.geometry.dim
     return fem.locate_dofs_geometrical(
         space, lambda x: np.isclose(np.abs(x[:dim] - 0.5).max(axis=0), 0.5)
@@ -306,12 +321,12 @@ def _make_cases(
     ]
 
 
-def _make_quadrilaterals(n: int) -> Case:
+def _make_quadrilateral_case(n: int) -> Case:
     parameters = {"way": "pw", "elements": n, "cell": "quadrilateral"}
     return Case("V13", f"graded-pw-Q9-{n}", graded, parameters, {"element": "pw-Q9"})
 
 
-def _make_trefftz(known: str, degree: int, suffix: str = "", **options: float) -> Case:
+def _make_trefftz_case(known: str, degree: int, suffix: str = "", **options: float) -> Case:
     parameters = {"known": known, "degree": degree, **options}
     return Case("V13", f"{known}-trefftz-{degree}{suffix}", trefftz, parameters)
 
@@ -321,13 +336,20 @@ CASES = [
     *_make_cases(cube, "T10", (4,)),
     *_make_cases(graded, "T6", (16, 32, 64)),
     *_make_cases(sourced, "T6", (16, 32, 64)),
-    *(_make_trefftz(known, degree) for known in ("graded", "sourced") for degree in (6, 8, 10, 12)),
     *(
-        _make_trefftz(known, degree, "-direct", transformed=False)
+        _make_trefftz_case(known, degree)
+        for known in ("graded", "sourced")
+        for degree in (6, 8, 10, 12)
+    ),
+    *(
+        _make_trefftz_case(known, degree, "-direct", transformed=False)
         for known, degrees in (("graded", (10, 12, 16, 20)), ("sourced", (6, 8, 10)))
         for degree in degrees
     ),
-    *(_make_trefftz("graded", 10, f"-ratio{ratio:.0f}", ratio=ratio) for ratio in (10.0, 400.0)),
+    *(
+        _make_trefftz_case("graded", 10, f"-ratio{ratio:.0f}", ratio=ratio)
+        for ratio in (10.0, 400.0)
+    ),
 ]
 CASES = mark_costly(CASES, "graded-[ost]*-64", "sourced-[ost]*-64")
 CASES += mark_costly(
@@ -336,7 +358,7 @@ CASES += mark_costly(
         *_make_cases(cube, "T10", (8, 16, 24)),
         *_make_cases(graded, "T6", (128, 256, 512), ("pw",)),
         *_make_cases(sourced, "T6", (128,), ("pw",)),
-        *(_make_quadrilaterals(n) for n in (32, 64, 128, 256)),
+        *(_make_quadrilateral_case(n) for n in (32, 64, 128, 256)),
     ]
 )
 
@@ -379,17 +401,17 @@ PLOT_LOOKS = {
 }
 PLOT_SIZES = (16, 32, 64)
 """Elements along a side of the graded wall."""
-PLOT_SQUARE, PLOT_WALL = "V13/square-{}-8", "V13/graded-{}-16"
-PLOT_TREFFTZ = "V13/graded-trefftz-10"
+PLOT_SQUARE_KEY, PLOT_WALL_KEY = "V13/square-{}-8", "V13/graded-{}-16"
+PLOT_TREFFTZ_KEY = "V13/graded-trefftz-10"
 
 
 def draw_fluxes(results: Results) -> Figure:
-    """Nodal fluxes at prescribed nodes: a square, a graded wall, and their errors.
+    """Nodal fluxes at prescribed nodes.
 
-    Panels: fluxes along a side of the square, through the wall, largest errors there.
+    Panels: fluxes along a side of the square and of the graded wall, largest errors of the wall.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3))
-    for ax, key, axis in ((axes[0], PLOT_SQUARE, 0), (axes[1], PLOT_WALL, 1)):
+    for ax, key, axis in ((axes[0], PLOT_SQUARE_KEY, 0), (axes[1], PLOT_WALL_KEY, 1)):
         for way, look in PLOT_LOOKS.items():
             curves = results.curves(key.format(way))
             size = np.abs(curves["exact_flux"]).max()
@@ -398,7 +420,7 @@ def draw_fluxes(results: Results) -> Figure:
             ax.plot(x, curves["flux"] / size, **look | small)
         exact = LOOK["exact"] | {"linewidth": 0.8, "zorder": 3}
         ax.plot(x, curves["exact_flux"] / size, **exact)
-    curves = results.curves(PLOT_TREFFTZ)
+    curves = results.curves(PLOT_TREFFTZ_KEY)
     size = np.abs(curves["exact_flux"]).max()
     look = {"color": "#6A4C93", "marker": "x", "linestyle": "none", "markersize": 4, "zorder": 4}
     axes[1].plot(curves["x"][::4], curves["flux"][::4] / size, label="Trefftz", **look)
@@ -422,9 +444,9 @@ FIGURES = [
         "v13_fluxes",
         draw_fluxes,
         needs=[
-            *(key.format(way) for key in (PLOT_SQUARE, PLOT_WALL) for way in PLOT_LOOKS),
+            *(key.format(way) for key in (PLOT_SQUARE_KEY, PLOT_WALL_KEY) for way in PLOT_LOOKS),
             *(f"V13/graded-{way}-{n}" for way in PLOT_LOOKS for n in PLOT_SIZES[1:]),
-            PLOT_TREFFTZ,
+            PLOT_TREFFTZ_KEY,
         ],
         caption="Fluxes from nodal reactions (over tributary areas, unless marked own-function) against "
         "the exact flux (line): (a) on the upper side of the square, 8 elements along it; (b) "

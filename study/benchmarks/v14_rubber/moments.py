@@ -3,22 +3,23 @@
 A virtual rotation of the deformed body, omega x (X + u), is a trial function but no sum of
 piecewise-linear weights w_i, so the moments of nodal forces f_i about deformed nodes x_i do not
 cancel. Free nodes carry no force and may be placed anywhere in that sum. In the plane T^-T x is
-a good position: a mid-side node lies at 4/3 of its own position less 1/6 of either vertex'. On a
+a suitable position: a mid-side node lies at 4/3 of its own position less 1/6 of either vertex'. On a
 straight triangle the sums of x_i N_i and of (T^-T x)_i w_i have gradients with the same averages
-over every linear stress. The first gradient is F, and P F^T is symmetric. So all that a triangle
-contributes is the skew part of
+against every linear stress. The first gradient is F, and P F^T is symmetric. A triangle therefore
+contributes only the skew part of
 
     integral of (P - P_1) (grad sum (T^-T x)_i w_i - F)^T,
 
-P_1 being the best linear approximation of P: nothing where P is linear in F, otherwise h^3 times
-the area where all is smooth, h where stresses grow as 1 / h at a point.
+where P_1 is the best linear approximation of P. This vanishes if P is linear in F; otherwise it is
+of order h^3 times the area where the deformation is smooth, and of order h where stresses grow as
+1 / h at a point.
 
-In space T has no such identity. There is still the argument by weights: for any w of their span
+In space T has no such identity, but the argument with weights remains: for any w of their span
 
     integral of (P_h - P) : grad (omega x x - w)
 
-is the moment, if loads have their own (that of their density about deformed points, not that of
-nodal loads about deformed nodes, which is of second order): third order at least.
+is the moment, if that of the loads is taken from their density at deformed points (nodal loads at
+deformed nodes are only of second order). It is at least of third order.
 """
 
 from collections.abc import Callable
@@ -37,88 +38,92 @@ from study.model.units import dimensionless
 from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
-Stress: TypeAlias = Callable[[ufl.core.expr.Expr], ufl.core.expr.Expr]
+StressLaw: TypeAlias = Callable[[ufl.core.expr.Expr], ufl.core.expr.Expr]
 """First Piola-Kirchhoff stress as a function of the deformation gradient."""
 
 LAME_OVER_SHEAR = 1.5
-SUB_CELL_DEGREE = {2: 6, 3: 4}
+SUB_CELL_QUADRATURE_DEGREES = {2: 6, 3: 4}
 """Degree of quadrature on sub-cells in the smooth problem, by dimension."""
-LOAD_MOMENT_DEGREE = 10
+LOAD_MOMENT_QUADRATURE_DEGREE = 10
 """Degree of quadrature of the moment of the load density."""
 
 
-def neo_hookean(F: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+def neo_hookean_stress(F: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
     """Return the neo-Hookean stress over the shear modulus."""
     inverse = ufl.inv(F).T
     return F - inverse + LAME_OVER_SHEAR * ufl.ln(ufl.det(F)) * inverse
 
 
 def linear_stress(F: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-    """Return the stress of the energy |F|^2 / 2 - det F: in the plane linear in F and objective."""
+    """Return the stress of the energy |F|^2 / 2 - det F, in the plane linear in F and objective."""
     return F - ufl.cofac(F)
 
 
-def internal_work(
-    u: fem.Function, weights: ufl.Argument, degree: int, stress: Stress = neo_hookean
+def internal_work_form(
+    u: fem.Function, weights: ufl.Argument, degree: int, stress: StressLaw = neo_hookean_stress
 ) -> ufl.Form:
-    """Return the form of first Piola-Kirchhoff stress times the gradients of the weights."""
+    """Return the form of the first Piola-Kirchhoff stress times the gradients of the weights."""
     stresses = stress(ufl.Identity(len(u)) + ufl.grad(u))
     dx = cell_measure(weights.ufl_function_space(), degree)
     return ufl.inner(stresses, ufl.grad(weights)) * dx
 
 
-def moments(position: Array, force: Array) -> Array:
-    """Return moments about the origin, (n, 3), of forces (n, dim) at positions (n, dim)."""
+def moments_about_origin(position: Array, force: Array) -> Array:
+    """Return moments (n, 3) about the origin of forces (n, dim) at positions (n, dim)."""
     padding = (0, 0), (0, 3 - position.shape[1])
     return np.cross(np.pad(position, padding), np.pad(force, padding))
 
 
-def triangle_moments(u: fem.Function, degree: int, stress: Stress = neo_hookean) -> Array:
-    """Return the moment of each triangle's nodal forces at T^-T x, (cells,).
+def triangle_moment_contributions(
+    u: fem.Function, degree: int, stress: StressLaw = neo_hookean_stress
+) -> Array:
+    """Return the moments (cells,) of the nodal forces of each triangle at T^-T x.
 
     Their sum is the moment of all nodal forces about the deformed nodes.
     """
     space = u.function_space
     element = basix.ufl.element("iso", "triangle", 1, shape=(2,), discontinuous=True)
     cell_weights = fem.functionspace(space.mesh, element)
-    work = internal_work(u, ufl.TestFunction(cell_weights), degree, stress)
+    work = internal_work_form(u, ufl.TestFunction(cell_weights), degree, stress)
     force = fem.assemble_vector(fem.form(work)).array.reshape(-1, 2)[cell_weights.dofmap.list]
     position = _weight_coefficients(u)[space.dofmap.list]
-    nodal_moments = moments(position.reshape(-1, 2), force.reshape(-1, 2))
+    nodal_moments = moments_about_origin(position.reshape(-1, 2), force.reshape(-1, 2))
     return nodal_moments[:, 2].reshape(len(position), -1).sum(axis=1)
 
 
 def smooth(element: str, elements: int) -> Result:
-    """Deform a unit square or cube inside by a known body force; its boundary is held.
+    """Deform a unit square or cube, fixed on its boundary, by the body force of a smooth field.
 
-    Meshes are Gmsh's. The moment of reactions and load over the sum of all magnitudes is given in
+    Meshes are unstructured. The moment of reactions and load over the sum of all magnitudes is given in
     three ways: with the moment of the load density, and with the moments of nodal loads at the
     deformed nodes and at T^-T x.
     """
     mesh = (on_square if element.endswith("T6") else on_cube)(element, 1 / elements)
-    dim, degree = mesh.geometry.dim, SUB_CELL_DEGREE[mesh.geometry.dim]
+    dim, degree = mesh.geometry.dim, SUB_CELL_QUADRATURE_DEGREES[mesh.geometry.dim]
     pair = spaces(element, mesh)
     space, u, weights = pair.trial, fem.Function(pair.trial), ufl.TestFunction(pair.test)
     X, size = ufl.SpatialCoordinate(mesh), fem.Constant(mesh, 1.0)
     bubble = np.prod([ufl.sin(ufl.pi * X[axis]) for axis in range(dim)])
     exact = bubble * ufl.as_vector([0.13 + 0.13 * X[1], -0.1 - 0.05 * X[0], 0.08 * X[0]][:dim])
-    load = -ufl.div(neo_hookean(ufl.Identity(dim) + size * ufl.grad(exact)))
+    load = -ufl.div(neo_hookean_stress(ufl.Identity(dim) + size * ufl.grad(exact)))
     external_work = ufl.inner(load, weights) * cell_measure(pair.test, degree)
 
     def is_on_boundary(x: Array) -> npt.NDArray[np.bool_]:
         return np.asarray((np.abs(x[:dim] - 0.5) > 0.5 - 1e-9).any(axis=0))
 
     supports = [prescribe(space, axis, is_on_boundary) for axis in range(dim)]
-    problem = PetrovGalerkinProblem(internal_work(u, weights, degree) - external_work, u, supports)
+    problem = PetrovGalerkinProblem(
+        internal_work_form(u, weights, degree) - external_work, u, supports
+    )
     problem.solve(size, increments=4)
 
     x = space.tabulate_dof_coordinates()[:, :dim] + u.x.array.reshape(-1, dim)
-    reaction_moments = moments(x, problem.reactions().array_r.reshape(-1, dim))
+    reaction_moments = moments_about_origin(x, problem.reactions().array_r.reshape(-1, dim))
     nodal_loads = assemble_vector(external_work).array_r.reshape(-1, dim)
-    load_moments_at_nodes = moments(x, nodal_loads)
-    load_moments_at_coefficients = moments(_weight_coefficients(u), nodal_loads)
+    load_moments_at_nodes = moments_about_origin(x, nodal_loads)
+    load_moments_at_coefficients = moments_about_origin(_weight_coefficients(u), nodal_loads)
     moment_density = ufl.cross(*(ufl.as_vector([*v, *[0.0] * (3 - dim)]) for v in (X + u, load)))
-    dx = ufl.dx(metadata={"quadrature_degree": LOAD_MOMENT_DEGREE})
+    dx = ufl.dx(metadata={"quadrature_degree": LOAD_MOMENT_QUADRATURE_DEGREE})
     load_moment = np.array(
         [fem.assemble_scalar(fem.form(moment_density[axis] * dx)) for axis in range(3)]
     )
@@ -135,7 +140,7 @@ def smooth(element: str, elements: int) -> Result:
 
 
 def _weight_coefficients(u: fem.Function) -> Array:
-    """Return T^-T x, (n, dim), with which the weights have the deformed body's averages."""
+    """Return T^-T x, (n, dim), the coefficients of the weights for the deformed position x."""
     space = u.function_space
     dim = space.mesh.geometry.dim
     coefficients = Sibling.from_space(space).coefficients(u.x.petsc_vec).array_r.reshape(-1, dim)

@@ -1,7 +1,7 @@
 """Large strains of a rubber block below a rigid punch that sticks, in the plane and in space.
 
-The order of Newton's method and objectivity have known answers. Evenness of nodal forces and their
-moment about the deformed nodes are measured besides.
+The order of Newton's method and objectivity have known answers. The evenness of nodal forces and
+their moment about the deformed nodes are also measured.
 """
 
 from mpi4py import MPI
@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 from pw_elements import PetrovGalerkinProblem, forces_along, prescribe
 from pw_elements.meshes import triangles
 from study.benchmarks.v14_rubber.moments import (
-    Stress,
-    internal_work,
+    StressLaw,
+    internal_work_form,
     linear_stress,
-    moments,
-    neo_hookean,
+    moments_about_origin,
+    neo_hookean_stress,
     smooth,
-    triangle_moments,
+    triangle_moment_contributions,
 )
 from study.judge.checks import check
 from study.judge.measures.general import scalar, smallest
@@ -85,35 +85,36 @@ moments.
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Lengths over the block's height
+# Lengths relative to the height of the block
 HALF_WIDTH, PUNCH_HALF_WIDTH = 1.0, 0.5
-PUNCH_DOWN, PUNCH_SIDEWAYS = 0.2, 0.1
+PUNCH_DEPTH, PUNCH_SHIFT = 0.2, 0.1
 ROTATION_ANGLE = 0.7
-"""Angle by which the deformed block is turned, in radians."""
+"""Angle in radians by which the deformed block is rotated."""
 DEGREE = {2: 6, 3: 4}
-"""Degree of quadrature by dimension: above it results change by round-off and some 1e-6."""
-MIN_CORRECTION = 1e-11
-"""Smaller relative corrections are rounded off in their fourth digit."""
+"""Degree of quadrature by dimension; higher degrees change results by at most some 1e-6."""
+MIN_RELATIVE_CORRECTION = 1e-11
+"""Least relative correction for the order of Newton's method; smaller ones are round-off from
+their fourth digit on."""
 SUPPORT_END_RADIUS = 0.25
-"""Distance within which a triangle counts as near an end of a support."""
+"""Distance from an end of a support within which a triangle counts as near it."""
 
 
 def punch(element: str, elements: int) -> Result:
-    """Press a block with `elements` over its height, and press it again while it is turned."""
-    block = Block(element, elements)
+    """Press a block with `elements` over its height, and again while it is rotated."""
+    block = RubberBlock(element, elements)
     space, dim = block.space, block.dim
-    problem = block.press()
+    problem = block.solve_punch_travel()
     forces = problem.reactions()
     (increment,) = problem.increments
     corrections = np.array(increment.relative_corrections)
-    first, second, third = np.log(corrections[corrections > MIN_CORRECTION][-3:])
+    first, second, third = np.log(corrections[corrections > MIN_RELATIVE_CORRECTION][-3:])
     below_punch = block.is_below_punch(block.x.T)
     scalars = {
         "newton_rate": (third - second) / (second - first),
         "newton_iterations": len(corrections),
         "last_correction": corrections[-1],
-        "objectivity": block.objectivity_error(forces),
-        "moment_defect": block.moment_defect(forces),
+        "objectivity": block.measure_objectivity_error(forces),
+        "moment_defect": block.measure_moment_defect(forces),
         "force": -forces.array_r.reshape(-1, dim)[below_punch, -1].sum(),
     }
     curves = {
@@ -122,35 +123,35 @@ def punch(element: str, elements: int) -> Result:
         "deformed": block.x + block.displacement,
         "cells": space.dofmap.list.copy(),
     }
-    measure_evenness = _evenness_in_plane if dim == 2 else _evenness_in_space
+    measure_evenness = _measure_evenness_in_plane if dim == 2 else _measure_evenness_in_space
     evenness, force_curves = measure_evenness(block, forces)
     if element == "pw-T6":
-        evenness |= block.moment_defect_by_region(forces)
-        evenness["volume_min"] = block.min_volume_ratio()
+        evenness |= block.measure_moment_defect_by_region(forces)
+        evenness["volume_min"] = block.smallest_volume_ratio()
     numbers = {name: float(value) for name, value in (scalars | evenness).items()}
     return Result(numbers, dimensionless(numbers), curves | force_curves, dofs=block.x.size)
 
 
 def linear(element: str, elements: int) -> Result:
-    """Press a block whose stress is linear in the deformation gradient."""
-    block = Block(element, elements, linear_stress)
-    scalars = {"moment_defect": block.moment_defect(block.press().reactions())}
+    """Press a block whose stress is linear in the deformation gradient; return the moment defect."""
+    block = RubberBlock(element, elements, linear_stress)
+    scalars = {"moment_defect": block.measure_moment_defect(block.solve_punch_travel().reactions())}
     return Result(scalars, dimensionless(scalars), {}, dofs=block.x.size)
 
 
-class Block:
-    """Rubber block on an element: spaces, displacements and residual.
+class RubberBlock:
+    """Rubber block discretised by one kind of element.
 
     Attributes:
-        dim: dimension of space.
-        elements: number of elements over the height.
-        space: trial space.
-        u: displacements.
-        x: undeformed nodes, (n, dim).
-        residual: weak form, without loads.
+        dim: Dimension of space.
+        elements: Number of elements over the height.
+        space: Trial space.
+        u: Displacements.
+        x: Undeformed nodes, (n, dim).
+        residual: Weak form without loads.
     """
 
-    def __init__(self, element: str, elements: int, stress: Stress = neo_hookean) -> None:
+    def __init__(self, element: str, elements: int, stress: StressLaw = neo_hookean_stress) -> None:
         n_across = round(2 * HALF_WIDTH * elements)
         if element.endswith("T6"):
             corners_2d = (-HALF_WIDTH, 0.0), (HALF_WIDTH, 1.0)
@@ -182,15 +183,15 @@ class Block:
         return np.isclose(x[self.dim - 1], 0.0)
 
     def make_residual(self, u: fem.Function) -> ufl.Form:
-        """Return the weak form of displacements, without loads."""
-        return internal_work(u, self._weights, DEGREE[self.dim], self._stress)
+        """Return the weak form without loads for displacements u."""
+        return internal_work_form(u, self._weights, DEGREE[self.dim], self._stress)
 
-    def press(self) -> PetrovGalerkinProblem:
-        """Solve for the punch's whole travel and return the problem."""
+    def solve_punch_travel(self) -> PetrovGalerkinProblem:
+        """Move the punch by its whole travel and return the solved problem."""
         space, up = self.space, self.dim - 1
         down, sideways = (
-            fem.Constant(space.mesh, -PUNCH_DOWN),
-            fem.Constant(space.mesh, PUNCH_SIDEWAYS),
+            fem.Constant(space.mesh, -PUNCH_DEPTH),
+            fem.Constant(space.mesh, PUNCH_SHIFT),
         )
         supports = [
             prescribe(space, up, self.is_below_punch, down),
@@ -202,15 +203,18 @@ class Block:
         problem.solve([down, sideways])
         return problem
 
-    def objectivity_error(self, forces: PETSc.Vec) -> float:
-        """Return the largest change of forces by a rotation of the block, over the largest force."""
+    def measure_objectivity_error(self, forces: PETSc.Vec) -> float:
+        """Return the largest difference of forces from rotated ones after a rotation of the block.
+
+        It is relative to the largest force.
+        """
         displacement = self.displacement
         rotated_u, prescribed = fem.Function(self.space), fem.Function(self.space)
         is_held = self.is_below_punch(self.x.T) | self.is_on_base(self.x.T)
         nodes = np.flatnonzero(is_held).astype(np.int32)
 
         def rotate_supports(load_factor: float) -> None:
-            rotation = _rotation(load_factor * ROTATION_ANGLE, self.dim)
+            rotation = _rotation_matrix(load_factor * ROTATION_ANGLE, self.dim)
             position = (self.x + load_factor * displacement) @ rotation.T
             prescribed.x.array[:] = (position - self.x).ravel()
 
@@ -218,42 +222,50 @@ class Block:
             self.make_residual(rotated_u), rotated_u, fem.dirichletbc(prescribed, nodes)
         )
         problem.solve(rotate_supports, increments=2)
-        expected = forces.array_r.reshape(-1, self.dim) @ _rotation(ROTATION_ANGLE, self.dim).T
+        expected = (
+            forces.array_r.reshape(-1, self.dim) @ _rotation_matrix(ROTATION_ANGLE, self.dim).T
+        )
         difference = problem.reactions().array_r.reshape(-1, self.dim) - expected
         return float(np.abs(difference).max() / np.abs(expected).max())
 
-    def moment_defect(self, forces: PETSc.Vec) -> float:
+    def measure_moment_defect(self, forces: PETSc.Vec) -> float:
         """Return the moment of nodal forces about deformed nodes, over the sum of magnitudes."""
         nodal_moments = self._nodal_moments(forces)
         magnitudes = np.linalg.norm(nodal_moments, axis=1).sum()
         return float(np.linalg.norm(nodal_moments.sum(axis=0)) / magnitudes)
 
-    def moment_defect_by_region(self, forces: PETSc.Vec) -> dict[str, float]:
-        """Return the triangles' part in it near either end of the punch and far from supports' ends."""
+    def measure_moment_defect_by_region(self, forces: PETSc.Vec) -> dict[str, float]:
+        """Return the contributions of regions to the moment defect.
+
+        Regions are the triangles near the left and right end of the punch, and those far from all
+        ends of supports.
+        """
         centres = self.x[self.space.dofmap.list[:, :3]].mean(axis=1)
         support_ends = np.array(
             [(-PUNCH_HALF_WIDTH, 1), (PUNCH_HALF_WIDTH, 1), (-HALF_WIDTH, 0), (HALF_WIDTH, 0)]
         )
         distance = np.linalg.norm(centres[:, None] - support_ends, axis=2)
         is_near = distance < SUPPORT_END_RADIUS
-        defect = triangle_moments(self.u, DEGREE[2], self._stress)
+        defect = triangle_moment_contributions(self.u, DEGREE[2], self._stress)
         defect /= np.linalg.norm(self._nodal_moments(forces), axis=1).sum()
         regions = {"left": is_near[:, 0], "right": is_near[:, 1], "far": ~is_near.any(axis=1)}
         return {f"moment_defect_{name}": defect[cells].sum() for name, cells in regions.items()}
 
-    def min_volume_ratio(self) -> float:
-        """Return the least det F at the points of the quadrature rule."""
+    def smallest_volume_ratio(self) -> float:
+        """Return the smallest det F at the quadrature points."""
         points, _ = basix.make_quadrature(self.space.mesh.basix_cell(), DEGREE[self.dim])
         volume_ratio = fem.Expression(ufl.det(ufl.Identity(self.dim) + ufl.grad(self.u)), points)
         cells = np.arange(len(self.space.dofmap.list))
         return float(volume_ratio.eval(self.space.mesh, cells).min())
 
     def _nodal_moments(self, forces: PETSc.Vec) -> Array:
-        return moments(self.x + self.displacement, forces.array_r.reshape(-1, self.dim))
+        return moments_about_origin(
+            self.x + self.displacement, forces.array_r.reshape(-1, self.dim)
+        )
 
 
-def _evenness_in_plane(
-    block: Block, forces: PETSc.Vec
+def _measure_evenness_in_plane(
+    block: RubberBlock, forces: PETSc.Vec
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Return the median of mid-side over mean corner force below the punch, and the forces."""
     line = forces_along(block.space, forces, block.is_below_punch)
@@ -263,10 +275,10 @@ def _evenness_in_plane(
     return {"sawtooth": float(np.median(midside / corners))}, curves
 
 
-def _evenness_in_space(
-    block: Block, forces: PETSc.Vec
+def _measure_evenness_in_space(
+    block: RubberBlock, forces: PETSc.Vec
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return how even forces are below the punch, on the nodes that are not on its rim."""
+    """Return measures of the evenness of forces below the punch, without the nodes on its rim."""
     is_inside = np.abs(block.x[:, :2]).max(axis=1) < PUNCH_HALF_WIDTH - 1e-9
     nodes = np.flatnonzero(block.is_below_punch(block.x.T) & is_inside)
     x, force = block.x[nodes], -forces.array_r.reshape(-1, 3)[nodes, 2]
@@ -279,7 +291,7 @@ def _evenness_in_space(
     return scalars, {"x": x, "force": force / force.mean()}
 
 
-def _rotation(angle: float, dim: int) -> Array:
+def _rotation_matrix(angle: float, dim: int) -> Array:
     """Return the rotation about the normal of the plane, or about the diagonal of space."""
     if dim == 2:
         c, s = np.cos(angle), np.sin(angle)
@@ -334,13 +346,19 @@ DETAILS = r"""
 
 # Figures
 
-SHOWN_ELEMENTS = ("galerkin-T6", "pw-T6")
-SIZES = (4, 8, 16, 32, 64)
-PUNCH_SIZES = (*SIZES, 96)
-SPACE_SIZES = (2, 4, 8)
+PLOT_ELEMENTS = ("galerkin-T6", "pw-T6")
+ELEMENTS_PER_SIDE = (4, 8, 16, 32, 64)
+PUNCH_ELEMENTS_OVER_HEIGHT = (*ELEMENTS_PER_SIDE, 96)
+SPACE_ELEMENTS_PER_SIDE = (2, 4, 8)
 PUNCH_KEY, SMOOTH_KEY = "V14/punch-pw-T6-{}", "V14/smooth-pw-T6-{}"
 SMOOTH_SPACE_KEY = "V14/smooth-pw-T10-{}"
-LEFT, RIGHT, SUM, FAR, NODES = "#0B6E8A", "#B87A00", "#222222", "#6A4C93", "#8A8A8A"
+LEFT_COLOUR, RIGHT_COLOUR, SUM_COLOUR, FAR_COLOUR, NODAL_LOADS_COLOUR = (
+    "#0B6E8A",
+    "#B87A00",
+    "#222222",
+    "#6A4C93",
+    "#8A8A8A",
+)
 
 
 def draw_punch(results: Results) -> Figure:
@@ -350,7 +368,7 @@ def draw_punch(results: Results) -> Figure:
     mesh_plot(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
     axes[0].set(title="(a) deformed block", xlabel="$x$", ylabel="$y$", yticks=(0, 1))
     axes[0].set(xticks=(-1, 0, 1), xlim=(-1.15, 1.25))
-    for element in SHOWN_ELEMENTS:
+    for element in PLOT_ELEMENTS:
         curves = results.curves(f"V14/punch-{element}-8")
         axes[1].plot(curves["x"], curves["force"], **LOOK[element] | {"linewidth": 0.8})
         corrections = curves["corrections"]
@@ -364,49 +382,51 @@ def draw_punch(results: Results) -> Figure:
 
 
 def draw_moments(results: Results) -> Figure:
-    """Moments of nodal forces about deformed nodes: where they come from, and their orders.
+    """Moments of nodal forces about deformed nodes.
 
-    The contribution of triangles around the ends of the punch; orders elsewhere.
+    Panels: contribution of triangles around the ends of the punch; orders elsewhere.
     """
     fig, (ends, orders) = plt.subplots(1, 2, figsize=(FULL, 2.8), width_ratios=(1, 1.15))
 
     def defects(suffix: str, key: str, sizes: tuple[int, ...]) -> np.ndarray:
         return np.array([results.scalar(key.format(n), f"moment_defect{suffix}") for n in sizes])
 
-    left = defects("_left", PUNCH_KEY, PUNCH_SIZES)
-    right = defects("_right", PUNCH_KEY, PUNCH_SIZES)
+    left = defects("_left", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
+    right = defects("_right", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
     for label, values, color, marker in (
-        ("left end", left, LEFT, "v"),
-        ("right end", right, RIGHT, "^"),
-        ("both", left + right, SUM, "o"),
+        ("left end", left, LEFT_COLOUR, "v"),
+        ("right end", right, RIGHT_COLOUR, "^"),
+        ("both", left + right, SUM_COLOUR, "o"),
     ):
-        ends.semilogx(PUNCH_SIZES, 1e6 * values, color=color, marker=marker, label=label)
-    ends.axhline(0, color=SUM, lw=0.7, zorder=0)
+        ends.semilogx(
+            PUNCH_ELEMENTS_OVER_HEIGHT, 1e6 * values, color=color, marker=marker, label=label
+        )
+    ends.axhline(0, color=SUM_COLOUR, lw=0.7, zorder=0)
     ends.set(title="(a) ends of the punch", xlabel="elements over the height")
     ends.set_ylabel("moment / magnitudes, $10^{-6}$")
     ends.legend()
-    far = defects("_far", PUNCH_KEY, PUNCH_SIZES)
-    smooth_plane = defects("", SMOOTH_KEY, SIZES)
-    smooth_at_nodes = defects("_at_nodes", SMOOTH_KEY, SIZES)
-    smooth_space = defects("", SMOOTH_SPACE_KEY, SPACE_SIZES)
+    far = defects("_far", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
+    smooth_plane = defects("", SMOOTH_KEY, ELEMENTS_PER_SIDE)
+    smooth_at_nodes = defects("_at_nodes", SMOOTH_KEY, ELEMENTS_PER_SIDE)
+    smooth_space = defects("", SMOOTH_SPACE_KEY, SPACE_ELEMENTS_PER_SIDE)
     for label, sizes, values, color, marker in (
-        ("punch, far from supports' ends", PUNCH_SIZES, far, FAR, "s"),
-        ("smooth", SIZES, smooth_plane, *_colour_and_marker("pw-T6")),
-        ("smooth, loads at nodes", SIZES, smooth_at_nodes, NODES, "x"),
-        ("smooth, in space", SPACE_SIZES, smooth_space, *_colour_and_marker("pw-T10")),
+        ("punch, far from supports' ends", PUNCH_ELEMENTS_OVER_HEIGHT, far, FAR_COLOUR, "s"),
+        ("smooth", ELEMENTS_PER_SIDE, smooth_plane, *_colour_and_marker("pw-T6")),
+        ("smooth, loads at nodes", ELEMENTS_PER_SIDE, smooth_at_nodes, NODAL_LOADS_COLOUR, "x"),
+        ("smooth, in space", SPACE_ELEMENTS_PER_SIDE, smooth_space, *_colour_and_marker("pw-T10")),
     ):
         orders.loglog(sizes, np.abs(values), color=color, marker=marker, label=label)
     for order, height in ((2, 1.2e-4), (4, 4e-8)):
         n = np.array([20.0, 50.0])
         line = height * (n / n[0]) ** -order
-        orders.loglog(n, line, color=SUM, lw=0.7)
+        orders.loglog(n, line, color=SUM_COLOUR, lw=0.7)
         offset_text = {"textcoords": "offset points", "va": "bottom"}
         orders.annotate(f"order {order}", (n[0], line[0]), (7, 0), fontsize=7, **offset_text)
     orders.set(title="(b) elsewhere", xlabel="elements over the height, along a side")
     orders.set_ylabel("moment / magnitudes")
     orders.legend(loc="lower left", fontsize=6.5)
     for axes in (ends, orders):
-        ticks = (2, *SIZES) if axes is orders else SIZES
+        ticks = (2, *ELEMENTS_PER_SIDE) if axes is orders else ELEMENTS_PER_SIDE
         axes.minorticks_off()
         axes.set_xticks(ticks)
         axes.set_xticklabels([str(n) for n in ticks])
@@ -421,7 +441,7 @@ FIGURES = [
     PageFigure(
         "v14_rubber",
         draw_punch,
-        needs=[*(f"V14/punch-{element}-8" for element in SHOWN_ELEMENTS), "V14/punch-pw-T6-4"],
+        needs=[*(f"V14/punch-{element}-8" for element in PLOT_ELEMENTS), "V14/punch-pw-T6-4"],
         caption="A neo-Hookean block below a rigid punch that sticks to its upper side where "
         "|x| ≤ 0.5 and moves down by a fifth and sideways by a tenth of its height. (a) Deformed "
         "mesh of the new element, 4 elements over the height. (b) Vertical nodal forces below the "
@@ -435,9 +455,9 @@ FIGURES = [
         "v14_moment",
         draw_moments,
         needs=[
-            *(PUNCH_KEY.format(n) for n in PUNCH_SIZES),
-            *(SMOOTH_KEY.format(n) for n in SIZES),
-            *(SMOOTH_SPACE_KEY.format(n) for n in SPACE_SIZES),
+            *(PUNCH_KEY.format(n) for n in PUNCH_ELEMENTS_OVER_HEIGHT),
+            *(SMOOTH_KEY.format(n) for n in ELEMENTS_PER_SIDE),
+            *(SMOOTH_SPACE_KEY.format(n) for n in SPACE_ELEMENTS_PER_SIDE),
         ],
         caption="Moments of the new element's nodal forces about deformed nodes, over the sum of "
         "their magnitudes. (a) What triangles within a quarter of the height from either end of "

@@ -45,26 +45,26 @@ Mask = npt.NDArray[np.bool_]
 
 POISSONS_RATIO, FRICTION = 0.4999, 0.35
 
-# Contact with the exact half plane around it: half width of the contact 1
+# Contact on a half plane whose exact displacements are prescribed on the outer sides
 RADIUS, YOUNGS_MODULUS, HALF_WIDTH = 1e3, 1.0, 1.0
 EDGE_POSITION = 0.375
-"""Position of the contact's edge in an element."""
+"""Position of the edge of contact within an element, as a fraction of its length."""
 CONTACT_ZONE = 1.3
-"""Nodes may touch within this distance, over the half width."""
-LOAD_STEPS = 4
+"""Distance from the middle, over the half width, within which nodes may come into contact."""
+N_LOAD_STEPS = 4
 
-# The half plane that is pressed and pushed: consistent units of its own
-BLOCK_MODULUS, BLOCK_RADIUS, BLOCK_FORCE, PUSHES = 1000.0, 20.0, 4.0, (0.2, 0.4)
-"""Young's modulus, radius of the parabola, normal force; tangential forces over mu P."""
-BLOCK_DEPTH, BLOCK_GROWTH = 75.0, 1.2
-"""Depth over the half width of the contact; growth of the elements."""
+# A block in place of a half plane that is pressed and pushed, in consistent units
+BLOCK_MODULUS, BLOCK_RADIUS, BLOCK_FORCE, PUSH_FRACTIONS = 1000.0, 20.0, 4.0, (0.2, 0.4)
+"""Young's modulus, radius of the parabola and normal force; tangential forces over mu P."""
+BLOCK_DEPTH, BLOCK_CELL_GROWTH = 75.0, 1.2
+"""Depth of the block over the half width of the contact; growth of its elements."""
 
 
 def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
-    """Press a rigid parabola on a half plane, n elements over the contact's half width.
+    """Press a rigid parabola on a half plane, n elements over the half width of contact.
 
-    `pressure_rms` is that of the error, of pressures over the nodes' own weights, over p0 and
-    away from the edge of the contact; `pressure_rms_all` counts all nodes inside.
+    `pressure_rms` is the root mean square error of own-function pressures over p0, away from the
+    edge of contact; `pressure_rms_all` is that of all nodes in contact.
     """
     body = Elastic(YOUNGS_MODULUS, nu)
     force = np.pi * HALF_WIDTH**2 * body.plane_modulus / (4 * RADIUS)
@@ -76,12 +76,12 @@ def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
     curves = result.curves
     error = (curves["pressure"] - curves["exact_pressure"]) / exact.peak
 
-    def rms_within(fraction: float) -> float:
+    def rms_error_within(fraction: float) -> float:
         return float(np.sqrt(np.mean(error[curves["x"] < fraction * HALF_WIDTH] ** 2)))
 
     scalars = {
-        "pressure_rms": rms_within(INNER),
-        "pressure_rms_all": rms_within(1.0),
+        "pressure_rms": rms_error_within(INNER),
+        "pressure_rms_all": rms_error_within(1.0),
         "sawtooth": result.scalars["sawtooth"],
         "iterations": result.scalars["iterations"],
         "residual": result.scalars["residual"],
@@ -92,21 +92,21 @@ def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
 
 
 def sphere(element: str, n: int) -> Result:
-    """Press a quarter of a rigid sphere on a half space, n elements along its contact's radius."""
+    """Press a quarter of a rigid sphere on a half space, n elements along the radius of contact."""
     return pressed_sphere(element, n, POISSONS_RATIO)
 
 
 def presses(element: str, n: int) -> Result:
-    """Press a rough parabola in four steps, n elements over the contact's half width.
+    """Press a rough parabola on a half plane in steps, n elements over the half width of contact.
 
-    On an incompressible half plane nothing moves along the surface, so that all shear is due to
-    the elements. `shear_spurious` is the largest tangential traction over the nodes' own weights,
-    over mu p0; `shear_spurious_inner` that for x < 0.8 a, away from the edge of the contact.
+    The surface of an incompressible half plane has no tangential displacement, so that all shear is
+    an error of the elements. `shear_spurious` is the largest own-function shear over mu p0;
+    `shear_spurious_inner` is that for x < 0.8 a, away from the edge of contact.
     """
     body = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
     force = np.pi * body.plane_modulus / (4 * RADIUS)
-    steps = [HertzLine(body, RADIUS, force * (k + 1) / LOAD_STEPS) for k in range(LOAD_STEPS)]
-    per_half_width = n + EDGE_POSITION  # elements
+    steps = [HertzLine(body, RADIUS, force * (k + 1) / N_LOAD_STEPS) for k in range(N_LOAD_STEPS)]
+    per_half_width = n + EDGE_POSITION  # number of elements
     lines = np.arange(np.ceil(CONTACT_ZONE * per_half_width) + 1) / per_half_width
     block = discretise(
         element,
@@ -120,7 +120,7 @@ def presses(element: str, n: int) -> Result:
     outer_nodes = np.flatnonzero(is_outer).astype(np.int32)
     symmetry = prescribe(space, 0, lambda p: np.isclose(p[0], 0.0))
 
-    # displacements of the half plane on the outer sides, as loads
+    # loads that replace the prescribed displacements of the half plane on the outer sides
     loads = []
     for step in steps:
         sides = held_nodes(space, outer_nodes, step.displacement(x[outer_nodes]))
@@ -145,24 +145,24 @@ def presses(element: str, n: int) -> Result:
         "shear_spurious": float(np.nanmax(np.abs(shear))),
         "shear_spurious_inner": float(np.nanmax(np.abs(shear[position < INNER]))),
         "pressure_rms_all": float(np.sqrt(np.mean(error[position < 1] ** 2))),
-        **_count_iterations(states),
+        **_summarise_iterations(states),
     }
     curves = {"x": position, "shear": shear, "pressure": pressure, "status": contact.status}
     return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
 
 
 def pushed(element: str, n: int) -> Result:
-    """Press a rough parabola, and push it in two steps, n elements over 1.3 half widths.
+    """Press a rough parabola and push it in two steps, n elements over 1.3 half widths.
 
-    `stick` is the half width of the stick zone over that of the contact: by Cattaneo and Mindlin
-    sqrt(1 - Q/(mu P)) on the incompressible half plane.
+    `stick` is the half width of the stick zone over that of the contact; on an incompressible half
+    plane it is sqrt(1 - Q/(mu P)) (Cattaneo, Mindlin).
     """
     plane_modulus = BLOCK_MODULUS / (1 - POISSONS_RATIO**2)
     a = float(np.sqrt(4 * BLOCK_FORCE * BLOCK_RADIUS / (np.pi * plane_modulus)))
     zone, bottom = CONTACT_ZONE * a, -BLOCK_DEPTH * a
     block = discretise(
         element,
-        partial(_make_block, a, n),
+        partial(_make_half_plane_block, a, n),
         Material(BLOCK_MODULUS, POISSONS_RATIO),
         StressState.PLANE_STRAIN,
     )
@@ -172,7 +172,9 @@ def pushed(element: str, n: int) -> Result:
 
     base = [prescribe(block.space, k, lambda p: np.isclose(p[1], bottom)) for k in (0, 1)]
     motions = [Motion((0.0, None), (0.0, -BLOCK_FORCE))]
-    motions += [Motion((None, None), (q * FRICTION * BLOCK_FORCE, -BLOCK_FORCE)) for q in PUSHES]
+    motions += [
+        Motion((None, None), (q * FRICTION * BLOCK_FORCE, -BLOCK_FORCE)) for q in PUSH_FRACTIONS
+    ]
     pair = ContactPair(may_touch, Parabola((0.0, 0.0), BLOCK_RADIUS), FRICTION, motions)
     no_load = [block.K.createVecLeft()] * len(motions)
     states = solve_contact(block.K, no_load, block.supports(base), pair, block.space)
@@ -180,22 +182,24 @@ def pushed(element: str, n: int) -> Result:
     x, status = np.abs(contact.position[:, 0]), contact.status
     is_slipping = (status != STICK) & (status != OPEN)
     stick_half_width = (x[status == STICK].max() + x[is_slipping].min()) / 2
-    scalars = {"stick": float(stick_half_width / a), **_count_iterations(states)}
+    scalars = {"stick": float(stick_half_width / a), **_summarise_iterations(states)}
     curves = {"x": contact.position[:, 0] / a, "status": status}
     return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
 
 
-def _make_block(a: float, n: int, cell: str) -> Mesh:
-    """Return a block for a half plane below a contact of the half width a."""
+def _make_half_plane_block(a: float, n: int, cell: str) -> Mesh:
+    """Mesh a block, in place of a half plane, below a contact of half width a."""
     zone = CONTACT_ZONE * a
     size = zone / n
-    outside = zone + growing(size * BLOCK_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_GROWTH)[1:]
+    outside = (
+        zone + growing(size * BLOCK_CELL_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_CELL_GROWTH)[1:]
+    )
     right = np.concatenate([np.linspace(0, zone, n + 1), outside])
-    depths = -growing(size, BLOCK_DEPTH * a, BLOCK_GROWTH)[::-1]
+    depths = -growing(size, BLOCK_DEPTH * a, BLOCK_CELL_GROWTH)[::-1]
     return on_lines(MPI.COMM_SELF, np.concatenate([-right[:0:-1], right]), depths, cell)
 
 
-def _count_iterations(states: list[ContactState]) -> dict[str, float]:
+def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
     return {
         "iterations_most": float(max(state.iterations for state in states)),
         "iterations": float(sum(state.iterations for state in states)),
@@ -203,9 +207,9 @@ def _count_iterations(states: list[ContactState]) -> dict[str, float]:
     }
 
 
-# A seal at large strains. Both plates are flat and smooth, so that a node in contact has a known
-# displacement across them: contact is a set of such nodes, which are released where a plate would
-# pull and held where they would penetrate it, by the signs of nodal forces and gaps.
+# A seal at large strains. Both plates are flat and smooth, so that the vertical position of a node
+# in contact is known. An active set of such nodes is updated by the signs of nodal forces and gaps:
+# nodes in tension are released, and nodes that penetrate a plate are held.
 #
 # The reference is Lindley's formula (Engineer 218 (1964) 765; P. K. Freakley, A. R. Payne, "Theory
 # and Practice of Engineering with Rubber" (1978)) for long cords of the diameter d and squeezes
@@ -213,44 +217,47 @@ def _count_iterations(states: list[ContactState]) -> dict[str, float]:
 
 # Lengths over the cord's radius, stresses over the shear modulus
 RING_RADIUS = 8.0
-SQUEEZE, SQUEEZE_STEPS = 0.25, 10
-"""Squeeze over the cord's diameter, and its increments."""
+MAX_SQUEEZE, N_SQUEEZE_STEPS = 0.25, 10
+"""Squeeze over the diameter of the cord, and number of its increments."""
 DEGREE = 6
 """Degree of quadrature of the ring."""
-MAX_ACTIVE_SETS, MAX_CATCHES = 30, 2
-"""Active sets that are tried in a step, and how often a node is held anew in it: a node at the rim
-may be pulled where it is held and penetrate where it is not, and is released then."""
+MAX_ACTIVE_SETS, MAX_RECAPTURES = 30, 2
+"""Largest number of active sets in a step, and of times that a node is held again in it. A node at
+the rim may be in tension if it is held and penetrate if it is not; it is then released."""
 
 
 def seal(element: str, n: int) -> Result:
-    """Squeeze a ring of cells with sides of 1/n by a quarter of its cord in ten steps."""
-    ring = Ring(element, n)
-    steps = np.arange(1, SQUEEZE_STEPS + 1) * SQUEEZE / SQUEEZE_STEPS
+    """Squeeze an O-ring by a quarter of its cord's diameter in ten steps, with cells of size 1/n."""
+    ring = ORing(element, n)
+    steps = np.arange(1, N_SQUEEZE_STEPS + 1) * MAX_SQUEEZE / N_SQUEEZE_STEPS
     plate_forces, n_sets, n_iterations = [], [], []
     for squeeze in steps:
-        sets, iterations = ring.press(1 - squeeze)
-        plate_forces.append(-ring.nodal_forces()[ring.is_upper, 1].sum())
+        sets, iterations = ring.press_to_height(1 - squeeze)
+        plate_forces.append(-ring.nodal_forces()[ring.is_held_by_upper_plate, 1].sum())
         n_sets.append(sets)
         n_iterations.append(iterations)
     force = ring.nodal_forces()
-    upper_force, lower_force = force[ring.is_upper, 1].sum(), force[ring.is_lower, 1].sum()
+    upper_force, lower_force = (
+        force[ring.is_held_by_upper_plate, 1].sum(),
+        force[ring.is_held_by_lower_plate, 1].sum(),
+    )
     force_scale = 2 * np.pi * RING_RADIUS * 2 * 3  # length times E d
     lindley = 1.25 * steps**1.5 + 50 * steps**6
-    x, pressure = ring.contact_pressure(force)
+    x, pressure = ring.upper_contact_pressure(force)
     order = np.argsort(x)
-    is_midside = ring.is_midside[ring.is_upper][order]
+    is_midside_node = ring.is_midside_node[ring.is_held_by_upper_plate][order]
     x, pressure = x[order], pressure[order]
-    nodal_force = -force[ring.is_upper, 1][order]
-    ratio = nodal_force / np.interp(x, x[~is_midside], nodal_force[~is_midside])
+    nodal_force = -force[ring.is_held_by_upper_plate, 1][order]
+    ratio = nodal_force / np.interp(x, x[~is_midside_node], nodal_force[~is_midside_node])
     scalars = {
         "force": plate_forces[-1] / force_scale,
         "force_lindley": float(lindley[-1]),
         "width": float(np.ptp(x)) / 2,
-        "width_lindley": 2.4 * SQUEEZE,
+        "width_lindley": 2.4 * MAX_SQUEEZE,
         "balance": float(abs(upper_force + lower_force) / abs(upper_force)),
-        "volume_error": ring.volume_error(),
-        "sawtooth": float(np.median(ratio[2:-2][is_midside[2:-2]])),
-        "penetration": float(ring.penetration),
+        "volume_error": ring.relative_volume_change(),
+        "sawtooth": float(np.median(ratio[2:-2][is_midside_node[2:-2]])),
+        "penetration": float(ring.max_penetration),
         "peak": float(pressure.max()),
         "sets": float(max(n_sets)),
         "newton_iterations": float(sum(n_iterations)),
@@ -269,20 +276,21 @@ def seal(element: str, n: int) -> Result:
     return Result(scalars, dimensionless(scalars), curves, dofs=len(ring.solution.x.array))
 
 
-class Ring:
+class ORing:
     """An O-ring of incompressible rubber between two plates.
 
     Attributes:
-        space: mixed trial space.
-        solution: displacements and pressures.
-        x: undeformed nodes, (n, 2).
-        is_midside: which nodes are no vertices, (n,).
-        is_upper, is_lower: nodes that the plates hold, (n,).
-        penetration: largest penetration of a node that has been released for good.
+        space: Mixed trial space.
+        solution: Displacements and pressures.
+        x: Undeformed nodes, (n, 2).
+        is_midside_node: Mask (n,) of nodes that are not vertices.
+        is_held_by_upper_plate: Mask (n,) of nodes in contact with the upper plate.
+        is_held_by_lower_plate: Mask (n,) of nodes in contact with the lower plate.
+        max_penetration: Largest penetration of a node that is not held again.
     """
 
     def __init__(self, element: str, n: int) -> None:
-        mesh = meshed(_add_cord, 2, 1 / n, order=2)
+        mesh = meshed(_add_cord_section, 2, 1 / n, order=2)
         pair = spaces(element, mesh)
         self.space, self.solution = pair.trial, fem.Function(pair.trial)
         self._displacements = SubSpace.displacements(self.space)
@@ -291,10 +299,10 @@ class Ring:
         self._is_outside: Mask = np.hypot(self.x[:, 0] - RING_RADIUS, self.x[:, 1]) > 1 - 1e-9
         vertices = self._pressures.space.tabulate_dof_coordinates()[:, :2]
         distance = np.abs(self.x[:, None] - vertices).max(axis=2).min(axis=1)
-        self.is_midside: Mask = distance > 1e-9
-        self.penetration = 0.0
-        self.is_upper: Mask = np.zeros(len(self.x), dtype=bool)
-        self.is_lower: Mask = self.is_upper
+        self.is_midside_node: Mask = distance > 1e-9
+        self.max_penetration = 0.0
+        self.is_held_by_upper_plate: Mask = np.zeros(len(self.x), dtype=bool)
+        self.is_held_by_lower_plate: Mask = self.is_held_by_upper_plate
         r = ufl.SpatialCoordinate(mesh)[0]
         u, p = ufl.split(self.solution)
         self._v, q = ufl.split(ufl.TestFunction(pair.test))
@@ -330,49 +338,65 @@ class Ring:
         """Return forces (n, 2) of the plates on the nodes."""
         return np.asarray(self._problem.reactions().array_r[self._displacements.unknowns])
 
-    def press(self, height: float) -> tuple[int, int]:
-        """Move both plates to +- a height; return numbers of active sets and of iterations.
+    def press_to_height(self, height: float) -> tuple[int, int]:
+        """Move the plates to y = height and y = -height.
+
+        Returns:
+            Numbers of active sets and of Newton iterations.
 
         Raises:
-            RuntimeError: if the active set has not settled.
+            RuntimeError: If the active set has not converged.
         """
         iterations = 0
         y = self.x[:, 1] + self.displacement[:, 1]
-        self.is_upper, self.is_lower = (
+        self.is_held_by_upper_plate, self.is_held_by_lower_plate = (
             is_held | (self._is_outside & (side * y > height))
-            for is_held, side in ((self.is_upper, 1), (self.is_lower, -1))
+            for is_held, side in (
+                (self.is_held_by_upper_plate, 1),
+                (self.is_held_by_lower_plate, -1),
+            )
         )
         n_catches = np.zeros(len(self.x), dtype=int)
         for n_sets in range(1, MAX_ACTIVE_SETS + 1):
-            self._solve(height)
+            self._solve_with_held_nodes(height)
             iterations += sum(len(part.relative_corrections) for part in self._problem.increments)
             force, y = self.nodal_forces()[:, 1], self.x[:, 1] + self.displacement[:, 1]
             penetrates = self._is_outside & (np.abs(y) > height)
-            may_be_caught = penetrates & (n_catches < MAX_CATCHES)
+            may_be_caught = penetrates & (n_catches < MAX_RECAPTURES)
             upper, lower = (
                 np.where(is_held, side * force < 0, may_be_caught & (side * y > 0))
-                for is_held, side in ((self.is_upper, 1), (self.is_lower, -1))
+                for is_held, side in (
+                    (self.is_held_by_upper_plate, 1),
+                    (self.is_held_by_lower_plate, -1),
+                )
             )
-            n_catches[(upper & ~self.is_upper) | (lower & ~self.is_lower)] += 1
-            if np.array_equal(upper, self.is_upper) and np.array_equal(lower, self.is_lower):
+            n_catches[
+                (upper & ~self.is_held_by_upper_plate) | (lower & ~self.is_held_by_lower_plate)
+            ] += 1
+            if np.array_equal(upper, self.is_held_by_upper_plate) and np.array_equal(
+                lower, self.is_held_by_lower_plate
+            ):
                 is_released = penetrates & ~upper & ~lower
                 penetration = (np.abs(y[is_released]) - height).max(initial=0.0)
-                self.penetration = max(self.penetration, penetration)
+                self.max_penetration = max(self.max_penetration, penetration)
                 return n_sets, iterations
-            self.is_upper, self.is_lower = upper, lower
-        raise RuntimeError(f"the active set has not settled after {MAX_ACTIVE_SETS} solutions")
+            self.is_held_by_upper_plate, self.is_held_by_lower_plate = upper, lower
+        raise RuntimeError(
+            f"the active set has not converged after {MAX_ACTIVE_SETS} solutions; "
+            "use smaller squeeze steps or a finer mesh"
+        )
 
-    def _solve(self, height: float) -> None:
+    def _solve_with_held_nodes(self, height: float) -> None:
         prescribed = fem.Function(self.space)
         vertical = self._displacements.unknowns[:, 1]
-        for is_held, side in ((self.is_upper, 1), (self.is_lower, -1)):
+        for is_held, side in ((self.is_held_by_upper_plate, 1), (self.is_held_by_lower_plate, -1)):
             prescribed.x.array[vertical[is_held]] = side * height - self.x[is_held, 1]
-        dofs = np.sort(vertical[self.is_upper | self.is_lower])
+        dofs = np.sort(vertical[self.is_held_by_upper_plate | self.is_held_by_lower_plate])
         self._supports[:] = [fem.dirichletbc(prescribed, dofs)]
         self._problem.solve()
 
-    def contact_pressure(self, force: Array) -> tuple[Array, Array]:
-        """Return radii (m,) of the upper plate's nodes, and forces over deformed weight areas."""
+    def upper_contact_pressure(self, force: Array) -> tuple[Array, Array]:
+        """Return radii (m,) of the nodes on the upper plate, and their pressures on deformed areas."""
         normal = ufl.FacetNormal(self.space.mesh)
         outwards = ufl.as_vector([normal[0], normal[1], 0])
         area_vector = self._J * ufl.inv(self._F).T * outwards
@@ -380,10 +404,10 @@ class Ring:
         vertical = self._displacements.unknowns[:, 1]
         area = assemble_vector(stretch * self._v[1] * self._circumference * self._ds)
         x = self.x[:, 0] + self.displacement[:, 0]
-        upper = self.is_upper
+        upper = self.is_held_by_upper_plate
         return x[upper], -force[upper, 1] / area.array_r[vertical][upper]
 
-    def volume_error(self) -> float:
+    def relative_volume_change(self) -> float:
         """Return the change of the ring's volume over its volume."""
         change = assemble_scalar((self._J - 1) * self._circumference * self._dx)
         return float(abs(change) / (2 * np.pi**2 * RING_RADIUS))
@@ -395,5 +419,5 @@ def _axisymmetric_gradient(u: Expr, r: Expr) -> Expr:
     return ufl.as_tensor([[g[0, 0], g[0, 1], 0], [g[1, 0], g[1, 1], 0], [0, 0, u[0] / r]])
 
 
-def _add_cord() -> None:
+def _add_cord_section() -> None:
     gmsh.model.occ.addDisk(RING_RADIUS, 0, 0, 1, 1)

@@ -1,4 +1,4 @@
-"""Fields in nearly incompressible bodies: known ones, Cook's membrane, layers, and stability."""
+"""Linear problems of nearly incompressible bodies: known fields, Cook's membrane, layers, stability."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,24 +53,24 @@ Array = npt.NDArray[np.float64]
 
 YOUNGS_MODULUS = 1.0
 DEGREE = 8
-"""Degree of quadrature of integrals of known fields."""
+"""Degree of quadrature of integrals of exact fields."""
 
 
 # Known fields
 
 
 def square(element: str, nu: float, n: int) -> Result:
-    """Solve a unit square of triangles or quadrilaterals with sides of 1/n, in plane strain."""
+    """Return errors in a unit square in plane strain, cells of size 1/n."""
     return _solve_manufactured(element, nu, n)
 
 
 def cube(element: str, nu: float, n: int) -> Result:
-    """Solve a unit cube of tetrahedra or hexahedra with sides of 1/n."""
+    """Return errors in a unit cube, cells of size 1/n."""
     return _solve_manufactured(element, nu, n)
 
 
 def enclosed(element: str, nu: float, n: int) -> Result:
-    """Solve a unit cube with the exact displacements on all sides in place of tractions."""
+    """Return errors in a unit cube with exact displacements on all sides in place of tractions."""
     return _solve_manufactured(element, nu, n, is_enclosed=True)
 
 
@@ -79,26 +79,26 @@ class ManufacturedField:
     """A solenoidal field plus g/lambda, with the pressure -div g, which stays bounded at nu = 1/2.
 
     Args:
-        body: on which it is.
+        body: Body in which the field is evaluated.
         nu: Poisson's ratio.
     """
 
     body: Body
     nu: float
 
-    def displacement(self) -> Expr:
-        """Return the displacement."""
+    def displacement_expression(self) -> Expr:
+        """Return the exact displacement as a UFL expression."""
         field = solid if self.body.spaces.mesh.geometry.dim == 3 else plane
         return ufl.as_vector(field(ufl, self._x(), self._constant(self.inverse_lame)))
 
-    def pressure(self) -> Expr:
-        """Return the pressure -lambda div u."""
+    def pressure_expression(self) -> Expr:
+        """Return the exact pressure -lambda div u as a UFL expression."""
         field = solid_pressure if self.body.spaces.mesh.geometry.dim == 3 else plane_pressure
         return -ufl.div(ufl.as_vector(field(ufl, self._x(), self._constant(1.0))))
 
-    def stress(self) -> Expr:
-        """Return the stress 2 mu eps(u) - p I."""
-        u, p = self.displacement(), self.pressure()
+    def stress_expression(self) -> Expr:
+        """Return the exact stress 2 mu eps(u) - p I as a UFL expression."""
+        u, p = self.displacement_expression(), self.pressure_expression()
         mu = self._constant(YOUNGS_MODULUS / (2 * (1 + self.nu)))
         return 2 * mu * ufl.sym(ufl.grad(u)) - p * ufl.Identity(len(u))
 
@@ -120,39 +120,39 @@ class ManufacturedField:
 
 
 def _solve_manufactured(element: str, nu: float, n: int, is_enclosed: bool = False) -> Result:
-    """Return errors over the norms of the known fields; tractions and body force are prescribed.
+    """Solve for a known field; return errors relative to its norms.
 
-    Displacements are given on the bottom, or on all sides.
+    Displacements are prescribed on the bottom or, if enclosed, on all sides; otherwise tractions.
     """
     mesh = unit_mesh(element, 1 / n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), state)
     exact, W = ManufacturedField(body, nu), body.spaces.trial
     load_body = Body(body.spaces, body.material, state, quadrature_degree=DEGREE)
-    f = assemble_vector(load_body.body_load(-ufl.div(exact.stress())))
-    traction = exact.stress() * ufl.FacetNormal(mesh)
+    f = assemble_vector(load_body.body_load(-ufl.div(exact.stress_expression())))
+    traction = exact.stress_expression() * ufl.FacetNormal(mesh)
     boundary = boundary_measure(mesh, lambda x: np.ones(x.shape[1], dtype=bool), DEGREE)
     f.axpy(1.0, assemble_vector(body.surface_load(traction, boundary)))
     K = assemble_matrix(body.stiffness())
-    supports = Reduction.dirichlet(W, _prescribe_exact(W, exact, is_enclosed))
+    supports = Reduction.dirichlet(W, _prescribe_exact_displacements(W, exact, is_enclosed))
     u, p = _displacement_and_pressure(body, solve(K, f, supports))
 
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": DEGREE})
 
-    def norm(value: Expr) -> float:
+    def l2_norm(value: Expr) -> float:
         return float(np.sqrt(fem.assemble_scalar(fem.form(ufl.inner(value, value) * dx))))
 
-    exact_u, exact_p = exact.displacement(), exact.pressure()
+    exact_u, exact_p = exact.displacement_expression(), exact.pressure_expression()
     scalars = {
-        "h1_error": norm(ufl.grad(u - exact_u)) / norm(ufl.grad(exact_u)),
-        "l2_error": norm(u - exact_u) / norm(exact_u),
-        "pressure_error": norm(p - exact_p) / norm(exact_p),
+        "h1_error": l2_norm(ufl.grad(u - exact_u)) / l2_norm(ufl.grad(exact_u)),
+        "l2_error": l2_norm(u - exact_u) / l2_norm(exact_u),
+        "pressure_error": l2_norm(p - exact_p) / l2_norm(exact_p),
         "h": cell_size(mesh),
     }
     return Result(scalars, dimensionless(scalars), {}, dofs=K.getSize()[0])
 
 
-def _prescribe_exact(
+def _prescribe_exact_displacements(
     space: fem.FunctionSpace, exact: ManufacturedField, is_enclosed: bool
 ) -> fem.DirichletBC:
     """Prescribe the exact displacements on the bottom, or on all sides."""
@@ -166,7 +166,7 @@ def _prescribe_exact(
 
 
 def _displacement_and_pressure(body: Body, a: PETSc.Vec) -> tuple[Expr, Expr]:
-    """Return displacement and pressure; without a pressure field it is -lambda div u."""
+    """Return displacement and pressure; without a pressure field the latter is -lambda div u."""
     if body.spaces.is_hybrid:
         return split(body.spaces.trial, a)
     u = as_function(body.spaces.trial, a)
@@ -179,7 +179,7 @@ def _displacement_and_pressure(body: Body, a: PETSc.Vec) -> tuple[Expr, Expr]:
 
 
 def cook(element: str, n: int, nu: float = 0.4999) -> Result:
-    """Solve Cook's membrane in plane strain, n elements a side; `tip` is its deflection E t/F."""
+    """Solve Cook's membrane in plane strain, n elements along a side; `tip` is E t/F times the deflection."""
 
     def taper(x: Array) -> Array:
         return np.column_stack(
@@ -200,25 +200,26 @@ def cook(element: str, n: int, nu: float = 0.4999) -> Result:
     return Result(scalars, dimensionless(scalars), {}, dofs=K.getSize()[0])
 
 
-# Layers: strains are constant in each, and so is the pressure, which jumps between them. Elements
-# whose pressure is split there are exact, those with one pressure are not.
+# Layers: strain and pressure are constant in each layer, and the pressure jumps between them.
+# Elements whose pressure is split there are exact; those with a continuous pressure are not.
 
-LAYER_CELLS = 4
-"""Cells along a side."""
-LAYER_MODULI, LAYER_RATIOS = np.array([2.0, 20.0]), np.array([0.4999, 0.3])
+LAYER_CELLS_PER_SIDE = 4
+"""Number of cells along a side."""
+LAYER_YOUNGS_MODULI, LAYER_POISSONS_RATIOS = np.array([2.0, 20.0]), np.array([0.4999, 0.3])
 """Young's moduli and Poisson's ratios of the lower and the upper layer."""
 
 
 def layers(element: str) -> Result:
-    """Press two layers evenly between smooth walls.
+    """Press two layers uniformly between smooth walls.
 
-    Returns the largest error of a displacement over the largest displacement: `error` with a
-    pressure that is split between the layers, `error_one` with one that is not.
+    Scalars are largest errors of a displacement over the largest displacement: `error` with a
+    pressure that is split between the layers, `error_one` with a continuous pressure.
     """
     make_spaces = Spaces.hybrid if element.startswith("pw") else taylor_hood
     mesh = make_layered_mesh(MPI.COMM_SELF, CELLS[element.rsplit("-", 1)[1]])
     scalars = {
-        name: layer_error(make_spaces, mesh, name == "error") for name in ("error", "error_one")
+        name: largest_layer_displacement_error(make_spaces, mesh, name == "error")
+        for name in ("error", "error_one")
     }
     dofmap = make_spaces(mesh, None).trial.dofmap
     dofs = dofmap.index_map.size_global * dofmap.index_map_bs
@@ -226,25 +227,25 @@ def layers(element: str) -> Result:
 
 
 def make_layered_mesh(comm: MPI.Comm, cell: CellType) -> Mesh:
-    """Return a unit square or cube with moved inner nodes, but for those between the layers."""
-    n = LAYER_CELLS
+    """Return a unit square or cube with moved inner nodes, except those between the layers."""
+    n = LAYER_CELLS_PER_SIDE
     if cell in (CellType.triangle, CellType.quadrilateral):
         return move_nodes(create_unit_square(comm, n, n, cell), _move_within_layers)
     return move_nodes(create_unit_cube(comm, n, n, n, cell), _move_within_layers)
 
 
-def layer_error(
-    make_spaces: Callable[[Mesh, MeshTags | None], Spaces], mesh: Mesh, split_pressure: bool
+def largest_layer_displacement_error(
+    make_spaces: Callable[[Mesh, MeshTags | None], Spaces], mesh: Mesh, has_split_pressure: bool
 ) -> float:
-    """Return the largest error of a displacement of the layers over the largest displacement."""
+    """Return the largest error of a displacement of two layers over the largest displacement."""
     dim = mesh.geometry.dim
     up = dim - 1
     index_map = mesh.topology.index_map(dim)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     layer = (compute_midpoints(mesh, dim, cells)[:, up] > 0.5).astype(np.int32)
     E, nu = (fem.Function(fem.functionspace(mesh, ("DG", 0))) for _ in range(2))
-    E.x.array[:], nu.x.array[:] = LAYER_MODULI[layer], LAYER_RATIOS[layer]
-    pair = make_spaces(mesh, meshtags(mesh, dim, cells, layer) if split_pressure else None)
+    E.x.array[:], nu.x.array[:] = LAYER_YOUNGS_MODULI[layer], LAYER_POISSONS_RATIOS[layer]
+    pair = make_spaces(mesh, meshtags(mesh, dim, cells, layer) if has_split_pressure else None)
     state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
     body = Body(pair, Material(E, nu), state)
 
@@ -258,8 +259,8 @@ def layer_error(
     traction[up] = -1.0
     f = assemble_vector(body.surface_load(traction, boundary_measure(mesh, on_side(up, 1.0))))
     u, _ = split(W, solve(assemble_matrix(body.stiffness()), f, supports))
-    nu_factor = (1 + LAYER_RATIOS) * (1 - 2 * LAYER_RATIOS)
-    strain = nu_factor / ((1 - LAYER_RATIOS) * LAYER_MODULI)
+    nu_factor = (1 + LAYER_POISSONS_RATIOS) * (1 - 2 * LAYER_POISSONS_RATIOS)
+    strain = nu_factor / ((1 - LAYER_POISSONS_RATIOS) * LAYER_YOUNGS_MODULI)
     z = u.function_space.tabulate_dof_coordinates()[:, up]
     exact = np.zeros((len(z), dim))
     exact[:, up] = -np.minimum(z, 0.5) * strain[0] - np.maximum(z - 0.5, 0.0) * strain[1]
@@ -269,30 +270,30 @@ def layer_error(
 
 
 def _move_within_layers(x: Array) -> Array:
-    """Map the unit square or cube (n, 3) smoothly to itself; the plane between layers is kept."""
+    """Move points (n, 3) of the unit square or cube, except those on its sides and between layers."""
     dim = 3 if x[:, 2].any() else 2
     x_moved = x[:, :dim]
     n_half_waves = np.array([1.0, 1.0, 2.0])[-dim:]
     bubble = np.prod(np.sin(np.pi * n_half_waves * x_moved), axis=1, keepdims=True)
-    moved = x.copy()
-    moved[:, :dim] += 0.06 * bubble * np.cos(2 * x_moved + np.arange(dim))
-    return moved
+    position = x.copy()
+    position[:, :dim] += 0.06 * bubble * np.cos(2 * x_moved + np.arange(dim))
+    return position
 
 
-# Stability: trial and weight functions may each be a stable pair with the pressure, and the two
-# together not be. What counts is the least of sup over (w, q) of b((u, p), (w, q)) / |(w, q)| over
-# all (u, p) of norm one,
+# Stability: trial and weight functions may each form a stable pair with the pressure without being
+# stable together. The inf-sup constant is the infimum, over all (u, p) of norm one, of the supremum
+# over (w, q) of b((u, p), (w, q)) / |(w, q)|, where
 #
 #     b = int 2 mu eps(u) : eps(w) - p div w - q div u,
 #     |(u, p)|^2 = int 2 mu eps(u) : eps(u) + p^2 / (2 mu),
 #
-# at nu = 1/2, which is the smallest singular value of the matrix between the two norms.
+# at nu = 1/2. It is the smallest singular value of the matrix of b between the two norms.
 
 SHEAR_MODULUS = 1.0
 
 
 def infsup(element: str, n: int) -> Result:
-    """Return the inf-sup constant on a unit square or cube of sides 1/n, held below."""
+    """Return the inf-sup constant on a unit square or cube fixed at its base, n cells a side."""
     mesh = moved_mesh(element, n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(3 * SHEAR_MODULUS, 0.5), state)
@@ -301,17 +302,17 @@ def infsup(element: str, n: int) -> Result:
     supports = Reduction.dirichlet(W, base)
     b = supports.matrix(assemble_matrix(body.stiffness()))
     trial_gram, weight_gram = (
-        supports.matrix(assemble_matrix(_inner_product(body, space)))
+        supports.matrix(assemble_matrix(_natural_inner_product(body, space)))
         for space in (W, body.spaces.test)
     )
-    scalars = {"inf_sup": _least_singular_value(b, trial_gram, weight_gram)}
+    scalars = {"inf_sup": _smallest_singular_value(b, trial_gram, weight_gram)}
     return Result(scalars, dimensionless(scalars), {}, dofs=b.getSize()[0])
 
 
 def identity(element: str) -> Result:
-    """Return the differences of K and T K_standard, over K, on a distorted square.
+    """Return the difference of K and T K_standard over K on a distorted square.
 
-    T acts on the equations of equilibrium and leaves those of volume.
+    T acts on the equations of equilibrium, and leaves those of volume unchanged.
     """
     mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), smooth_distortion)
     bodies = [
@@ -335,22 +336,22 @@ def identity(element: str) -> Result:
     return Result(scalars, dimensionless(scalars), {})
 
 
-def _inner_product(body: Body, space: fem.FunctionSpace) -> ufl.Form:
-    """Return the form of the norm above in one of the spaces."""
+def _natural_inner_product(body: Body, space: fem.FunctionSpace) -> ufl.Form:
+    """Return the inner product of the norm |(u, p)| in a space."""
     u, w = ufl.TrialFunction(space), ufl.TestFunction(space)
     (_, p), (_, q) = ufl.split(u), ufl.split(w)
     strains = ufl.inner(body.strain(u), body.strain(w))
     return (2 * SHEAR_MODULUS * strains + p * q / (2 * SHEAR_MODULUS)) * ufl.dx
 
 
-def _least_singular_value(b: PETSc.Mat, trial_gram: PETSc.Mat, weight_gram: PETSc.Mat) -> float:
-    """Return the least singular value of b between the norms of its columns and of its rows."""
+def _smallest_singular_value(b: PETSc.Mat, trial_gram: PETSc.Mat, weight_gram: PETSc.Mat) -> float:
+    """Return the smallest singular value of b between the norms of trial and weight functions."""
     factors = factorise(b).ksp
-    solve_b = _on_arrays(factors.solve, b)
-    solve_b_transposed = _on_arrays(factors.solveTranspose, b)
-    trial, weights = _on_arrays(trial_gram.mult, b), _on_arrays(weight_gram.mult, b)
+    solve_b = _wrap_for_arrays(factors.solve, b)
+    solve_b_transposed = _wrap_for_arrays(factors.solveTranspose, b)
+    trial, weights = _wrap_for_arrays(trial_gram.mult, b), _wrap_for_arrays(weight_gram.mult, b)
     n = b.getSize()[0]
-    # the largest of b^-1 M_w b^-T M_u, whose inverse is that of b^T M_w^-1 b u = s^2 M_u u
+    # 1 / s^2 is the largest eigenvalue of b^-1 M_w b^-T M_u, as b^T M_w^-1 b u = s^2 M_u u
     product = LinearOperator(
         (n, n), lambda x: solve_b(weights(solve_b_transposed(trial(np.ravel(x))))), dtype=float
     )
@@ -359,10 +360,10 @@ def _least_singular_value(b: PETSc.Mat, trial_gram: PETSc.Mat, weight_gram: PETS
     return float(1 / np.sqrt(largest.real))
 
 
-def _on_arrays(
+def _wrap_for_arrays(
     action: Callable[[PETSc.Vec, PETSc.Vec], None], matrix: PETSc.Mat
 ) -> Callable[[Array], Array]:
-    """Return a PETSc operation of vectors of the matrix as one of arrays (n,)."""
+    """Wrap a PETSc operation on vectors of the matrix as a function of arrays (n,)."""
     argument, image = matrix.createVecs()
 
     def act(x: Array) -> Array:

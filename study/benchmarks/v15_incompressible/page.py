@@ -1,8 +1,8 @@
 """Nearly incompressible bodies: hybrid elements with displacements and a pressure.
 
-Elements of displacements alone lock as Poisson's ratio goes to 1/2. The pair of Taylor and Hood,
-weighted by that of Bercovier and Pironneau, is compared with standard weights. Problems of linear
-elasticity and stability are in `fields`, those with contact in `contact`.
+Displacement-only elements lock as Poisson's ratio goes to 1/2. Taylor and Hood's pair, with the
+weights of Bercovier and Pironneau's, is compared with standard weights. Linear problems and
+stability are in `fields`, problems with contact in `contact`.
 """
 
 from collections.abc import Callable, Sequence
@@ -109,20 +109,20 @@ their gaps and forces. The reference is Lindley's formula for long cords, which 
 
 # Cases
 
-ONE_FIELD, HYBRID = ("galerkin-T6", "pw-T6"), ("galerkin-hybrid-T6", "pw-hybrid-T6")
-T10, HYBRID_T10 = ("galerkin-T10", "pw-T10"), ("galerkin-hybrid-T10", "pw-hybrid-T10")
+DISPLACEMENT_T6, HYBRID_T6 = ("galerkin-T6", "pw-T6"), ("galerkin-hybrid-T6", "pw-hybrid-T6")
+DISPLACEMENT_T10, HYBRID_T10 = ("galerkin-T10", "pw-T10"), ("galerkin-hybrid-T10", "pw-hybrid-T10")
 HYBRID_Q9 = ("galerkin-hybrid-Q9", "pw-hybrid-Q9")
 HYBRID_H27 = ("galerkin-hybrid-H27", "pw-hybrid-H27")
 POISSONS_RATIOS = (0.3, 0.4999, 0.5)
 
 
-def _cases_by_ratio(
+def _make_cases_by_poissons_ratio(
     run: Callable[..., Result],
     elements: Sequence[str],
     levels: Sequence[int],
     ratios: Sequence[float] = POISSONS_RATIOS,
 ) -> list[Case]:
-    """Return cases at each Poisson's ratio that an element takes."""
+    """Return cases for each Poisson's ratio at which an element is defined."""
     return [
         Case(
             "V15",
@@ -137,7 +137,7 @@ def _cases_by_ratio(
     ]
 
 
-def _cases_by_level(
+def _make_cases_by_mesh(
     run: Callable[..., Result], elements: Sequence[str], levels: Sequence[int]
 ) -> list[Case]:
     return [
@@ -148,29 +148,29 @@ def _cases_by_level(
 
 
 CASES = [
-    *_cases_by_ratio(square, ONE_FIELD, (8, 16, 32), (0.4999,)),
-    *_cases_by_ratio(square, (*HYBRID, *HYBRID_Q9), (8, 16, 32)),
-    *_cases_by_ratio(cube, T10[1:], (6,), (0.4999,)),
-    *_cases_by_ratio(cube, HYBRID_T10, (3, 6)),
-    *_cases_by_ratio(enclosed, HYBRID_H27, (4,), (0.4999,)),
+    *_make_cases_by_poissons_ratio(square, DISPLACEMENT_T6, (8, 16, 32), (0.4999,)),
+    *_make_cases_by_poissons_ratio(square, (*HYBRID_T6, *HYBRID_Q9), (8, 16, 32)),
+    *_make_cases_by_poissons_ratio(cube, DISPLACEMENT_T10[1:], (6,), (0.4999,)),
+    *_make_cases_by_poissons_ratio(cube, HYBRID_T10, (3, 6)),
+    *_make_cases_by_poissons_ratio(enclosed, HYBRID_H27, (4,), (0.4999,)),
     Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
-    *_cases_by_level(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
-    *_cases_by_level(infsup, HYBRID_T10, (2, 4, 6)),
+    *_make_cases_by_mesh(infsup, (*HYBRID_T6, *HYBRID_Q9), (4, 8, 16, 32)),
+    *_make_cases_by_mesh(infsup, HYBRID_T10, (2, 4, 6)),
     *(
         Case("V15", f"layers-{element}", layers, {"element": element})
-        for element in (*HYBRID, *HYBRID_Q9, *HYBRID_T10, *HYBRID_H27)
+        for element in (*HYBRID_T6, *HYBRID_Q9, *HYBRID_T10, *HYBRID_H27)
     ),
-    *_cases_by_level(cook, (*ONE_FIELD, *HYBRID), (4, 32)),
-    *_cases_by_level(hertz, ONE_FIELD, (8, 32)),
-    *_cases_by_level(hertz, HYBRID, (8, 16, 32)),
-    *_cases_by_level(presses, ONE_FIELD, (8, 16, 32)),
-    *_cases_by_level(presses, HYBRID, (8, 16, 32, 64)),
-    *_cases_by_level(pushed, ("pw-T6", "pw-hybrid-T6"), (30,)),
-    *_cases_by_level(sphere, T10, (3,)),
-    *_cases_by_level(sphere, (*HYBRID_T10, *HYBRID_H27), (3,)),
-    *_cases_by_level(sphere, HYBRID_T10, (6,)),
-    *_cases_by_level(seal, HYBRID, (8,)),
-    *_cases_by_level(seal, HYBRID[1:], (12,)),
+    *_make_cases_by_mesh(cook, (*DISPLACEMENT_T6, *HYBRID_T6), (4, 32)),
+    *_make_cases_by_mesh(hertz, DISPLACEMENT_T6, (8, 32)),
+    *_make_cases_by_mesh(hertz, HYBRID_T6, (8, 16, 32)),
+    *_make_cases_by_mesh(presses, DISPLACEMENT_T6, (8, 16, 32)),
+    *_make_cases_by_mesh(presses, HYBRID_T6, (8, 16, 32, 64)),
+    *_make_cases_by_mesh(pushed, ("pw-T6", "pw-hybrid-T6"), (30,)),
+    *_make_cases_by_mesh(sphere, DISPLACEMENT_T10, (3,)),
+    *_make_cases_by_mesh(sphere, (*HYBRID_T10, *HYBRID_H27), (3,)),
+    *_make_cases_by_mesh(sphere, HYBRID_T10, (6,)),
+    *_make_cases_by_mesh(seal, HYBRID_T6, (8,)),
+    *_make_cases_by_mesh(seal, HYBRID_T6[1:], (12,)),
 ]
 CASES = mark_costly(
     CASES,
@@ -180,9 +180,9 @@ CASES = mark_costly(
 )
 CASES += mark_costly(
     [
-        *_cases_by_ratio(cube, HYBRID_H27, (2, 4)),
-        *_cases_by_ratio(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
-        *_cases_by_level(infsup, HYBRID_H27, (2, 4, 6)),
+        *_make_cases_by_poissons_ratio(cube, HYBRID_H27, (2, 4)),
+        *_make_cases_by_poissons_ratio(cube, HYBRID_H27, (8, 12, 16), (0.4999,)),
+        *_make_cases_by_mesh(infsup, HYBRID_H27, (2, 4, 6)),
     ]
 )
 
@@ -216,34 +216,34 @@ DETAILS = r"""
 
 # Figures
 
-PLANE_ELEMENTS = (*ONE_FIELD, *HYBRID)
-SIDES = (8, 16, 32)
-PRESSED_SIDES: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(ONE_FIELD, SIDES),
-    **dict.fromkeys(HYBRID, (*SIDES, 64)),
+PLANE_ELEMENTS = (*DISPLACEMENT_T6, *HYBRID_T6)
+CELLS_PER_SIDE = (8, 16, 32)
+PLOT_MESHES_OF_PRESSING: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(DISPLACEMENT_T6, CELLS_PER_SIDE),
+    **dict.fromkeys(HYBRID_T6, (*CELLS_PER_SIDE, 64)),
 }
-INFSUP_SIDES: dict[str, tuple[int, ...]] = {
+PLOT_MESHES_OF_INFSUP: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("T6", "Q9"), (4, 8, 16, 32)),
     **dict.fromkeys(("T10", "H27"), (2, 4, 6)),
 }
-TRIANGLE_PARTS = [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]
-"""Vertices of the four triangles that make up a 6-node triangle."""
+SUB_TRIANGLE_NODES = [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]
+"""Local nodes of the four linear triangles into which a 6-node triangle is divided."""
 
 
-def draw_errors(results: Results) -> Figure:
+def draw_errors_and_hertz_pressure(results: Results) -> Figure:
     """Nearly incompressible bodies: errors over the mesh, and the pressure of Hertz's line contact.
 
-    Errors of slopes and of pressure on the square, pressure under the parabola.
+    Panels: errors of gradients and of pressure on the square; pressure below the parabola.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
     for element in PLANE_ELEMENTS:
-        cases = [f"V15/square-{element}-0.4999-{n}" for n in SIDES]
+        cases = [f"V15/square-{element}-0.4999-{n}" for n in CELLS_PER_SIDE]
         for ax, name in zip(axes, ("h1_error", "pressure_error"), strict=False):
             errors = [100 * results.scalar(case, name) for case in cases]
-            # the new elements' lie on the standard ones'
+            # curves of new and standard elements coincide
             new = {"markerfacecolor": "none", "markersize": 8, "linestyle": ":"}
             look = LOOK[element] | (new if element.startswith("pw") else {"markersize": 4})
-            ax.loglog(SIDES, errors, **look)
+            ax.loglog(CELLS_PER_SIDE, errors, **look)
         curves = results.curves(f"V15/hertz-{element}-8")
         look = LOOK[element] | {"linestyle": "none", "markersize": 4, "zorder": 2}
         axes[2].plot(curves["x"], curves["pressure"] / curves["exact_pressure"].max(), **look)
@@ -253,7 +253,7 @@ def draw_errors(results: Results) -> Figure:
     for ax, title in zip(axes, titles, strict=False):
         ax.set(title=title, xlabel="cells along a side")
         plain_ticks(ax)
-        ax.set_xticks(SIDES, map(str, SIDES))
+        ax.set_xticks(CELLS_PER_SIDE, map(str, CELLS_PER_SIDE))
         ax.set_xticks([], minor=True)
     axes[2].set(
         title="(c) Hertz contact", xlabel="$x/a$", ylabel="pressure / $p_0$", xlim=(-0.03, 1.15)
@@ -263,12 +263,12 @@ def draw_errors(results: Results) -> Figure:
 
 
 def draw_shear_and_stability(results: Results) -> Figure:
-    """Nearly incompressible bodies: shear that friction keeps, and stability over meshes.
+    """Nearly incompressible bodies: spurious shear with friction, and stability.
 
-    Shear below a parabola pressed in steps, its largest value over meshes, inf-sup constants.
+    Panels: shear below a parabola, its largest value over the mesh, inf-sup constants.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
-    for element, sides in PRESSED_SIDES.items():
+    for element, sides in PLOT_MESHES_OF_PRESSING.items():
         curves = results.curves(f"V15/presses-{element}-16")
         small = {"markersize": 3, "linewidth": 0.6}
         axes[0].plot(curves["x"], curves["shear"], **(LOOK[element] | small))
@@ -279,10 +279,12 @@ def draw_shear_and_stability(results: Results) -> Figure:
     axes[0].axhline(0.0, **(LOOK["exact"] | {"marker": "", "linewidth": 0.8, "label": None}))
     axes[0].set(title="(a) shear / ($\\mu p_0$)", xlabel="$x/a$", xlim=(0, 1.1))
     axes[1].set(title="(b) largest, $x < 0.8\\,a$", xlabel="elements over $a$", ylim=(0.015, 3))
-    axes[1].set_xticks(PRESSED_SIDES["pw-hybrid-T6"], map(str, PRESSED_SIDES["pw-hybrid-T6"]))
+    axes[1].set_xticks(
+        PLOT_MESHES_OF_PRESSING["pw-hybrid-T6"], map(str, PLOT_MESHES_OF_PRESSING["pw-hybrid-T6"])
+    )
     axes[1].set_xticks([], minor=True)
     axes[1].legend(loc="upper right", fontsize=6, ncols=2, columnspacing=0.8, handletextpad=0.3)
-    for cell, sides in INFSUP_SIDES.items():
+    for cell, sides in PLOT_MESHES_OF_INFSUP.items():
         for kind, line in (("galerkin", "--"), ("pw", "-")):
             element = f"{kind}-hybrid-{cell}"
             values = [results.scalar(f"V15/infsup-{element}-{n}", "inf_sup") for n in sides]
@@ -297,14 +299,14 @@ def draw_shear_and_stability(results: Results) -> Figure:
 
 
 def draw_seal(results: Results) -> Figure:
-    """A seal at large strains: the squeezed cord, pressures along the plate, the force.
+    """A seal at large strains.
 
-    The deformed cord and its pressure, nodal forces, force over squeeze.
+    Panels: the deformed cord and its pressure, nodal forces, force over squeeze.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.7), width_ratios=(1.25, 1, 1))
     curves = results.curves("V15/seal-pw-hybrid-T6-8")
     x, y = curves["deformed"].T
-    triangles = curves["cells"][:, TRIANGLE_PARTS].reshape(-1, 3)
+    triangles = curves["cells"][:, SUB_TRIANGLE_NODES].reshape(-1, 3)
     colours = axes[0].tripcolor(
         Triangulation(x, y, triangles),
         curves["body_pressure"],
@@ -317,7 +319,7 @@ def draw_seal(results: Results) -> Figure:
         axes[0].axhline(side * np.abs(y).max(), color="black", linewidth=1.2)
     axes[0].set(title="(a) squeezed cord", aspect="equal", xlabel="$r$", yticks=(-0.75, 0, 0.75))
     axes[0].grid(visible=False)
-    for element in HYBRID:
+    for element in HYBRID_T6:
         curves = results.curves(f"V15/seal-{element}-8")
         look = LOOK[element] | {"linewidth": 0.7, "markersize": 4}
         axes[1].plot(curves["x"], curves["nodal_force"], **look)
@@ -335,9 +337,13 @@ def draw_seal(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v15_rubber",
-        draw_errors,
+        draw_errors_and_hertz_pressure,
         needs=[
-            *(f"V15/square-{element}-0.4999-{n}" for element in PLANE_ELEMENTS for n in SIDES),
+            *(
+                f"V15/square-{element}-0.4999-{n}"
+                for element in PLANE_ELEMENTS
+                for n in CELLS_PER_SIDE
+            ),
             *(f"V15/hertz-{element}-8" for element in PLANE_ELEMENTS),
         ],
         caption="Nearly incompressible bodies, ν = 0.4999. Relative errors (a) of the displacement "
@@ -352,11 +358,15 @@ FIGURES = [
         "v15_friction",
         draw_shear_and_stability,
         needs=[
-            *(f"V15/presses-{element}-{n}" for element, ns in PRESSED_SIDES.items() for n in ns),
+            *(
+                f"V15/presses-{element}-{n}"
+                for element, ns in PLOT_MESHES_OF_PRESSING.items()
+                for n in ns
+            ),
             *(
                 f"V15/infsup-{kind}-hybrid-{cell}-{n}"
                 for kind in ("galerkin", "pw")
-                for cell, ns in INFSUP_SIDES.items()
+                for cell, ns in PLOT_MESHES_OF_INFSUP.items()
                 for n in ns
             ),
         ],
@@ -373,7 +383,7 @@ FIGURES = [
     PageFigure(
         "v15_seal",
         draw_seal,
-        needs=[f"V15/seal-{element}-8" for element in HYBRID],
+        needs=[f"V15/seal-{element}-8" for element in HYBRID_T6],
         caption="An O-ring of incompressible neo-Hookean rubber (mean radius 8 times the cord's) "
         "squeezed by a quarter of its cord between two smooth plates, at large strains. (a) The "
         "deformed cord and the pressure in it over the shear modulus μ (new hybrid T6, cells of "

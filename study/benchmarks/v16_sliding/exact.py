@@ -1,6 +1,7 @@
-"""Contact at large strains with known answers: even compression and shear, and Hertz's limit."""
+"""Contact at large strains with known answers: uniform compression and shear, and Hertz's limit."""
 
 from functools import partial
+from typing import Any
 
 from mpi4py import MPI
 
@@ -28,44 +29,46 @@ from study.solutions.rubber import (
 Mask = npt.NDArray[np.bool_]
 
 DEGREE = {2: 4, 3: 2}
-"""Degree of quadrature, by dimension, in all problems of the section."""
-COMPRESSION, SHEAR = 0.4, 0.5
-"""Motion of the plate downwards and sideways, over the cube's height."""
+"""Degree of quadrature by dimension, for all problems of the section."""
+PLATE_COMPRESSION, PLATE_SHEAR = 0.4, 0.5
+"""Downward and sideward motion of the plate over the height of the cube."""
 N_INCREMENTS = 2
 STICKING_FRICTION = 2.0
-"""Coefficient of friction at which nothing slips."""
+"""Coefficient of friction that is large enough to prevent slip."""
 
-# Hertz's limit; lengths over the half width of contact
+# Hertz's limit: lengths relative to the half width of contact
 HERTZ_ELEMENTS = 8
 """Elements over the half width of contact."""
 HERTZ_EXTENT, HERTZ_GROWTH = 24.0, 1.35
 """Depth and half width of the block, and growth of its elements outside of the contact."""
-INNER = 0.8
-"""Pressures are compared within this part of the half width."""
+INNER_RADIUS = 0.8
+"""Distance from the middle, over the half width, within which pressures are compared."""
 
 
 def compressed(element: str) -> Result:
-    """Compress a cube that may widen by a smooth plate: its stretches and forces are known."""
+    """Compress a cube, free to widen, by a smooth plate; return errors of forces and displacements."""
     rubber = _make_cube(element)
-    dim, space, height = rubber.dim, rubber.solution.function_space, 1 - COMPRESSION
+    dim, space, height = rubber.dim, rubber.solution.function_space, 1 - PLATE_COMPRESSION
     supports = [prescribe(space, k, partial(_is_on_plane, axis=k)) for k in range(dim)]
 
     def deformation(lateral_stretch: float) -> Array:
         return np.diag([*[lateral_stretch] * (dim - 1), height])
 
-    lateral_stretch = brentq(lambda s: _stress(deformation(s))[0, 0], 0.8, 2.0, xtol=1e-15)
-    plate = ContactPair(lambda x: np.isclose(x[dim - 1], 1), _make_plate(dim))
+    lateral_stretch = brentq(
+        lambda s: _piola_kirchhoff_stress(deformation(s))[0, 0], 0.8, 2.0, xtol=1e-15
+    )
+    plate = ContactPair(lambda x: np.isclose(x[dim - 1], 1), _make_rigid_plate(dim))
     motions = [_plate_motion(dim, 0.0, k / N_INCREMENTS) for k in range(1, N_INCREMENTS + 1)]
     history = move_tool(rubber, plate, supports, motions, np.isclose(rubber.x[:, -1], 0))
-    return _compare_with_even_deformation(rubber, history, deformation(lateral_stretch))
+    return _compare_with_uniform_deformation(rubber, history, deformation(lateral_stretch))
 
 
 def sheared(element: str) -> Result:
-    """Shear and compress a cube by a plate that sticks; its sides follow the even deformation."""
+    """Shear and compress a cube by a sticking plate; its sides follow the uniform deformation."""
     rubber = _make_cube(element)
     dim, space = rubber.dim, rubber.solution.function_space
     F = np.eye(dim)
-    F[-1, -1], F[0, -1] = 1 - COMPRESSION, SHEAR
+    F[-1, -1], F[0, -1] = 1 - PLATE_COMPRESSION, PLATE_SHEAR
     x = rubber.x
     is_base = np.isclose(x[:, -1], 0)
     is_side = (np.isclose(x, 0) | np.isclose(x, 1))[:, : dim - 1].any(axis=1)
@@ -80,20 +83,20 @@ def sheared(element: str) -> Result:
         fraction = (k + load_factor) / N_INCREMENTS
         prescribed.x.array[:] = fraction * (x @ (F - np.eye(dim)).T).ravel()
 
-    plate = ContactPair(is_below_plate, _make_plate(dim), friction=STICKING_FRICTION)
+    plate = ContactPair(is_below_plate, _make_rigid_plate(dim), friction=STICKING_FRICTION)
     motions = [
-        _plate_motion(dim, SHEAR * k / N_INCREMENTS, k / N_INCREMENTS)
+        _plate_motion(dim, PLATE_SHEAR * k / N_INCREMENTS, k / N_INCREMENTS)
         for k in range(1, N_INCREMENTS + 1)
     ]
     supports = [fem.dirichletbc(prescribed, nodes)]
     history = move_tool(rubber, plate, supports, motions, is_held, set_supports)
-    return _compare_with_even_deformation(rubber, history, F)
+    return _compare_with_uniform_deformation(rubber, history, F)
 
 
 def hertz(element: str, radius: float) -> Result:
-    """Press a cylinder by the force at which Hertz's half width of contact is one.
+    """Press a cylinder with the force for which Hertz's half width of contact is one.
 
-    Strains are small in the limit of a large radius.
+    Strains become small as the radius grows.
     """
     size = 1 / HERTZ_ELEMENTS
     near = np.linspace(-2, 2, 4 * HERTZ_ELEMENTS + 1)
@@ -108,7 +111,7 @@ def hertz(element: str, radius: float) -> Result:
         return np.asarray(np.isclose(x[1], -HERTZ_EXTENT))
 
     supports = [prescribe(space, axis, is_base) for axis in (0, 1)]
-    modulus = 2 / (1 - POISSONS_RATIO)  # of plane strain, over the shear modulus
+    modulus = 2 / (1 - POISSONS_RATIO)  # plane-strain modulus over the shear modulus
     force, peak = np.pi * modulus / (4 * radius), modulus / (2 * radius)
     pair = ContactPair(
         lambda x: np.isclose(x[1], 0) & (np.abs(x[0]) < 1.9), Sphere((0.0, radius), radius)
@@ -118,7 +121,7 @@ def hertz(element: str, radius: float) -> Result:
     last = history.states[-1].pairs[0]
     pressure = last.force_normal / rubber.weight_areas(last.node)[1]
     position = (last.position + last.displacement)[:, 0]
-    is_inner = np.abs(last.position[:, 0]) < INNER
+    is_inner = np.abs(last.position[:, 0]) < INNER_RADIUS
     exact = peak * np.sqrt(1 - np.where(is_inner, position, 0.0) ** 2)
     error = (pressure - exact)[is_inner] / peak
     scalars = {
@@ -128,7 +131,7 @@ def hertz(element: str, radius: float) -> Result:
         "base_defect": history.base_imbalance(),
     }
     curves = {"x": position, "pressure": pressure / peak}
-    return Result(scalars, dimensionless(scalars), curves, dofs=len(rubber.solution.x.array))
+    return make_rubber_result(scalars, curves, rubber)
 
 
 def _is_on_plane(x: Array, axis: int) -> Mask:
@@ -144,26 +147,26 @@ def _make_cube(element: str) -> RubberBody:
     return RubberBody(element, box("tetrahedron", lines, lines, lines), DEGREE[3])
 
 
-def _make_plate(dim: int) -> Plane:
-    """Return a plate at height one that presses downwards."""
+def _make_rigid_plate(dim: int) -> Plane:
+    """Return a rigid plate at height one that presses downwards."""
     up = np.eye(dim)[-1]
     return Plane(tuple(up), tuple(-up))
 
 
 def _plate_motion(dim: int, sideways: float, compression_factor: float) -> Motion:
-    return Motion((sideways, *[0.0] * (dim - 2), -COMPRESSION * compression_factor))
+    return Motion((sideways, *[0.0] * (dim - 2), -PLATE_COMPRESSION * compression_factor))
 
 
-def _stress(F: Array) -> Array:
-    """Return the first Piola-Kirchhoff stress of F over the shear modulus; plane strain."""
+def _piola_kirchhoff_stress(F: Array) -> Array:
+    """Return the first Piola-Kirchhoff stress of F over the shear modulus, in plane strain."""
     inverse = np.linalg.inv(F).T
     return F - inverse + lame_over_shear(POISSONS_RATIO) * np.log(np.linalg.det(F)) * inverse
 
 
-def _compare_with_even_deformation(rubber: RubberBody, history: History, F: Array) -> Result:
-    """Return errors of forces and displacements against those of an even deformation F."""
+def _compare_with_uniform_deformation(rubber: RubberBody, history: History, F: Array) -> Result:
+    """Return errors of forces and displacements against those of a uniform deformation F."""
     pair = history.states[-1].pairs[0]
-    traction = _stress(F)[:, -1]
+    traction = _piola_kirchhoff_stress(F)[:, -1]
     undeformed_area, deformed_area = rubber.weight_areas(pair.node)
     expected = undeformed_area[:, None] * traction
     largest_force = np.abs(expected).max()
@@ -179,5 +182,12 @@ def _compare_with_even_deformation(rubber: RubberBody, history: History, F: Arra
         "pressure": -traction[-1],
         "shear": traction[0],
     }
+    return make_rubber_result(scalars, {}, rubber)
+
+
+def make_rubber_result(
+    scalars: dict[str, float], curves: dict[str, npt.NDArray[Any]], rubber: RubberBody
+) -> Result:
+    """Return a result of dimensionless scalars (converted to float) and curves."""
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), {}, dofs=len(rubber.solution.x.array))
+    return Result(numbers, dimensionless(numbers), curves, dofs=len(rubber.solution.x.array))

@@ -18,14 +18,19 @@ from matplotlib.patches import Circle
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Sphere
 from pw_elements.contact.model import ContactState
-from study.benchmarks.v16_sliding.exact import DEGREE, compressed, hertz, sheared
+from study.benchmarks.v16_sliding.exact import (
+    DEGREE,
+    compressed,
+    hertz,
+    make_rubber_result,
+    sheared,
+)
 from study.benchmarks.v16_sliding.turning import bush, wheel
 from study.judge.checks import check
 from study.judge.measures.general import scalar
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import growing
 from study.meshes.solid_meshes import box
-from study.model.units import dimensionless
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -82,28 +87,28 @@ Nominal pressure is the nodal force over the integral of the node's weight funct
 pressure that over the deformed one. The work of nodal forces is summed by the trapezoidal rule.
 """
 
-# Lengths over the tool's radius
-FRICTION, DEPTH, TRAVEL = 0.3, 0.5, 0.6
+# Lengths relative to the radius of the tool
+FRICTION, TOOL_DEPTH, TOOL_TRAVEL = 0.3, 0.5, 0.6
 N_END_NODES = 3
-"""Nodes at each end of the contact that do not count for evenness."""
-CONTACT_ZONE = 0.9
-"""Part of the half width of the block in which nodes may touch."""
-FORCE_ROUND_OFF = 1e-6
-"""Relative round-off of forces: corners of the standard tetrahedron carry none."""
+"""Number of nodes at each end of the contact that do not count for evenness."""
+CONTACT_ZONE_FRACTION = 0.9
+"""Part of the block's half width within which nodes may come into contact."""
+RELATIVE_FORCE_ROUND_OFF = 1e-6
+"""Relative round-off of forces, as corners of the standard tetrahedron carry none."""
 SPACE_HALF_WIDTH, SPACE_HEIGHT = 1.8, 1.4
 """Half width and height of the block in space."""
-SPACE_FINE, SPACE_GROWTH = 0.85, 1.8
-"""Half width with elements of one size in space, and their growth beyond it."""
+SPACE_FINE_HALF_WIDTH, SPACE_GROWTH = 0.85, 1.8
+"""Half width of the block in space with elements of one size, and their growth beyond it."""
 BLOCK_HEIGHT = {2: HEIGHT, 3: SPACE_HEIGHT}
 
 
 def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
-    """Press and iron the block by a cylinder, in so many increments each."""
-    rubber, history = _press_and_iron(element, elements, pressed, ironed, FRICTION)
+    """Press and iron the block by a cylinder in `pressed` and `ironed` increments."""
+    rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
     forces = np.array([state.pairs[0].force for state in states])
     undeformed_area, deformed_area = rubber.weight_areas(last.node)
-    dissipated = sum(_dissipation(state) for state in states)
+    dissipated = sum(_dissipated_work(state) for state in states)
     work, stored = history.tool_work(), history.strain_energy[-1]
     curves = {
         "x": last.position[:, 0],
@@ -119,8 +124,8 @@ def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
         "nodes": rubber.x + rubber.displacement,
         "cells": rubber.displacements.space.dofmap.list.copy(),
     }
-    evenness = [_midside_over_corner(state, rubber.is_vertex) for state in states[pressed:]]
-    scalars = _count_iterations(states) | {
+    evenness = [_median_midside_over_corner(state, rubber.is_vertex) for state in states[pressed:]]
+    scalars = _summarise_iterations(states) | {
         "mid_over_corner": np.median(evenness),
         "N_pressed": -forces[pressed - 1, 1],
         "N": -forces[-1, 1],
@@ -136,26 +141,26 @@ def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
         "dissipated": dissipated,
         "energy_remainder": (work - stored - dissipated) / work,
     }
-    return _make_result(scalars, curves, rubber)
+    return make_rubber_result(scalars, curves, rubber)
 
 
 def steps(element: str, elements: int, pressed: int, ironed: int) -> Result:
-    """Solve the same motion in other increments; return what depends on them."""
-    rubber, history = _press_and_iron(element, elements, pressed, ironed, FRICTION)
+    """Press and iron the block by a cylinder; return the quantities that depend on increments."""
+    rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
-    scalars = _count_iterations(states) | {
+    scalars = _summarise_iterations(states) | {
         "N_pressed": -states[pressed - 1].pairs[0].force[1],
         "N": -last.force[1],
         "T": last.force[0],
         "T_over_N": -last.force[0] / last.force[1],
         "sticking": np.sum(last.status == STICK),
     }
-    return _make_result(scalars, {}, rubber)
+    return make_rubber_result(scalars, {}, rubber)
 
 
 def energy(element: str, elements: int, pressed: int) -> Result:
-    """Press without friction; return work less stored energy, over the work."""
-    rubber, history = _press_and_iron(element, elements, pressed, 0, 0.0)
+    """Press the block without friction; return work less stored energy over the work."""
+    rubber, history = _press_and_iron_block(element, elements, pressed, 0, 0.0)
     work, tool_work = history.contact_work(), history.tool_work()
     stored = history.strain_energy[-1]
     scalars = {
@@ -164,11 +169,11 @@ def energy(element: str, elements: int, pressed: int) -> Result:
         "work": work,
         "stored": stored,
     }
-    return _make_result(scalars, {}, rubber)
+    return make_rubber_result(scalars, {}, rubber)
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
-    """Follow CalculiX' tool with its energy; compare total forces with its tracked record."""
+    """Move the tool as in CalculiX, with its energy; compare total forces with its stored record."""
     peer, recorded = CYLINDERS[case], load_unchanged_answer(case, tracked).numbers
     rubber = RubberBody(element, _make_plane_block(peer.elements), DEGREE[2], calculix_energy=True)
     history = _move_round_tool(rubber, peer.tool_translations, peer.friction, has_sliding=True)
@@ -183,26 +188,26 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
     if "T" in recorded:
         scalars["T_difference"] = np.abs(tangential - recorded["T"]).max() / largest
     curves = recorded | {"N_calculix": recorded["N"], "N": normal, "T": tangential}
-    return _make_result(scalars, curves, rubber)
+    return make_rubber_result(scalars, curves, rubber)
 
 
 def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result:
-    """Press a quarter of a block in space by a sphere, or press and iron half of one."""
-    rubber, history = _press_and_iron(element, elements, pressed, ironed, FRICTION)
+    """Press a quarter of a block by a sphere, or press and iron half of a block."""
+    rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
     x = last.position
     distance = np.linalg.norm(x[:, :2] - last.translation[:2], axis=1)
     is_inner = distance < distance[last.status != OPEN].max() / 2
     mirror_axes = [1] if ironed else [0, 1]
-    if not ironed:  # mirrored diagonals meet there: four or eight triangles, elsewhere six
+    if not ironed:  # leave out the axis, where four or eight triangles meet instead of six
         is_inner &= distance > 1e-9
-    # the other half's force on a node in a plane of symmetry is the same
+    # a node in a plane of symmetry carries the same force from the other half
     on_mirrors = np.abs(x[:, mirror_axes]) < 1e-9
     force = last.force_normal * np.prod(np.where(on_mirrors, 2.0, 1.0), axis=1)
     is_corner = rubber.is_vertex[last.node]
     midside_mean = force[is_inner & ~is_corner].mean()
     corner_mean = force[is_inner & is_corner].mean()
-    scalars = _count_iterations(states) | {
+    scalars = _summarise_iterations(states) | {
         "mid_over_corner": _bounded_quotient(midside_mean, corner_mean),
         "corner_over_mid": corner_mean / midside_mean,
         "corners": np.sum(is_inner & is_corner),
@@ -212,18 +217,18 @@ def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result
         "base_defect": history.base_imbalance([0, 2] if ironed else [2]),
     }
     curves = {"x": x, "force_n": force, "corner": is_corner.astype(float)}
-    return _make_result(scalars, curves, rubber)
+    return make_rubber_result(scalars, curves, rubber)
 
 
-def _press_and_iron(
+def _press_and_iron_block(
     element: str, elements: int, pressed: int, ironed: int, friction: float
 ) -> tuple[RubberBody, History]:
     if element.endswith("T6"):
         rubber = RubberBody(element, _make_plane_block(elements), DEGREE[2])
     else:
         rubber = RubberBody(element, _make_space_block(elements, is_half=ironed > 0), DEGREE[3])
-    translations = [(0.0, -DEPTH * (k + 1) / pressed) for k in range(pressed)]
-    translations += [(TRAVEL * (k + 1) / ironed, -DEPTH) for k in range(ironed)]
+    translations = [(0.0, -TOOL_DEPTH * (k + 1) / pressed) for k in range(pressed)]
+    translations += [(TOOL_TRAVEL * (k + 1) / ironed, -TOOL_DEPTH) for k in range(ironed)]
     return rubber, _move_round_tool(rubber, translations, friction, ironed > 0)
 
 
@@ -241,13 +246,13 @@ def _move_round_tool(
         return np.asarray(np.isclose(x[axis], -BLOCK_HEIGHT[dim]))
 
     def may_touch(x: Array) -> npt.NDArray[np.bool_]:
-        is_near = (np.abs(x[:axis]) < CONTACT_ZONE * half_width).all(axis=0)
+        is_near = (np.abs(x[:axis]) < CONTACT_ZONE_FRACTION * half_width).all(axis=0)
         return np.asarray(np.isclose(x[axis], 0) & is_near)
 
     space = rubber.solution.function_space
     supports = [prescribe(space, k, is_base) for k in range(dim)]
     if not is_plane:
-        supports += [_mirror(space, k) for k in ([1] if has_sliding else [0, 1])]
+        supports += [_prescribe_mirror_plane(space, k) for k in ([1] if has_sliding else [0, 1])]
     centre = (*[0.0] * axis, 1.0)
     pair = ContactPair(may_touch, Sphere(centre, 1.0), friction=friction)
     motions = [Motion((x, *[0.0] * (dim - 2), y)) for x, y in translations]
@@ -255,26 +260,26 @@ def _move_round_tool(
 
 
 def _make_plane_block(elements: int) -> Mesh:
-    """Return a block below a cylinder, with so many elements along its radius."""
+    """Mesh a block below a cylinder, with `elements` along the radius of the cylinder."""
     return on_lines(MPI.COMM_SELF, *block_mesh_lines(elements), "triangle")
 
 
 def _make_space_block(elements: int, is_half: bool) -> Mesh:
-    """Return a quarter or a half of a block below a sphere."""
+    """Mesh a quarter or a half of a block below a sphere."""
     size = 1 / elements
-    near = np.linspace(0, SPACE_FINE, round(SPACE_FINE * elements) + 1)
+    near = np.linspace(0, SPACE_FINE_HALF_WIDTH, round(SPACE_FINE_HALF_WIDTH * elements) + 1)
     far = near[-1] + growing(size, SPACE_HALF_WIDTH - near[-1], SPACE_GROWTH)[1:]
     y = np.concatenate([near, far])
     x = np.concatenate([-y[:0:-1], y]) if is_half else y
     return box("tetrahedron", x, y, -growing(size, SPACE_HEIGHT, SPACE_GROWTH)[::-1])
 
 
-def _mirror(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
+def _prescribe_mirror_plane(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
     return prescribe(space, axis, lambda x: np.isclose(x[axis], 0))
 
 
-def _count_iterations(states: list[ContactState]) -> dict[str, float]:
-    """Count iterations, with those of abandoned attempts, and increments that were cut."""
+def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
+    """Count iterations (including abandoned attempts), increments and increments that were cut."""
     return {
         "iterations_mean": sum(state.iterations for state in states) / len(states),
         "iterations_most": max(state.iterations for state in states),
@@ -283,8 +288,8 @@ def _count_iterations(states: list[ContactState]) -> dict[str, float]:
     }
 
 
-def _midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.bool_]) -> float:
-    """Return the median of mid-side forces over the mean of their neighbours', inside."""
+def _median_midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.bool_]) -> float:
+    """Return the median of mid-side forces over the mean of both neighbours', inside the contact."""
     pair = state.pairs[0]
     inner = np.flatnonzero(pair.status != OPEN)[N_END_NODES:-N_END_NODES]
     midside = inner[~is_vertex[pair.node[inner]]]
@@ -293,12 +298,12 @@ def _midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.bool_]) 
 
 
 def _bounded_quotient(numerator: float, denominator: float) -> float:
-    """Return a quotient of forces, with a denominator of at least round-off."""
-    return float(numerator / max(abs(denominator), FORCE_ROUND_OFF * abs(numerator)))
+    """Return a quotient of forces whose denominator is at least the round-off of the numerator."""
+    return float(numerator / max(abs(denominator), RELATIVE_FORCE_ROUND_OFF * abs(numerator)))
 
 
-def _dissipation(state: ContactState) -> float:
-    """Return the work of friction in an increment, by the forces at the ends of its substeps."""
+def _dissipated_work(state: ContactState) -> float:
+    """Return the work of friction in an increment, with the forces at the ends of its substeps."""
     substeps = [substate.pairs[0] for _, substate in state.substates]
     last = state.pairs[0]
     last_slip = last.slip - sum((pair.slip for pair in substeps), np.zeros_like(last.slip))
@@ -306,32 +311,30 @@ def _dissipation(state: ContactState) -> float:
     return -float(np.sum([*works, np.sum(last.force_tangential * last_slip)]))
 
 
-def _make_result(scalars: dict[str, float], curves: dict[str, Array], rubber: RubberBody) -> Result:
-    numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), curves, dofs=len(rubber.solution.x.array))
-
-
 # Cases
 
 
-def _cylinder_case(
+def _make_cylinder_case(
     element: str, elements: int, pressed: int, ironed: int, suffix: str = ""
 ) -> Case:
     parameters = {"element": element, "elements": elements, "pressed": pressed, "ironed": ironed}
     return Case("V16", f"cylinder-{element}-{elements}{suffix}", cylinder, parameters)
 
 
-def _steps_case(element: str, pressed: int, ironed: int) -> Case:
+def _make_steps_case(element: str, pressed: int, ironed: int) -> Case:
     parameters = {"element": element, "elements": 8, "pressed": pressed, "ironed": ironed}
     return Case("V16", f"steps-{element}-{pressed}-{ironed}", steps, parameters)
 
 
 CASES = [
-    *(_cylinder_case(element, 8, 2, 2) for element in ("pw-T6", "galerkin-T6", "pw-hybrid-T6")),
-    *(_cylinder_case(element, 16, 10, 24) for element in ("pw-T6", "galerkin-T6")),
-    *(_steps_case("pw-T6", n, n) for n in (1, 2, 4, 8)),
-    *(_steps_case("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
-    *mark_costly([_cylinder_case("pw-T6", 16, 20, 48, "-68")]),
+    *(
+        _make_cylinder_case(element, 8, 2, 2)
+        for element in ("pw-T6", "galerkin-T6", "pw-hybrid-T6")
+    ),
+    *(_make_cylinder_case(element, 16, 10, 24) for element in ("pw-T6", "galerkin-T6")),
+    *(_make_steps_case("pw-T6", n, n) for n in (1, 2, 4, 8)),
+    *(_make_steps_case("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
+    *mark_costly([_make_cylinder_case("pw-T6", 16, 20, 48, "-68")]),
     *(
         Case(
             "V16",
@@ -402,7 +405,7 @@ DETAILS = r"""
 
 # Figure
 
-SHOWN_ELEMENTS = ("galerkin-T6", "pw-T6")
+PLOT_ELEMENTS = ("galerkin-T6", "pw-T6")
 COARSE_KEY, FINE_KEY = "V16/cylinder-{}-8", "V16/cylinder-pw-T6-16"
 TOOL_COLOUR, NOMINAL_COLOUR, MESH_COLOUR = "#8A8A8A", "#B87A00", "#333333"
 
@@ -422,16 +425,16 @@ def draw_ironing(results: Results) -> Figure:
         xticks=(-1, 0, 1, 2),
         yticks=(-2, -1, 0),
     )
-    for element in SHOWN_ELEMENTS:
+    for element in PLOT_ELEMENTS:
         curves = results.curves(COARSE_KEY.format(element))
-        shown = _contact_nodes(curves["status"])
+        shown = _contact_node_slice(curves["status"])
         look = LOOK[element] | {"linewidth": 0.8, "markersize": 3}
         axes[1].plot(curves["place"][shown, 0], curves["force_n"][shown], **look)
     axes[1].set(title="(b) forces of nodes", xlabel="$x/R$", ylim=(0, None))
     axes[1].set_ylabel("normal force / $GR$")
     axes[1].legend(loc="lower center", fontsize=6.5)
     curves = results.curves(FINE_KEY)
-    shown = _contact_nodes(curves["status"])
+    shown = _contact_node_slice(curves["status"])
     x, look = curves["place"][shown, 0], LOOK["pw-T6"] | {"label": "true", "markersize": 2.5}
     axes[2].plot(x, curves["true_pressure"][shown], **look)
     nominal = curves["nominal_pressure"][shown]
@@ -442,8 +445,8 @@ def draw_ironing(results: Results) -> Figure:
     return fig
 
 
-def _contact_nodes(status: np.ndarray) -> slice:
-    """Return the nodes in contact, and an open one on either side."""
+def _contact_node_slice(status: np.ndarray) -> slice:
+    """Return the slice of the nodes in contact, and of one open node on either side."""
     closed = np.flatnonzero(status > 0)
     return slice(closed[0] - 1, closed[-1] + 2)
 
@@ -452,7 +455,7 @@ FIGURES = [
     PageFigure(
         "v16_sliding",
         draw_ironing,
-        needs=[*(COARSE_KEY.format(element) for element in SHOWN_ELEMENTS), FINE_KEY],
+        needs=[*(COARSE_KEY.format(element) for element in PLOT_ELEMENTS), FINE_KEY],
         caption="A neo-Hookean block (shear modulus G) is pressed by a rough rigid cylinder of "
         "radius R to a depth of R/2, which is then moved to the right by 0.6 R. (a) Deformed mesh "
         "of the new element, 8 elements along R. (b) Normal nodal forces at the end, 8 elements. "

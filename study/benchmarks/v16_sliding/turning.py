@@ -12,10 +12,9 @@ from scipy.integrate import solve_bvp
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import curved_mesh
-from study.benchmarks.v16_sliding.exact import DEGREE
+from study.benchmarks.v16_sliding.exact import DEGREE, make_rubber_result
 from study.meshes.line_mesh import on_lines
 from study.meshes.mesh_lines import growing
-from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.rubber import POISSONS_RATIO, Array, RubberBody, lame_over_shear, move_tool
 
@@ -23,51 +22,51 @@ Mask = npt.NDArray[np.bool_]
 
 FRICTION = 0.3
 
-# A rigid wheel, large beside Hertz's half width of its contact, which is one
-WHEEL_RADIUS, EXTENT, GROWTH = 1000.0, 400.0, 1.6
-"""Radius; depth of the rubber and its width on both sides; growth of its elements."""
-TRAVEL, MARGIN = 4.0, 1.5
-"""Travel of the wheel, and the length on both sides of it that has elements of one size."""
+# A rigid wheel: lengths relative to the half width of its contact by Hertz
+WHEEL_RADIUS, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH = 1000.0, 400.0, 1.6
+"""Radius of the wheel; depth of the rubber and its width on both sides; growth of its elements."""
+WHEEL_TRAVEL, FINE_MARGIN = 4.0, 1.5
+"""Travel of the wheel, and length beyond it on both sides with elements of one size."""
 TRACTION_RATIO = 0.5
-"""Traction over the limit of friction."""
+"""Tangential force on the wheel over the friction limit."""
 
-# A shaft of radius one in a bush, whose outer radius is made smaller
-BUSH_RADIUS, RADIUS_REDUCTION = 2.0, 0.15
-CELLS_AROUND, CELLS_ACROSS = 64, 10
+# A shaft of radius one in a bush whose outer radius is reduced
+BUSH_RADIUS, OUTER_RADIUS_REDUCTION = 2.0, 0.15
+BUSH_CELLS_AROUND, BUSH_CELLS_ACROSS = 64, 10
 SHAFT_ANGLES = (0.02, 0.05, 0.1, 0.3, 0.6, 1.2)
 
 
 def wheel(element: str, elements: int) -> Result:
-    """Drive a rigid wheel over incompressible rubber by a torque, under a weight.
+    """Drive a rigid wheel under a weight over incompressible rubber by a torque.
 
-    Contact forces of two like bodies, or of a rigid and an incompressible one, press without
-    shear; so at small strains creep is F. W. Carter's (1926, doi:10.1098/rspa.1926.0100),
+    Pressing an incompressible body by a rigid one causes no shear; at small strains creep is then
+    F. W. Carter's (1926, doi:10.1098/rspa.1926.0100),
     mu a / R (1 - (1 - Q / mu P)^(1/2)).
     """
     size = 1 / elements
-    low, high = -MARGIN, MARGIN + TRAVEL
+    low, high = -FINE_MARGIN, FINE_MARGIN + WHEEL_TRAVEL
     near = np.linspace(low, high, round((high - low) * elements) + 1)
-    far = growing(size, EXTENT, GROWTH)[1:]
+    far = growing(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[1:]
     lines = np.concatenate([low - far[::-1], near, high + far])
-    depths = -growing(size, EXTENT, GROWTH)[::-1]
+    depths = -growing(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
     mesh = on_lines(MPI.COMM_SELF, lines, depths, "triangle")
     rubber = RubberBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
-    supports = [prescribe(space, k, lambda x: np.isclose(x[1], -EXTENT)) for k in (0, 1)]
+    supports = [prescribe(space, k, lambda x: np.isclose(x[1], -WHEEL_BLOCK_SIZE)) for k in (0, 1)]
 
     def is_below_wheel(x: Array) -> Mask:
         is_inside = (x[0] > low - size / 9) & (x[0] < high + size / 9)
         return np.asarray(np.isclose(x[1], 0) & is_inside)
 
-    centre, force = (0.0, WHEEL_RADIUS), np.pi / WHEEL_RADIUS  # over the shear modulus
+    centre, force = (0.0, WHEEL_RADIUS), np.pi / WHEEL_RADIUS  # force over the shear modulus
     pair = ContactPair(is_below_wheel, Sphere(centre, WHEEL_RADIUS), FRICTION, pivot=centre)
     problem = ContactProblem.of_residual(rubber.residual, rubber.solution, supports, pair)
     state = problem.step(problem.undeformed, motions=Motion((0.0, -1 / WHEEL_RADIUS)))
     state = problem.step(state, motions=Motion((0.0, None), (0.0, -force)))
     traction = TRACTION_RATIO * FRICTION * force
     weight, torque = (0.0, -force), -traction * WHEEL_RADIUS
-    # from node to node
-    centre_positions = np.arange(1, round(2 * TRAVEL * elements) + 1) * size / 2
+    # the wheel rolls from node to node
+    centre_positions = np.arange(1, round(2 * WHEEL_TRAVEL * elements) + 1) * size / 2
     states = []
     for x in centre_positions:
         state = problem.step(state, motions=Motion((x, None), weight, None, torque))
@@ -76,11 +75,11 @@ def wheel(element: str, elements: int) -> Result:
     rolled = np.diff(angle * WHEEL_RADIUS, prepend=0.0)
     creep = rolled / np.diff(centre_positions, prepend=0.0) - 1
     carter = FRICTION / WHEEL_RADIUS * (1 - np.sqrt(1 - TRACTION_RATIO))
-    (last,), is_steady = state.pairs, centre_positions > TRAVEL - 1
+    (last,), is_steady = state.pairs, centre_positions > WHEEL_TRAVEL - 1
     is_closed = last.status != OPEN
     force_fraction = last.force_normal / last.force_normal.sum()
     x = (last.position + last.displacement)[:, 0]
-    # of an elliptic pressure
+    # half width of an elliptic pressure with the same second moment
     half_width = 2 * np.sqrt(force_fraction @ (x - force_fraction @ x) ** 2)
     scalars = {
         "creep_over_carter": creep[is_steady].mean() / carter,
@@ -92,19 +91,19 @@ def wheel(element: str, elements: int) -> Result:
         "cut": sum(bool(state.substates) for state in states),
     }
     curves = {"place": centre_positions, "creep": creep / carter}
-    return _make_result(scalars, curves, rubber)
+    return make_rubber_result(scalars, curves, rubber)
 
 
 def bush(element: str) -> Result:
-    """Turn a rigid shaft in a rubber bush; compare with a boundary value problem of one radius."""
-    rubber = RubberBody(element, _make_ring(), DEGREE[2])
+    """Turn a rigid shaft in a rubber bush; compare with a boundary value problem in the radius."""
+    rubber = RubberBody(element, _make_bush_mesh(), DEGREE[2])
     x, is_outside = rubber.x, np.isclose(np.hypot(*rubber.x.T), BUSH_RADIUS)
     prescribed = fem.Function(rubber.solution.function_space)
     nodes = np.flatnonzero(is_outside).astype(np.int32)
 
     def set_supports(k: int, load_factor: float) -> None:
         fraction = load_factor if k == 0 else 1.0
-        displacement = -RADIUS_REDUCTION / BUSH_RADIUS * fraction * x
+        displacement = -OUTER_RADIUS_REDUCTION / BUSH_RADIUS * fraction * x
         prescribed.x.array[:] = np.where(is_outside[:, None], displacement, 0.0).ravel()
 
     shaft = ContactPair(
@@ -119,7 +118,7 @@ def bush(element: str) -> Result:
     pairs = [state.pairs[0] for state in history.states[2:]]
     torque = np.array([float(pair.torque) for pair in pairs])
     normal_force = np.array([pair.force_normal.sum() for pair in pairs])
-    exact = np.array([_solve_bush(angle) for angle in SHAFT_ANGLES])
+    exact = np.array([_solve_bush_boundary_value_problem(angle) for angle in SHAFT_ANGLES])
     friction_force = np.linalg.norm(pairs[-1].force_tangential, axis=1).sum()
     all_slip = [bool(np.all(pair.status == SLIP)) for pair in pairs]
     scalars = {
@@ -133,24 +132,24 @@ def bush(element: str) -> Result:
         "cut": sum(bool(state.substates) for state in history.states),
     }
     curves = {"angle": np.array(SHAFT_ANGLES), "torque": torque, "exact": exact[:, 0]}
-    return _make_result(scalars, curves, rubber)
+    return make_rubber_result(scalars, curves, rubber)
 
 
-def _make_ring() -> Mesh:
-    """Return a ring of triangles with curved sides on both circles."""
-    radii = np.linspace(1, BUSH_RADIUS, CELLS_ACROSS + 1)
-    angles = 2 * np.pi * np.arange(CELLS_AROUND) / CELLS_AROUND
+def _make_bush_mesh() -> Mesh:
+    """Mesh the bush by triangles with curved sides on both circles."""
+    radii = np.linspace(1, BUSH_RADIUS, BUSH_CELLS_ACROSS + 1)
+    angles = 2 * np.pi * np.arange(BUSH_CELLS_AROUND) / BUSH_CELLS_AROUND
     x = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    row, column = np.divmod(np.arange(CELLS_ACROSS * CELLS_AROUND), CELLS_AROUND)
-    next_column = (column + 1) % CELLS_AROUND
+    row, column = np.divmod(np.arange(BUSH_CELLS_ACROSS * BUSH_CELLS_AROUND), BUSH_CELLS_AROUND)
+    next_column = (column + 1) % BUSH_CELLS_AROUND
     a, b, c, d = (
-        r * CELLS_AROUND + k
+        r * BUSH_CELLS_AROUND + k
         for r, k in ((row, column), (row, next_column), (row + 1, column), (row + 1, next_column))
     )
     cells = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     straight = create_mesh(MPI.COMM_SELF, cells=cells, x=x.reshape(-1, 2), e=element)
-    chord = np.cos(np.pi / CELLS_AROUND)
+    chord = np.cos(np.pi / BUSH_CELLS_AROUND)
 
     def move_to_circles(x: Array) -> Array:
         radius = np.hypot(x[:, 0], x[:, 1])
@@ -160,10 +159,11 @@ def _make_ring() -> Mesh:
     return curved_mesh(straight, move_to_circles)
 
 
-def _solve_bush(angle: float) -> tuple[float, float]:
-    """Return torque and normal force on the shaft by the bush's radii and angles alone.
+def _solve_bush_boundary_value_problem(angle: float) -> tuple[float, float]:
+    """Return torque and normal force on the shaft from a boundary value problem in the radius.
 
-    Equilibrium of energy's density W(r', r, r angle') around the axis, rho W integrated.
+    Unknowns are the deformed radius and the angle. They make the integral of rho W stationary,
+    where W(r', r, r angle') is the density of energy.
     """
     lame = lame_over_shear(POISSONS_RATIO)
     rho = np.linspace(1, BUSH_RADIUS, 41)
@@ -183,18 +183,13 @@ def _solve_bush(angle: float) -> tuple[float, float]:
 
         def boundary_residual(a: Array, b: Array, p: Array, slips: bool = slips) -> Array:
             friction_or_angle = p[0] - FRICTION * shaft_pressure(a) if slips else a[2] + angle
-            outer = b[0] - BUSH_RADIUS + RADIUS_REDUCTION
+            outer = b[0] - BUSH_RADIUS + OUTER_RADIUS_REDUCTION
             return np.array([a[0] - 1, outer, b[2], friction_or_angle])
 
-        stretch = 1 - RADIUS_REDUCTION
+        stretch = 1 - OUTER_RADIUS_REDUCTION
         start = np.stack([1 + (rho - 1) * stretch, np.full(41, stretch), 0 * rho])
         solution = solve_bvp(derivatives, boundary_residual, rho, start, p=[0.1], tol=1e-8)
         pressure = shaft_pressure(solution.y[:, 0])
         if abs(solution.p[0]) <= FRICTION * pressure:
             break
     return 2 * np.pi * float(solution.p[0]), 2 * np.pi * pressure
-
-
-def _make_result(scalars: dict[str, float], curves: dict[str, Array], rubber: RubberBody) -> Result:
-    numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), curves, dofs=len(rubber.solution.x.array))

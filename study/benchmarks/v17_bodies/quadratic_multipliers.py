@@ -1,14 +1,14 @@
-"""Standard quadratic elements that slide on each other, with dual quadratic multipliers.
+"""Large sliding of standard quadratic elements with dual quadratic multipliers.
 
-The usual method for large sliding of two bodies: A. Popp, B. Wohlmuth, M. Gee and W. Wall,
+This is the usual method for large sliding of two bodies: A. Popp, B. Wohlmuth, M. Gee and W. Wall,
 https://doi.org/10.1137/110848190, with curved sides, segments, and a consistent tangent. With the
 standard test functions N, their duals psi on each facet, and A_j = integral of N_j, the gap of
 node j is
 
     n_j·(x_j - sum of P_jk x_k),      P_jk = integral of psi_j N_k / A_j,
 
-and P_jk of its force acts on the master's node k. A facet of which a part faces nothing is left
-out: duals of a part have nodes without area.
+and the fraction P_jk of its force acts on the master's node k. A facet that is not wholly opposite
+to the master is left out, as duals on a part of it would have nodes without area.
 
 Coordinates on a facet are t in [-1, 1] on the slave and s in [-1, 1] on the master.
 """
@@ -28,18 +28,18 @@ from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.steps.finite import LargeStrainStepping
 
-# Of products of two quadratic functions on curved facets
+# Gauss-Legendre rule for products of two quadratic functions on curved facets
 QUADRATURE_POINTS, QUADRATURE_WEIGHTS = np.polynomial.legendre.leggauss(4)
-ROOT_ITERATIONS = 6
-"""Iterations of Newton's method for a point on a facet."""
-COVERED_FRACTION = 1 - 1e-9
-"""Fraction of a facet that has to face the other side."""
+N_ROOT_ITERATIONS = 6
+"""Number of iterations of Newton's method for the coordinate of a point on a facet."""
+MIN_COVERED_FRACTION = 1 - 1e-9
+"""Fraction of a facet that has to face the master for the facet to count."""
 MAX_COORDINATE = 3
-"""Beyond this coordinate a facet lies beside the other one, and no root is sought."""
+"""Largest coordinate for which a root is sought; beyond it facets are not opposite."""
 
 
 def _shape_functions(t: Any) -> list[Any]:  # noqa: ANN401
-    """Return the functions of the nodes at the start, in the middle and at the end of [-1, 1]."""
+    """Return the quadratic functions of nodes at the start, middle and end of [-1, 1]."""
     return [(t - 1) * t * 0.5, 1 - t * t, (t + 1) * t * 0.5]
 
 
@@ -49,7 +49,7 @@ def _interpolate(nodes: Sequence[Any], t: Any) -> Any:  # noqa: ANN401
     return [sum((N[i] * nodes[i][axis] for i in (1, 2)), N[0] * nodes[0][axis]) for axis in (0, 1)]
 
 
-def _cross(a: Any, b: Any) -> Any:  # noqa: ANN401
+def _cross_product(a: Any, b: Any) -> Any:  # noqa: ANN401
     return a[0] * b[1] - a[1] * b[0]
 
 
@@ -62,13 +62,13 @@ def _find_root(
     """Return the coordinates t (q,) at which f vanishes, by Newton's method, with derivatives.
 
     Args:
-        f: function of parameters and t.
-        values: values of the parameters.
-        differentiated: the parameters with their derivatives.
-        t: start of the iteration.
+        f: Function of parameters and t.
+        values: Values of the parameters.
+        differentiated: Parameters with their derivatives.
+        t: Start values (q,) of the iteration.
     """
     ones = np.ones((len(t), 1))
-    for _ in range(ROOT_ITERATIONS):
+    for _ in range(N_ROOT_ITERATIONS):
         residual = f(values, AutoDiffArray(t, ones))
         step = residual.value / residual.derivative[:, 0]
         t = t - np.clip(np.nan_to_num(step), -1.0, 1.0)
@@ -76,34 +76,34 @@ def _find_root(
     return AutoDiffArray(t, -f(differentiated, t).derivative / slope)
 
 
-class DualQuadratic(SlidingMortar):
-    """Mortar integrals of two sides in the plane, as `SlidingMortar`, of quadratic functions."""
+class DualQuadraticMortar(SlidingMortar):
+    """Mortar integrals, as in `SlidingMortar`, of quadratic functions on two sides in the plane."""
 
     def __init__(self, slave: BoundaryFacets, master: BoundaryFacets) -> None:
         super().__init__(slave, master, False)
-        self._slave_nodes = _join_halves(self._slave_facets)
-        self._master_nodes = _join_halves(self._master_facets)
+        self._slave_nodes = _join_facet_halves(self._slave_facets)
+        self._master_nodes = _join_facet_halves(self._master_facets)
 
     def linearise(self, x: Array) -> LinearisedMortar:
-        """Return gaps and their derivatives at positions (n, 2) of the nodes."""
+        """Return mortar operators and their derivatives at positions (n, 2) of the nodes."""
         n, m = len(x), self.n_slave_nodes
         halves = self._find_near_facing_facet_pairs(x)
         slave_facet, master_facet = np.unique(np.stack(halves) // 2, axis=1)
         nodes = np.column_stack(
-            [self._nodes_with_neighbours(slave_facet), self._master_nodes[master_facet]]
+            [self._facet_nodes_with_neighbours(slave_facet), self._master_nodes[master_facet]]
         )
-        low, high = self._segment_ends(x, nodes)
+        low, high = self._find_segment_ends(x, nodes)
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(slave_facet, length, minlength=len(self._slave_nodes))
-        is_used = (length > 0) & (covered[slave_facet] > COVERED_FRACTION)
+        is_used = (length > 0) & (covered[slave_facet] > MIN_COVERED_FRACTION)
         nodes, low, high = nodes[is_used], low[is_used], high[is_used]
-        positions = _differentiated_positions(x, nodes)
+        positions = _positions_with_derivatives(x, nodes)
         values = [tuple(component.value for component in node) for node in positions]
         start, end = (
             _replace_where(
                 is_outside,
                 facet_end,
-                _find_root(_distance_to_normal(node), values, positions, np.clip(t, -1, 1)),
+                _find_root(_make_distance_to_normal(node), values, positions, np.clip(t, -1, 1)),
             )
             for node, t, is_outside, facet_end in (
                 (7, low, low < -1, -1.0),
@@ -112,12 +112,14 @@ class DualQuadratic(SlidingMortar):
         )
         slave_nodes, master_nodes = nodes[:, 1:4], nodes[:, 5:]
         columns = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 16)
-        dual_coefficients, _ = _dual_functions(positions[1:4])
+        dual_coefficients, _ = _dual_coefficients_and_integrals(positions[1:4])
         B: list[Any] = [[0.0] * 3 for _ in range(3)]
         for point, weight in zip(QUADRATURE_POINTS, QUADRATURE_WEIGHTS, strict=True):
             t = (start + end) * 0.5 + (end - start) * (0.5 * point)
-            s = _find_root(_distance_on_master, [*values, t.value], [*positions, t], -t.value)
-            tangent = _tangent(positions[1:4], t)
+            s = _find_root(
+                _evaluate_distance_on_master, [*values, t.value], [*positions, t], -t.value
+            )
+            tangent = _interpolate_tangent(positions[1:4], t)
             measure = (tangent[0] * tangent[0] + tangent[1] * tangent[1]) ** 0.5
             measure = measure * (end - start) * (0.5 * weight)
             N, M = _shape_functions(t), _shape_functions(s)
@@ -127,7 +129,7 @@ class DualQuadratic(SlidingMortar):
                 B[j] = [B[j][k] + psi * M[k] for k in range(3)]
         stacked = stack_values_and_derivatives([entry for row in B for entry in row])
         coupling, d_coupling = (v.reshape(-1, 3, 3, *v.shape[2:]) for v in stacked)
-        covered_facets = np.flatnonzero(covered > COVERED_FRACTION)
+        covered_facets = np.flatnonzero(covered > MIN_COVERED_FRACTION)
         area, d_area = self._integrate_areas(x, covered_facets)
         is_facing = area > 0
         inverse_area = 1 / (area + ~is_facing)
@@ -180,7 +182,7 @@ class DualQuadratic(SlidingMortar):
         )
 
     def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
-        """Return what checks of states need; of this method there are no other formulas."""
+        """Return the mortar matrices for checks of states, by the same formulas as `linearise`."""
         mortar = self.linearise(x)
         return MortarMatrices(
             mortar.normals,
@@ -190,13 +192,13 @@ class DualQuadratic(SlidingMortar):
             np.zeros(self.n_slave_nodes),
         )
 
-    def _nodes_with_neighbours(self, facet: Indices) -> Indices:
+    def _facet_nodes_with_neighbours(self, facet: Indices) -> Indices:
         """Return the nodes (q, 5) before, of and behind slave facets (q,)."""
         a, m, b = self._slave_nodes[facet].T
         return np.stack([self._previous_node[a], a, m, b, self._next_node[b]], axis=1)
 
-    def _segment_ends(self, x: Array, nodes: Indices) -> tuple[Array, Array]:
-        """Return coordinates on the slave whose normals go through the ends of master facets."""
+    def _find_segment_ends(self, x: Array, nodes: Indices) -> tuple[Array, Array]:
+        """Return slave coordinates at which normals pass through the ends of master facets."""
         values = [tuple(x[node].T) for node in nodes.T]
         a, b = x[nodes[:, 1]], x[nodes[:, 3]]
         ends = []
@@ -205,34 +207,34 @@ class DualQuadratic(SlidingMortar):
             t = 2 * np.sum(offset * (b - a), axis=1) / np.sum((b - a) ** 2, axis=1)
             is_far = np.abs(t) > MAX_COORDINATE
             root = _find_root(
-                _distance_to_normal(node),
+                _make_distance_to_normal(node),
                 values,
-                _differentiated_positions(x, nodes),
+                _positions_with_derivatives(x, nodes),
                 np.clip(t, -1.5, 1.5),
             )
             ends.append(np.where(is_far, t, root.value))
         return ends[0], ends[1]
 
     def _integrate_areas(self, x: Array, facets: Indices) -> tuple[Array, sp.csr_array]:
-        """Integrate the slave's functions (m,) over whole facets, with their derivative."""
+        """Return integrals (m,) of the slave's functions over facets, and their derivatives."""
         m, nodes = self.n_slave_nodes, self._slave_nodes[facets]
         columns = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 6)
-        _, integrals = _dual_functions(_differentiated_positions(x, nodes))
+        _, integrals = _dual_coefficients_and_integrals(_positions_with_derivatives(x, nodes))
         area, d_area = stack_values_and_derivatives(integrals)
         total = np.bincount(nodes.ravel(), area.ravel(), minlength=m).astype(float)
         return total, sum_into_matrix(d_area, nodes[:, :, None], columns[:, None], (m, x.size))
 
 
-def _join_halves(halves: Indices) -> Indices:
-    """Return first, middle and last nodes (f, 3) of facets whose directed halves are (2 f, 2)."""
+def _join_facet_halves(halves: Indices) -> Indices:
+    """Return first, middle and last nodes (f, 3) of facets from their directed halves (2 f, 2)."""
     even, odd = halves[::2], halves[1::2]
     is_even_first = (even[:, 1] == odd[:, 0])[:, None]
     first, second = np.where(is_even_first, even, odd), np.where(is_even_first, odd, even)
     return np.column_stack([first, second[:, 1]])
 
 
-def _differentiated_positions(x: Array, nodes: Indices) -> list[Any]:
-    """Return positions of nodes (q, k) with their derivatives by all positions of a row."""
+def _positions_with_derivatives(x: Array, nodes: Indices) -> list[Any]:
+    """Return positions of nodes (q, k) with derivatives by all positions in their row."""
     k = nodes.shape[1]
     units = np.eye(2 * k).reshape(k, 2, 1, 2 * k) + np.zeros((len(nodes), 1))
     return [tuple(AutoDiffArray(x[nodes[:, i], a], units[i, a]) for a in (0, 1)) for i in range(k)]
@@ -244,7 +246,7 @@ def _replace_where(is_fixed: Any, value: float, numbers: AutoDiffArray) -> AutoD
 
 
 def _interpolate_normals(positions: Sequence[Any], t: Any) -> Any:  # noqa: ANN401
-    """Interpolate the unit normals of chords at coordinates of a facet with its neighbours."""
+    """Interpolate nodal unit normals, those of chords between neighbours, at coordinates t."""
     normals = []
     for low, high in ((0, 2), (1, 3), (2, 4)):
         x, y = (positions[high][axis] - positions[low][axis] for axis in (0, 1))
@@ -253,37 +255,40 @@ def _interpolate_normals(positions: Sequence[Any], t: Any) -> Any:  # noqa: ANN4
     return _interpolate(normals, t)
 
 
-def _distance_to_normal(node: int) -> Callable[[Any, Any], Any]:
-    """Return a function that vanishes where a slave normal goes through a node of the master."""
+def _make_distance_to_normal(node: int) -> Callable[[Any, Any], Any]:
+    """Return a function that is zero where a slave normal passes through a node of the master."""
 
     def distance(positions: Any, t: Any) -> Any:  # noqa: ANN401
         point = _interpolate(positions[1:4], t)
         offset = [point[axis] - positions[node][axis] for axis in (0, 1)]
-        return _cross(offset, _interpolate_normals(positions, t))
+        return _cross_product(offset, _interpolate_normals(positions, t))
 
     return distance
 
 
-def _distance_on_master(parameters: Any, s: Any) -> Any:  # noqa: ANN401
-    """Return a number that vanishes where the master meets the slave's normal at the last t."""
+def _evaluate_distance_on_master(parameters: Any, s: Any) -> Any:  # noqa: ANN401
+    """Return values that are zero where the master meets the slave's normal at t.
+
+    The last parameter is t; the others are positions.
+    """
     *positions, t = parameters
     slave, master = _interpolate(positions[1:4], t), _interpolate(positions[5:8], s)
     offset = [master[axis] - slave[axis] for axis in (0, 1)]
-    return _cross(offset, _interpolate_normals(positions, t))
+    return _cross_product(offset, _interpolate_normals(positions, t))
 
 
-def _tangent(nodes: Sequence[Any], t: Any) -> list[Any]:  # noqa: ANN401
+def _interpolate_tangent(nodes: Sequence[Any], t: Any) -> list[Any]:  # noqa: ANN401
     dN = (t - 0.5, t * -2.0, t + 0.5)
     return [
         dN[0] * nodes[0][axis] + dN[1] * nodes[1][axis] + dN[2] * nodes[2][axis] for axis in (0, 1)
     ]
 
 
-def _dual_functions(nodes: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
-    """Return the duals' coefficients of each function on facets (q,), and functions' integrals."""
+def _dual_coefficients_and_integrals(nodes: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
+    """Return the coefficients of the duals on facets (q,), and the integrals of the functions."""
     W: list[Any] = [[0.0] * 3 for _ in range(3)]
     for point, weight in zip(QUADRATURE_POINTS, QUADRATURE_WEIGHTS, strict=True):
-        tangent, N = _tangent(nodes, float(point)), _shape_functions(float(point))
+        tangent, N = _interpolate_tangent(nodes, float(point)), _shape_functions(float(point))
         measure = (tangent[0] * tangent[0] + tangent[1] * tangent[1]) ** 0.5 * float(weight)
         for i in range(3):
             W[i] = [W[i][j] + measure * (N[i] * N[j]) for j in range(3)]
@@ -297,16 +302,16 @@ def _dual_functions(nodes: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
 
 
 def _cofactor(W: Any, i: int, j: int) -> Any:  # noqa: ANN401
-    """Return an entry of the adjugate of a symmetric matrix, with its sign."""
+    """Return the signed entry (i, j) of the adjugate of a symmetric 3 × 3 matrix."""
     (a, b), (c, d) = ([k % 3 for k in (index + 1, index + 2)] for index in (i, j))
     return W[a][c] * W[b][d] - W[a][d] * W[b][c]
 
 
-class DualQuadraticProblem:
-    """Contact of standard elements, in place of `ContactProblem.of_residual`, for one pair.
+class DualQuadraticContactProblem:
+    """Contact of one pair of standard elements, used like `ContactProblem.of_residual`.
 
     Attributes:
-        undeformed: the undeformed state.
+        undeformed: Undeformed state.
     """
 
     def __init__(
@@ -332,7 +337,7 @@ class DualQuadraticProblem:
             solver=Direct(),
         )
         interface = self._steps.interface
-        interface.mortars = {0: DualQuadratic(*sides)}
+        interface.mortars = {0: DualQuadraticMortar(*sides)}
         self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())
 
     def step(self, state: ContactState, load: Callable[[float], None]) -> ContactState:

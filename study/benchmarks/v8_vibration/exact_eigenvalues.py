@@ -15,23 +15,23 @@ from pw_elements import Material
 from pw_elements.elasticity import StressState
 
 N_SEARCH_POINTS = 4000
-"""Points between zero and the upper end at which a change of sign is looked for."""
+"""Number of points of the interval between which a change of sign is looked for."""
 MIN_WAVE_NUMBER = 1e-8
-"""J_1(pa) / p of smaller wave numbers p is replaced by its value here, close to the limit."""
+"""Smaller wave numbers p are replaced by this one in J_1(pa) / p, to avoid a division by zero."""
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Rod:
-    """Round rod whose ends stand on smooth rigid walls: u_z = 0, no shear; its side is free.
+    """Round rod between smooth rigid walls at its ends (u_z = 0, no shear); its side is free.
 
     Modes of axial symmetry without torsion: u_r = U(r) cos kz, u_z = W(r) sin kz with k = n pi / L.
 
     Args:
-        material: elastic constants and density, numbers.
-        radius: a.
-        length: L.
+        material: Elastic constants and density.
+        radius: Radius a.
+        length: Length L.
     """
 
     material: Material
@@ -39,11 +39,11 @@ class Rod:
     length: float
 
     def eigenvalues(self, count: int) -> list[float]:
-        """Return the smallest ones, by the frequency equation of L. Pochhammer (1876) and C. Chree.
+        """Return the smallest eigenvalues, roots of Pochhammer's (1876) and Chree's equation.
 
-        The search range is doubled until it has so many of them.
+        The search range is doubled until it contains `count` roots.
         """
-        _, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
+        _, shear = squared_wave_speeds(self.material, StressState.AXISYMMETRIC)
         upper = 4 * shear * (np.pi / self.length) ** 2
         eigenvalues: list[float] = []
         while len(eigenvalues) < count:
@@ -61,23 +61,25 @@ class Rod:
         return eigenvalues
 
     def _evaluate_frequency_equation(self, eigenvalue: Array, n: int) -> Array:
-        """Return the left side over its trivial factors: q, for n = 0 also q J_1(qa) (u_z alone).
+        """Return the frequency equation's left side without its trivial factors.
+
+        The factors are q and, for n = 0, also q J_1(qa), which belongs to modes of u_z alone.
 
         Args:
-            eigenvalue: omega^2.
-            n: number of half waves along the rod.
+            eigenvalue: Values of omega^2.
+            n: Number of half waves along the rod.
         """
-        dilatation, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
+        dilatation, shear = squared_wave_speeds(self.material, StressState.AXISYMMETRIC)
         k_squared, a = (n * np.pi / self.length) ** 2, self.radius
         p_squared, q_squared = (eigenvalue / c - k_squared for c in (dilatation, shear))
-        p_j1 = p_squared * _j1_over_wave_number(p_squared, a)
+        p_j1 = p_squared * _bessel_j1_over_wave_number(p_squared, a)
         if n == 0:
-            return 2 * p_j1 / a - q_squared * _j0(p_squared, a)
-        j1_q = _j1_over_wave_number(q_squared, a)
+            return 2 * p_j1 / a - q_squared * _bessel_j0(p_squared, a)
+        j1_q = _bessel_j1_over_wave_number(q_squared, a)
         return (
             2 / a * (q_squared + k_squared) * p_j1 * j1_q
-            - (q_squared - k_squared) ** 2 * _j0(p_squared, a) * j1_q
-            - 4 * k_squared * p_j1 * _j0(q_squared, a)
+            - (q_squared - k_squared) ** 2 * _bessel_j0(p_squared, a) * j1_q
+            - 4 * k_squared * p_j1 * _bessel_j0(q_squared, a)
         )
 
 
@@ -86,11 +88,11 @@ def rectangle_eigenvalues(
 ) -> list[float]:
     """Return the smallest eigenvalues of a plane rectangle within four smooth rigid walls.
 
-    u = A sin(kx) cos(ly), v = B cos(kx) sin(ly) with k = m pi / a, l = n pi / b satisfies their
-    conditions. It is a wave of dilatation with (A, B) along (k, l), for which one of m, n may
-    vanish, or a shear wave with (A, B) normal to it, which then would be at rest.
+    u = A sin(kx) cos(ly), v = B cos(kx) sin(ly) with k = m pi / a, l = n pi / b satisfies the
+    boundary conditions. With (A, B) parallel to (k, l) it is a dilatational wave, for which m or n
+    may be zero; with (A, B) normal to (k, l) it is a shear wave, which vanishes if m or n is zero.
     """
-    dilatation, shear = wave_speeds_squared(material, state)
+    dilatation, shear = squared_wave_speeds(material, state)
     eigenvalues = []
     for m, n in product(range(count + 1), repeat=2):
         wave_number_squared = (m * np.pi / sides[0]) ** 2 + (n * np.pi / sides[1]) ** 2
@@ -101,8 +103,8 @@ def rectangle_eigenvalues(
     return sorted(eigenvalues)[:count]
 
 
-def wave_speeds_squared(material: Material, state: StressState) -> tuple[float, float]:
-    """Return the squares of the speeds of plane waves of dilatation and of shear."""
+def squared_wave_speeds(material: Material, state: StressState) -> tuple[float, float]:
+    """Return the squared speeds of dilatational and shear waves."""
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
     if state is StressState.PLANE_STRESS:
         stiffness = E / (1 - nu**2)
@@ -111,14 +113,14 @@ def wave_speeds_squared(material: Material, state: StressState) -> tuple[float, 
     return stiffness / rho, E / (2 * (1 + nu)) / rho
 
 
-def _j0(p_squared: Array, a: float) -> Array:
-    """Return J_0(pa), where p^2 may have either sign."""
+def _bessel_j0(p_squared: Array, a: float) -> Array:
+    """Return J_0(pa) for p^2 of either sign."""
     x = np.sqrt(np.abs(p_squared)) * a
     return np.where(p_squared >= 0, jv(0, x), iv(0, x))
 
 
-def _j1_over_wave_number(p_squared: Array, a: float) -> Array:
-    """Return J_1(pa) / p, where p^2 may have either sign."""
+def _bessel_j1_over_wave_number(p_squared: Array, a: float) -> Array:
+    """Return J_1(pa) / p for p^2 of either sign."""
     p = np.maximum(np.sqrt(np.abs(p_squared)), MIN_WAVE_NUMBER)
     return np.where(p_squared >= 0, jv(1, p * a), iv(1, p * a)) / p
 

@@ -1,4 +1,4 @@
-"""Vibration with known answers: rods, squares, strips, free bodies, cylinders test K, M, K_sigma."""
+"""Vibration, buckling and pressure problems with exact solutions, which test K, M and K_sigma."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -102,9 +102,9 @@ exact solution:
 
 Array = npt.NDArray[np.float64]
 Support = tuple[int, float, int]
-"""Axis and value of a coordinate, and the displacement component that is zero there."""
+"""Axis and value of a coordinate, and the displacement component that is prescribed as zero."""
 
-# E and the density are one, and a length of each body: all numbers are dimensionless
+# E, the density and a length of each body are one: all numbers are dimensionless
 MATERIAL = Material(1.0, 0.3)
 N_MODES = 6
 EIGENVALUE_NAMES = [f"omega2_{n}" for n in range(1, N_MODES + 1)]
@@ -113,11 +113,11 @@ ROD_WALLS: list[Support] = [(0, 0.0, 0), (1, 0.0, 1), (1, ROD.length, 1)]
 STRIP_LENGTH = 8.0
 """Length of the strip over its height."""
 N_STRIP_MODES = 3
-"""Bending modes are the lowest ones up to this number."""
-RIGID_MODES = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
+"""Number of bending modes; they are the lowest modes of the strip."""
+RIGID_MODE_COUNTS = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
 TUBE_RADII = (1.0, 2.0)
 MAX_NODE_SHIFT = 0.05
-"""Largest displacement of a mesh node where inner lines are bent, over the side of the mesh."""
+"""Largest shift of a mesh node that bends inner lines, over the side of the mesh."""
 QUADRATURE_DEGREES, REFERENCE_DEGREE = (2, 4, 6, 8), 16
 
 # Method
@@ -135,14 +135,14 @@ used. The largest relative residual of all computed pairs is
 """
 
 Treatment = Literal["transposed", "same", "all nodes", "lumped"]
-"""Of inner nodes: condensed with L of the transposed problem or L = R, or kept; "lumped": the
-first with lumped mass."""
+"""Treatment of inner nodes: condensation with L of the transposed problem ("transposed") or L = R
+("same"), or none ("all nodes"); "lumped" is "transposed" with a lumped mass."""
 MeshSolution = tuple[Array, dict[str, float], Discretisation]
-"""Values (n,) on one mesh, numbers on the quality of the modes, and the body."""
+"""Values (n,) on one mesh, numbers on the quality of the modes, and the discretised body."""
 
 
 def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Solve a round rod between smooth rigid walls, meshed in axisymmetry."""
+    """Compute the eigenvalues of a round rod between smooth rigid walls in axisymmetry."""
 
     def solve_on_mesh(n: int) -> MeshSolution:
         sizes, divisions = (ROD.radius, ROD.length), (n, 2 * n)
@@ -150,11 +150,13 @@ def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         modes = _compute_modes(body, ROD_WALLS, N_MODES, treatment)
         return modes.eigenvalues, _mode_quality(modes), body
 
-    return _compare_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES))
+    return _compare_values_on_meshes(
+        solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES)
+    )
 
 
 def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Solve a square in plane stress on rollers all around."""
+    """Compute the eigenvalues of a square in plane stress on rollers on all sides."""
     rollers: list[Support] = [(i, x, i) for i in (0, 1) for x in (0.0, 1.0)]
 
     def solve_on_mesh(n: int) -> MeshSolution:
@@ -163,15 +165,15 @@ def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result
         return modes.eigenvalues, _mode_quality(modes), body
 
     exact = rectangle_eigenvalues(MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES)
-    return _compare_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
+    return _compare_values_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
 
 
 def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Solve a simply supported strip in vibration and in buckling.
+    """Compute vibration modes and buckling stresses of a simply supported strip.
 
     Values `vibration_n` are rho omega^2 / k^2, values `buckling_n` critical stresses; both have
-    the same exact value. The strip may move along its axis, a rigid mode; in buckling a corner is
-    held.
+    the same exact value. In vibration the strip has a rigid mode along its axis; in buckling a
+    corner is fixed.
     """
     ends: list[Support] = [(0, 0.0, 1), (0, STRIP_LENGTH, 1)]
     modes = range(1, N_STRIP_MODES + 1)
@@ -187,7 +189,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         critical = buckling(
             body.K,
             assemble_matrix(body.body.geometric_stiffness(prestress)),
-            _reduce(body, [*_prescribe_supports(body, ends), corner], treatment),
+            _make_reduction(body, [*_make_support_conditions(body, ends), corner], treatment),
             N_STRIP_MODES,
             is_symmetrised(element),
         )
@@ -199,25 +201,25 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
     theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
     exact = [theory.elasticity(n, "G") for n in modes]
     names = [f"{kind}_{n}" for kind in ("vibration", "buckling") for n in modes]
-    return _compare_on_meshes(solve_on_mesh, squares, names, exact * 2)
+    return _compare_values_on_meshes(solve_on_mesh, squares, names, exact * 2)
 
 
 def free(element: str, state: str) -> Result:
-    """Compute modes of an unsupported body; u_r = 0 on the axis of axisymmetry is no support.
+    """Compute modes of an unsupported body (in axisymmetry with u_r = 0 on the axis).
 
-    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, how many of them are too
-    many; `zero`, the largest of their eigenvalues over the first elastic one.
+    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, this number less the
+    exact one; `zero`, the largest of their eigenvalues over the first elastic one.
     """
     stress_state = StressState(state)
     build_square = partial(_mesh_rectangle, (1.0, 1.0), (6, 6))
-    build = _mesh_box if stress_state is StressState.SOLID else build_square
+    build = _mesh_solid_box if stress_state is StressState.SOLID else build_square
     body = discretise(element, build, MATERIAL, stress_state)
     axis: list[Support] = [(0, 0.0, 0)] if stress_state is StressState.AXISYMMETRIC else []
     modes = _compute_modes(body, axis, N_MODES + 1, "transposed")
     eigenvalues = np.abs(modes.eigenvalues)
     scalars = {
         "zero": eigenvalues[: modes.n_rigid].max() / eigenvalues[modes.n_rigid],
-        "rigid_error": float(modes.n_rigid - RIGID_MODES[stress_state]),
+        "rigid_error": float(modes.n_rigid - RIGID_MODE_COUNTS[stress_state]),
     }
     scalars |= _mode_quality(modes)
     return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
@@ -227,33 +229,33 @@ def tube(element: str, squares: Sequence[int]) -> Result:
     """Solve Lamé's tube under internal pressure between smooth rigid walls.
 
     The value `displacement` is one plus the largest error of a nodal displacement over the largest
-    displacement, so that its relative error is this error.
+    displacement; its exact value is one, so that its relative error is this error.
     """
-    inner, outer = TUBE_RADII
+    inner_radius, outer = TUBE_RADII
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
 
     def radial_displacement(r: Array) -> Array:
-        factor = (1 + nu) / E * inner**2 / (outer**2 - inner**2)
+        factor = (1 + nu) / E * inner_radius**2 / (outer**2 - inner_radius**2)
         return factor * ((1 - 2 * nu) * r + outer**2 / r)
 
     def solve_on_mesh(n: int) -> MeshSolution:
-        sizes = (outer - inner, 1.0)
-        body = _discretise_rectangle(element, sizes, (n, n), StressState.AXISYMMETRIC, inner)
-        inside = partial(_is_on_line, 0, inner)
-        error = _displacement_error(body, [], inside, (1.0, 0.0), radial_displacement)
+        sizes = (outer - inner_radius, 1.0)
+        body = _discretise_rectangle(element, sizes, (n, n), StressState.AXISYMMETRIC, inner_radius)
+        inside = partial(_is_at_coordinate, 0, inner_radius)
+        error = _largest_displacement_error(body, [], inside, (1.0, 0.0), radial_displacement)
         return np.array([1 + error]), {}, body
 
-    return _compare_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
+    return _compare_values_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
 
 
 def cylinder(element: str) -> Result:
-    """Solve a solid cylinder under external pressure: the exact u_r = c r is a trial function."""
+    """Solve a solid cylinder under external pressure, whose exact u_r = c r is a trial function."""
     body = _discretise_rectangle(element, (1.0, 1.0), (4, 4), StressState.AXISYMMETRIC)
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
     factor = -(1 + nu) * (1 - 2 * nu) / E
     axis: list[Support] = [(0, 0.0, 0)]
-    outside = partial(_is_on_line, 0, 1.0)
-    error = _displacement_error(body, axis, outside, (-1.0, 0.0), lambda r: factor * r)
+    outside = partial(_is_at_coordinate, 0, 1.0)
+    error = _largest_displacement_error(body, axis, outside, (-1.0, 0.0), lambda r: factor * r)
     scalars = {"displacement_error": error}
     return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
 
@@ -261,7 +263,7 @@ def cylinder(element: str) -> Result:
 def quadrature(element: str, squares: int) -> Result:
     """Compute the rod's eigenvalues with quadrature of several degrees.
 
-    Curves: `degree`, and `change` of the eigenvalues, the largest relative one against the degree
+    Curves: `degree`, and `change`, the largest relative change of an eigenvalue against
     `REFERENCE_DEGREE`; scalar `error`, the largest relative error with that degree.
     """
     eigenvalues = {}
@@ -289,11 +291,11 @@ def _compute_modes(
     M = assemble_matrix(body.body.mass())
     if treatment == "lumped":
         M = lumped_mass(M, body.space)
-    reduction = _reduce(body, _prescribe_supports(body, supports), treatment)
+    reduction = _make_reduction(body, _make_support_conditions(body, supports), treatment)
     return vibration_modes(body.K, M, reduction, count, is_symmetrised(body.element))
 
 
-def _reduce(
+def _make_reduction(
     body: Discretisation, conditions: list[fem.DirichletBC], treatment: Treatment
 ) -> Reduction:
     if treatment == "all nodes":
@@ -301,35 +303,37 @@ def _reduce(
     return mass_left(body.supports(conditions), "same" if treatment == "same" else "transposed")
 
 
-def _prescribe_supports(body: Discretisation, supports: list[Support]) -> list[fem.DirichletBC]:
+def _make_support_conditions(
+    body: Discretisation, supports: list[Support]
+) -> list[fem.DirichletBC]:
     return [
-        prescribe(body.space, component, partial(_is_on_line, axis, value))
+        prescribe(body.space, component, partial(_is_at_coordinate, axis, value))
         for axis, value, component in supports
     ]
 
 
-def _is_on_line(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_]:
+def _is_at_coordinate(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[axis], value)
 
 
-def _compare_on_meshes(
+def _compare_values_on_meshes(
     solve_on_mesh: Callable[[int], MeshSolution],
     squares: Sequence[int],
     names: Sequence[str],
     exact: Sequence[float],
 ) -> Result:
-    """Compare values with exact ones on a series of meshes, from coarse to fine.
+    """Compare values on a series of meshes, from coarse to fine, with exact ones.
 
-    Scalars, of the finest mesh: each value by its name, with the endings `_exact`, `_error`
+    Scalars of the finest mesh: each value by its name, with the endings `_exact`, `_error`
     (relative) and `_order` (in the element size, of the last refinement); `error` is the largest
-    size of the errors, `order` the lowest order, `residual` and `imaginary` the largest of all
-    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,); the finest mesh.
+    absolute error, `order` the lowest order. `residual` and `imaginary` are the largest of all
+    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,), and the finest mesh.
 
     Args:
-        solve_on_mesh: returns values for a number of squares.
-        squares: numbers of squares (m,).
-        names: names of the values (n,).
-        exact: exact values (n,).
+        solve_on_mesh: Function that returns the values on a mesh of a given number of squares.
+        squares: Numbers of squares (m,).
+        names: Names of the values (n,).
+        exact: Exact values (n,).
     """
     values, qualities = [], []
     for n in squares:
@@ -362,20 +366,20 @@ def _mode_quality(modes: VibrationModes) -> dict[str, float]:
     }
 
 
-def _displacement_error(
+def _largest_displacement_error(
     body: Discretisation,
     supports: list[Support],
-    where: Marker,
+    loaded_part: Marker,
     traction: tuple[float, float],
     radial_displacement: Callable[[Array], Array],
 ) -> float:
     """Return the largest error of a nodal displacement over the largest displacement.
 
-    The body is loaded on a part of its boundary and stands between smooth walls at z = 0 and 1.
+    A traction acts on a part of the boundary; smooth walls support the body at z = 0 and 1.
     """
     walls: list[Support] = [(1, 0.0, 1), (1, 1.0, 1)]
-    load = body.surface_load(traction, where)
-    a = solve(body.K, load, body.supports(_prescribe_supports(body, supports + walls)))
+    load = body.surface_load(traction, loaded_part)
+    a = solve(body.K, load, body.supports(_make_support_conditions(body, supports + walls)))
     exact = np.zeros((a.getSize() // 2, 2))
     exact[:, 0] = radial_displacement(body.space.tabulate_dof_coordinates()[:, 0])
     return float(np.abs(a.array_r.reshape(-1, 2) - exact).max() / np.abs(exact).max())
@@ -386,30 +390,30 @@ def _discretise_rectangle(
     sizes: tuple[float, float],
     divisions: tuple[int, int],
     state: StressState,
-    inner: float = 0.0,
+    inner_radius: float = 0.0,
 ) -> Discretisation:
-    build = partial(_mesh_rectangle, sizes, divisions, inner=inner)
+    build = partial(_mesh_rectangle, sizes, divisions, inner_radius=inner_radius)
     return discretise(element, build, MATERIAL, state)
 
 
 def _mesh_rectangle(
-    sizes: tuple[float, float], divisions: tuple[int, int], cell: str, inner: float = 0.0
+    sizes: tuple[float, float], divisions: tuple[int, int], cell: str, inner_radius: float = 0.0
 ) -> Mesh:
-    """Mesh the rectangle inner <= x <= inner + a, 0 <= y <= b, with bent inner lines."""
+    """Mesh the rectangle inner_radius <= x <= inner_radius + a, 0 <= y <= b; inner lines are bent."""
 
     def bend_lines(x: Array) -> Array:
-        s, t = np.pi * (x[:, 0] - inner) / sizes[0], np.pi * x[:, 1] / sizes[1]
+        s, t = np.pi * (x[:, 0] - inner_radius) / sizes[0], np.pi * x[:, 1] / sizes[1]
         position = x.copy()
         position[:, 0] += MAX_NODE_SHIFT * sizes[0] * np.sin(s) * np.cos(t)
         position[:, 1] -= MAX_NODE_SHIFT * sizes[1] * np.cos(s) * np.sin(t)
         return position
 
     build = triangles if cell == "triangle" else quadrilaterals
-    corners = (inner, 0.0), (inner + sizes[0], sizes[1])
+    corners = (inner_radius, 0.0), (inner_radius + sizes[0], sizes[1])
     return move_nodes(build(MPI.COMM_SELF, *corners, divisions), bend_lines)
 
 
-def _mesh_box(_: str) -> Mesh:
+def _mesh_solid_box(_: str) -> Mesh:
     return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 4, 2), CellType.tetrahedron)
 
 
@@ -424,14 +428,16 @@ ELEMENTS = (
     "pw-Q9",
     "composite-T6",
 )
-VARIANTS: dict[str, tuple[str, Treatment]] = {name: (name, "transposed") for name in ELEMENTS}
-VARIANTS |= {
+ELEMENT_VARIANTS: dict[str, tuple[str, Treatment]] = {
+    name: (name, "transposed") for name in ELEMENTS
+}
+ELEMENT_VARIANTS |= {
     "pw-Q8-same": ("pw-Q8", "same"),
     "pw-Q9-nine": ("pw-Q9", "all nodes"),
     "pw-T6-lumped": ("pw-T6", "lumped"),
     "pw-Q8-lumped": ("pw-Q8", "lumped"),
 }
-SQUARES = {rod: (4, 8, 16, 32), square: (4, 8, 16, 32), strip: (1, 2, 4, 8)}
+SQUARES_BY_PROBLEM = {rod: (4, 8, 16, 32), square: (4, 8, 16, 32), strip: (1, 2, 4, 8)}
 FREE_ELEMENTS = {
     StressState.PLANE_STRESS: ELEMENTS,
     StressState.AXISYMMETRIC: ELEMENTS,
@@ -446,8 +452,8 @@ CASES = [
         problem,
         {"element": element, "treatment": treatment, "squares": squares},
     )
-    for problem, squares in SQUARES.items()
-    for name, (element, treatment) in VARIANTS.items()
+    for problem, squares in SQUARES_BY_PROBLEM.items()
+    for name, (element, treatment) in ELEMENT_VARIANTS.items()
 ]
 CASES += [
     Case(
@@ -515,32 +521,32 @@ PLOT_TITLES = {
     "square": ("square, plane stress", "squares over a side"),
     "strip": ("strip, vibration", "squares over the height"),
 }
-"""Title and label of the abscissa of each problem."""
-HOLLOW = {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
+"""Title of the panel and label of its abscissa, by problem."""
+HOLLOW_MARKERS = {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
 PLOT_LOOKS: dict[str, dict[str, Any]] = {
     "galerkin-T6": LOOK["galerkin-T6"],
-    "pw-T6": LOOK["pw-T6"] | HOLLOW,
+    "pw-T6": LOOK["pw-T6"] | HOLLOW_MARKERS,
     "galerkin-Q8": LOOK["galerkin-Q8"],
-    "pw-Q9-nine": LOOK["pw-Q9"] | HOLLOW | {"label": "new Q9, all nodes"},
+    "pw-Q9-nine": LOOK["pw-Q9"] | HOLLOW_MARKERS | {"label": "new Q9, all nodes"},
     "pwsym-T6": LOOK["pwsym-T6"],
     "pw-T6-lumped": LOOK["pw-T6"] | {"linestyle": "--", "label": "new T6, lumped mass"},
     "pw-Q8": LOOK["pw-Q8"] | {"label": "new Q8 (Guyan)"},
     "pw-Q8-same": LOOK["pw-Q8"]
     | {"linestyle": "--", "markerfacecolor": "none", "label": "new Q8 (Guyan, L = R)"},
 }
-"""In the order of the legend; dotted lines and hollow markers lie on those of another variant."""
+"""Line styles in the order of the legend; dotted lines and hollow markers coincide with others."""
 
 
 def draw_convergence(results: Results) -> Figure:
     """Convergence of natural frequencies to exact ones.
 
-    Largest relative error of the modes over the mesh density, a panel a problem.
+    One panel per problem: largest relative error of the modes over the mesh density.
     """
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.3), sharey=True)
     for ax, (problem, (title, density)) in zip(axes, PLOT_TITLES.items(), strict=True):
         for variant, look in PLOT_LOOKS.items():
             curves = results.curves(f"V8/{problem}-{variant}")
-            errors = np.abs(_vibration_errors(problem, curves["errors"]))
+            errors = np.abs(_select_vibration_errors(problem, curves["errors"]))
             squares = curves["squares"]
             ax.loglog(squares, errors.max(axis=1), **look)
         ends = squares[[0, -1]].astype(float)
@@ -559,13 +565,13 @@ def draw_convergence(results: Results) -> Figure:
     return fig
 
 
-def _vibration_errors(problem: str, errors: Array) -> Array:
-    """Return errors (m, n) of natural frequencies; the strip's second half is its buckling."""
+def _select_vibration_errors(problem: str, errors: Array) -> Array:
+    """Return the errors (m, n) of natural frequencies; the second half of the strip's is buckling."""
     return errors[:, : errors.shape[1] // 2] if problem == "strip" else errors
 
 
 def caption_convergence(results: Results) -> str:
-    """Return the caption, with orders."""
+    """Return the caption, with observed orders."""
     orders = {
         variant: results.scalar(f"V8/rod-{variant}", "order")
         for variant in ("galerkin-T6", "pw-T6", "pwsym-T6", "pw-T6-lumped", "pw-Q8")

@@ -41,7 +41,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import Friction, PairState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.benchmarks.v12_impact.schemes import Scheme
+from study.benchmarks.v12_impact.schemes import StiffnessMassPair
 from study.benchmarks.w_engineering.pressures import pressure_matrix
 from study.meshes import mesh_lines
 from study.meshes.line_mesh import on_lines
@@ -508,7 +508,7 @@ def throw_block(element: str, cells: int) -> ImpactResult:
         ends = ((-1.0, 1.0, 2 * cells), (0.0, 0.5, cells // 2), (0.0, 1.0, cells))
         along, across, up = (np.linspace(a, b, n + 1, dtype=np.float64) for a, b, n in ends)
         mesh = box("tetrahedron", along, across, up)
-    scheme, dim = Scheme.from_name(SCHEMES[kind], mesh), mesh.geometry.dim
+    scheme, dim = StiffnessMassPair.from_name(SCHEMES[kind], mesh), mesh.geometry.dim
     symmetry = [prescribe(scheme.space, 1, _symmetry_plane(1))] if dim == 3 else []
     if scheme.sibling is None:
         supports = Reduction.dirichlet(scheme.space, symmetry)
