@@ -7,7 +7,7 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import assemble_vector
 from pw_elements.contact import ContactPair, Motion, Plane, Sphere
-from tests.contact.cases import PW, ElasticBody, on_plane
+from tests.contact.cases import PETROV_GALERKIN, ElasticBody, on_plane
 from tests.contact.two_bodies import StackedBlocks
 
 PRESS_AND_PUSH_TRACTION = (1e-4, 5e-5, -1e-3)
@@ -19,7 +19,7 @@ FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 class SolidBlock(ElasticBody):
     """Block of dimensions 2 x 1 x 1 that is n cells high."""
 
-    def __init__(self, cell="tetrahedron", method=PW, n=3, comm=MPI.COMM_SELF, nu=0.3):
+    def __init__(self, cell="tetrahedron", method=PETROV_GALERKIN, n=3, comm=MPI.COMM_SELF, nu=0.3):
         mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType[cell])
         super().__init__(mesh, method, "solid", nu=nu)
         self.no_supports = self.make_supports()

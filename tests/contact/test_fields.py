@@ -41,7 +41,7 @@ from study.solutions.half_space import Elastic as HalfPlane
 from study.solutions.half_space import HertzLine, HertzSphere
 from tests.contact.cases import (
     GALERKIN,
-    PW,
+    PETROV_GALERKIN,
     BlockOnFloor,
     ElasticBody,
     make_x_spacing_unequal,
@@ -57,7 +57,9 @@ def nodes_where(space, where):
     return fem.locate_dofs_geometrical(space, where)
 
 
-def solve_ball_on_block(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
+def solve_ball_on_block(
+    comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PETROV_GALERKIN, nu=0.3, n=4
+):
     """Return a block and its states under a sphere that presses, then is pushed sideways."""
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
     body = ElasticBody(mesh, method, "solid", nu=nu)
@@ -224,7 +226,7 @@ def test_an_error_indicator_without_a_stress_is_refused():
 def test_states_of_another_body_or_of_other_nodes_are_refused():
     block, finer_block = BlockOnFloor(4), BlockOnFloor(6)
     (state,) = block.solve(0.3, 60.0, n_pull_increments=0)
-    skewed_spaces = PW(
+    skewed_spaces = PETROV_GALERKIN(
         move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), make_x_spacing_unequal)
     )
     half_pair = ContactPair(lambda x: on_plane(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))

@@ -24,7 +24,12 @@ from pw_elements.contact.iteration import TargetLoadsAndMotions
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from study.model.elements import taylor_hood
-from tests.contact.cases import PW, ElasticBody, make_finite_strain_unknown_and_residual, on_plane
+from tests.contact.cases import (
+    PETROV_GALERKIN,
+    ElasticBody,
+    make_finite_strain_unknown_and_residual,
+    on_plane,
+)
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
@@ -82,7 +87,7 @@ def test_files_and_fields_contain_the_pressure_of_the_body(tmp_path):
     write(tmp_path / "rubber.bp", [problem.undeformed, pressed_state], case.body)
     assert ContactFields.from_state(pressed_state, case.space).body_pressure is not None
 
-    plain_block = HybridBlock(PW, 0.3)
+    plain_block = HybridBlock(PETROV_GALERKIN, 0.3)
     plain_problem = plain_block.contact_problem_under()
     assert (
         ContactFields.from_state(plain_problem.undeformed, plain_block.body).body_pressure is None

@@ -12,7 +12,7 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Iterative
 from pw_elements.contact import ContactPair, Motion, Sphere
-from tests.contact.cases import PW, ElasticBody, on_plane
+from tests.contact.cases import PETROV_GALERKIN, ElasticBody, on_plane
 from tests.parallel import run_on
 
 MAX_MEMORY_SHARE_OVER_NODE_SHARE = 1.25
@@ -74,7 +74,7 @@ def measure_nodes_and_memory_of_stages(comm, cells_per_height, state_path):
         CellType.tetrahedron,
     )
     peak, bytes_before = PeakMemoryRecorder(), bytes_in_use()
-    body = peak("body", ElasticBody, mesh, PW, "solid")
+    body = peak("body", ElasticBody, mesh, PETROV_GALERKIN, "solid")
     near_ball = lambda x: on_plane(2, 1.0)(x) & (np.hypot(x[0] - 1, x[1] - 0.5) < 0.3)  # noqa: E731
     pair, motion = ContactPair(near_ball, Sphere((1.0, 0.5, 1.5), 0.5), 0.3), Motion((0, 0, -0.02))
     supports = body.make_clamping_supports(on_plane(2, 0.0))

@@ -22,7 +22,7 @@ from pw_elements.contact import (
 )
 from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
 from study.meshes.mesh_families import meshed
-from tests.contact.cases import GALERKIN, PW, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 from tests.contact.residuals import (
     LinearContactProblemData,
     largest_residual,
@@ -236,7 +236,7 @@ def press_fit_pressure_error(
         make_ring_mesh(INNER_RADIUS, INTERFACE_RADIUS, cells_per_ring[0]),
         make_ring_mesh(bore, OUTER_RADIUS, cells_per_ring[1]),
     )
-    rings = ElasticBody(mesh, PW, state, 1.0, NU)
+    rings = ElasticBody(mesh, PETROV_GALERKIN, state, 1.0, NU)
     near_interface = lambda x: np.abs(radius(x) - INTERFACE_RADIUS) < 2 * depth  # noqa: E731
     is_outside = lambda x: radius(x.T) > INTERFACE_RADIUS  # noqa: E731
     pair = make_interface_pair(
@@ -307,7 +307,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
             make_ring_mesh(INNER_RADIUS, INTERFACE_RADIUS, size),
             make_ring_mesh(INTERFACE_RADIUS, OUTER_RADIUS, 1.3 * size),
         )
-        rings = ElasticBody(mesh, PW, "plane strain", 1.0, NU)
+        rings = ElasticBody(mesh, PETROV_GALERKIN, "plane strain", 1.0, NU)
         on_interface = lambda x: np.isclose(np.hypot(x[0], x[1]), INTERFACE_RADIUS)  # noqa: E731
         is_outside = lambda x: np.hypot(x[:, 0], x[:, 1]) > INTERFACE_RADIUS  # noqa: E731
         pair = make_interface_pair(rings, on_interface, is_outside, slave, friction=mu)
@@ -367,7 +367,7 @@ def exact_shrink_fit_pressure():
 class ShrunkRing(ElasticBody):
     """A ring between two smooth planes with a bore that is too small by `INTERFERENCE`."""
 
-    def __init__(self, n, method=PW, build=triangles):
+    def __init__(self, n, method=PETROV_GALERKIN, build=triangles):
         mesh = build(MPI.COMM_SELF, (BORE_RADIUS, 0.0), (RIM_RADIUS, RING_HEIGHT), (n, 2))
         super().__init__(mesh, method, "axisymmetric", YOUNGS_MODULUS, NU)
         self.end_supports = self.make_supports(*((1, on_plane(1, z)) for z in (0.0, RING_HEIGHT)))
@@ -378,7 +378,8 @@ class ShrunkRing(ElasticBody):
 
 
 @pytest.mark.parametrize(
-    ("method", "build"), [(PW, triangles), (GALERKIN, triangles), (PW, quadrilaterals)]
+    ("method", "build"),
+    [(PETROV_GALERKIN, triangles), (GALERKIN, triangles), (PETROV_GALERKIN, quadrilaterals)],
 )
 def test_a_shrunk_ring_has_lames_pressure(method, build):
     errors = []

@@ -39,7 +39,7 @@ from pw_elements.spaces import (
 from pw_elements.spaces.elements import SUPPORTED_CELL_NAMES, tetrahedron_twelve_cell_quadrature
 from study.model.elements import one_cut, one_cut_element, serendipity_element
 from study.model.matrices import dense
-from tests.contact.cases import PW
+from tests.contact.cases import PETROV_GALERKIN
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
 from tests.oracle.elements import (
     REFERENCE_ELEMENTS,
@@ -160,7 +160,9 @@ def make_random_tetrahedron_grid(seed):
 
 
 def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
-    spaces = PW(Grid("tetrahedron", TETRAHEDRON_NODES[:4], np.array([[0, 1, 2, 3]])).mesh(), 0)
+    spaces = PETROV_GALERKIN(
+        Grid("tetrahedron", TETRAHEDRON_NODES[:4], np.array([[0, 1, 2, 3]])).mesh(), 0
+    )
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     cell = spaces.trial.dofmap.list[0]
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
@@ -216,7 +218,7 @@ def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
 
 
 def test_user_forms_are_integrated_on_the_twelve_cells():
-    spaces = PW(make_random_tetrahedron_grid(7).mesh(), 0)
+    spaces = PETROV_GALERKIN(make_random_tetrahedron_grid(7).mesh(), 0)
     mesh, W = spaces.mesh, spaces.test
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(W)
     x, fine = ufl.SpatialCoordinate(mesh), cell_measure(W, 12)
@@ -282,7 +284,7 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
 
 def test_subdomain_tags_are_kept_in_assembled_loads():
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2)
-    v = ufl.TestFunction(PW(mesh, 0).test)
+    v = ufl.TestFunction(PETROV_GALERKIN(mesh, 0).test)
     cells = np.arange(20, dtype=np.int32)
     tags = meshtags(mesh, 3, cells, np.where(cells < 5, 1, 2).astype(np.int32))
     dx = ufl.Measure("dx", domain=mesh, subdomain_data=tags)
@@ -301,7 +303,7 @@ def test_tabulation_at_basixs_quadrature_points_is_refused(degree, polyset):
 
 
 def test_dolfinx_own_integrals_of_weight_functions_are_refused():
-    spaces = PW(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
+    spaces = PETROV_GALERKIN(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     w = fem.Function(spaces.test)
     for form in (
@@ -332,7 +334,7 @@ def test_weights_can_be_tabulated_and_interpolated_at_nodes():
     assert element.tabulate(0, middle)[0][0] == pytest.approx([0] * 4 + [1 / 6] * 6, abs=1e-15)
 
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 1, 1)
-    W, V = (PW(mesh, 0).test, fem.functionspace(mesh, ("Lagrange", 2)))
+    W, V = (PETROV_GALERKIN(mesh, 0).test, fem.functionspace(mesh, ("Lagrange", 2)))
     w, f = fem.Function(W), fem.Function(V)
     w.interpolate(lambda x: x[0] + x[1] * x[2])
     f.interpolate(w)

@@ -44,7 +44,7 @@ from study.benchmarks.v15_incompressible.fields import (
     make_layered_mesh,
 )
 from study.model.elements import taylor_hood
-from tests.contact.cases import PW, ElasticBody, on_plane
+from tests.contact.cases import PETROV_GALERKIN, ElasticBody, on_plane
 from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
@@ -170,10 +170,10 @@ def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solve
 @pytest.mark.parametrize(
     ("method", "nu", "state", "warned"),
     [
-        (PW, 0.495, "plane strain", True),
+        (PETROV_GALERKIN, 0.495, "plane strain", True),
         (Spaces.galerkin, 0.495, "axisymmetric", True),
-        (PW, 0.49, "plane strain", False),
-        (PW, 0.5, "plane stress", False),
+        (PETROV_GALERKIN, 0.49, "plane strain", False),
+        (PETROV_GALERKIN, 0.5, "plane stress", False),
         (Spaces.hybrid, 0.5, "plane strain", False),
     ],
 )
@@ -307,7 +307,7 @@ def test_the_largest_poissons_ratio_of_a_body_selects_its_element(caplog):
     nu.x.array[:] = 0.3
     assert not Body.from_mesh(mesh, Material(1.0, nu), "plane strain").spaces.is_hybrid
     nu.x.array[-1:] = 0.495
-    Body(PW(mesh), Material(1.0, nu), "plane strain")
+    Body(PETROV_GALERKIN(mesh), Material(1.0, nu), "plane strain")
     assert "nu = 0.495 in displacements alone" in caplog.text
     tags = tag_cells(mesh, nu.x.array > 0.4)
     assert Body.from_mesh(mesh, Material(1.0, nu), "plane strain", parts=tags).spaces.parts is tags

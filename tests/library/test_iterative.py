@@ -38,7 +38,7 @@ from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangle
 from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, matrices
 from study.meshes.inner_nodes import centre_nodes
 from study.model.elements import composite
-from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
 from tests.library.properties import boundary_dofs
 
@@ -59,17 +59,25 @@ def bend_edges(mesh):
 
 
 ELASTIC_BODY_ARGUMENTS = {
-    "pw-T10": lambda: (make_distorted_box("tetrahedron"), PW, "solid"),
+    "pw-T10": lambda: (make_distorted_box("tetrahedron"), PETROV_GALERKIN, "solid"),
     "galerkin-T10": lambda: (make_distorted_box("tetrahedron"), GALERKIN, "solid"),
-    "pw-H27": lambda: (make_distorted_box("hexahedron"), PW, "solid"),
+    "pw-H27": lambda: (make_distorted_box("hexahedron"), PETROV_GALERKIN, "solid"),
     "galerkin-H27": lambda: (make_distorted_box("hexahedron"), GALERKIN, "solid"),
-    "pw-T6": lambda: (make_distorted_rectangle("triangle"), PW, "plane strain"),
+    "pw-T6": lambda: (make_distorted_rectangle("triangle"), PETROV_GALERKIN, "plane strain"),
     "galerkin-T6": lambda: (make_distorted_rectangle("triangle"), GALERKIN, "plane stress"),
-    "pw-Q9": lambda: (make_distorted_rectangle("quadrilateral"), PW, "axisymmetric"),
+    "pw-Q9": lambda: (make_distorted_rectangle("quadrilateral"), PETROV_GALERKIN, "axisymmetric"),
     "galerkin-Q8": lambda: (make_distorted_rectangle("quadrilateral"), Q8, "plane stress"),
     "composite-T6": lambda: (make_distorted_rectangle("triangle"), composite, "plane stress"),
-    "pw-T6, curved": lambda: (bend_edges(make_distorted_rectangle("triangle")), PW, "axisymmetric"),
-    "pw-T10, curved": lambda: (bend_edges(make_distorted_box("tetrahedron")), PW, "solid"),
+    "pw-T6, curved": lambda: (
+        bend_edges(make_distorted_rectangle("triangle")),
+        PETROV_GALERKIN,
+        "axisymmetric",
+    ),
+    "pw-T10, curved": lambda: (
+        bend_edges(make_distorted_box("tetrahedron")),
+        PETROV_GALERKIN,
+        "solid",
+    ),
 }
 
 

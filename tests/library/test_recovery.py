@@ -19,21 +19,23 @@ from pw_elements import (
 )
 from pw_elements.elasticity import order_by_position
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 from tests.library.properties import boundary_dofs, make_distorted_unit_mesh
 
 CELL_TYPES = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 PLANE_BODY_SETTINGS = [
     (triangles, GALERKIN, "plane stress"),
-    (triangles, PW, "plane strain"),
+    (triangles, PETROV_GALERKIN, "plane strain"),
     (triangles, GALERKIN, "axisymmetric"),
-    (triangles, PW, "axisymmetric"),
+    (triangles, PETROV_GALERKIN, "axisymmetric"),
     (quadrilaterals, Q8, "plane stress"),
-    (quadrilaterals, PW, "plane stress"),
+    (quadrilaterals, PETROV_GALERKIN, "plane stress"),
 ]
 
 
-def make_block_of_uneven_cells(make_mesh=triangles, method=PW, state="plane stress", thickness=1.0):
+def make_block_of_uneven_cells(
+    make_mesh=triangles, method=PETROV_GALERKIN, state="plane stress", thickness=1.0
+):
     """Create a block 2 x 1 with cells of different widths."""
     mesh = make_mesh(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
@@ -78,14 +80,14 @@ def test_nodal_pressures_reproduce_a_uniform_pressure(build, method, state):
     on_axis = state == "axisymmetric" and method == GALERKIN  # without weight on the axis
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
     assert pressure[on_axis:] == pytest.approx(3.0)
-    if method != PW:
+    if method != PETROV_GALERKIN:
         assert not np.allclose(surface.tributary_pressure(force), 3.0, rtol=0.2)
         return
     assert surface.tributary_pressure(force) == pytest.approx(3.0)
     assert surface.tributary_pressure(np.column_stack([force, 2 * force]))[:, 1] == pytest.approx(6)
 
 
-@pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
+@pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PETROV_GALERKIN, 1.0)])
 def test_sawtooth_of_uniform_pressure_is_two_for_standard_and_one_for_new_element(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
     body = ElasticBody(mesh, method, "plane stress")
@@ -106,7 +108,7 @@ def test_sawtooth_and_unevenness_leave_out_open_and_rim_nodes():
 
 
 @pytest.mark.parametrize("cell", CELL_TYPES[:2])
-@pytest.mark.parametrize("method", [GALERKIN, PW])
+@pytest.mark.parametrize("method", [GALERKIN, PETROV_GALERKIN])
 def test_surface_nodes_and_pressures_on_faces_of_solids(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
     body = ElasticBody(mesh, method, "solid")
@@ -121,7 +123,7 @@ def test_surface_nodes_and_pressures_on_faces_of_solids(cell, method):
     assert pressure[~weightless] == pytest.approx(3.0)
     t10 = method == GALERKIN and cell is CellType.tetrahedron
     assert weightless.sum() == (5 * 5 if t10 else 0)  # corners of cells
-    if method == PW:
+    if method == PETROV_GALERKIN:
         assert surface.tributary_pressure(force) == pytest.approx(3.0)
     if t10:
         assert surface.sawtooth(force) > 1e6
@@ -138,7 +140,7 @@ def test_transferred_loads_are_those_of_the_weight_functions(cell):
         mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
     move_nodes(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
     state = "solid" if dim == 3 else "plane strain"
-    bodies = [ElasticBody(mesh, method, state) for method in (GALERKIN, PW)]
+    bodies = [ElasticBody(mesh, method, state) for method in (GALERKIN, PETROV_GALERKIN)]
     everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731
     transferred, shared = (body.traction_load(np.arange(dim) + 1.0, everywhere) for body in bodies)
     T = force_transfer(bodies[0].space)
@@ -190,7 +192,7 @@ def test_a_uniform_flux_is_exact_at_every_node(cell, components):
     expected = (
         -EXACT_GRADIENT[0] * np.arange(1, components + 1) if components else -EXACT_GRADIENT[0]
     )
-    new, r_new, _ = solve_poisson_for_reactions(cell, PW, components)
+    new, r_new, _ = solve_poisson_for_reactions(cell, PETROV_GALERKIN, components)
     standard, r, _ = solve_poisson_for_reactions(cell, GALERKIN, components)
     ways = [(new, r_new, "geometric"), (new, r_new, "weight")]
     ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
@@ -203,7 +205,7 @@ def test_a_uniform_flux_is_exact_at_every_node(cell, components):
         assert np.abs(heat.flux[inside] - expected).max() < 1e-12, area
 
 
-@pytest.mark.parametrize("method", [GALERKIN, PW])
+@pytest.mark.parametrize("method", [GALERKIN, PETROV_GALERKIN])
 def test_the_total_flux_balances_the_source(method):
     def field(x):
         return np.sin(3 * x[0]) * x[1]
@@ -218,6 +220,6 @@ def test_the_total_flux_balances_the_source(method):
 
 
 def test_fluxes_are_divided_by_the_depth():
-    spaces, r, _ = solve_poisson_for_reactions(CellType.triangle, PW)
+    spaces, r, _ = solve_poisson_for_reactions(CellType.triangle, PETROV_GALERKIN)
     thin, thick = (nodal_flux(spaces, r, on_left_side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

@@ -10,7 +10,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solve_contact
 from study.model.matrices import dense
-from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 
 COMM, CELL_NAMES = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
@@ -114,7 +114,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
 
 
 def test_mismatched_matrices_of_the_sibling_are_refused():
-    block, new = BlockWithSibling("triangle", 1), BlockWithSibling("triangle", 1, PW)
+    block, new = BlockWithSibling("triangle", 1), BlockWithSibling("triangle", 1, PETROV_GALERKIN)
     sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
     supports, sibling_K = (
         block.make_sibling_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))),

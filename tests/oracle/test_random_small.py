@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere
-from tests.contact.cases import GALERKIN, PW, Q8, ElasticBody, on_plane
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 from tests.oracle import assembly
 from tests.oracle.contact import NodesAndSurface, relative_law_violation, solve_increments
 
@@ -139,7 +139,13 @@ class SmallLibraryProblem(ElasticBody):
 
     def __init__(self, problem):
         self.problem = problem
-        method = PW if problem.linear_weights else Q8 if problem.element == "Q8" else GALERKIN
+        method = (
+            PETROV_GALERKIN
+            if problem.linear_weights
+            else Q8
+            if problem.element == "Q8"
+            else GALERKIN
+        )
         super().__init__(problem.mesh, method, problem.state, 1.0, problem.nu)
         if problem.state == "axisymmetric":
             self.body = replace(self.body, quadrature_degree=20)

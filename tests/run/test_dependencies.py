@@ -17,7 +17,7 @@ from pw_elements.contact.iteration import LinearIncrementEquations
 from pw_elements.contact.nodes import SmallStrainKinematics
 from pw_elements.contact.steps import stepping
 from study.run.sources import collect_imported_sources, find_source, list_imported_modules
-from tests.contact.cases import GALERKIN, PW, BlockOnFloor
+from tests.contact.cases import GALERKIN, PETROV_GALERKIN, BlockOnFloor
 
 ROOT = Path(__file__).parents[2]
 LIBRARY_FOLDER = ROOT / "pw_elements"
@@ -214,7 +214,7 @@ def test_the_iteration_contains_no_type_tests():
     assert type_tests == []
 
 
-@pytest.mark.parametrize("method", [GALERKIN, PW])
+@pytest.mark.parametrize("method", [GALERKIN, PETROV_GALERKIN])
 @pytest.mark.parametrize(("solver", "max_modules"), [(Direct(), 8), (Iterative(), 13)])
 def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_modules):
     """One iteration calls functions of few modules.
