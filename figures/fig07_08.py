@@ -13,7 +13,7 @@ from figures.contact import (
 )
 from figures.style import FULL, LOOK
 from study.judge.measures.contact import BLOCK_PRESSURE
-from study.model.vocabulary import ELEMENTS, OWN
+from study.model.vocabulary import ELEMENTS, OWN_FUNCTION_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -89,7 +89,7 @@ def caption(results: Results) -> str:
     )
     return (
         "Nodal forces and stresses along the contact area: triangles (the paper's Fig. 7) and "
-        f"quadrilaterals (Fig. 8). Stresses are {OWN.name} ones: {OWN.meaning}. Ratio of the "
+        f"quadrilaterals (Fig. 8). Stresses are {OWN_FUNCTION_READING.name} ones: {OWN_FUNCTION_READING.meaning}. Ratio of the "
         f"normal force of a mid-side node to that of its corners: {saw}. Grey band: proportions, "
         "traction, order of loading, plane strain and the shared node as they could be, new T6. "
         "Coloured bands, hardly wider than a line: squares cut along all diagonals. Strips: "

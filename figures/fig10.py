@@ -11,7 +11,7 @@ from figures.contact import (
     family,
 )
 from figures.style import FULL
-from study.model.vocabulary import OWN
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -62,7 +62,7 @@ def caption(results: Results) -> str:
     )
     return (
         "Nodal forces and stresses below the punch after the tangential force, in the paper's "
-        f"units (E = 1000). Stresses are {OWN.name} ones: {OWN.meaning}. Grey band: bodies and "
+        f"units (E = 1000). Stresses are {OWN_FUNCTION_READING.name} ones: {OWN_FUNCTION_READING.meaning}. Grey band: bodies and "
         f"punches for which the normal force is {least:.0f} to {most:.0f} (printed: about 215), "
         "and the normal force held instead of the depth, new Q9. Blue band: the new T6 with all "
         "diagonals. The curves of Oden and Pires are lost in our copy of the paper. Strips: "

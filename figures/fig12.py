@@ -11,7 +11,7 @@ from figures.contact import (
     family,
 )
 from figures.style import FULL
-from study.model.vocabulary import OWN
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -52,7 +52,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     angle = "friction angle 20 degrees, plane stress"
     return (
-        f"{OWN.name.capitalize()} stresses below the plate ({angle}): {OWN.meaning}. The singular "
+        f"{OWN_FUNCTION_READING.name.capitalize()} stresses below the plate ({angle}): {OWN_FUNCTION_READING.meaning}. The singular "
         "values at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "
         "bodies half and twice as wide and deep, and plane strain, new Q8. Blue band: the new T6, "
         "which has the new Q8's forces, with all diagonals. Strips: contact zones of the new Q8."

@@ -16,7 +16,7 @@ from figures.contact import (
     family,
 )
 from figures.style import FULL, LOOK
-from study.model.vocabulary import OWN
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -92,7 +92,7 @@ def caption(results: Results) -> str:
         for kind in ("galerkin", "pw")
     )
     return (
-        f"{OWN.name.capitalize()} stresses along the four contact surfaces: {OWN.meaning}; on the "
+        f"{OWN_FUNCTION_READING.name.capitalize()} stresses along the four contact surfaces: {OWN_FUNCTION_READING.meaning}; on the "
         "axis standard elements have none. Ratio of the normal force of a mid-side node to that "
         f"of its corners, over all surfaces: standard elements {min(standard):.3f} to "
         f"{max(standard):.3f}, new elements {min(new):.3f} to {max(new):.3f}. Grey band: gaps of "

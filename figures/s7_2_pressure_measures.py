@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
 from study.judge.measures.contact import BLOCK_PRESSURE
-from study.model.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.run.store import Results
 
 SECTION = "7.2"
@@ -14,8 +14,8 @@ ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"7.2/{element}" for element in ELEMENTS]
 PANELS = {
     "force_n": "(a) nodal force / mean",
-    "pressure": f"(b) {OWN.name} pressure / mean",
-    "pressure_tributary": f"(c) {TRIBUTARY.name} pressure / mean",
+    "pressure": f"(b) {OWN_FUNCTION_READING.name} pressure / mean",
+    "pressure_tributary": f"(c) {TRIBUTARY_READING.name} pressure / mean",
 }
 
 
@@ -38,9 +38,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "A block pressed and pulled on a rough plane, computed once with either element and read "
-        f"in three ways. (a) Nodal forces. (b) {OWN.name.capitalize()} pressure, {OWN.meaning}: "
+        f"in three ways. (a) Nodal forces. (b) {OWN_FUNCTION_READING.name.capitalize()} pressure, {OWN_FUNCTION_READING.meaning}: "
         "the standard element's sawtooth disappears. "
-        f"(c) {TRIBUTARY.name.capitalize()} pressure, {TRIBUTARY.meaning} it: the sawtooth is "
+        f"(c) {TRIBUTARY_READING.name.capitalize()} pressure, {TRIBUTARY_READING.meaning} it: the sawtooth is "
         f"back. {RECONSTRUCTED}"
     )
 

@@ -39,7 +39,7 @@ from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import spaces
-from study.model.elements import composite
+from study.model.elements import composite_spaces
 from study.model.units import dimensionless
 from study.publish.plots.style import FULL
 from study.run.cases import Case
@@ -222,7 +222,7 @@ def difference(quantity: str) -> Result:
 def composite_difference(quantity: str) -> Result:
     """Return |A_composite - T A_Galerkin T^T| / |A_composite| of a matrix on a distorted mesh."""
     tested_quantity = (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES)[quantity]
-    galerkin, assumed_strain = _make_bodies(tested_quantity, Spaces.galerkin, composite)
+    galerkin, assumed_strain = _make_bodies(tested_quantity, Spaces.galerkin, composite_spaces)
     T = force_transfer(galerkin.spaces.trial)
     A_galerkin = tested_quantity.assemble(galerkin)
     A_composite = tested_quantity.assemble(assumed_strain)
@@ -238,7 +238,7 @@ def statics_2d() -> Result:
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
     a, r = _solve_clamped_body(galerkin, StressState.PLANE_STRAIN)
     a_pw, r_pw = _solve_clamped_body(pw, StressState.PLANE_STRAIN)
-    a_composite, r_composite = _solve_clamped_body(composite(mesh), StressState.PLANE_STRAIN)
+    a_composite, r_composite = _solve_clamped_body(composite_spaces(mesh), StressState.PLANE_STRAIN)
     transposed = a.duplicate()
     force_transfer(galerkin.trial).multTranspose(a_composite, transposed)
     scalars = {

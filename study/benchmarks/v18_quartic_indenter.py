@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import largest, smallest
-from study.model.units import UNSTATED, units_of
+from study.model.units import UNSTATED_UNITS, units_of
 from study.publish.plots import convergence
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic, QuarticLine, QuarticRound
-from study.solutions.indentation import Indenter, series
+from study.solutions.half_space import ElasticHalfSpace, QuarticLine, QuarticRound
+from study.solutions.indentation import Indenter, solve_refinement_series
 
 Array = npt.NDArray[np.float64]
 
@@ -67,7 +67,7 @@ $$
 Both pressures are largest at $a/\sqrt{2}$, where they are $\sqrt{2}$ times the pressure in the middle.
 """
 
-BODY = Elastic(youngs_modulus=1000.0, poissons_ratio=0.3)
+BODY = ElasticHalfSpace(youngs_modulus=1000.0, poissons_ratio=0.3)
 CONTACT_HALF_WIDTH = 1.0
 PROFILE_COEFFICIENT = 1e-3
 """Coefficient A of the profile A x⁴, in one over a cubed length."""
@@ -126,7 +126,9 @@ def quartic(element: str, kind: str) -> Result:
         n: [np.arange(np.ceil(1.3 * (n + q)) + 1) / (n + q) for q in EDGE_POSITIONS]
         for n in ELEMENTS_OVER_HALF_WIDTH
     }
-    result = series(element, Indenter(exact, QuarticPunch(PROFILE_COEFFICIENT), state), meshes)
+    result = solve_refinement_series(
+        element, Indenter(exact, QuarticPunch(PROFILE_COEFFICIENT), state), meshes
+    )
     exact_peak = float(exact.pressure(np.array([exact.half_width / np.sqrt(2.0)]))[0])
     # `series` compares the peak with the exact pressure in the middle: error_peak and order_peak
     scalars = {name: value for name, value in result.scalars.items() if "_peak" not in name[5:]}
@@ -137,7 +139,7 @@ def quartic(element: str, kind: str) -> Result:
         result,
         scalars=scalars,
         units={name: result.units[name] for name in scalars if name in result.units}
-        | units_of({name: scalars[name] for name in kinds}, kinds, UNSTATED),
+        | units_of({name: scalars[name] for name in kinds}, kinds, UNSTATED_UNITS),
     )
 
 

@@ -16,10 +16,10 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.judge.checks import check
 from study.judge.measures.general import largest
-from study.model.contact_result import CONTACT_UNITS
-from study.model.discretisation import discretise, mesh_curves
+from study.model.contact_result import CONTACT_QUANTITIES
+from study.model.discretisation import discretise, mesh_nodes_and_cells
 from study.model.units import units_of
-from study.model.vocabulary import OWN, TRIBUTARY
+from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.publish.plots.style import FULL, LOOK, mesh_plot
 from study.publish.plots.symbols import load_arrows
 from study.run.cases import Case
@@ -124,7 +124,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     }
     scalars = {name: float(value) for name, value in scalars.items()}
     unit_kinds = {
-        **CONTACT_UNITS,
+        **CONTACT_QUANTITIES,
         "error_*": "1",
         "weightless": "1",
         "applied_pressure": "stress",
@@ -136,7 +136,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "pressure": own_pressure,
         "pressure_tributary": tributary_pressure,
         "status": contact.status,
-        **mesh_curves(space),
+        **mesh_nodes_and_cells(space),
     }
     return Result(scalars, units_of(scalars, unit_kinds), curves, dofs=body.K.getSize()[0])
 
@@ -232,8 +232,8 @@ def draw_patch_test(results: Results) -> Figure:
     axes[0].set(title="(a) mesh and load", xlabel="$x$", ylabel="$y$")
     axes[0].grid(visible=False)
     measures = {
-        "pressure": f"(b) {OWN.name}",
-        "pressure_tributary": f"(c) {TRIBUTARY.name}",
+        "pressure": f"(b) {OWN_FUNCTION_READING.name}",
+        "pressure_tributary": f"(c) {TRIBUTARY_READING.name}",
     }
     for ax, (name, title) in zip(axes[1:], measures.items(), strict=True):
         for element, key in DRAWN_CASE_KEYS.items():
@@ -254,8 +254,8 @@ FIGURES = [
         "v1_patch_test",
         draw_patch_test,
         needs=list(DRAWN_CASE_KEYS.values()),
-        caption=f"Contact patch test on a distorted mesh (a). The {OWN.name} pressure (b) of both "
-        f"elements is the applied one; the {TRIBUTARY.name} pressure (c), {TRIBUTARY.meaning} it, "
+        caption=f"Contact patch test on a distorted mesh (a). The {OWN_FUNCTION_READING.name} pressure (b) of both "
+        f"elements is the applied one; the {TRIBUTARY_READING.name} pressure (c), {TRIBUTARY_READING.meaning} it, "
         "is off by a third with the standard element.",
         alt="A distorted mesh of triangles on a rigid plane and two plots of pressure along it: "
         "constant for both elements by the own test function, a sawtooth between two thirds and "

@@ -11,15 +11,15 @@ from pw_elements.contact import Parabola, Sphere
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import largest, ratio, smallest
-from study.model.units import N_MM, units_of
-from study.model.vocabulary import OWN, TRIBUTARY
+from study.model.units import N_MM_UNITS, units_of
+from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.publish.plots import convergence
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic, HertzLine, HertzSphere
-from study.solutions.indentation import ELEMENTS, OUTER, Indenter, series
+from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
+from study.solutions.indentation import BODY_SIZE, ELEMENTS, Indenter, solve_refinement_series
 
 SECTION = "V2"
 TITLE = "Hertz contact"
@@ -67,7 +67,7 @@ STEEL_MODULUS, ALUMINIUM_MODULUS = 210e3, 70e3
 def make_hertz_cylinder() -> HertzLine:
     """Return Hertz' solution for the rigid cylinder on a half plane of composite modulus."""
     compliance = (1 - POISSONS_RATIO**2) * (1 / STEEL_MODULUS + 1 / ALUMINIUM_MODULUS)
-    body = Elastic((1 - POISSONS_RATIO**2) / compliance, POISSONS_RATIO)
+    body = ElasticHalfSpace((1 - POISSONS_RATIO**2) / compliance, POISSONS_RATIO)
     return HertzLine(body, RADIUS, FORCE)
 
 
@@ -100,7 +100,7 @@ MAX_RELATIVE_CONTACT_WIDTH = 1.3
 
 
 def cylinder(
-    element: str, true_circle: bool = False, outer: float = OUTER, far_field: bool = True
+    element: str, true_circle: bool = False, outer: float = BODY_SIZE, far_field: bool = True
 ) -> Result:
     """Solve the contact of a rigid cylinder with a half plane of composite modulus.
 
@@ -113,31 +113,31 @@ def cylinder(
     """
     circle = Sphere((0.0, RADIUS), RADIUS)
     surface = circle if true_circle else Parabola((0.0, 0.0), RADIUS)
-    indenter = Indenter(make_hertz_cylinder(), surface, StressState.PLANE_STRAIN, N_MM)
+    indenter = Indenter(make_hertz_cylinder(), surface, StressState.PLANE_STRAIN, N_MM_UNITS)
     return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
 
 
-def sphere(element: str, outer: float = OUTER, far_field: bool = True) -> Result:
+def sphere(element: str, outer: float = BODY_SIZE, far_field: bool = True) -> Result:
     """Solve the contact of a sphere of the same radius and force with an aluminium half space."""
-    exact = HertzSphere(Elastic(ALUMINIUM_MODULUS, POISSONS_RATIO), RADIUS, FORCE)
+    exact = HertzSphere(ElasticHalfSpace(ALUMINIUM_MODULUS, POISSONS_RATIO), RADIUS, FORCE)
     paraboloid = Parabola((0.0, 0.0), RADIUS)
-    indenter = Indenter(exact, paraboloid, StressState.AXISYMMETRIC, N_MM)
+    indenter = Indenter(exact, paraboloid, StressState.AXISYMMETRIC, N_MM_UNITS)
     return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
 
 
 def _solve_and_compare_with_hertz(
     element: str, indenter: Indenter, outer: float, far_field: bool
 ) -> Result:
-    exact = indenter.known
+    exact = indenter.exact_contact
     assert isinstance(exact, HertzLine | HertzSphere)
     meshes = {
         n: [_make_mesh_lines(exact.half_width, n + position) for position in CONTACT_EDGE_OFFSETS]
         for n in ELEMENT_COUNTS
     }
-    result = series(element, indenter, meshes, outer, far_field)
+    result = solve_refinement_series(element, indenter, meshes, outer, far_field)
     scalars = {
         "exact_radius": exact.half_width,
-        "exact_peak": exact.peak,
+        "exact_peak": exact.peak_pressure,
         "indenter_radius": exact.radius,
     }
     unit_kinds = {"*_radius": "length", "exact_peak": "stress"}
@@ -205,7 +205,7 @@ def draw_pressure(results: Results) -> Figure:
     Two panels for the cylinder and two for the sphere, one for each measure.
     """
     fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.3), sharex=True, sharey=True)
-    measures = {"pressure": OWN.name, "pressure_tributary": TRIBUTARY.name}
+    measures = {"pressure": OWN_FUNCTION_READING.name, "pressure_tributary": TRIBUTARY_READING.name}
     for pair, (kind, title) in zip((axes[:2], axes[2:]), INDENTER_TITLES.items(), strict=True):
         for ax, (name, label) in zip(pair, measures.items(), strict=True):
             for element in ("galerkin-T6", "pw-T6"):
@@ -230,9 +230,9 @@ def draw_convergence(results: Results) -> Figure:
     Rows: cylinder and sphere; columns: measures of pressure.
     """
     errors = {
-        "error_pressure_tributary": f"{TRIBUTARY.name}, all nodes",
-        "error_pressure_own": f"{OWN.name}, all nodes",
-        "error_pressure_own_inner": f"{OWN.name}, inner 80 %",
+        "error_pressure_tributary": f"{TRIBUTARY_READING.name}, all nodes",
+        "error_pressure_own": f"{OWN_FUNCTION_READING.name}, all nodes",
+        "error_pressure_own_inner": f"{OWN_FUNCTION_READING.name}, inner 80 %",
     }
     orders_and_heights = {
         "error_pressure_own": [(1, 7e-2)],

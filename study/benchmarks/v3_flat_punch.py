@@ -19,8 +19,20 @@ from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import BondedLine, Elastic, FlatLine, FlatRound, KnownContact
-from study.solutions.indentation import ELEMENTS, OUTER, Indenter, borders, series
+from study.solutions.half_space import (
+    BondedLinePunch,
+    ElasticHalfSpace,
+    ExactContact,
+    FlatLinePunch,
+    FlatRoundPunch,
+)
+from study.solutions.indentation import (
+    BODY_SIZE,
+    ELEMENTS,
+    Indenter,
+    solve_refinement_series,
+    tributary_ends,
+)
 
 SECTION = "V3"
 TITLE = "Flat punches"
@@ -52,11 +64,11 @@ Rigid flat punches of half width $b$ with sharp edges are pressed on elastic hal
 - and a smooth round one (J. Boussinesq: $p = P/(2\pi b \sqrt{b^2 - r^2})$, depth $P/(2 E^* b)$).
 """
 
-ELASTIC_BODY, HALF_WIDTH, FORCE = Elastic(1000.0, 0.3), 1.0, 3.0
-PUNCHES: dict[str, tuple[KnownContact, StressState]] = {
-    "smooth": (FlatLine(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
-    "bonded": (BondedLine(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
-    "round": (FlatRound(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
+ELASTIC_BODY, HALF_WIDTH, FORCE = ElasticHalfSpace(1000.0, 0.3), 1.0, 3.0
+PUNCHES: dict[str, tuple[ExactContact, StressState]] = {
+    "smooth": (FlatLinePunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "bonded": (BondedLinePunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "round": (FlatRoundPunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
 }
 """Exact solution and stress state of each kind of punch."""
 
@@ -75,10 +87,10 @@ def exact(kind: str) -> Result:
     area = np.pi * HALF_WIDTH**2 if state is StressState.AXISYMMETRIC else 2 * HALF_WIDTH
     scalars = {"mean_pressure": FORCE / area, "poissons_ratio": ELASTIC_BODY.poissons_ratio}
     curves = {"x": x, "pressure": solution.pressure(x)}
-    if isinstance(solution, BondedLine):
+    if isinstance(solution, BondedLinePunch):
         curves["shear"] = -solution.shear(x)
-        scalars["oscillation"] = solution.oscillation
-        scalars["sign_change"] = float(1 - np.tanh(np.pi / (4 * solution.oscillation)))
+        scalars["oscillation"] = solution.oscillation_exponent
+        scalars["sign_change"] = float(1 - np.tanh(np.pi / (4 * solution.oscillation_exponent)))
     return Result(scalars, units_of(scalars, {"mean_pressure": "stress", "*": "1"}), curves)
 
 
@@ -103,7 +115,7 @@ GRADING_EXPONENT = 1.5
 
 
 def punch(
-    element: str, kind: str, graded: bool = False, outer: float = OUTER, far_field: bool = True
+    element: str, kind: str, graded: bool = False, outer: float = BODY_SIZE, far_field: bool = True
 ) -> Result:
     """Solve the contact below one kind of punch on meshes of one element.
 
@@ -117,13 +129,15 @@ def punch(
     solution, state = PUNCHES[kind]
     surface = FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_WIDTH)
     meshes = {n: [_make_mesh_lines(n, GRADING_EXPONENT if graded else 1.0)] for n in ELEMENT_COUNTS}
-    result = series(element, Indenter(solution, surface, state), meshes, outer, far_field)
-    if not isinstance(solution, BondedLine):
+    result = solve_refinement_series(
+        element, Indenter(solution, surface, state), meshes, outer, far_field
+    )
+    if not isinstance(solution, BondedLinePunch):
         return result
     return _add_shear_errors(result, solution)
 
 
-def _add_shear_errors(result: Result, solution: BondedLine) -> Result:
+def _add_shear_errors(result: Result, solution: BondedLinePunch) -> Result:
     """Add the exact shear force of one half, its error, and the exact nodal shear forces."""
     exact_force = -float(solution.shear_within(np.array([HALF_WIDTH]))[0])
     scalars = {
@@ -131,7 +145,7 @@ def _add_shear_errors(result: Result, solution: BondedLine) -> Result:
         "error_force_tangential": abs(result.scalars["force_tangential"] / exact_force - 1),
     }
     unit_kinds = {"exact_force_tangential": "force", "error_*": "1"}
-    nodal_forces = -np.diff(solution.shear_within(borders(result.curves["x"])))
+    nodal_forces = -np.diff(solution.shear_within(tributary_ends(result.curves["x"])))
     return replace(
         result,
         scalars={**result.scalars, **scalars},

@@ -20,18 +20,18 @@ from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import difference_of
 from study.judge.measures.stored_cases import matching
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import growing
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import growing_lines
 from study.model.contact_result import contact_result
 from study.model.discretisation import Discretisation, discretise
-from study.model.units import NONE
-from study.model.vocabulary import OWN
+from study.model.units import DIMENSIONLESS_UNITS
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic
+from study.solutions.half_space import ElasticHalfSpace
 
 Array = npt.NDArray[np.float64]
 
@@ -79,11 +79,11 @@ REFERENCE_RADIUS_ACCURACY = 0.003
 
 def equivalent_plane_strain_material(
     youngs_modulus: float, poissons_ratio: float, state: StressState
-) -> Elastic:
+) -> ElasticHalfSpace:
     """Return the material that has the same plane fields in plane strain as one in a state."""
     if state is StressState.PLANE_STRAIN:
-        return Elastic(youngs_modulus, poissons_ratio)
-    return Elastic(
+        return ElasticHalfSpace(youngs_modulus, poissons_ratio)
+    return ElasticHalfSpace(
         youngs_modulus * (1 + 2 * poissons_ratio) / (1 + poissons_ratio) ** 2,
         poissons_ratio / (1 + poissons_ratio),
     )
@@ -175,8 +175,8 @@ def stick_radius(
         loads[-1],
         _is_below_punch,
         FORCE / 2,
-        NONE,
-        kinds={"stick*": "1", "pass_change": "1"},
+        DIMENSIONLESS_UNITS,
+        extra_quantities={"stick*": "1", "pass_change": "1"},
         stick=(first_slipping + last_sticking) / 2,
         stick_between=first_slipping - last_sticking,
         pass_change=pass_change,
@@ -185,7 +185,7 @@ def stick_radius(
 
 
 def _compute_load_of_side_displacements(
-    body: Discretisation, half_plane: Elastic, forces: Array
+    body: Discretisation, half_plane: ElasticHalfSpace, forces: Array
 ) -> PETSc.Vec:
     """Return the load on a body with fixed sides that replaces the displacements of these sides.
 
@@ -200,7 +200,7 @@ def _compute_load_of_side_displacements(
     x = body.space.tabulate_dof_coordinates()[nodes, :2]
     s, normal, tangential = forces.T
     displacement = body.K.createVecRight()
-    displacement.array.reshape(-1, 2)[nodes] = half_plane.line_displacement(
+    displacement.array.reshape(-1, 2)[nodes] = half_plane.displacement_by_line_forces(
         x, np.r_[s, -s], np.r_[normal, normal], np.r_[tangential, -tangential]
     )
     load = body.K * displacement
@@ -227,10 +227,10 @@ def _build_mesh(elements: int, cell: str) -> Mesh:
     s = np.linspace(0.0, 1.0, elements + 1)
     below_punch = 2 / (1 + EDGE_SIZE_RATIO) * (s - (1 - EDGE_SIZE_RATIO) / 2 * s**2)
     smallest = below_punch[-1] - below_punch[-2]
-    beside_punch = 1 + growing(smallest, BODY_SIDE - 1, MESH_GROWTH)[1:]
+    beside_punch = 1 + growing_lines(smallest, BODY_SIDE - 1, MESH_GROWTH)[1:]
     x_lines = np.concatenate([below_punch, beside_punch])
-    y_lines = -growing(smallest, BODY_SIDE, MESH_GROWTH)[::-1]
-    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
+    y_lines = -growing_lines(smallest, BODY_SIDE, MESH_GROWTH)[::-1]
+    return mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
 
 
 def _is_below_punch(x: Array) -> npt.NDArray[np.bool_]:
@@ -341,7 +341,12 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
             if element == "pw-T6":  # drawn over the other element
                 look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}
             ax.plot(curves["x"], np.abs(curves[quantity]) / mean, **look)
-    ax.set(title=f"(a) {OWN.name} stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
+    ax.set(
+        title=f"(a) {OWN_FUNCTION_READING.name} stresses",
+        xlabel="$x/b$",
+        xlim=(0, 1.0),
+        ylim=(0, 3.4),
+    )
     ax.set_ylabel("stress / mean pressure")
     ax.legend(loc="upper left", fontsize=7)
     zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
@@ -370,7 +375,7 @@ def caption_stresses_and_used_friction(results: Results) -> str:
         for key in USED_FRICTION_CASE_KEYS
     )
     return (
-        f"One half of a flat punch of half width b. (a) {OWN.name.capitalize()} stresses, "
+        f"One half of a flat punch of half width b. (a) {OWN_FUNCTION_READING.name.capitalize()} stresses, "
         "ν = 0.25, friction angle 20°, 32 elements below the half; strip: contact zones of the new "
         "triangle; the singularity at the edge is cut off. (b) Shear over the largest possible "
         "one, new triangle, 64 elements; black ticks: stick radii by a boundary-element program "

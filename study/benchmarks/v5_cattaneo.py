@@ -20,19 +20,19 @@ from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.judge.measures.known_solutions import refinement_order
-from study.meshes.graded_meshes import with_counterpart
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import growing
-from study.model.discretisation import Discretisation, discretise, mesh_curves
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import growing_lines
+from study.meshes.two_body_meshes import with_rotated_copy
+from study.model.discretisation import Discretisation, discretise, mesh_nodes_and_cells
 from study.model.units import dimensionless
-from study.model.vocabulary import OWN
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots import convergence
 from study.publish.plots.style import BESIDE, CLEAR, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import Elastic
+from study.solutions.half_space import ElasticHalfSpace
 from study.solutions.stick_slip import Cattaneo
 
 Array = npt.NDArray[np.float64]
@@ -72,7 +72,10 @@ RELATIVE_RADIUS = 1e4
 NORMAL_FORCE = np.pi * YOUNGS_MODULUS / (2 * (1 - POISSONS_RATIO**2)) / (4 * RELATIVE_RADIUS)
 """Normal force P by Hertz, for a half width of one."""
 EXACT_SOLUTION = Cattaneo(
-    half_width=1.0, force=NORMAL_FORCE, friction=FRICTION_COEFFICIENT, share=FRICTION_SHARE
+    half_width=1.0,
+    force=NORMAL_FORCE,
+    friction=FRICTION_COEFFICIENT,
+    friction_utilisation=FRICTION_SHARE,
 )
 
 N_SURFACE_FORCES = 64
@@ -89,16 +92,18 @@ def exact_displacement(x: Array, friction_share: float) -> np.ndarray:
         x: Coordinates of the points.
         friction_share: Ratio Q/(mu P).
     """
-    half_plane = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
+    half_plane = ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO)
     theta = np.arange(1, N_SURFACE_FORCES + 1) * np.pi / (N_SURFACE_FORCES + 1)
     s, weight = np.cos(theta), 2 / (N_SURFACE_FORCES + 1) * np.sin(theta) ** 2
     normal, zero = NORMAL_FORCE * weight, np.zeros(N_SURFACE_FORCES)
     if not friction_share:
-        return half_plane.line_displacement(x, s, normal, zero)
+        return half_plane.displacement_by_line_forces(x, s, normal, zero)
     stick = float(np.sqrt(1 - friction_share))
     stick_correction = (1 - friction_share) * FRICTION_COEFFICIENT * normal
-    displacement = half_plane.line_displacement(x, s, normal, FRICTION_COEFFICIENT * normal)
-    displacement -= half_plane.line_displacement(x, stick * s, zero, stick_correction)
+    displacement = half_plane.displacement_by_line_forces(
+        x, s, normal, FRICTION_COEFFICIENT * normal
+    )
+    displacement -= half_plane.displacement_by_line_forces(x, stick * s, zero, stick_correction)
     return displacement
 
 
@@ -200,7 +205,7 @@ class _Traction:
         """Return relative L2 errors in the inner part, with and without the surroundings of c."""
         is_inner = np.abs(x) < INNER_HALF_WIDTH
         is_away_from_c = is_inner & (
-            np.abs(np.abs(x) - EXACT_SOLUTION.stick) > MIN_DISTANCE_FROM_STICK_END
+            np.abs(np.abs(x) - EXACT_SOLUTION.stick_half_width) > MIN_DISTANCE_FROM_STICK_END
         )
         weight = np.gradient(x)
 
@@ -240,9 +245,9 @@ def _compare_with_exact_solution(body: Discretisation, states: list[ContactState
         "element_size": element_size,
         "stick": (right - left) / 2,
         "stick_centre": (right + left) / 2,
-        "stick_off": abs((right - left) / 2 - EXACT_SOLUTION.stick) / (element_size / 2),
-        "stick_known": EXACT_SOLUTION.stick,
-        "peak_known": EXACT_SOLUTION.peak,
+        "stick_off": abs((right - left) / 2 - EXACT_SOLUTION.stick_half_width) / (element_size / 2),
+        "stick_known": EXACT_SOLUTION.stick_half_width,
+        "peak_known": EXACT_SOLUTION.peak_pressure,
         "friction": FRICTION_COEFFICIENT,
         "half_width": np.abs(x[is_closed]).max(),
         **pressure.relative_errors(x, "pressure"),
@@ -259,7 +264,7 @@ def _compare_with_exact_solution(body: Discretisation, states: list[ContactState
         "shear": shear.computed,
         "known_pressure": pressure.exact,
         "known_shear": shear.exact,
-        **mesh_curves(body.space),
+        **mesh_nodes_and_cells(body.space),
     }
     return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
 
@@ -280,13 +285,14 @@ def _build_mesh(zone_elements: int, cell: str) -> Mesh:
     smallest = ZONE_HALF_WIDTH / zone_elements
     in_zone = np.linspace(0.0, ZONE_HALF_WIDTH, zone_elements + 1)
     beside_zone = (
-        ZONE_HALF_WIDTH + growing(smallest, BODY_HALF_WIDTH - ZONE_HALF_WIDTH, MESH_GROWTH)[1:]
+        ZONE_HALF_WIDTH
+        + growing_lines(smallest, BODY_HALF_WIDTH - ZONE_HALF_WIDTH, MESH_GROWTH)[1:]
     )
     right = np.concatenate([in_zone, beside_zone])
     x_lines = np.concatenate([-right[:0:-1], right])
-    y_lines = -growing(smallest, BODY_HALF_WIDTH, MESH_GROWTH)[::-1]
-    lower = on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
-    return with_counterpart(lower, MESH_DISTANCE)
+    y_lines = -growing_lines(smallest, BODY_HALF_WIDTH, MESH_GROWTH)[::-1]
+    lower = mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
+    return with_rotated_copy(lower, MESH_DISTANCE)
 
 
 def _is_on_lower_contact(x: Array) -> npt.NDArray[np.bool_]:
@@ -380,8 +386,8 @@ def draw_convergence(results: Results) -> Figure:
     One panel for each traction.
     """
     titles = {
-        "error_pressure": f"(a) {OWN.name} pressure",
-        "error_shear_apart": f"(b) {OWN.name} shear",
+        "error_pressure": f"(a) {OWN_FUNCTION_READING.name} pressure",
+        "error_shear_apart": f"(b) {OWN_FUNCTION_READING.name} shear",
     }
     fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.9), sharex=True, sharey=True)
     size = np.array(
@@ -416,7 +422,7 @@ def caption_tractions(results: Results) -> str:
     """Return the caption, with the half widths of the sticking zone."""
     scalars = results[TRACTION_CASE_KEYS["pw-T6"]].scalars
     return (
-        f"{OWN.name.capitalize()} pressure p and shear q between two equal cylinders, pressed "
+        f"{OWN_FUNCTION_READING.name.capitalize()} pressure p and shear q between two equal cylinders, pressed "
         "together and then pulled by half of what friction can hold, 16 elements over the half "
         f"width a. Strip: contact zones of the new triangle; it sticks for |x| < "
         f"{scalars['stick']:.3f} a, by Cattaneo and Mindlin for |x| < "

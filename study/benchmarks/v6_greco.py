@@ -23,8 +23,8 @@ from study.judge.measures.general import scalar
 from study.judge.measures.known_solutions import greco_deviation, zone_end
 from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
-from study.model.units import SI
-from study.model.vocabulary import OWN
+from study.model.units import SI_UNITS
+from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots.style import FULL, LOOK
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.cases import Case, mark_costly
@@ -103,7 +103,7 @@ def plate(element: str, squares: int) -> Result:
     contact_pair = ContactPair(_is_on_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION_COEFFICIENT)
     states = solve_contact(body.K, load, symmetry, [contact_pair], body.space)
 
-    result = contact_result(body, states, load, _is_on_base, PRESSURE_TOP, SI)
+    result = contact_result(body, states, load, _is_on_base, PRESSURE_TOP, SI_UNITS)
     x, u = result.curves["x"], _collect_base_displacements(result.curves)
     lengths = {
         f"u_{i}": float(u[np.argmin(np.abs(x - p))])
@@ -113,7 +113,7 @@ def plate(element: str, squares: int) -> Result:
     return replace(
         result,
         scalars={**result.scalars, **lengths},
-        units={**result.units, **dict.fromkeys(lengths, SI.length)},
+        units={**result.units, **dict.fromkeys(lengths, SI_UNITS.length)},
         curves={**result.curves, "u": u},
     )
 
@@ -262,7 +262,7 @@ def caption_displacements_and_stresses(results: Results) -> str:
     return (
         "GRECO plate. (a) Horizontal displacements of the base, in which both elements coincide, "
         "and the published ones; code_aster's manual calls their uncertainty average, the bars of "
-        f"5 % are ours. (b) {OWN.name.capitalize()} stresses; shear is what the plane exerts "
+        f"5 % are ours. (b) {OWN_FUNCTION_READING.name.capitalize()} stresses; shear is what the plane exerts "
         "against the plate's movement. Strips: contact zones; on the fine mesh the plate is open "
         f"up to {open_end:.1f} mm, slips up to {stick_start:.1f} mm and sticks beyond."
     )

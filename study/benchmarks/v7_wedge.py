@@ -27,9 +27,9 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from study.judge.checks import check
 from study.judge.measures.general import ratio_of, relative_difference
-from study.model.contact_result import CONTACT_UNITS
-from study.model.discretisation import Discretisation, discretise, mesh_curves
-from study.model.units import SI, dimensionless, units_of
+from study.model.contact_result import CONTACT_QUANTITIES
+from study.model.discretisation import Discretisation, discretise, mesh_nodes_and_cells
+from study.model.units import SI_UNITS, dimensionless, units_of
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -136,7 +136,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "ratio_known": force_ratio_while_sliding(friction),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
-    kinds = {**CONTACT_UNITS, "slipping": "1", "sliding*": "length", "ratio*": "1"}
+    kinds = {**CONTACT_QUANTITIES, "slipping": "1", "sliding*": "length", "ratio*": "1"}
     curves: dict[str, np.ndarray] = {
         "x": contact.position[:, 0],
         "force_n": force_n,
@@ -144,9 +144,9 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "pressure": pressure,
         "shear": surface.pressure(force_t),
         "status": contact.status,
-        **mesh_curves(wedge.space),
+        **mesh_nodes_and_cells(wedge.space),
     }
-    return Result(scalars, units_of(scalars, kinds, SI), curves, dofs=wedge.K.getSize()[0])
+    return Result(scalars, units_of(scalars, kinds, SI_UNITS), curves, dofs=wedge.K.getSize()[0])
 
 
 def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:

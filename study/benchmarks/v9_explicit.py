@@ -30,7 +30,7 @@ from pw_elements.meshes import move_nodes, triangles
 from study.judge.checks import check
 from study.judge.measures.general import scalar
 from study.meshes.distortion import smooth_distortion
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from study.model.units import dimensionless
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case
@@ -94,7 +94,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     if not regular:
         mesh = move_nodes(mesh, smooth_distortion)
     K, M, clamp, initial_displacement = MATRIX_PAIRS[matrices](mesh)
-    stiffness, mass = dense(clamp.matrix(K)), dense(clamp.matrix(M))
+    stiffness, mass = to_dense_array(clamp.matrix(K)), to_dense_array(clamp.matrix(M))
     eigenvalues = scipy.linalg.eigvals(stiffness, mass)
     largest = np.abs(eigenvalues).max()
     time_step = TIME_STEP_FRACTION * 2 / np.sqrt(largest)
@@ -181,7 +181,7 @@ def _assemble_matrices_and_deflection(
     deflection = solve(K_galerkin, weight, clamp)
     if stiffness == "sibling":  # on triangles the sibling's lumped mass equals the new element's
         deflection = sibling.coefficients(deflection)
-    return K, M, clamp, dense(clamp.right).T @ deflection.array_r
+    return K, M, clamp, to_dense_array(clamp.right).T @ deflection.array_r
 
 
 def _is_clamped(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:

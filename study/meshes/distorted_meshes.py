@@ -1,4 +1,4 @@
-"""Unit squares and cubes of the hybrid elements' cells, no two of them alike."""
+"""Unit squares and cubes of hybrid elements' cells, no two of which are congruent."""
 
 from mpi4py import MPI
 
@@ -12,34 +12,40 @@ from study.meshes.mesh_families import on_cube, on_square
 Array = npt.NDArray[np.float64]
 
 
-CELLS = {
+CELL_TYPE_BY_ELEMENT_SUFFIX = {
     "T6": CellType.triangle,
     "Q9": CellType.quadrilateral,
     "T10": CellType.tetrahedron,
     "H27": CellType.hexahedron,
 }
-"""By the ends of elements' names."""
+"""Cell types by the ends of elements' names."""
 
 
-def unit_mesh(element: str, side: float) -> Mesh:
-    """Of cells with such a side: triangles and tetrahedra by Gmsh, others moved."""
+def mesh_unit_domain(element: str, cell_size: float) -> Mesh:
+    """Mesh the unit square or cube: triangles and tetrahedra by Gmsh, others distorted."""
     if element.endswith("T10"):
-        return on_cube(element, side)
+        return on_cube(element, cell_size)
     if element.endswith("H27"):
-        return moved_mesh(element, round(1 / side))
-    return on_square(element, side)
+        return mesh_distorted_grid(element, round(1 / cell_size))
+    return on_square(element, cell_size)
 
 
-def moved_mesh(element: str, n: int) -> Mesh:
-    """Structured, n cells a side, whose nodes inside are moved: alike at all n."""
-    cell = CELLS[element.rsplit("-", 1)[1]]
+def mesh_distorted_grid(element: str, n_cells_per_side: int) -> Mesh:
+    """Return a structured mesh with n cells per side, distorted by one map for all n."""
+    cell = CELL_TYPE_BY_ELEMENT_SUFFIX[element.rsplit("-", 1)[1]]
     if cell in (CellType.triangle, CellType.quadrilateral):
-        return move_nodes(create_unit_square(MPI.COMM_SELF, n, n, cell), _moved)
-    return move_nodes(create_unit_cube(MPI.COMM_SELF, n, n, n, cell), _moved)
+        return move_nodes(
+            create_unit_square(MPI.COMM_SELF, n_cells_per_side, n_cells_per_side, cell),
+            _displace_inner_points,
+        )
+    return move_nodes(
+        create_unit_cube(MPI.COMM_SELF, n_cells_per_side, n_cells_per_side, n_cells_per_side, cell),
+        _displace_inner_points,
+    )
 
 
-def _moved(x: Array) -> Array:
-    """Smooth map (n, 3) of the unit square or cube to itself."""
+def _displace_inner_points(x: Array) -> Array:
+    """Map points (n, 3) of the unit square or cube smoothly; the boundary stays fixed."""
     dim = 3 if x[:, 2].any() else 2
     bubble = np.prod(np.sin(np.pi * x[:, :dim]), axis=1, keepdims=True)
     moved = x.copy()

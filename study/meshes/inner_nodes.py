@@ -1,4 +1,4 @@
-"""Nodes within 8-node and 9-node quadrilaterals, which are condensed: Fig. 3 of the paper."""
+"""Inner nodes of 8-node and 9-node quadrilaterals, which are condensed: Fig. 3 of the paper."""
 
 from mpi4py import MPI
 
@@ -10,20 +10,20 @@ from dolfinx import fem, la
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-# Relative difference of lengths that makes a longest side of a triangle
-_LONGER = 1e-6
-# Sum of two angles, over pi, that still makes a corner of a quadrilateral
-_STRAIGHT = 1 - 1e-6
+# A triangle's longest side exceeds the others by more than this, relative to their length
+_LONGEST_SIDE_TOLERANCE = 1e-6
+# Largest sum of two triangles' angles, over pi, at a corner of a convex quadrilateral
+_MAX_CORNER_ANGLE_OVER_PI = 1 - 1e-6
 # Vertices of each side of a triangle
-_ENDS = ((1, 2), (0, 2), (0, 1))
+_SIDE_VERTICES = ((1, 2), (0, 2), (0, 1))
 
 
 def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
-    """Local numbers (ghosts too) of the mid-side nodes within pairs of 6-node triangles.
+    """Return local numbers (ghosts too) of mid-side nodes inside pairs of 6-node triangles.
 
-    Cells 2k and 2k + 1 of the mesh as it was made are a pair: so are the two triangles of a
-    square in `meshes.triangles`, however the mesh is mapped later. If they do not make convex
-    quadrilaterals, pairs are triangles that share the longest side of both.
+    Cells 2k and 2k + 1 of the original numbering are a pair, as are the two triangles of a square
+    in `meshes.triangles`, however the mesh is mapped later. If they do not make convex
+    quadrilaterals, pairs are triangles that share their longest side.
 
     Raises:
         ValueError: if the space is not quadratic on triangles, or a triangle has no partner.
@@ -35,9 +35,9 @@ def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
     cells = space.dofmap.list[: mesh.topology.index_map(2).size_local]
     corners = space.tabulate_dof_coordinates()[cells[:, :3]]
     middles = cells[:, [dofs[0] for dofs in element.entity_dofs[1]]]
-    for side in (_made_together(space, cells, middles), _longest(corners)):
+    for side in (_sides_shared_by_numbered_pairs(space, cells, middles), _longest_sides(corners)):
         chosen = np.take_along_axis(middles, np.maximum(side, 0)[:, None], axis=1)[:, 0]
-        times = _summed(space, chosen, (side >= 0).astype(float)[:, None])[:, 0]
+        times = _sum_at_nodes(space, chosen, (side >= 0).astype(float)[:, None])[:, 0]
         single = mesh.comm.allreduce(int(np.sum((side < 0) | (times[chosen] != 2))), MPI.SUM)
         if single == 0:
             return np.flatnonzero(times == 2).astype(np.int32)
@@ -47,45 +47,49 @@ def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
     )
 
 
-def _made_together(space: fem.FunctionSpace, cells: Indices, middles: Indices) -> Indices:
-    """Side (cells,) that a cell shares with the one made with it, -1 if it has none or not.
+def _sides_shared_by_numbered_pairs(
+    space: fem.FunctionSpace, cells: Indices, middles: Indices
+) -> Indices:
+    """Return the side (cells,) that a cell shares with its partner by number, -1 if there is none.
 
-    It has none either if the two make a triangle, as in the pattern "crossed".
+    There is none either if the two make a triangle, as in the pattern "crossed".
     """
     pair = space.mesh.topology.original_cell_index[: len(cells)] // 2
     powers = np.repeat(pair.astype(float)[:, None] ** [0, 1, 2], 3, axis=0)
-    count, total, squares = _summed(space, middles.ravel(), powers)[middles].T
+    count, total, squares = _sum_at_nodes(space, middles.ravel(), powers)[middles].T
     shared = ((count == 2) & (2 * squares == total**2)).T  # (k - l)^2 = 0
     side = np.where(shared.sum(axis=1) == 1, shared.argmax(axis=1), -1)
 
     corners = space.tabulate_dof_coordinates()[cells[:, :3]]
-    number = space.dofmap.index_map.local_to_global(cells[:, :3].ravel()).reshape(-1, 3)
-    own = np.arange(len(cells))
-    ends = np.array(_ENDS)[side]
-    ends = np.take_along_axis(ends, np.argsort(np.take_along_axis(number, ends, 1), axis=1), 1)
-    angles = _angles(corners)[own[:, None], ends] * (side >= 0)[:, None]
-    middle = middles[own, side]
-    convex = (_summed(space, middle, angles)[middle] < _STRAIGHT * np.pi).all(axis=1)
+    vertices = space.dofmap.index_map.local_to_global(cells[:, :3].ravel()).reshape(-1, 3)
+    cell_numbers = np.arange(len(cells))
+    ends = np.array(_SIDE_VERTICES)[side]
+    ends = np.take_along_axis(ends, np.argsort(np.take_along_axis(vertices, ends, 1), axis=1), 1)
+    angles = _triangle_angles(corners)[cell_numbers[:, None], ends] * (side >= 0)[:, None]
+    middle = middles[cell_numbers, side]
+    convex = (_sum_at_nodes(space, middle, angles)[middle] < _MAX_CORNER_ANGLE_OVER_PI * np.pi).all(
+        axis=1
+    )
     return np.where(convex, side, -1)
 
 
-def _longest(corners: Array) -> Indices:
-    """Longest side (cells,) of triangles with corners (cells, 3, 3), -1 where two are equal."""
-    length = np.linalg.norm([corners[:, a] - corners[:, b] for a, b in _ENDS], axis=2).T
-    clear = length.max(axis=1) > (1 + _LONGER) * np.sort(length, axis=1)[:, 1]
-    return np.where(clear, length.argmax(axis=1), -1)
+def _longest_sides(corners: Array) -> Indices:
+    """Return the longest side (cells,) of triangles (cells, 3, 3), -1 if two are equal."""
+    length = np.linalg.norm([corners[:, a] - corners[:, b] for a, b in _SIDE_VERTICES], axis=2).T
+    is_unique = length.max(axis=1) > (1 + _LONGEST_SIDE_TOLERANCE) * np.sort(length, axis=1)[:, 1]
+    return np.where(is_unique, length.argmax(axis=1), -1)
 
 
-def _angles(corners: Array) -> Array:
-    """Angles (n, 3) of triangles with corners (n, 3, 3)."""
-    after, before = (np.roll(corners, -k, axis=1) - corners for k in (1, 2))
-    cosine = np.sum(after * before, axis=2)
-    cosine /= np.linalg.norm(after, axis=2) * np.linalg.norm(before, axis=2)
+def _triangle_angles(corners: Array) -> Array:
+    """Return the angles (n, 3) of triangles with corners (n, 3, 3)."""
+    to_next, to_previous = (np.roll(corners, -k, axis=1) - corners for k in (1, 2))
+    cosine = np.sum(to_next * to_previous, axis=2)
+    cosine /= np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_previous, axis=2)
     return np.arccos(np.clip(cosine, -1, 1))
 
 
-def _summed(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
-    """Sums (local nodes, m) of values (n, m) given at nodes (n,) by the cells of all processes."""
+def _sum_at_nodes(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
+    """Sum values (n, m) at nodes (n,) over the cells of all processes: (local nodes, m)."""
     sums = la.vector(space.dofmap.index_map, values.shape[1])
     np.add.at(sums.array.reshape(-1, values.shape[1]), nodes, values)
     sums.scatter_reverse(la.InsertMode.add)
@@ -94,7 +98,7 @@ def _summed(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
 
 
 def centre_nodes(space: fem.FunctionSpace) -> Indices:
-    """Local numbers (ghosts too) of the centre nodes of 9-node quadrilaterals.
+    """Return local numbers (ghosts too) of the centre nodes of 9-node quadrilaterals.
 
     Raises:
         ValueError: if the space is not quadratic on quadrilaterals.

@@ -1,4 +1,4 @@
-"""Rectangles meshed along given lines, as graded meshes are."""
+"""Rectangles meshed along given lines, for graded meshes."""
 
 from mpi4py import MPI
 
@@ -11,27 +11,27 @@ from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, tria
 Array = npt.NDArray[np.float64]
 
 
-def on_lines(
+def mesh_along_lines(
     comm: MPI.Comm, x_lines: Array, y_lines: Array, cell: str, pattern: DiagonalPattern = "right"
 ) -> Mesh:
-    """Mesh along increasing lines x = constant (m,) and y = constant (n,).
+    """Mesh a rectangle along increasing lines x = constant (m,) and y = constant (n,).
 
     Args:
-        comm: communicator.
-        x_lines: coordinates of the lines x = constant.
-        y_lines: coordinates of the lines y = constant.
+        comm: Communicator.
+        x_lines: Coordinates of the lines x = constant.
+        y_lines: Coordinates of the lines y = constant.
         cell: "triangle" or "quadrilateral".
-        pattern: how rectangles are cut into triangles.
+        pattern: Diagonals that cut rectangles into triangles.
     """
     divisions = (len(x_lines) - 1, len(y_lines) - 1)
     corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))
 
-    def placed(x: Array) -> Array:
-        moved = x.copy()
+    def map_to_lines(x: Array) -> Array:
+        mapped = x.copy()
         for axis, lines in enumerate((x_lines, y_lines)):
-            moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
-        return moved
+            mapped[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
+        return mapped
 
     if cell == "triangle":
-        return move_nodes(triangles(comm, *corners, divisions, pattern), placed)
-    return move_nodes(quadrilaterals(comm, *corners, divisions), placed)
+        return move_nodes(triangles(comm, *corners, divisions, pattern), map_to_lines)
+    return move_nodes(quadrilaterals(comm, *corners, divisions), map_to_lines)

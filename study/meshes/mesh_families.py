@@ -1,4 +1,4 @@
-"""Families of meshes for a study of convergence: an element's name and a length of sides."""
+"""Mesh families for convergence studies, by an element's name and the length of cells' sides."""
 
 from collections.abc import Callable
 
@@ -13,20 +13,20 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, create_mesh
 
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.model.discretisation import is_quadrilateral
+from study.model.discretisation import has_quadrilateral_mesh
 
 Array = npt.NDArray[np.float64]
 
 # Radii of the quarter ring and of the eighth of a hollow ball
-INNER, OUTER = 1.0, 2.0
+INNER_RADIUS, OUTER_RADIUS = 1.0, 2.0
 
-# Meshes, the finest ones, through whose errors the straight line of logarithms goes
-_FITTED = 3
+# Number of the finest meshes, to whose errors the line that gives the order is fitted
+_N_FITTED_MESHES = 3
 
-# By dimension and order: Gmsh's element type, and its nodes in Basix's order, for Gmsh lists
+# By dimension and order: Gmsh's element type, and its nodes in Basix's order; Gmsh numbers
 # mid-side nodes along the outline, Basix opposite to the vertices
-_TYPES = {(2, 1): 2, (2, 2): 9, (3, 1): 4, (3, 2): 11}
-_NODES = {
+_GMSH_CELL_TYPES = {(2, 1): 2, (2, 2): 9, (3, 1): 4, (3, 2): 11}
+_GMSH_NODES_IN_BASIX_ORDER = {
     (2, 1): [0, 1, 2],
     (2, 2): [0, 1, 2, 4, 5, 3],
     (3, 1): [0, 1, 2, 3],
@@ -34,168 +34,178 @@ _NODES = {
 }
 
 
-def on_square(element: str, side: float) -> Mesh:
-    """Unit square with straight sides: triangles by Gmsh, quadrilaterals and pairs moved."""
+def on_square(element: str, cell_side: float) -> Mesh:
+    """Mesh the unit square: triangles by Gmsh, distorted quadrilaterals or pairs of triangles."""
     return (
-        meshed(_square, 2, side)
-        if _is_triangle(element)
-        else move_nodes(_squares(element, side), _moved)
+        mesh_with_gmsh(_add_square, 2, cell_side)
+        if _has_gmsh_triangles(element)
+        else move_nodes(_structured_square_mesh(element, cell_side), _distort_square)
     )
 
 
-def on_pairs(_: str, side: float) -> Mesh:
-    """The unit square of 6-node triangles in the pairs that make quadrilaterals."""
-    return on_square("pw-Q8", side)
+def on_pairs(_: str, cell_side: float) -> Mesh:
+    """Mesh the unit square with triangles in pairs that make quadrilaterals."""
+    return on_square("pw-Q8", cell_side)
 
 
-def on_ring(_: str, side: float) -> Mesh:
-    """Quarter ring whose elements inside have straight sides, by Gmsh."""
-    return meshed(_quarter_ring, 2, side, order=2)
+def on_ring(_: str, cell_side: float) -> Mesh:
+    """Mesh a quarter ring by Gmsh; only sides on its boundary are curved."""
+    return mesh_with_gmsh(_add_quarter_ring, 2, cell_side, order=2)
 
 
-def on_curved_ring(element: str, side: float) -> Mesh:
-    """Quarter ring, all sides of all elements curved: `on_square` in polar coordinates."""
-    return curved_mesh(on_square(element, side), _polar)
+def on_curved_ring(element: str, cell_side: float) -> Mesh:
+    """Mesh a quarter ring with curved cells: `on_square` in polar coordinates."""
+    return curved_mesh(on_square(element, cell_side), _map_to_quarter_ring)
 
 
-def on_cube(_: str, side: float) -> Mesh:
-    """Unit cube of tetrahedra by Gmsh."""
-    return meshed(_cube, 3, side)
+def on_cube(_: str, cell_side: float) -> Mesh:
+    """Mesh the unit cube with tetrahedra by Gmsh."""
+    return mesh_with_gmsh(_add_cube, 3, cell_side)
 
 
-def on_strip(_: str, side: float) -> Mesh:
-    """Strip 1 x 4, upright, of triangles by Gmsh."""
-    return meshed(_strip, 2, side)
+def on_strip(_: str, cell_side: float) -> Mesh:
+    """Mesh an upright strip 1 x 4 with triangles by Gmsh."""
+    return mesh_with_gmsh(_add_strip, 2, cell_side)
 
 
-def on_bar(_: str, side: float) -> Mesh:
-    """Bar 1 x 1 x 4, upright, of tetrahedra by Gmsh."""
-    return meshed(_bar, 3, side)
+def on_bar(_: str, cell_side: float) -> Mesh:
+    """Mesh an upright bar 1 x 1 x 4 with tetrahedra by Gmsh."""
+    return mesh_with_gmsh(_add_bar, 3, cell_side)
 
 
-def on_hollow_ball(_: str, side: float) -> Mesh:
-    """Eighth of a hollow ball of tetrahedra by Gmsh, curved on both spheres."""
-    return meshed(_hollow_ball, 3, side, order=2)
+def on_hollow_ball(_: str, cell_side: float) -> Mesh:
+    """Mesh an eighth of a hollow ball with tetrahedra by Gmsh, curved on both spheres."""
+    return mesh_with_gmsh(_add_eighth_of_hollow_ball, 3, cell_side, order=2)
 
 
-def order(h: Array, error: Array) -> float:
-    """Order of convergence: slope of the straight line through the logarithms of both (n,)."""
-    return float(np.polyfit(np.log(h[-_FITTED:]), np.log(error[-_FITTED:]), 1)[0])
+def convergence_order(cell_sizes: Array, errors: Array) -> float:
+    """Return the order of convergence from errors (n,), the finest mesh last.
+
+    It is the slope of a line fitted to the logarithms of the finest meshes' sizes and errors.
+    """
+    return float(
+        np.polyfit(np.log(cell_sizes[-_N_FITTED_MESHES:]), np.log(errors[-_N_FITTED_MESHES:]), 1)[0]
+    )
 
 
-def cell_size(mesh: Mesh) -> float:
-    """Side that the mesh's cells would have if they were equal squares or cubes."""
+def mean_cell_size(mesh: Mesh) -> float:
+    """Return the mean cell volume to the power 1/dim."""
     one = fem.Constant(mesh, default_scalar_type(1.0))
     volume = fem.assemble_scalar(fem.form(one * ufl.dx(domain=mesh)))
     dimension = mesh.topology.dim
     return float((volume / mesh.topology.index_map(dimension).size_global) ** (1 / dimension))
 
 
-def _square() -> None:
+def _add_square() -> None:
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
 
 
-def _quarter_ring() -> None:
-    disks = [(2, gmsh.model.occ.addDisk(0, 0, 0, radius, radius)) for radius in (OUTER, INNER)]
+def _add_quarter_ring() -> None:
+    disks = [
+        (2, gmsh.model.occ.addDisk(0, 0, 0, radius, radius))
+        for radius in (OUTER_RADIUS, INNER_RADIUS)
+    ]
     ring, _ = gmsh.model.occ.cut(disks[:1], disks[1:])
-    quadrant = gmsh.model.occ.addRectangle(0, 0, 0, OUTER, OUTER)
+    quadrant = gmsh.model.occ.addRectangle(0, 0, 0, OUTER_RADIUS, OUTER_RADIUS)
     gmsh.model.occ.intersect(ring, [(2, quadrant)])
 
 
-def _cube() -> None:
+def _add_cube() -> None:
     gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
 
 
-def _strip() -> None:
+def _add_strip() -> None:
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 4)
 
 
-def _bar() -> None:
+def _add_bar() -> None:
     gmsh.model.occ.addBox(0, 0, 0, 1, 1, 4)
 
 
-def _hollow_ball() -> None:
-    balls = [(3, gmsh.model.occ.addSphere(0, 0, 0, radius)) for radius in (OUTER, INNER)]
+def _add_eighth_of_hollow_ball() -> None:
+    balls = [
+        (3, gmsh.model.occ.addSphere(0, 0, 0, radius)) for radius in (OUTER_RADIUS, INNER_RADIUS)
+    ]
     shell, _ = gmsh.model.occ.cut(balls[:1], balls[1:])
-    octant = gmsh.model.occ.addBox(0, 0, 0, OUTER, OUTER, OUTER)
+    octant = gmsh.model.occ.addBox(0, 0, 0, OUTER_RADIUS, OUTER_RADIUS, OUTER_RADIUS)
     gmsh.model.occ.intersect(shell, [(3, octant)])
 
 
-def meshed(
-    build: Callable[[], None],
+def mesh_with_gmsh(
+    add_geometry: Callable[[], None],
     dimension: int,
-    size: float,
+    cell_size: float,
     order: int = 1,
-    growth: str | None = None,
+    size_formula: str | None = None,
 ) -> Mesh:
-    """A shape's mesh by Gmsh, the same each time.
+    """Mesh a shape by Gmsh on one process; the mesh is reproducible.
 
     Args:
-        build: makes the shape by OpenCASCADE.
-        dimension: of it.
-        size: of cells; of the smallest ones if they grow.
-        order: of cells.
-        growth: formula of the size at x, y, z, in Gmsh's words.
+        add_geometry: Function that adds the shape to the model by OpenCASCADE.
+        dimension: Dimension of the shape.
+        cell_size: Size of cells; with a formula, the smallest size.
+        order: Order of the geometry of cells.
+        size_formula: Size of cells at x, y, z, in Gmsh's notation; None for a uniform size.
     """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         for option, value in {
             "General.Terminal": 0,
-            "General.NumThreads": 1,  # the same mesh each time
-            "Mesh.MeshSizeMin": size,
-            "Mesh.MeshSizeMax": 1e22 if growth else size,
+            "General.NumThreads": 1,  # several threads make varying meshes
+            "Mesh.MeshSizeMin": cell_size,
+            "Mesh.MeshSizeMax": 1e22 if size_formula else cell_size,
             "Mesh.Algorithm": 5,  # Delaunay
             "Mesh.Algorithm3D": 1,
         }.items():
             gmsh.option.setNumber(option, value)
-        build()
+        add_geometry()
         gmsh.model.occ.synchronize()
-        if growth:
+        if size_formula:
             field = gmsh.model.mesh.field.add("MathEval")
-            gmsh.model.mesh.field.setString(field, "F", growth)
+            gmsh.model.mesh.field.setString(field, "F", size_formula)
             gmsh.model.mesh.field.setAsBackgroundMesh(field)
             gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
         gmsh.model.mesh.generate(dimension)
         gmsh.model.mesh.setOrder(order)
         tags, x, _ = gmsh.model.mesh.getNodes()
-        _, nodes = gmsh.model.mesh.getElementsByType(_TYPES[dimension, order])
+        _, nodes = gmsh.model.mesh.getElementsByType(_GMSH_CELL_TYPES[dimension, order])
     finally:
         gmsh.finalize()
-    permutation = _NODES[dimension, order]
+    permutation = _GMSH_NODES_IN_BASIX_ORDER[dimension, order]
     used, cells = np.unique(
         nodes.reshape(-1, len(permutation))[:, permutation], return_inverse=True
     )
     by_tag = np.argsort(tags)
-    place = by_tag[np.searchsorted(tags[by_tag], used)]
+    rows = by_tag[np.searchsorted(tags[by_tag], used)]
     cell = {2: "triangle", 3: "tetrahedron"}[dimension]
     return create_mesh(
         MPI.COMM_SELF,
         cells=cells.reshape(-1, len(permutation)).astype(np.int64),
-        x=np.ascontiguousarray(x.reshape(-1, 3)[place, :dimension]),
+        x=np.ascontiguousarray(x.reshape(-1, 3)[rows, :dimension]),
         e=basix.ufl.element("Lagrange", cell, order, shape=(dimension,)),
     )
 
 
-def _is_triangle(element: str) -> bool:
+def _has_gmsh_triangles(element: str) -> bool:
     return element.endswith("T6")
 
 
-def _squares(element: str, side: float) -> Mesh:
-    divisions = (round(1 / side),) * 2
-    build = quadrilaterals if is_quadrilateral(element) else triangles
+def _structured_square_mesh(element: str, cell_side: float) -> Mesh:
+    divisions = (round(1 / cell_side),) * 2
+    build = quadrilaterals if has_quadrilateral_mesh(element) else triangles
     return build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions)
 
 
-def _moved(x: Array) -> Array:
-    """Smooth map (n, 3) of the unit square to itself, no two cells alike."""
-    moved = x.copy()
+def _distort_square(x: Array) -> Array:
+    """Map points (n, 3) of the unit square smoothly; its boundary stays fixed."""
+    mapped = x.copy()
     bubble = np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
-    moved[:, 0] += 0.1 * bubble * np.cos(2 * x[:, 1])
-    moved[:, 1] += 0.1 * bubble * np.cos(2 * x[:, 0] + 1)
-    return moved
+    mapped[:, 0] += 0.1 * bubble * np.cos(2 * x[:, 1])
+    mapped[:, 1] += 0.1 * bubble * np.cos(2 * x[:, 0] + 1)
+    return mapped
 
 
-def _polar(x: Array) -> Array:
-    """Map (n, 3) of the unit square to the quarter ring."""
-    radius, angle = INNER + (OUTER - INNER) * x[:, 0], np.pi / 2 * x[:, 1]
+def _map_to_quarter_ring(x: Array) -> Array:
+    """Map points (n, 3) of the unit square to the quarter ring."""
+    radius, angle = INNER_RADIUS + (OUTER_RADIUS - INNER_RADIUS) * x[:, 0], np.pi / 2 * x[:, 1]
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])

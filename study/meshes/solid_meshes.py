@@ -1,4 +1,4 @@
-"""Meshes of pieces of a half space z < 0: graded boxes, and discs in prisms, of T10 or H27."""
+"""Meshes of parts of a half space z < 0: graded boxes and quarter cylinders, for T10 and H27."""
 
 from collections.abc import Callable
 
@@ -14,58 +14,65 @@ from pw_elements.meshes import move_nodes
 
 Array = npt.NDArray[np.float64]
 
-# Corner of the square inside the disc, over its radius: on the axes, and on the diagonal
-_SQUARE, _DIAGONAL = 0.5, 0.4
-# Elements between square and circle shrink as this power of the distance from the latter, over
-# the distance of the square
-_SHRINKING = 2
+# Square inside the unit disc: its side on the axes, and both coordinates of its outer corner
+_SQUARE_SIDE, _SQUARE_CORNER = 0.5, 0.4
+# Node lines between square and circle lie at distances from the circle that are even ones, over
+# the square's, to this power
+_SIZE_EXPONENT = 2
 
 
-def cell_of(element: str) -> str:
-    """Cell of an element by its name."""
+def solid_cell_name(element: str) -> str:
+    """Return the name of a solid element's cell."""
     return "tetrahedron" if element.endswith("T10") else "hexahedron"
 
 
-def box(cell: str, x: Array, y: Array, z: Array) -> Mesh:
-    """Box whose mesh lines along each axis are given; six tetrahedra in each hexahedron."""
-    lines = (x, y, z)
-    divisions = [len(of_axis) - 1 for of_axis in lines]
+def mesh_box(cell: str, x_lines: Array, y_lines: Array, z_lines: Array) -> Mesh:
+    """Mesh a box along given lines; a hexahedron is cut into six tetrahedra."""
+    lines = (x_lines, y_lines, z_lines)
+    divisions = [len(axis_lines) - 1 for axis_lines in lines]
 
-    def placed(points: Array) -> Array:
+    def map_to_lines(points: Array) -> Array:
         columns = [
-            np.interp(points[:, axis], np.arange(len(of_axis)), of_axis)
-            for axis, of_axis in enumerate(lines)
+            np.interp(points[:, axis], np.arange(len(axis_lines)), axis_lines)
+            for axis, axis_lines in enumerate(lines)
         ]
         return np.column_stack(columns)
 
     corners = [(0.0, 0.0, 0.0), tuple(map(float, divisions))]
-    return move_nodes(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), placed)
+    return move_nodes(create_box(MPI.COMM_SELF, corners, divisions, CellType[cell]), map_to_lines)
 
 
-def quarter_disc(cell: str, elements: int, radii: Array, z: Array) -> Mesh:
-    """Quarter of a cylinder; one of its cylindrical layers of nodes is that of radius 1.
+def mesh_quarter_cylinder(cell: str, n_elements: int, outer_radii: Array, z_layers: Array) -> Mesh:
+    """Mesh a quarter of a cylinder, with a cylindrical layer of nodes at radius 1.
 
     Args:
         cell: "tetrahedron" or "hexahedron".
-        elements: along each side of the square in the middle, and from it to radius 1.
-        radii: beyond 1, of further layers of nodes; the last is the cylinder's.
-        z: increasing, of the layers of nodes across the axis.
+        n_elements: Number along each side of the square in the middle, and from it to radius 1.
+        outer_radii: Radii > 1 of further layers of nodes; the last is the cylinder's.
+        z_layers: Increasing coordinates z of the layers of nodes.
     """
-    blocks = [_middle(elements), *(_ring(elements, radii, mirrored) for mirrored in (False, True))]
+    blocks = [
+        _square_nodes(n_elements),
+        *(_ring_nodes(n_elements, outer_radii, mirrored) for mirrored in (False, True)),
+    ]
     cells, start = [], 0
     for points in blocks:
         number = start + np.arange(points[..., 0].size).reshape(points.shape[:2])
-        cells.append(_quadrilaterals(number))
+        cells.append(_structured_quadrilaterals(number))
         start += number.size
-    plane, squares = _merged(np.concatenate([p.reshape(-1, 2) for p in blocks]), np.vstack(cells))
+    plane, squares = _merge_coinciding_nodes(
+        np.concatenate([p.reshape(-1, 2) for p in blocks]), np.vstack(cells)
+    )
     if cell == "hexahedron":
-        return _extruded(plane, squares, z, cell, _hexahedra)
+        return _extrude_mesh(plane, squares, z_layers, cell, _stack_into_hexahedra)
     triangles = np.concatenate([squares[:, [0, 1, 3]], squares[:, [0, 3, 2]]])
-    return _extruded(plane, np.sort(triangles, axis=1), z, cell, _tetrahedra)
+    return _extrude_mesh(
+        plane, np.sort(triangles, axis=1), z_layers, cell, _split_prisms_into_tetrahedra
+    )
 
 
 def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
-    """Both a body below z = 0 and its mirror image, a distance above it."""
+    """Return a mesh of a body below z = 0 and its mirror image, a distance above it."""
     x, cells = lower.geometry.x, cell_geometry_nodes(lower)
     image = x * [1.0, 1.0, -1.0] + [0.0, 0.0, distance]
     return create_mesh(
@@ -76,47 +83,58 @@ def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
     )
 
 
-def _middle(n: int) -> Array:
-    """Nodes (n + 1, n + 1, 2) of the square, whose outer corner is drawn in."""
+def _square_nodes(n: int) -> Array:
+    """Return nodes (n + 1, n + 1, 2) of the square, whose outer corner is moved inwards."""
     s, t = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
-    x = _SQUARE * s + (_DIAGONAL - _SQUARE) * s * t
-    y = _SQUARE * t + (_DIAGONAL - _SQUARE) * s * t
+    x = _SQUARE_SIDE * s + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
+    y = _SQUARE_SIDE * t + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
     return np.stack([x, y], axis=2)
 
 
-def _ring(n: int, radii: Array, mirrored: bool) -> Array:
-    """Nodes (rings, n + 1, 2) from the square to the cylinder, below or above the diagonal."""
+def _ring_nodes(n: int, outer_radii: Array, mirrored: bool) -> Array:
+    """Return nodes (rings, n + 1, 2) from square to cylinder, below or above the diagonal."""
     along = np.linspace(0, 1, n + 1)[None, :, None]
-    start, end = np.array([_SQUARE, 0.0]), np.array([_DIAGONAL, _DIAGONAL])
+    start, end = np.array([_SQUARE_SIDE, 0.0]), np.array([_SQUARE_CORNER, _SQUARE_CORNER])
     angle = np.pi / 4 * along[..., 0]
-    round_ = np.stack([np.cos(angle), np.sin(angle)], axis=2)
-    across = 1 - np.linspace(1, 0, n + 1)[:, None, None] ** _SHRINKING
-    inner = (1 - across) * (start + along * (end - start)) + across * round_
-    nodes = np.concatenate([inner, radii[:, None, None] * round_])
+    on_unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    across = 1 - np.linspace(1, 0, n + 1)[:, None, None] ** _SIZE_EXPONENT
+    inner = (1 - across) * (start + along * (end - start)) + across * on_unit_circle
+    nodes = np.concatenate([inner, outer_radii[:, None, None] * on_unit_circle])
     return nodes[..., ::-1] if mirrored else nodes
 
 
-def _quadrilaterals(number: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    corners = (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:])
+def _structured_quadrilaterals(node_numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    corners = (
+        node_numbers[:-1, :-1],
+        node_numbers[1:, :-1],
+        node_numbers[:-1, 1:],
+        node_numbers[1:, 1:],
+    )
     return np.stack([corner.ravel() for corner in corners], axis=1)
 
 
-def _merged(x: Array, cells: npt.NDArray[np.int64]) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Nodes that coincide are one."""
-    _, first, which = np.unique(np.round(x, 9), axis=0, return_index=True, return_inverse=True)
-    return x[first], which.reshape(-1)[cells]
+def _merge_coinciding_nodes(
+    x: Array, cells: npt.NDArray[np.int64]
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Merge nodes that coincide to 1e-9, and renumber the cells."""
+    _, kept, number = np.unique(np.round(x, 9), axis=0, return_index=True, return_inverse=True)
+    return x[kept], number.reshape(-1)[cells]
 
 
-def _extruded(
-    plane: Array,
+def _extrude_mesh(
+    plane_nodes: Array,
     faces: npt.NDArray[np.int64],
-    z: Array,
+    z_layers: Array,
     cell: str,
-    cut: Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.int64]],
+    make_cells: Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.int64]],
 ) -> Mesh:
-    count = len(plane)
-    x = np.concatenate([np.column_stack([plane, np.full(count, height)]) for height in z])
-    cells = [cut(faces + k * count, faces + (k + 1) * count) for k in range(len(z) - 1)]
+    count = len(plane_nodes)
+    x = np.concatenate(
+        [np.column_stack([plane_nodes, np.full(count, height)]) for height in z_layers]
+    )
+    cells = [
+        make_cells(faces + k * count, faces + (k + 1) * count) for k in range(len(z_layers) - 1)
+    ]
     return create_mesh(
         MPI.COMM_SELF,
         cells=np.concatenate(cells),
@@ -125,14 +143,16 @@ def _extruded(
     )
 
 
-def _hexahedra(below: npt.NDArray[np.int64], above: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _stack_into_hexahedra(
+    below: npt.NDArray[np.int64], above: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
     return np.hstack([below, above])
 
 
-def _tetrahedra(
+def _split_prisms_into_tetrahedra(
     below: npt.NDArray[np.int64], above: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
-    """Three in each prism; sorted columns make the diagonals of neighbours meet."""
+    """Split each prism into three tetrahedra; sorted columns make neighbours' diagonals match."""
     a, b, c = below.T
     d, e, f = above.T
     return np.concatenate(

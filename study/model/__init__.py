@@ -1,1 +1,1 @@
-"""What the problems of the study are made of: elements, meshes' spaces, forms, units and names."""
+"""Building blocks of the study's problems: elements, spaces, forms, units and names."""

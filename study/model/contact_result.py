@@ -1,4 +1,4 @@
-"""What the study stores of a contact computation."""
+"""Scalars and curves that the study stores for a contact computation."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,15 +11,15 @@ from pw_elements import SurfaceNodes, force_transfer, forces_along, reactions
 from pw_elements.contact import OPEN, STICK
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import Marker
-from study.model.discretisation import Discretisation, mesh_curves
+from study.model.discretisation import Discretisation, mesh_nodes_and_cells
 from study.model.units import Units, units_of
 from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 
-# Of the scalars that contact computations share, and of those that some of them add; names may
-# end in the number of a surface
-CONTACT_UNITS = {
+# Quantities of the scalars of contact computations, by patterns of names; names may end in the
+# number of a surface
+CONTACT_QUANTITIES = {
     "force_*": "force",
     "translation": "length",
     "peak_pressure*": "stress",
@@ -43,44 +43,52 @@ def contact_result(
     body: Discretisation,
     states: Sequence[ContactState],
     load: PETSc.Vec,
-    line: Marker,
+    on_contact_line: Marker,
     mean_pressure: float,
     units: Units,
-    kinds: Mapping[str, str] | None = None,
-    **further: float,
+    extra_quantities: Mapping[str, str] | None = None,
+    **extra_scalars: float,
 ) -> Result:
-    """Scalars and curves of the last increment along one horizontal contact line.
+    """Return the result of a contact problem: scalars and curves along a horizontal contact line.
+
+    Curves and contact forces are those of the last increment.
 
     Args:
-        body: the discretisation.
-        states: all increments.
-        load: of the last one.
-        line: marker of the contact line's nodes, which alternate corner, mid-side, corner.
-        mean_pressure: that pressures are stored relative to, in scalars only.
-        units: of forces, lengths and stresses.
-        kinds: of further scalars that `CONTACT_UNITS` does not know, see `units_of`.
-        further: scalars to store besides.
+        body: Discretised body.
+        states: Contact states at the ends of all increments.
+        load: Load vector of the last increment.
+        on_contact_line: Marker of the contact nodes, which alternate corner, mid-side, corner.
+        mean_pressure: Pressure by which `peak_over_mean` divides the peak pressure.
+        units: Units of force, length and stress.
+        extra_quantities: Quantities of scalars that are not in `CONTACT_QUANTITIES`, see
+            `units_of`.
+        extra_scalars: Further scalars to store.
     """
-    scalars, curves = surface_result(body, states[-1], 0, load, line, mean_pressure)
-    scalars = further | scalars | solver_scalars(states)
+    scalars, curves = pair_scalars_and_curves(
+        body, states[-1], 0, load, on_contact_line, mean_pressure
+    )
+    scalars = extra_scalars | scalars | solver_scalars(states)
     curves |= deformation_curves(body, states[-1])
-    named = units_of(scalars, {**CONTACT_UNITS, **(kinds or {})}, units)
-    return Result(scalars, named, curves, dofs=body.K.getSize()[0])
+    scalar_units = units_of(scalars, {**CONTACT_QUANTITIES, **(extra_quantities or {})}, units)
+    return Result(scalars, scalar_units, curves, dofs=body.K.getSize()[0])
 
 
-def surface_result(
+def pair_scalars_and_curves(
     body: Discretisation,
     state: ContactState,
-    pair: int,
+    pair_index: int,
     load: PETSc.Vec,
-    line: Marker,
+    on_contact_line: Marker,
     mean_pressure: float,
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Scalars and curves of one contact pair along its horizontal line, see `contact_result`."""
-    contact = state.pairs[pair]
+    """Return scalars and curves of one contact pair along its horizontal line.
+
+    For the arguments see `contact_result`; `pair_index` is the position of the pair in the state.
+    """
+    contact = state.pairs[pair_index]
     (x, y), r_n = contact.position.T, contact.force_normal
-    r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = SurfaceNodes.from_body(body.body, line)
+    r_t = -contact.force_tangential[:, 0]  # from the body on the surface
+    surface = SurfaceNodes.from_body(body.body, on_contact_line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {
@@ -97,38 +105,44 @@ def surface_result(
         "status": contact.status,
     }
     if body.element == "galerkin-T6":
-        curves |= _transferred(body, state, load, line, contact.normal)
+        curves |= _transferred_force_curves(body, state, load, on_contact_line, contact.normal)
     sticking = x[contact.status == STICK]
     scalars = {
         "force_normal": r_n.sum(),
         "force_tangential": r_t.sum(),
         "sawtooth": surface.sawtooth(r_n, closed),
         "unevenness": surface.unevenness(pressure, closed),
-        "peak_pressure": np.nanmax(pressure),  # on the axis a standard element has none
+        "peak_pressure": np.nanmax(pressure),  # NaN at a standard element's node on the axis
         "peak_over_mean": np.nanmax(pressure) / mean_pressure,
         "closed_from": x[closed].min(),
         "closed_to": x[closed].max(),
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
-    judged = (contact.status == STICK) & ~np.isnan(curves["shear"])
-    stuck = surface.edges[judged[surface.edges].all(axis=1)]
-    if len(stuck):
-        scalars["shear_second_difference"] = _second_difference(curves["shear"], stuck)
+    sticks_with_shear = (contact.status == STICK) & ~np.isnan(curves["shear"])
+    sticking_edges = surface.edges[sticks_with_shear[surface.edges].all(axis=1)]
+    if len(sticking_edges):
+        scalars["shear_second_difference"] = _max_relative_second_difference(
+            curves["shear"], sticking_edges
+        )
     return {name: float(value) for name, value in scalars.items()}, curves
 
 
-def _second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
-    """Largest mid-side value less the mean of both corners', over the largest of all values.
+def _max_relative_second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
+    """Return the largest |mid-side value - mean of both corner values| over the largest value.
 
-    A kink, as where sliding begins, has one just as a zigzag has.
+    Both zigzags and kinks, as where sliding begins, have second differences.
+
+    Args:
+        values: Nodal values (n,).
+        edges: Nodes (m, 3) of edges: mid-side, first and last corner.
     """
     middle, first, last = values[edges].T
     return float(np.abs(middle - (first + last) / 2).max() / np.nanmax(np.abs(values)))
 
 
 def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
-    """Iterations, the largest residual and uniqueness over all increments."""
+    """Return iterations, the largest residual and uniqueness over all increments."""
     return {
         "iterations": float(sum(state.iterations for state in states)),
         "iterations_most": float(max(state.iterations for state in states)),
@@ -138,16 +152,21 @@ def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
 
 
 def deformation_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
-    """Nodes (n, 2), the nodes of each cell, and displacements (n, 2)."""
+    """Return nodes (n, 2), the nodes of each cell, and displacements (n, 2)."""
     displacement = state.displacement.array_r.reshape(-1, 2)
-    return {**mesh_curves(body.space), "displacement": displacement}
+    return {**mesh_nodes_and_cells(body.space), "displacement": displacement}
 
 
-def _transferred(
-    body: Discretisation, state: ContactState, load: PETSc.Vec, line: Marker, normal: Array
+def _transferred_force_curves(
+    body: Discretisation,
+    state: ContactState,
+    load: PETSc.Vec,
+    on_contact_line: Marker,
+    normal: Array,
 ) -> dict[str, Array]:
-    """Nodal forces of the standard element times T."""
+    """Return nodal forces of the standard element times T, normal and tangential."""
     r = reactions(body.K, state.displacement, load)
-    transferred = forces_along(body.space, force_transfer(body.space) * r, line).force
-    along = transferred - np.sum(transferred * normal, axis=1)[:, None] * normal
-    return {"force_n_T": np.sum(transferred * normal, axis=1), "force_t_T": -along[:, 0]}
+    transferred = forces_along(body.space, force_transfer(body.space) * r, on_contact_line).force
+    normal_force = np.sum(transferred * normal, axis=1)
+    tangential_force = transferred - normal_force[:, None] * normal
+    return {"force_n_T": normal_force, "force_t_T": -tangential_force[:, 0]}

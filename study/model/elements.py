@@ -1,4 +1,4 @@
-"""Elements that the study compares with the library's own: what others use in their place."""
+"""Elements of other codes and papers, with which the study compares the library's."""
 
 import basix
 import basix.ufl
@@ -19,68 +19,76 @@ from dolfinx.mesh import Mesh, MeshTags
 from pw_elements import Spaces
 from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 
-# Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
-PAPER_NODES = [0, 1, 2, 5, 3, 4]
+# Basix dofs of nodes 1..6 of the paper's triangle: vertices, then mid-sides 1-2, 2-3, 3-1
+BASIX_DOF_OF_PAPER_NODE = [0, 1, 2, 5, 3, 4]
 
 
-def composite(mesh: Mesh, components: int = 2) -> Spaces:
-    """Composite triangles for both, with vectors or scalars (0 components): CPS6M, roughly."""
-    trial = fem.functionspace(mesh, composite_element((components,) if components else ()))
-    return Spaces(trial, trial)
+def composite_spaces(mesh: Mesh, n_components: int = 2) -> Spaces:
+    """Return trial and test spaces of composite triangles, similar to CPS6M.
 
-
-def serendipity(mesh: Mesh, components: int = 2) -> Spaces:
-    """Nodal 8-node quadrilaterals for both, with vectors or scalars (0 components): CPS8."""
-    trial = fem.functionspace(mesh, serendipity_element((components,) if components else ()))
-    return Spaces(trial, trial)
-
-
-def one_cut(mesh: Mesh, shape: tuple[int, ...] = (3,)) -> Spaces:
-    """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
-    trial = fem.functionspace(mesh, quadratic_element("tetrahedron", shape))
-    return Spaces(trial, fem.functionspace(mesh, one_cut_element(shape)))
-
-
-def taylor_hood(mesh: Mesh, parts: MeshTags | None = None) -> Spaces:
-    """The standard hybrid element, quadratic displacements and linear pressure for both."""
-    trial = Spaces.hybrid(mesh, parts).trial
-    return Spaces(trial, trial, parts)
-
-
-def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Piecewise-linear weights on tetrahedra cut into eight, P1-iso-P2.
-
-    The order of a cell's vertices determines along which of three diagonals the octahedron inside
-    is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
-    are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
+    Fields are vectors, or scalars with 0 components.
     """
-    return _blocked(
+    trial = fem.functionspace(mesh, composite_element((n_components,) if n_components else ()))
+    return Spaces(trial, trial)
+
+
+def serendipity_spaces(mesh: Mesh, n_components: int = 2) -> Spaces:
+    """Return trial and test spaces of nodal 8-node quadrilaterals, as CPS8.
+
+    Fields are vectors, or scalars with 0 components.
+    """
+    trial = fem.functionspace(mesh, serendipity_element((n_components,) if n_components else ()))
+    return Spaces(trial, trial)
+
+
+def p1_iso_p2_weight_spaces(mesh: Mesh, shape: tuple[int, ...] = (3,)) -> Spaces:
+    """Return quadratic trial and P1-iso-P2 test spaces: the paper's element on tetrahedra.
+
+    Sub-cells are those of `p1_iso_p2_tetrahedron`.
+    """
+    trial = fem.functionspace(mesh, quadratic_element("tetrahedron", shape))
+    return Spaces(trial, fem.functionspace(mesh, p1_iso_p2_tetrahedron(shape)))
+
+
+def taylor_hood_spaces(mesh: Mesh, cell_tags: MeshTags | None = None) -> Spaces:
+    """Return spaces of the standard hybrid element: quadratic displacements, linear pressure."""
+    trial = Spaces.hybrid(mesh, cell_tags).trial
+    return Spaces(trial, trial, cell_tags)
+
+
+def p1_iso_p2_tetrahedron(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Return the P1-iso-P2 element: piecewise-linear functions on eight parts of a tetrahedron.
+
+    The order of a cell's vertices decides which of three diagonals cuts the inner octahedron;
+    nodal forces depend on it by a few per cent. DOLFINx integrates the gradients wrongly with
+    degrees 4, 5 and 7, whose quadrature points lie on sides of sub-cells.
+    """
+    return _blocked_element(
         basix.ufl._BasixElement(piecewise_linear_sub_cell_element("tetrahedron")._element),
         shape,
     )
 
 
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Composite triangle: four linear triangles with one linear gradient over all of them.
+    """Return the composite triangle: four linear triangles with a linear assumed gradient.
 
-    Values are those of `piecewise_linear_sub_cell_element("triangle")`. Wherever a form takes a
-    gradient, it gets the L2 projection of the piecewise constant one onto linear functions of the
-    macro
-    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
+    Values are those of `piecewise_linear_sub_cell_element("triangle")`. Gradients in a form are the
+    L2 projections of the piecewise constant ones onto linear functions of the macro triangle: with a
+    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
     Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for
-    small strains. Projecting on the reference triangle is right for straight sides.
+    small strains. The projection on the reference triangle is exact for straight sides.
     """
-    return _blocked(
+    return _blocked_element(
         _AssumedGradientElement(piecewise_linear_sub_cell_element("triangle")._element),
         shape,
     )
 
 
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
+    """Return the nodal 8-node quadrilateral (CPS8, CAX8), without a centre node.
 
-    Basix's own serendipity element has integral moments for degrees of freedom; nodal forces need
-    point evaluations. The space is that of all quadratics, x²y and xy².
+    The degrees of freedom of Basix's serendipity element are integral moments; nodal forces need
+    point evaluations. The space contains all quadratics, x²y and xy².
     """
     cell = CellType.quadrilateral
     points, weights = basix.make_quadrature(cell, 5)
@@ -94,11 +102,11 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     x[2], M[2] = [np.zeros((0, 2))], [np.zeros((0, 1, 0, 1))]
     identity, smooth = MapType.identity, SobolevSpace.H1
     element = basix.ufl.custom_element(cell, [], space, x, M, 0, identity, smooth, False, 2, 2)
-    return _blocked(element, shape)
+    return _blocked_element(element, shape)
 
 
 class _AssumedGradientElement(basix.ufl._BasixElement):
-    """Macro triangle that tabulates projected gradients; FFCx tabulates through it."""
+    """Macro triangle whose `tabulate`, which FFCx calls, returns projected gradients."""
 
     def __init__(self, element: basix.finite_element.FiniteElement) -> None:
         super().__init__(element)
@@ -113,7 +121,7 @@ class _AssumedGradientElement(basix.ufl._BasixElement):
         return f"{super().__repr__()}, assumed gradient"
 
     def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
+        """Return values and projected gradients at points (n, 2): (derivatives, n, nodes)."""
         if nderivs > 1:
             raise NotImplementedError("the composite triangle has first derivatives only")
         values = super().tabulate(0, points)
@@ -125,5 +133,7 @@ class _AssumedGradientElement(basix.ufl._BasixElement):
         return np.concatenate([values, np.einsum("dkn,kp->dpn", self._moments, linear)])
 
 
-def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:
+def _blocked_element(
+    element: basix.ufl._ElementBase, shape: tuple[int, ...]
+) -> basix.ufl._ElementBase:
     return basix.ufl.blocked_element(element, shape=shape) if shape else element

@@ -1,8 +1,8 @@
-"""Compiles the forms that many cases share, before the cases, so that none waits for another's.
+"""Compilation of forms that many cases share, before the cases run.
 
-DOLFINx compiles a form where it is first assembled; who wants it meanwhile looks every second
-whether it is there. Elements, states and loads here are those of several sections. What is
-missing is compiled with its case, as ever.
+DOLFINx compiles a form when it is first assembled; other processes that need it poll for it every
+second. Elements, states and loads here are those of several sections; other forms are compiled
+with their cases.
 """
 
 from pathlib import Path
@@ -17,25 +17,26 @@ from dolfinx.mesh import Mesh
 from pw_elements import Body, Material, boundary_measure
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
-from study.model.discretisation import is_quadrilateral, spaces
+from study.model.discretisation import has_quadrilateral_mesh, spaces
 
-ELEMENTS = ("pw-T6", "galerkin-T6", "composite-T6", "pw-Q9", "galerkin-Q8")
-STATES = ("plane stress", "axisymmetric", "plane strain")
-SHARED = [(element, state) for state in STATES for element in ELEMENTS]
+SHARED_ELEMENTS = ("pw-T6", "galerkin-T6", "composite-T6", "pw-Q9", "galerkin-Q8")
+SHARED_STATES = ("plane stress", "axisymmetric", "plane strain")
+SHARED_ELEMENT_STATES = [(element, state) for state in SHARED_STATES for element in SHARED_ELEMENTS]
 
-_FEW = 50  # compiled forms; with more of them in the cache, the shared ones are among them
+# A cache of at least this many compiled forms is taken to contain the shared ones
+_MIN_FILLED_CACHE_FORMS = 50
 
 
-def shared() -> list[tuple[str, str]]:
-    """Return elements and states to compile the forms of; none if the cache is not empty."""
+def list_forms_to_compile() -> list[tuple[str, str]]:
+    """Return (element, state) pairs whose forms to compile; none if the cache is filled."""
     folder = Path(get_options()["cache_dir"])
     compiled = sum(1 for _ in folder.glob("*.c.cached"))
-    return SHARED if compiled < _FEW else []
+    return SHARED_ELEMENT_STATES if compiled < _MIN_FILLED_CACHE_FORMS else []
 
 
-def compile_shared(element: str, state: str) -> None:
+def compile_element_forms(element: str, state: str) -> None:
     """Compile stiffness, mass and loads of an element in a state."""
-    body = Body(spaces(element, _mesh(element)), Material(1.0, 0.3), StressState(state))
+    body = Body(spaces(element, _mesh_unit_square(element)), Material(1.0, 0.3), StressState(state))
     v, n = ufl.TestFunction(body.spaces.test), ufl.FacetNormal(body.spaces.mesh)
     face = boundary_measure(body.spaces.mesh, lambda x: x[0] > -1.0)
     for form in (body.stiffness(), body.surface_load((0.0, 1.0), face), ufl.inner(n, v) * ufl.ds):
@@ -44,7 +45,7 @@ def compile_shared(element: str, state: str) -> None:
         fem.form(body.mass())
 
 
-def _mesh(element: str) -> Mesh:
-    if is_quadrilateral(element):
+def _mesh_unit_square(element: str) -> Mesh:
+    if has_quadrilateral_mesh(element):
         return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
     return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))

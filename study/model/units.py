@@ -10,9 +10,9 @@ class Units:
     """Consistent units of one problem.
 
     Attributes:
-        force: Also of the force per length on a plane body, whose thickness is one unit length.
-        length: As it says.
-        stress: Force over length squared.
+        force: Unit of forces, and of forces per length on a plane body of unit thickness.
+        length: Unit of lengths.
+        stress: Unit of force over length squared.
     """
 
     force: str
@@ -20,35 +20,36 @@ class Units:
     stress: str
 
 
-UNSTATED = Units("unit force", "unit length", "unit stress")
-"""Of a problem that states none: all consistent ones will do."""
-NONE = Units("1", "1", "1")
-"""Of a problem whose quantities are made dimensionless."""
-SI = Units("N", "m", "Pa")
-N_MM = Units("N", "mm", "MPa")
-KN_M = Units("kN", "m", "kN/m²")
+UNSTATED_UNITS = Units("unit force", "unit length", "unit stress")
+"""Units of a problem that states none; any consistent units will do."""
+DIMENSIONLESS_UNITS = Units("1", "1", "1")
+"""Units of a problem whose quantities are dimensionless."""
+SI_UNITS = Units("N", "m", "Pa")
+N_MM_UNITS = Units("N", "mm", "MPa")
+KN_M_UNITS = Units("kN", "m", "kN/m²")
 
 
 def units_of(
-    scalars: Iterable[str], kinds: Mapping[str, str], units: Units = UNSTATED
+    scalar_names: Iterable[str], quantities: Mapping[str, str], units: Units = UNSTATED_UNITS
 ) -> dict[str, str]:
     """Return the unit of each scalar.
 
     Args:
-        scalars: Their names.
-        kinds: For patterns of names, like "force_*", what the scalar is: "force", "length" or
-            "stress", else its unit itself. The first pattern that matches counts; a scalar that
-            none matches gets no unit, which `save` refuses.
-        units: Of force, length and stress.
+        scalar_names: Names of the scalars.
+        quantities: By pattern of names, such as "force_*", the quantity "force", "length" or
+            "stress", or a unit. The first matching pattern counts; a scalar without a match gets
+            no unit, which `save` refuses.
+        units: Units of force, length and stress.
     """
-    found = {}
-    for name in scalars:
-        kind = next((kinds[pattern] for pattern in kinds if fnmatchcase(name, pattern)), None)
-        if kind is not None:
-            found[name] = vars(units).get(kind, kind)
-    return found
+    scalar_units = {}
+    for name in scalar_names:
+        matches = (quantities[pattern] for pattern in quantities if fnmatchcase(name, pattern))
+        quantity = next(matches, None)
+        if quantity is not None:
+            scalar_units[name] = vars(units).get(quantity, quantity)
+    return scalar_units
 
 
-def dimensionless(scalars: Iterable[str]) -> dict[str, str]:
+def dimensionless(scalar_names: Iterable[str]) -> dict[str, str]:
     """Return the unit "1" for each scalar: for ratios, relative errors, orders, counts, flags."""
-    return dict.fromkeys(scalars, "1")
+    return dict.fromkeys(scalar_names, "1")

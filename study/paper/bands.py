@@ -1,4 +1,4 @@
-"""Variants of sections 7.2 to 7.5 for data that the paper, as far as we have it, leaves open.
+"""Variants of sections 7.2 to 7.5 for data that our copy of the paper does not state.
 
 No solver is imported. Figures draw a case and its variants as a band, from the least to the largest
 value.
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Variants = Mapping[str, Mapping[str, object]]
-"""Parameters that differ, by the suffix of the case's name."""
+"""Changed parameters, by the suffix of the case's name."""
 
 UNPRINTED_DATA: dict[str, Variants] = {
     "7.2": {
@@ -67,10 +67,10 @@ def envelope(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]
     """Return the least and the largest values of piecewise-linear lines.
 
     Args:
-        lines: each of positions (m,), which increase, and values (m,); NaN marks a gap.
+        lines: Increasing positions (m,) and values (m,) of each line; NaN marks a gap.
 
     Returns:
-        positions (n,) of all lines' points within the first line, least and largest values (n,).
+        Positions (n,) of all lines' points within the first line, least and largest values (n,).
     """
     first_positions = lines[0][0]
     x = np.unique(np.concatenate([positions for positions, _ in lines]))

@@ -68,7 +68,7 @@ LENGTH, HEIGHT = 4.0, 2.0
 DIVISIONS = (64, 32)
 FRICTION = 0.3
 DOWNWARD_DISPLACEMENT, SIDEWAYS_DISPLACEMENT = 0.2, 0.15
-"""Of the upper side."""
+"""Displacements of the upper side."""
 
 # Row of rectangles
 ROW_LENGTH, ROW_HEIGHT = 8, 0.25
@@ -160,8 +160,8 @@ def dip(element: str, refined: int = 1) -> Result:
     the problem is linear.
 
     Args:
-        element: its name.
-        refined: factor of the divisions.
+        element: Name of the element.
+        refined: Factor of the divisions.
     """
     body = discretise(element, partial(_mesh_row, refined), MATERIAL, StressState.PLANE_STRESS)
     x = ufl.SpatialCoordinate(body.body.spaces.mesh)

@@ -1,4 +1,4 @@
-"""The paper's figures, tables and numbered equations: printed numbers, and where each is treated.
+"""Figures, tables and numbered equations of the paper: printed numbers, and files that treat them.
 
 M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
 functions in 2D contact problems", received August 16, 2001.
@@ -33,11 +33,11 @@ class Item:
     """A figure, table or numbered equation.
 
     Attributes:
-        kind: Which of them.
-        number: Its number in the paper.
-        content: What it shows.
-        section: The paper's section.
-        module: File that computes it; that of an equation has "Eq. (number)" where it does.
+        kind: Kind of item.
+        number: Number in the paper.
+        content: Subject of the item.
+        section: Section of the paper.
+        module: File that computes it; for an equation, the file that cites "Eq. (number)".
         figure: File that draws it; empty for equations.
     """
 
@@ -49,8 +49,8 @@ class Item:
     figure: str = ""
 
     @property
-    def treated(self) -> str:
-        """The file that shows it, or computes it if none does."""
+    def source_path(self) -> str:
+        """File that draws the item, or else computes it."""
         return self.figure or self.module
 
 
@@ -59,7 +59,7 @@ _ELEMENTS = "pw_elements/spaces/elements.py"
 _SPACES = "pw_elements/spaces/spaces.py"
 _EIGEN = "pw_elements/algebra/eigen.py"
 _WEIGHTS = "study/paper/s3_weight_functions.py"
-_COMPUTED = {
+_MODULE_BY_SECTION = {
     "3": _WEIGHTS,
     "5": "study/paper/s5_condensation.py",
     "7.1": "study/paper/s7_1_two_triangles.py",
@@ -71,18 +71,20 @@ _COMPUTED = {
 }
 
 
-_PANELS = ((7, 8), (13, 14), (16, 23), (24, 25))  # first and last of what is drawn together
+_JOINT_FIGURES = ((7, 8), (13, 14), (16, 23), (24, 25))  # first and last figure of each drawing
 
 
 def _figure(section: str, number: int, content: str) -> Item:
-    names = [f"fig{a:02}_{b:02}" for a, b in _PANELS if a <= number <= b] or [f"fig{number:02}"]
+    names = [f"fig{a:02}_{b:02}" for a, b in _JOINT_FIGURES if a <= number <= b] or [
+        f"fig{number:02}"
+    ]
     drawn = f"figures/{names[0]}.py"
-    return Item("figure", str(number), content, section, _COMPUTED[section], drawn)
+    return Item("figure", str(number), content, section, _MODULE_BY_SECTION[section], drawn)
 
 
 def _table(section: str, number: int, content: str) -> Item:
     drawn = f"figures/tab{number:02}.py"
-    return Item("table", str(number), content, section, _COMPUTED[section], drawn)
+    return Item("table", str(number), content, section, _MODULE_BY_SECTION[section], drawn)
 
 
 def _equation(section: str, number: int, content: str, module: str) -> Item:
@@ -141,23 +143,27 @@ ITEMS = [
     _equation("7.6", 27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
 ]
 
-# What sections of the paper without examples are about; the others have a module with a title
-TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress matrix"}
+# Titles of the paper's sections without a page; pages have their own titles
+TITLES_WITHOUT_PAGE = {
+    "2": "Weak formulation",
+    "4": "Stiffness matrix",
+    "6": "Initial stress matrix",
+}
 _ROOT = Path(__file__).parents[2]
 
 
-def map_table() -> str:
-    """Return the table of what is where: the paper's sections, then the study's own."""
-    sections = sorted({*TITLES, *SECTIONS}, key=section_order)
+def section_table() -> str:
+    """Return the Markdown table of sections, the paper's first, with their files."""
+    sections = sorted({*TITLES_WITHOUT_PAGE, *SECTIONS}, key=section_order)
     head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    return "\n".join([*rows, *map(_row, sections)])
+    return "\n".join([*rows, *map(_section_row, sections)])
 
 
-def _row(section: str) -> str:
-    mine = [item for item in ITEMS if item.section == section]
-    name = TITLES.get(section) or title(section)
-    computed = {item.module for item in mine}
+def _section_row(section: str) -> str:
+    items = [item for item in ITEMS if item.section == section]
+    name = TITLES_WITHOUT_PAGE.get(section) or title(section)
+    computed = {item.module for item in items}
     if section in SECTIONS:
         computed.add(find_page_source(section).relative_to(_ROOT).as_posix())
     drawn = [
@@ -167,27 +173,29 @@ def _row(section: str) -> str:
     ]
     cells = [
         f"{section}: {name}",
-        "; ".join(filter(None, (_numbers(mine, kind) for kind in _PLURAL))),
+        "; ".join(
+            filter(None, (_format_item_numbers(items, kind) for kind in _PLURAL_ABBREVIATIONS))
+        ),
         ", ".join(f"`{path}`" for path in sorted(computed)),
         ", ".join(f"`{path.relative_to(_ROOT).as_posix()}`" for path in drawn),
     ]
     return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
 
 
-_PLURAL = {"figure": "Figs", "table": "Tables", "equation": "Eqs"}
-_SINGULAR = {"figure": "Fig.", "table": "Table", "equation": "Eq."}
+_PLURAL_ABBREVIATIONS = {"figure": "Figs", "table": "Tables", "equation": "Eqs"}
+_SINGULAR_ABBREVIATIONS = {"figure": "Fig.", "table": "Table", "equation": "Eq."}
 
 
-def _numbers(items: list[Item], kind: str) -> str:
-    """Return "Figs 6-8": the numbers of a kind, which follow each other within a section."""
+def _format_item_numbers(items: list[Item], kind: str) -> str:
+    """Return the numbers of the items of a kind, such as "Figs 6-8"; empty if there are none."""
     numbers = sorted(int(item.number) for item in items if item.kind == kind)
     shown = [f"({n})" if kind == "equation" else f"{n}" for n in numbers]
     if len(shown) < 2:
-        return f"{_SINGULAR[kind]} {shown[0]}" if shown else ""
+        return f"{_SINGULAR_ABBREVIATIONS[kind]} {shown[0]}" if shown else ""
     joint = "-" if numbers[-1] - numbers[0] == len(numbers) - 1 else ", "
     ends = (shown[0], shown[-1]) if joint == "-" else shown
-    return f"{_PLURAL[kind]} {joint.join(ends)}"
+    return f"{_PLURAL_ABBREVIATIONS[kind]} {joint.join(ends)}"
 
 
 if __name__ == "__main__":
-    print(map_table())
+    print(section_table())

@@ -12,8 +12,8 @@ from dolfinx.mesh import Mesh, create_mesh
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
-from study.model.elements import PAPER_NODES
-from study.model.matrices import dense, relative_difference
+from study.model.elements import BASIX_DOF_OF_PAPER_NODE
+from study.model.matrices import relative_difference, to_dense_array
 from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
@@ -75,11 +75,11 @@ def evaluate_printed_weights(points: Points, subelement: npt.NDArray[np.int64]) 
     """Evaluate Eq. (15) to Eq. (20) as printed.
 
     Args:
-        points: (n, 2), on the reference triangle.
-        subelement: (n,), number 1 to 4 of the sub-element of each point.
+        points: Points (n, 2) of the reference triangle.
+        subelement: Number (n,) of the sub-element of each point, 1 to 4.
 
     Returns:
-        the six weight functions, (n, 6).
+        Six weight functions (n, 6).
     """
     x, y = points.T
     zero = np.zeros_like(x)
@@ -117,7 +117,7 @@ def weight_functions() -> Result:
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
     """
     element = piecewise_linear_sub_cell_element("triangle")
-    nodes = element._element.points[PAPER_NODES]  # in the paper's order
+    nodes = element._element.points[BASIX_DOF_OF_PAPER_NODE]  # in the paper's order
 
     random = np.random.default_rng(SEED)
     barycentric = random.dirichlet(np.ones(3), RANDOM_POINTS)
@@ -156,7 +156,7 @@ def weight_functions() -> Result:
 
 def _tabulate(element: basix.ufl._ElementBase, points: Points) -> Points:
     """Return values (n, 6) at reference points (n, 2), functions in the paper's order."""
-    return element.tabulate(0, points)[0][:, PAPER_NODES]
+    return element.tabulate(0, points)[0][:, BASIX_DOF_OF_PAPER_NODE]
 
 
 def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> float:
@@ -173,7 +173,7 @@ def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> fl
         inward = nodes[opposite - 1] - side.mean(axis=0)
         limits = []
         for offset in (relative_distance * inward, -relative_distance * inward):
-            values, *gradients = element.tabulate(1, side + offset)[:, :, PAPER_NODES]
+            values, *gradients = element.tabulate(1, side + offset)[:, :, BASIX_DOF_OF_PAPER_NODE]
             limits.append(values - np.einsum("d,dnf->nf", offset, np.array(gradients)))
         max_jump = max(max_jump, float(np.abs(limits[0] - limits[1]).max()))
     return max_jump
@@ -233,7 +233,7 @@ def element_matrices() -> Result:
             "initial_stress_uniform": body.geometric_stiffness(uniform_stress),
             "initial_stress_linear": body.geometric_stiffness(uniform_stress * x[1]),
         }
-        matrices = {kind: dense(assemble_matrix(form)) for kind, form in forms.items()}
+        matrices = {kind: to_dense_array(assemble_matrix(form)) for kind, form in forms.items()}
         for kind, matrix in matrices.items():
             values[f"{name}_{kind}_unsymmetry"] = relative_difference(matrix, matrix.T)
         rank = np.linalg.matrix_rank(matrices["stiffness"], tol=1e-10)
@@ -259,7 +259,7 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
     One point, the centroid of each sub-element, integrates exactly: there the gradients of the
     weights are constant and those of the shape functions linear.
     """
-    mesh_nodes = U.dofmap.list[0][PAPER_NODES]
+    mesh_nodes = U.dofmap.list[0][BASIX_DOF_OF_PAPER_NODE]
     nodes = U.tabulate_dof_coordinates()[mesh_nodes, :2]
     # Eq. (22)
     D = (
@@ -272,12 +272,12 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
     jacobian = np.array([nodes[1] - nodes[0], nodes[2] - nodes[0]])  # rows: d(x, y)/d(xi), d(eta)
     to_physical = np.linalg.inv(jacobian)
     shapes, weights = quadratic_element("triangle"), piecewise_linear_sub_cell_element("triangle")
-    reference_nodes = weights._element.points[PAPER_NODES]
+    reference_nodes = weights._element.points[BASIX_DOF_OF_PAPER_NODE]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:
         centroid = reference_nodes[subelement].mean(axis=0, keepdims=True)
         shape_gradients, weight_gradients = (
-            to_physical @ element.tabulate(1, centroid)[1:, 0, :][:, PAPER_NODES]
+            to_physical @ element.tabulate(1, centroid)[1:, 0, :][:, BASIX_DOF_OF_PAPER_NODE]
             for element in (shapes, weights)
         )
         B, B_bar = _strain_matrix(shape_gradients), _strain_matrix(weight_gradients)

@@ -24,7 +24,7 @@ from study.judge.checks import check
 from study.meshes.distortion import smooth_distortion
 from study.meshes.inner_nodes import mid_diagonal_nodes
 from study.model.discretisation import Discretisation, discretise
-from study.model.matrices import dense, relative_difference
+from study.model.matrices import relative_difference, to_dense_array
 from study.model.units import dimensionless
 from study.run.cases import Case
 from study.run.store import Result
@@ -76,13 +76,13 @@ on a distorted, clamped square under a body load that also loads inner nodes, an
 
 @dataclass(frozen=True)
 class _CondensedQuadrilateral:
-    """One element without its inner node.
+    """Quadrilateral whose inner node is condensed.
 
     Args:
-        nodes: (9, 2), with the inner one.
-        cells: (2, 6) of triangles, (1, 9) of a quadrilateral.
-        inner: number of the inner node.
-        stiffness: (16, 16), nodes in the order of their positions.
+        nodes: Positions (9, 2), with the inner node.
+        cells: Nodes (2, 6) of triangles, or (1, 9) of a quadrilateral.
+        inner: Number of the inner node.
+        stiffness: Condensed stiffness (16, 16), nodes ordered by position.
     """
 
     nodes: Array
@@ -111,7 +111,7 @@ class _CondensedQuadrilateral:
         outer = np.delete(np.arange(len(nodes)), inner)
         order = np.lexsort(np.round(nodes[outer], 9).T)
         dofs = (2 * order[:, None] + np.arange(2)).ravel()
-        stiffness = dense(body.supports([]).matrix(body.K))[np.ix_(dofs, dofs)]
+        stiffness = to_dense_array(body.supports([]).matrix(body.K))[np.ix_(dofs, dofs)]
         return cls(nodes, body.space.dofmap.list.copy(), inner, stiffness)
 
 
@@ -167,11 +167,11 @@ def identity() -> Result:
         reduction = Reduction.condensation(body.K, body.space, inner)
         inner_dofs = 2 * inner[:, None] + [0, 1]
         outer_dofs = np.setdiff1d(np.arange(body.K.getSize()[0]), inner_dofs)
-        condensed.append(dense(reduction.matrix(body.K)))
-        mass = dense(reduction.matrix(assemble_matrix(body.body.mass())))
+        condensed.append(to_dense_array(reduction.matrix(body.K)))
+        mass = to_dense_array(reduction.matrix(assemble_matrix(body.body.mass())))
         weights = element.removesuffix("-T6")
         scalars[f"mass_unsymmetry_{weights}"] = relative_difference(mass, mass.T)
-    T = dense(force_transfer(body.space))[np.ix_(outer_dofs, outer_dofs)]
+    T = to_dense_array(force_transfer(body.space))[np.ix_(outer_dofs, outer_dofs)]
     K, K_galerkin = condensed
     scalars["difference"] = relative_difference(K, T @ K_galerkin)
     scalars["difference_without_T"] = relative_difference(K, K_galerkin)

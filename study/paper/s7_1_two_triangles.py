@@ -10,8 +10,8 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
 from study.judge.checks import check
 from study.judge.measures.two_triangles import reaction_spread
-from study.model.discretisation import discretise, mesh_curves
-from study.model.units import UNSTATED
+from study.model.discretisation import discretise, mesh_nodes_and_cells
+from study.model.units import UNSTATED_UNITS
 from study.run.cases import Case
 from study.run.store import Result
 
@@ -67,11 +67,11 @@ def structure(
     """Compute the vertical reactions below a row of unit squares, cut into two triangles each.
 
     Args:
-        element: its name.
-        squares: their number.
-        pattern: diagonals of the squares.
-        youngs_modulus: E, in force per area.
-        poissons_ratio: nu.
+        element: Name of the element.
+        squares: Number of squares.
+        pattern: Diagonals of the squares.
+        youngs_modulus: Young's modulus E, in force per area.
+        poissons_ratio: Poisson's ratio nu.
         state: "plane stress" or "plane strain".
     """
 
@@ -92,8 +92,8 @@ def structure(
     vertical = base.force[:, 1]
     scalars = {f"reaction_{i}": float(reaction) for i, reaction in enumerate(vertical)}
     scalars["sum"] = float(vertical.sum())
-    units = dict.fromkeys(scalars, UNSTATED.force)
-    curves = {"x": base.position[:, 0], "reaction": vertical, **mesh_curves(U)}
+    units = dict.fromkeys(scalars, UNSTATED_UNITS.force)
+    curves = {"x": base.position[:, 0], "reaction": vertical, **mesh_nodes_and_cells(U)}
     return Result(scalars, units, curves, dofs=K.getSize()[0])
 
 

@@ -17,7 +17,7 @@ from study.judge.checks import check
 from study.judge.measures.contact import displacement_change, transfer_defect
 from study.model.contact_result import contact_result
 from study.model.discretisation import Discretisation, discretise
-from study.model.units import UNSTATED
+from study.model.units import UNSTATED_UNITS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.run.cases import Case
 from study.run.store import Result
@@ -75,7 +75,7 @@ shows what other readings make of the same forces.
 """
 
 INCREMENTS = 10
-"""Of the pull, after the pressure."""
+"""Increments of the pull, after the pressure."""
 
 
 def block(
@@ -92,15 +92,15 @@ def block(
     """Compute the contact forces below the block after the last increment.
 
     Args:
-        element: its name.
-        friction: coefficient of friction where the foundation is rough.
-        pull: tangential traction over the pressure.
-        divisions: squares along and across the block.
-        shared_is_rough: whether a node of a smooth and a rough element has friction.
+        element: Name of the element.
+        friction: Coefficient of friction where the foundation is rough.
+        pull: Tangential traction over the pressure.
+        divisions: Squares along and across the block.
+        shared_is_rough: Whether a node of a smooth and a rough element has friction.
         state: "plane stress" or "plane strain".
-        pressed_first: whether the pressure comes before the pull, or together with it.
-        height: of the block.
-        pattern: diagonals of the squares.
+        pressed_first: Whether the pressure comes before the pull, or together with it.
+        height: Height of the block.
+        pattern: Diagonals of the squares.
     """
     body = discretise(
         element,
@@ -113,7 +113,7 @@ def block(
     smooth_elements = max(1, divisions[0] // DIVISIONS[0])
     smooth_length = LENGTH * smooth_elements / divisions[0]
     states = solve_on_foundation(body, loads, friction, shared_is_rough, smooth_length)
-    return contact_result(body, states, loads[-1], on_lower_side, PRESSURE, UNSTATED)
+    return contact_result(body, states, loads[-1], on_lower_side, PRESSURE, UNSTATED_UNITS)
 
 
 def assemble_load_history(
@@ -141,11 +141,11 @@ def solve_on_foundation(
     """Return the contact states at the end of each increment.
 
     Args:
-        body: the block.
-        loads: at the end of each increment.
-        friction: coefficient of friction where the foundation is rough.
-        shared_is_rough: whether a node of a smooth and a rough element has friction.
-        smooth_length: length without friction at either end.
+        body: Discretised block.
+        loads: Load vectors at the ends of the increments.
+        friction: Coefficient of friction where the foundation is rough.
+        shared_is_rough: Whether a node of a smooth and a rough element has friction.
+        smooth_length: Length without friction at either end.
     """
     margin = -1e-9 if shared_is_rough else 1e-9
     rough_from, rough_to = smooth_length + margin, LENGTH - (smooth_length + margin)

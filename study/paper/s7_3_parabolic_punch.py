@@ -16,7 +16,7 @@ from study.judge.checks import check
 from study.judge.measures.paper_statements import shear_band
 from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
-from study.model.units import UNSTATED
+from study.model.units import UNSTATED_UNITS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.run.cases import Case
 from study.run.store import Result
@@ -63,7 +63,7 @@ DIVISIONS = (19, 4)
 GRADING = 1.5
 """Width of equal elements over that of the central one."""
 INCREMENTS = 20
-"""Of the indentation, and of the tangential force."""
+"""Number of increments of the indentation, and of the tangential force."""
 
 
 def punch(
@@ -84,16 +84,16 @@ def punch(
     `translation` to the right.
 
     Args:
-        element: its name.
-        friction: coefficient of friction.
-        divisions: quadrilaterals along and across the body.
-        width: of the body.
-        height: of the body.
-        radius: of the punch at its tip.
-        tangential_share: tangential over normal force; 0 if the punch is not pushed.
-        depth_held: whether the depth or the normal force is kept while the punch is pushed.
-        increments: of the indentation, and of the tangential force.
-        pattern: diagonals of the quadrilaterals.
+        element: Name of the element.
+        friction: Coefficient of friction.
+        divisions: Quadrilaterals along and across the body.
+        width: Width of the body.
+        height: Height of the body.
+        radius: Radius of the punch at its tip.
+        tangential_share: Tangential over normal force; 0 if the punch is not pushed.
+        depth_held: Whether the depth or the normal force is kept while the punch is pushed.
+        increments: Number of increments of the indentation, and of the tangential force.
+        pattern: Diagonals of the quadrilaterals.
     """
     build = partial(_mesh_body, (divisions[0], divisions[1]), width, height, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
@@ -120,7 +120,7 @@ def punch(
         body.K.createVecLeft(),
         _marker_of_top(height),
         normal_force / (2 * radius),
-        UNSTATED,
+        UNSTATED_UNITS,
         force_indentation=normal_force,
         translation=states[-1].pairs[0].translation[0],
     )

@@ -13,10 +13,10 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern
 from study.judge.checks import check
 from study.judge.measures.contact import stress_difference
-from study.meshes.line_mesh import on_lines
+from study.meshes.line_mesh import mesh_along_lines
 from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
-from study.model.units import KN_M
+from study.model.units import KN_M_UNITS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.run.cases import Case
 from study.run.store import Result
@@ -61,7 +61,7 @@ FORCE = 40.0
 HALF_PLATE_WIDTH, HALF_BODY_WIDTH, BODY_DEPTH = 1.0, 20.0, 10.0
 ELEMENTS_UNDER_HALF_PLATE = 4
 GROWTH = 1.4
-"""Of elements away from the plate."""
+"""Growth of elements away from the plate."""
 PATTERN: DiagonalPattern = "left_right"
 """Alternating cuts keep the symmetry."""
 INCREMENTS = 5
@@ -88,13 +88,13 @@ def plate(
     `edge_force_right`, the normal forces of the nodes at its edges.
 
     Args:
-        element: its name.
-        friction_angle: in degrees.
+        element: Name of the element.
+        friction_angle: Angle of friction in degrees.
         state: "plane stress" or "plane strain".
-        under_half: elements below each half of the plate.
-        half_width: of the body, in m.
-        depth: of the body, in m.
-        pattern: diagonals of the quadrilaterals.
+        under_half: Number of elements below each half of the plate.
+        half_width: Half width of the body, in m.
+        depth: Depth of the body, in m.
+        pattern: Diagonals of the quadrilaterals.
     """
     build = partial(_mesh_body, under_half, half_width, depth, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
@@ -115,7 +115,7 @@ def plate(
         no_load[-1],
         _below_plate,
         FORCE / (2 * HALF_PLATE_WIDTH),
-        KN_M,
+        KN_M_UNITS,
         translation=-contact.translation[1],
         edge_force_left=contact.force_normal[0],
         edge_force_right=contact.force_normal[-1],
@@ -131,7 +131,7 @@ def _mesh_body(
     right_half = np.concatenate([below_plate, HALF_PLATE_WIDTH + beside_plate[1:]])
     x_lines = np.concatenate([-right_half[:0:-1], right_half])
     y_lines = -_growing_mesh_lines(smallest, depth)[::-1]
-    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, pattern)
+    return mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell, pattern)
 
 
 def _growing_mesh_lines(first_size: float, length: float) -> np.ndarray:

@@ -24,13 +24,13 @@ from pw_elements.meshes import DiagonalPattern
 from study.judge.checks import check
 from study.judge.measures.column import largest_eigenvalue_shift, shift_misfit
 from study.model.contact_result import (
-    CONTACT_UNITS,
+    CONTACT_QUANTITIES,
     deformation_curves,
+    pair_scalars_and_curves,
     solver_scalars,
-    surface_result,
 )
-from study.model.discretisation import Discretisation, discretise, is_symmetrised, mass_left
-from study.model.units import KN_M, SI, units_of
+from study.model.discretisation import Discretisation, discretise, is_symmetrised, mass_condensation
+from study.model.units import KN_M_UNITS, SI_UNITS, units_of
 from study.paper import s7_5_profiles
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.paper.s7_5_profiles import PROFILES, Profile
@@ -157,7 +157,7 @@ def stepped_column(
     for pair, face in enumerate(profile.faces):
         force = states[-1].pairs[pair].force_normal.sum()
         mean_pressure = force / (np.pi * (face.outer**2 - face.inner**2))
-        surface_scalars, surface_curves = surface_result(
+        surface_scalars, surface_curves = pair_scalars_and_curves(
             body, states[-1], pair, no_load, face.contains, mean_pressure
         )
         scalars |= {f"{name}_{pair + 1}": value for name, value in surface_scalars.items()}
@@ -259,7 +259,7 @@ def _compute_modes(
         ]
     )
     if len(body.inner_nodes()):
-        supports = mass_left(supports, guyan)
+        supports = mass_condensation(supports, guyan)
     return vibration_modes(body.K, M, supports, MODES, is_symmetrised(body.element))
 
 
@@ -276,7 +276,7 @@ def _scalar_units(scalars: Iterable[str], youngs_modulus: float = YOUNGS_MODULUS
     """Return units; with the printed numbers, forces are in kN and eigenvalues in 1000/s²."""
     is_si = youngs_modulus == YOUNGS_MODULUS_SI
     kinds = {
-        **CONTACT_UNITS,
+        **CONTACT_QUANTITIES,
         "radius_*": "length",
         "height_*": "length",
         "initial_gap_*": "length",
@@ -286,7 +286,7 @@ def _scalar_units(scalars: Iterable[str], youngs_modulus: float = YOUNGS_MODULUS
         "imaginary": "1",
         "rigid": "1",
     }
-    return units_of(scalars, kinds, SI if is_si else KN_M)
+    return units_of(scalars, kinds, SI_UNITS if is_si else KN_M_UNITS)
 
 
 # Cases

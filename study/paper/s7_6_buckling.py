@@ -29,7 +29,12 @@ from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DIAGONAL_PATTERNS, DiagonalPattern, quadrilaterals, triangles
 from study.judge.checks import check
 from study.judge.measures.beam import exact_ratio, gap_left, scan_best
-from study.model.discretisation import is_quadrilateral, is_symmetrised, mesh_curves, spaces
+from study.model.discretisation import (
+    has_quadrilateral_mesh,
+    is_symmetrised,
+    mesh_nodes_and_cells,
+    spaces,
+)
 from study.model.units import units_of
 from study.paper.s7_6_exact import Strip
 from study.run.cases import Case
@@ -176,7 +181,7 @@ def _make_half_beam_body(
 ) -> Body:
     """Return the elastic body on a mesh of the half beam, 0 <= x <= L/2, -h/2 <= y <= h/2."""
     corners = (0.0, -HEIGHT / 2), (LENGTH / 2, HEIGHT / 2)
-    if is_quadrilateral(element):
+    if has_quadrilateral_mesh(element):
         mesh = quadrilaterals(MPI.COMM_SELF, *corners, divisions)
     else:
         mesh = triangles(MPI.COMM_SELF, *corners, divisions, pattern)
@@ -213,7 +218,7 @@ def beam(
     K_static = K if prestress_symmetrised else assemble_matrix(body.stiffness())
 
     scalars: dict[str, float] = {}
-    curves = mesh_curves(body.spaces.trial)
+    curves = mesh_nodes_and_cells(body.spaces.trial)
     for mode in (SYMMETRIC, ANTISYMMETRIC):
         prestress = model.solve_prestress(K_static, mode)
         modes = model.solve_buckling(K, prestress, mode, form)

@@ -1,1 +1,1 @@
-"""Exact and independent solutions that several sections use."""
+"""Exact and numerical solutions that several sections use."""

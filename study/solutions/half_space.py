@@ -17,13 +17,13 @@ import numpy.typing as npt
 Array = npt.NDArray[np.floating[Any]]
 
 # Sources of a field; at twice the half width all displacements are exact to round-off
-_SOURCES = 64
+_N_SOURCES = 64
 # Range of the variable log((b + x)/(b - x)) of a bonded punch, to the same end
-_RANGE = 80.0
+_MAX_STRETCHED_POSITION = 80.0
 
 
 @dataclass(frozen=True)
-class Elastic:
+class ElasticHalfSpace:
     """An isotropic half plane in plane strain, or half space.
 
     Args:
@@ -45,24 +45,29 @@ class Elastic:
         return self.youngs_modulus / (1 - self.poissons_ratio**2)
 
     @property
-    def kolosov(self) -> float:
+    def kolosov_constant(self) -> float:
         """3 - 4 nu, kappa of plane strain."""
         return 3 - 4 * self.poissons_ratio
 
-    def line_displacement(self, x: Array, s: Array, pressing: Array, pulling: Array) -> Array:
+    def displacement_by_line_forces(
+        self, x: Array, force_positions: Array, normal_forces: Array, tangential_forces: Array
+    ) -> Array:
         """Displacements (n, 2) of points (n, 2) by forces in the plane.
 
         Args:
             x: points away from the forces.
-            s: (m,), places of the forces on the surface.
-            pressing: (m,), along -y.
-            pulling: (m,), along +x.
+            force_positions: (m,), places of the forces on the surface.
+            normal_forces: (m,), along -y.
+            tangential_forces: (m,), along +x.
         """
         y = x[:, 1, None]
-        z = x[:, 0, None] + 1j * y - s
-        kappa = self.kolosov
-        normal, normal_integral = 1j * pressing / (np.pi * z), 1j * pressing / np.pi
-        shear, shear_integral = -1j * pulling / (np.pi * z), -1j * pulling / np.pi
+        z = x[:, 0, None] + 1j * y - force_positions
+        kappa = self.kolosov_constant
+        normal, normal_integral = 1j * normal_forces / (np.pi * z), 1j * normal_forces / np.pi
+        shear, shear_integral = (
+            -1j * tangential_forces / (np.pi * z),
+            -1j * tangential_forces / np.pi,
+        )
         logarithm = np.log(1j * z)  # cut above the body
         normal_integral, shear_integral = normal_integral * logarithm, shear_integral * logarithm
         u = (kappa - 1) / 2 * normal_integral.real - y * normal.imag
@@ -81,7 +86,9 @@ class Elastic:
         """
         return float(-2 * force * mean_logarithm / (np.pi * self.plane_modulus))
 
-    def round_displacement(self, x: Array, t: Array, strength: Array) -> Array:
+    def displacement_by_axial_sources(
+        self, x: Array, imaginary_depths: Array, forces: Array
+    ) -> Array:
         """Displacements (n, 2) of points (n, 2) by sources at imaginary depths in axisymmetry.
 
         The potential is sum strength / sqrt(r² + (z + i t)²), z = -y; for a pressure p(r) it
@@ -89,24 +96,24 @@ class Elastic:
 
         Args:
             x: points away from the contact.
-            t: (m,), in pairs of both signs and the same strength.
-            strength: (m,), forces.
+            imaginary_depths: (m,), in pairs of both signs and the same strength.
+            forces: (m,), forces.
         """
         r, z = x[:, 0, None], -x[:, 1, None]
-        w = z + 1j * t
+        w = z + 1j * imaginary_depths
         R = np.sqrt(r**2 + w**2)
         nu = self.poissons_ratio
         radial = -(1 - 2 * nu) * r / (R * (R + w)) + z * r / R**3
         depth = 2 * (1 - nu) / R + z * w / R**3
-        u = np.stack([radial.real @ strength, -depth.real @ strength], axis=1)
+        u = np.stack([radial.real @ forces, -depth.real @ forces], axis=1)
         return u / (4 * np.pi * self.shear_modulus)
 
 
-class KnownContact(Protocol):
+class ExactContact(Protocol):
     """A contact problem with a known solution."""
 
     @property
-    def body(self) -> Elastic:
+    def body(self) -> ElasticHalfSpace:
         """What is pressed."""
         ...
 
@@ -121,7 +128,7 @@ class KnownContact(Protocol):
         ...
 
     @property
-    def bounded(self) -> bool:
+    def has_bounded_pressure(self) -> bool:
         """Whether the pressure is finite at the edge of the contact; it is zero then."""
         ...
 
@@ -143,7 +150,7 @@ class KnownContact(Protocol):
         ...
 
 
-def displacement_in_space(contact: KnownContact, x: Array) -> npt.NDArray[np.float64]:
+def displacement_in_space(contact: ExactContact, x: Array) -> npt.NDArray[np.float64]:
     """Return displacements (n, 3) of points (n, 3) of a half space z < 0 in axisymmetric contact.
 
     Args:
@@ -160,10 +167,10 @@ def displacement_in_space(contact: KnownContact, x: Array) -> npt.NDArray[np.flo
 class HertzLine:
     """Parabola of a radius R, pressed with a force per length P on a half plane."""
 
-    body: Elastic
+    body: ElasticHalfSpace
     radius: float
     force: float
-    bounded: ClassVar[bool] = True
+    has_bounded_pressure: ClassVar[bool] = True
 
     @property
     def half_width(self) -> float:
@@ -171,13 +178,13 @@ class HertzLine:
         return float(np.sqrt(4 * self.force * self.radius / (np.pi * self.body.plane_modulus)))
 
     @property
-    def peak(self) -> float:
+    def peak_pressure(self) -> float:
         """p0 = 2 P/(pi a)."""
         return 2 * self.force / (np.pi * self.half_width)
 
     def pressure(self, x: Array) -> Array:
         """p0 sqrt(1 - x²/a²)."""
-        return self.peak * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
+        return self.peak_pressure * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
 
     def force_within(self, x: Array) -> Array:
         """Its integral from 0 to x."""
@@ -186,10 +193,10 @@ class HertzLine:
 
     def displacement(self, x: Array) -> Array:
         """By Gauss-Chebyshev quadrature of the second kind."""
-        theta = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
-        forces = self.force * 2 / (_SOURCES + 1) * np.sin(theta) ** 2
+        theta = np.arange(1, _N_SOURCES + 1) * np.pi / (_N_SOURCES + 1)
+        forces = self.force * 2 / (_N_SOURCES + 1) * np.sin(theta) ** 2
         s = self.half_width * np.cos(theta)
-        return self.body.line_displacement(x, s, forces, np.zeros_like(forces))
+        return self.body.displacement_by_line_forces(x, s, forces, np.zeros_like(forces))
 
     @property
     def approach(self) -> float:
@@ -201,10 +208,10 @@ class HertzLine:
 class HertzSphere:
     """Paraboloid of a radius R, pressed with a force P on a half space."""
 
-    body: Elastic
+    body: ElasticHalfSpace
     radius: float
     force: float
-    bounded: ClassVar[bool] = True
+    has_bounded_pressure: ClassVar[bool] = True
 
     @property
     def half_width(self) -> float:
@@ -212,13 +219,13 @@ class HertzSphere:
         return float(np.cbrt(0.75 * self.force * self.radius / self.body.plane_modulus))
 
     @property
-    def peak(self) -> float:
+    def peak_pressure(self) -> float:
         """p0 = 3 P/(2 pi a²)."""
         return 1.5 * self.force / (np.pi * self.half_width**2)
 
     def pressure(self, x: Array) -> Array:
         """p0 sqrt(1 - r²/a²)."""
-        return self.peak * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
+        return self.peak_pressure * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
 
     def force_within(self, x: Array) -> Array:
         """Its integral over a disc."""
@@ -227,9 +234,9 @@ class HertzSphere:
 
     def displacement(self, x: Array) -> Array:
         """Sources of strength 3 P (a² - t²)/(4 a³)."""
-        t, weight = np.polynomial.legendre.leggauss(_SOURCES)
+        t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
         strength = self.force * 0.75 * (1 - t**2) * weight
-        return self.body.round_displacement(x, self.half_width * t, strength)
+        return self.body.displacement_by_axial_sources(x, self.half_width * t, strength)
 
     @property
     def approach(self) -> float:
@@ -238,13 +245,13 @@ class HertzSphere:
 
 
 @dataclass(frozen=True)
-class FlatLine:
+class FlatLinePunch:
     """Frictionless flat punch of half width b, pressed with P per length (M. Sadowsky, 1928)."""
 
-    body: Elastic
+    body: ElasticHalfSpace
     half_width: float
     force: float
-    bounded: ClassVar[bool] = False
+    has_bounded_pressure: ClassVar[bool] = False
 
     def pressure(self, x: Array) -> Array:
         """P/(pi sqrt(b² - x²))."""
@@ -257,9 +264,9 @@ class FlatLine:
 
     def displacement(self, x: Array) -> Array:
         """By Gauss-Chebyshev quadrature of the first kind."""
-        s = self.half_width * np.cos((np.arange(_SOURCES) + 0.5) * np.pi / _SOURCES)
-        forces = np.full(_SOURCES, self.force / _SOURCES)
-        return self.body.line_displacement(x, s, forces, np.zeros(_SOURCES))
+        s = self.half_width * np.cos((np.arange(_N_SOURCES) + 0.5) * np.pi / _N_SOURCES)
+        forces = np.full(_N_SOURCES, self.force / _N_SOURCES)
+        return self.body.displacement_by_line_forces(x, s, forces, np.zeros(_N_SOURCES))
 
     @property
     def approach(self) -> float:
@@ -268,13 +275,13 @@ class FlatLine:
 
 
 @dataclass(frozen=True)
-class FlatRound:
+class FlatRoundPunch:
     """Frictionless flat punch of radius b, pressed with P on a half space (J. Boussinesq, 1885)."""
 
-    body: Elastic
+    body: ElasticHalfSpace
     half_width: float
     force: float
-    bounded: ClassVar[bool] = False
+    has_bounded_pressure: ClassVar[bool] = False
 
     def pressure(self, x: Array) -> Array:
         """P/(2 pi b sqrt(b² - r²))."""
@@ -289,8 +296,10 @@ class FlatRound:
 
     def displacement(self, x: Array) -> Array:
         """Sources of even strength P/(2 b)."""
-        t, weight = np.polynomial.legendre.leggauss(_SOURCES)
-        return self.body.round_displacement(x, self.half_width * t, self.force * weight / 2)
+        t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
+        return self.body.displacement_by_axial_sources(
+            x, self.half_width * t, self.force * weight / 2
+        )
 
     @property
     def approach(self) -> float:
@@ -299,83 +308,93 @@ class FlatRound:
 
 
 @dataclass(frozen=True)
-class BondedLine:
+class BondedLinePunch:
     """Flat punch of half width b bonded to a half plane, pressed with P per length.
 
     With eta = log(3 - 4 nu)/(2 pi) and s = log((b + x)/(b - x)), pressure and shear are the
     frictionless pressure times cosh(pi eta) cos(eta s) and cosh(pi eta) sin(eta s).
     """
 
-    body: Elastic
+    body: ElasticHalfSpace
     half_width: float
     force: float
-    bounded: ClassVar[bool] = False
+    has_bounded_pressure: ClassVar[bool] = False
 
     @property
-    def oscillation(self) -> float:
+    def oscillation_exponent(self) -> float:
         """The exponent eta."""
-        return float(np.log(self.body.kolosov) / (2 * np.pi))
+        return float(np.log(self.body.kolosov_constant) / (2 * np.pi))
 
     def pressure(self, x: Array) -> Array:
         """Normal part; x below b."""
-        return self._smooth(x) * np.cos(self.oscillation * self._stretched(x))
+        return self._non_oscillating_traction(x) * np.cos(
+            self.oscillation_exponent * self._stretched_position(x)
+        )
 
     def shear(self, x: Array) -> Array:
         """Tangential traction of the punch on the body, away from the middle; x below b."""
-        return self._smooth(x) * np.sin(self.oscillation * self._stretched(x))
+        return self._non_oscillating_traction(x) * np.sin(
+            self.oscillation_exponent * self._stretched_position(x)
+        )
 
     def force_within(self, x: Array) -> Array:
         """Integral of the pressure from 0 to x."""
-        return self._within(x, np.cos)
+        return self._integrate_traction(x, np.cos)
 
     def shear_within(self, x: Array) -> Array:
         """Integral of the shear from 0 to x."""
-        return self._within(x, np.sin)
+        return self._integrate_traction(x, np.sin)
 
     def displacement(self, x: Array) -> Array:
         """By the trapezoidal rule in s."""
-        s = np.linspace(-_RANGE, _RANGE, 16 * _SOURCES + 1)
-        forces = (s[1] - s[0]) * self._density(s)
-        pressing, pulling = (forces * f(self.oscillation * s) for f in (np.cos, np.sin))
-        return self.body.line_displacement(x, self.half_width * np.tanh(s / 2), pressing, pulling)
+        s = np.linspace(-_MAX_STRETCHED_POSITION, _MAX_STRETCHED_POSITION, 16 * _N_SOURCES + 1)
+        forces = (s[1] - s[0]) * self._stretched_traction(s)
+        pressing, pulling = (forces * f(self.oscillation_exponent * s) for f in (np.cos, np.sin))
+        return self.body.displacement_by_line_forces(
+            x, self.half_width * np.tanh(s / 2), pressing, pulling
+        )
 
     @property
     def approach(self) -> float:
         """Depth of the middle, by quadrature."""
         from scipy.integrate import quad
 
-        eta, kappa = self.oscillation, self.body.kolosov
+        eta, kappa = self.oscillation_exponent, self.body.kolosov_constant
 
         def logarithm(s: float) -> float:
             depth = np.log(self.half_width * np.tanh(s / 2))
-            return float(2 * self._density(s) * np.cos(eta * s) * depth)
+            return float(2 * self._stretched_traction(s) * np.cos(eta * s) * depth)
 
-        pressing = quad(logarithm, 0.0, _RANGE, points=[1e-3, 0.1, 1.0], limit=200)[0]
+        pressing = quad(
+            logarithm, 0.0, _MAX_STRETCHED_POSITION, points=[1e-3, 0.1, 1.0], limit=200
+        )[0]
         pulling = float(self.shear_within(np.array([self.half_width]))[0])
         v = (kappa + 1) / 2 * pressing / np.pi + (kappa - 1) / 2 * pulling
         return -v / (2 * self.body.shear_modulus)
 
-    def _smooth(self, x: Array) -> Array:
-        amplitude = self.force * np.cosh(np.pi * self.oscillation)
+    def _non_oscillating_traction(self, x: Array) -> Array:
+        amplitude = self.force * np.cosh(np.pi * self.oscillation_exponent)
         with np.errstate(divide="ignore"):
             return amplitude / (np.pi * np.sqrt(self.half_width**2 - x**2))
 
-    def _stretched(self, x: Array) -> Array:
+    def _stretched_position(self, x: Array) -> Array:
         with np.errstate(divide="ignore"):
             return 2 * np.arctanh(x / self.half_width)
 
-    def _density(self, s: Array | float) -> Array:
+    def _stretched_traction(self, s: Array | float) -> Array:
         """Traction times dx/ds, without its oscillation."""
-        amplitude = self.force * np.cosh(np.pi * self.oscillation)
+        amplitude = self.force * np.cosh(np.pi * self.oscillation_exponent)
         return np.asarray(amplitude / (2 * np.pi * np.cosh(np.asarray(s) / 2)))
 
-    def _within(self, x: Array, wave: np.ufunc) -> Array:
+    def _integrate_traction(self, x: Array, wave: np.ufunc) -> Array:
         from scipy.integrate import quad
 
         def traction(s: float) -> float:
-            return float(self._density(s) * wave(self.oscillation * s))
+            return float(self._stretched_traction(s) * wave(self.oscillation_exponent * s))
 
-        ends = np.minimum(self._stretched(np.minimum(x, self.half_width)), _RANGE)
+        ends = np.minimum(
+            self._stretched_position(np.minimum(x, self.half_width)), _MAX_STRETCHED_POSITION
+        )
         return np.array([quad(traction, 0.0, end, limit=200)[0] for end in ends])
 
 
@@ -389,10 +408,10 @@ class _QuarticContact:
         half_width: Half width or radius of the contact.
     """
 
-    body: Elastic
+    body: ElasticHalfSpace
     coefficient: float
     half_width: float
-    bounded: ClassVar[bool] = True
+    has_bounded_pressure: ClassVar[bool] = True
 
     def _pressure(self, x: Array, factor: float) -> Array:
         """Return factor E* A (a² + 2 x²) sqrt(a² - x²), which is zero outside of the contact."""
@@ -426,11 +445,11 @@ class QuarticLine(_QuarticContact):
 
     def displacement(self, x: Array) -> Array:
         """Return displacements by Gauss-Chebyshev quadrature of the second kind."""
-        angle = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
+        angle = np.arange(1, _N_SOURCES + 1) * np.pi / (_N_SOURCES + 1)
         position = self.half_width * np.cos(angle)
-        lengths = self.half_width * np.sin(angle) * np.pi / (_SOURCES + 1)
+        lengths = self.half_width * np.sin(angle) * np.pi / (_N_SOURCES + 1)
         forces = self.pressure(position) * lengths
-        return self.body.line_displacement(x, position, forces, np.zeros_like(forces))
+        return self.body.displacement_by_line_forces(x, position, forces, np.zeros_like(forces))
 
     @property
     def approach(self) -> float:
@@ -458,9 +477,9 @@ class QuarticRound(_QuarticContact):
 
     def displacement(self, x: Array) -> Array:
         """Return displacements by sources whose strength is proportional to a⁴ - t⁴."""
-        t, weights = np.polynomial.legendre.leggauss(_SOURCES)
+        t, weights = np.polynomial.legendre.leggauss(_N_SOURCES)
         strength = self.force * (1 - t**4) * weights / 1.6
-        return self.body.round_displacement(x, self.half_width * t, strength)
+        return self.body.displacement_by_axial_sources(x, self.half_width * t, strength)
 
     @property
     def approach(self) -> float:

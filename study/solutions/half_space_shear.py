@@ -1,7 +1,7 @@
-"""Mindlin's sphere: partial slip of two equal spheres, and the fields of their tractions.
+"""Partial slip of two equal spheres (Mindlin), and displacements that their tractions cause.
 
 R. D. Mindlin (1949), in K. L. Johnson, "Contact Mechanics" (1985). Tangential tractions along x
-alone are exact for nu = 0; else the slip across x is neglected, as Johnson says in 7.2.
+alone are exact for nu = 0; otherwise the slip across x is neglected (Johnson, section 7.2).
 """
 
 from dataclasses import dataclass
@@ -9,97 +9,105 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from study.solutions.half_space import Elastic, HertzSphere
+from study.solutions.half_space import ElasticHalfSpace, HertzSphere
 
 Array = npt.NDArray[np.float64]
 
-# Point forces along a radius and round the axis; at twice the radius and more their field is that
-# of the traction to 1e-10
-_ALONG, _ROUND = 16, 48
+# Number of point forces along a radius and around the axis; from twice the radius on, their field
+# is that of the traction to 1e-10
+_N_RADIAL_FORCES, _N_ANGLES = 16, 48
 
 
-def hertz_force(body: Elastic, radius: float) -> float:
-    """Force on a rigid sphere whose contact has the radius 1."""
+def force_of_unit_hertz_contact(body: ElasticHalfSpace, radius: float) -> float:
+    """Return the force on a rigid sphere of this radius whose contact radius is 1."""
     return 4 / 3 * body.plane_modulus / radius
 
 
 @dataclass(frozen=True)
 class MindlinSphere:
-    """A sphere on its like, pressed and then pushed along x less than needed to slide.
+    """Two equal spheres, pressed and then loaded along x by less than the limit of friction.
 
     Args:
-        normal: of one body, as a rigid sphere of the same contact would press it.
-        friction: mu.
-        share: Q/(mu P).
+        normal_contact: Contact of one of the bodies with a rigid sphere and the same pressure.
+        friction: Coefficient of friction mu.
+        friction_utilisation: Tangential force over its limit, Q/(mu P).
     """
 
-    normal: HertzSphere
+    normal_contact: HertzSphere
     friction: float
-    share: float
+    friction_utilisation: float
 
     @property
-    def stick(self) -> float:
+    def stick_radius(self) -> float:
         """Radius c = a (1 - Q/(mu P))^(1/3) of the disc that sticks."""
-        return float(self.normal.half_width * np.cbrt(1 - self.share))
+        return float(self.normal_contact.half_width * np.cbrt(1 - self.friction_utilisation))
 
     @property
-    def force(self) -> float:
-        """Q."""
-        return self.share * self.friction * self.normal.force
+    def tangential_force(self) -> float:
+        """Tangential force Q."""
+        return self.friction_utilisation * self.friction * self.normal_contact.force
 
     @property
-    def shift(self) -> float:
-        """Of the far part of one body against the disc that sticks."""
-        body, a = self.normal.body, self.normal.half_width
-        whole = 3 * self.friction * self.normal.force * (2 - body.poissons_ratio)
-        return float(whole / (16 * body.shear_modulus * a) * (1 - (self.stick / a) ** 2))
+    def tangential_approach(self) -> float:
+        """Tangential displacement of a body's far part relative to the disc that sticks."""
+        body, a = self.normal_contact.body, self.normal_contact.half_width
+        whole = 3 * self.friction * self.normal_contact.force * (2 - body.poissons_ratio)
+        return float(whole / (16 * body.shear_modulus * a) * (1 - (self.stick_radius / a) ** 2))
 
     def pressure(self, r: Array) -> Array:
-        """Hertz's."""
-        return np.asarray(self.normal.pressure(r))
+        """Return Hertz' pressure."""
+        return np.asarray(self.normal_contact.pressure(r))
 
     def shear(self, r: Array) -> Array:
-        """The slipping mu p, less mu p0 c/a sqrt(1 - r²/c²) where it sticks."""
-        c = self.stick
-        held = c / self.normal.half_width * np.sqrt(np.maximum(0.0, 1 - (r / c) ** 2))
-        return np.asarray(self.friction * (self.normal.pressure(r) - self.normal.peak * held))
+        """Return mu p, less mu p0 c/a sqrt(1 - r²/c²) where the contact sticks."""
+        c = self.stick_radius
+        held = c / self.normal_contact.half_width * np.sqrt(np.maximum(0.0, 1 - (r / c) ** 2))
+        return np.asarray(
+            self.friction
+            * (self.normal_contact.pressure(r) - self.normal_contact.peak_pressure * held)
+        )
 
-    def displacement(self, x: Array, pushed: bool) -> Array:
-        """Displacements (n, 3) of points (n, 3) in z < 0, away from the contact."""
+    def displacement(self, x: Array, is_sheared: bool) -> Array:
+        """Return displacements (n, 3) of points (n, 3) in z < 0, away from the contact."""
         r = np.hypot(x[:, 0], x[:, 1])
-        of_r = self.normal.displacement(np.column_stack([r, x[:, 2]]))
-        along = x[:, :2] / np.maximum(r, 1e-12)[:, None]
-        moved = np.column_stack([of_r[:, :1] * along, of_r[:, 1]])
-        if pushed:
-            whole, ratio = self.friction * self.normal.force, self.stick / self.normal.half_width
-            moved += _pulled(self.normal.body, x, self.normal.half_width, whole)
-            moved -= _pulled(self.normal.body, x, self.stick, whole * ratio**3)
-        return moved
+        normal_contact, c = self.normal_contact, self.stick_radius
+        radial_and_axial = normal_contact.displacement(np.column_stack([r, x[:, 2]]))
+        direction = x[:, :2] / np.maximum(r, 1e-12)[:, None]
+        u = np.column_stack([radial_and_axial[:, :1] * direction, radial_and_axial[:, 1]])
+        if is_sheared:
+            body, a = normal_contact.body, normal_contact.half_width
+            limit, ratio = self.friction * normal_contact.force, c / a
+            u += _displacement_by_shear(body, x, a, limit)
+            u -= _displacement_by_shear(body, x, c, limit * ratio**3)
+        return u
 
 
-def _pulled(body: Elastic, x: Array, radius: float, force: float) -> Array:
-    """Displacements (n, 3) by a traction along x that goes as sqrt(1 - r²/radius²)."""
-    s, weight = np.polynomial.legendre.leggauss(_ALONG)
-    rise = (1 + s) / 2  # sqrt(1 - r²/radius²)
-    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
-    distance = radius * np.sqrt(1 - rise**2)
-    places = np.stack([np.outer(distance, np.cos(angle)), np.outer(distance, np.sin(angle))], 2)
-    forces = np.repeat(3 * force * rise**2 * weight / 2 / _ROUND, _ROUND)
-    return _cerruti(body, x, places.reshape(-1, 2), forces)
+def _displacement_by_shear(body: ElasticHalfSpace, x: Array, radius: float, force: float) -> Array:
+    """Return displacements (n, 3) by a traction along x proportional to sqrt(1 - r²/radius²)."""
+    s, weight = np.polynomial.legendre.leggauss(_N_RADIAL_FORCES)
+    height = (1 + s) / 2  # sqrt(1 - r²/radius²)
+    angle = 2 * np.pi * np.arange(_N_ANGLES) / _N_ANGLES
+    distance = radius * np.sqrt(1 - height**2)
+    positions = np.stack([np.outer(distance, np.cos(angle)), np.outer(distance, np.sin(angle))], 2)
+    forces = np.repeat(3 * force * height**2 * weight / 2 / _N_ANGLES, _N_ANGLES)
+    return _cerruti_displacement(body, x, positions.reshape(-1, 2), forces)
 
 
-def _cerruti(body: Elastic, x: Array, places: Array, forces: Array) -> Array:
-    """Displacements (n, 3) in z < 0 by point forces (m,) along x at places (m, 2) of z = 0.
+def _cerruti_displacement(
+    body: ElasticHalfSpace, x: Array, force_positions: Array, forces: Array
+) -> Array:
+    """Return displacements (n, 3) in z < 0 by forces (m,) along x at points (m, 2) of z = 0.
 
     V. Cerruti (1882); Johnson's (3.76) to (3.78), whose z points into the body.
     """
-    s, t = (x[:, axis, None] - places[:, axis] for axis in (0, 1))
+    s, t = (x[:, axis, None] - force_positions[:, axis] for axis in (0, 1))
     z = -x[:, 2, None]
-    near = 1 / np.sqrt(s**2 + t**2 + z**2)  # powers of the distance would take most of the time
-    below, rest = near / (1 + z * near), 1 - 2 * body.poissons_ratio
-    falls = near * (near**2 - rest * below**2)
-    u = near + rest * below + s**2 * falls
-    v = s * t * falls
-    w = s * near * (z * near**2 + rest * below)
+    inverse_r = 1 / np.sqrt(s**2 + t**2 + z**2)  # powers of r would take most of the time
+    inverse_r_plus_z = inverse_r / (1 + z * inverse_r)
+    factor = 1 - 2 * body.poissons_ratio
+    common = inverse_r * (inverse_r**2 - factor * inverse_r_plus_z**2)
+    u = inverse_r + factor * inverse_r_plus_z + s**2 * common
+    v = s * t * common
+    w = s * inverse_r * (z * inverse_r**2 + factor * inverse_r_plus_z)
     field = np.column_stack([u @ forces, v @ forces, -(w @ forces)])
     return np.asarray(field / (4 * np.pi * body.shear_modulus))

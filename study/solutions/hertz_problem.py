@@ -1,8 +1,8 @@
-"""A rigid parabola on an elastic half plane or paraboloid on a half space, for any method.
+"""Hertz' problem for any method: a rigid parabola on a half plane, or paraboloid on a half space.
 
-The body is below y = 0 (in space z = 0), smooth contact is possible up to `zone`, and the far
-sides have Hertz' exact displacements. Lengths are over the half width of the contact, stresses over
-Young's modulus. `study.benchmarks.q_rivals` solves it by many methods.
+The body is below y = 0 (in space z = 0), frictionless contact is possible up to `zone`, and the
+far sides have Hertz' exact displacements. Lengths are over the half width of the contact, stresses
+over Young's modulus. `study.benchmarks.q_rivals` solves it by many methods.
 """
 
 from collections.abc import Callable
@@ -22,11 +22,11 @@ from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
 
 from pw_elements import Spaces, assemble_vector
 from study.meshes import mesh_lines
-from study.meshes.solid_meshes import box
-from study.model.elements import one_cut
-from study.solutions.half_space import Elastic, HertzLine, HertzSphere
-from study.solutions.half_space_shear import hertz_force
-from study.solutions.indentation import OUTER, graded_square
+from study.meshes.solid_meshes import mesh_box
+from study.model.elements import p1_iso_p2_weight_spaces
+from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
+from study.solutions.half_space_shear import force_of_unit_hertz_contact
+from study.solutions.indentation import BODY_SIZE, mesh_graded_square
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -35,28 +35,28 @@ Form = Any  # of UFL, which has no types
 
 E, NU = 1.0, 0.3
 RADIUS = 1e3
-"""Of the parabola, so large that slopes are small."""
-ZONE = 1.3
+"""Radius of the parabola, so large that slopes are small."""
+CONTACT_ZONE_SIZE = 1.3
 """Nodes up to this distance from the middle may touch."""
 NEWTON_TOLERANCE = 1e-12
-"""Of a correction, relative to the largest unknown."""
+"""Largest entry of the last correction, relative to the largest unknown."""
 MAX_SOLVES = 60
-"""Linear systems that one solution may take."""
+"""Largest number of linear systems in one solution."""
 
 
 class NoSolution(Exception):
     """Raised if a method does not converge."""
 
 
-class Answer(NamedTuple):
+class Solution(NamedTuple):
     """Solution of a problem by a method.
 
     Args:
-        u: displacements.
-        pressure: UFL expression on the surface, positive.
-        unknowns: number of displacements and multipliers that are solved for.
-        factorisations: number of matrices of that size that are factorised.
-        test_space: space of the test functions by which nodal forces are defined.
+        u: Displacements.
+        pressure: UFL expression on the surface, positive in compression.
+        unknowns: Number of displacements and multipliers that are solved for.
+        factorisations: Number of matrices of that size that are factorised.
+        test_space: Space of the test functions that define nodal forces.
     """
 
     u: fem.Function
@@ -68,84 +68,91 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """The problem on a mesh.
+    """Hertz' problem on a mesh.
 
     Args:
-        mesh: of triangles or tetrahedra.
-        size: length of the edges in the zone that may touch.
-        zone: distance up to which nodes may touch.
-        outer: distance of the far sides.
+        mesh: Mesh of triangles or tetrahedra.
+        size: Length of the edges in the zone that may touch.
+        zone: Distance up to which nodes may touch.
+        body_size: Distance of the far sides.
         exact: Hertz' solution.
     """
 
     mesh: Mesh
     size: float
     zone: float
-    outer: float
+    body_size: float
     exact: HertzLine | HertzSphere
 
     @property
-    def up(self) -> int:
+    def normal_axis(self) -> int:
         """Number of the axis normal to the surface."""
         return int(self.mesh.geometry.dim) - 1
 
     @property
-    def distance(self) -> Form:
+    def distance_from_middle(self) -> Form:
         """Distance from the middle of the contact, a UFL expression."""
         x = ufl.SpatialCoordinate(self.mesh)
-        return ufl.sqrt(sum(x[i] ** 2 for i in range(self.up)))
+        return ufl.sqrt(sum(x[i] ** 2 for i in range(self.normal_axis)))
 
     @property
     def gap(self) -> Form:
         """Upper bound of the displacement upwards, a UFL expression."""
-        return self.distance**2 / (2 * RADIUS) - self.exact.approach
+        return self.distance_from_middle**2 / (2 * RADIUS) - self.exact.approach
 
     @cached_property
-    def surface(self) -> ufl.Measure:
+    def contact_measure(self) -> ufl.Measure:
         """Measure of the surface that may touch."""
-        tags = meshtags(self.mesh, self.up, self.facets, np.ones_like(self.facets))
+        tags = meshtags(
+            self.mesh, self.normal_axis, self.contact_facets, np.ones_like(self.contact_facets)
+        )
         rule = {"quadrature_degree": 6}
         return ufl.Measure("ds", self.mesh, subdomain_data=tags, metadata=rule)(1)
 
     @cached_property
-    def facets(self) -> Indices:
+    def contact_facets(self) -> Indices:
         """Facets that may touch."""
-        facets: Indices = locate_entities_boundary(self.mesh, self.up, self.may_touch)
+        facets: Indices = locate_entities_boundary(self.mesh, self.normal_axis, self.may_touch)
         return facets
 
     def may_touch(self, x: Array) -> Mask:
         """Return whether points, columns of x, may touch."""
-        inside = np.max(x[: self.up], axis=0) < self.zone + 1e-9
-        return np.asarray(np.isclose(x[self.up], 0.0) & inside)
+        inside = np.max(x[: self.normal_axis], axis=0) < self.zone + 1e-9
+        return np.asarray(np.isclose(x[self.normal_axis], 0.0) & inside)
 
     def stress(self, u: Form) -> Form:
         """Return Hooke's stress in plane strain or space."""
         lame, shear = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
-        return lame * ufl.div(u) * ufl.Identity(self.up + 1) + 2 * shear * ufl.sym(ufl.grad(u))
+        return lame * ufl.div(u) * ufl.Identity(self.normal_axis + 1) + 2 * shear * ufl.sym(
+            ufl.grad(u)
+        )
 
-    def work(self, u: Form, v: Form) -> Form:
+    def virtual_work(self, u: Form, v: Form) -> Form:
         """Return the internal virtual work of displacements u and v."""
         return ufl.inner(self.stress(u), ufl.grad(v)) * ufl.dx
 
-    def space(self, degree: int = 2, multiplier: int = 0) -> fem.FunctionSpace:
-        """Return a space of displacements; mixed with multipliers if these have a degree."""
+    def make_space(self, degree: int = 2, multiplier_degree: int = 0) -> fem.FunctionSpace:
+        """Return a space of displacements, mixed with multipliers if their degree is not 0."""
         cell = self.mesh.basix_cell()
-        vector = basix.ufl.element("Lagrange", cell, degree, shape=(self.up + 1,))
-        if not multiplier:
+        vector = basix.ufl.element("Lagrange", cell, degree, shape=(self.normal_axis + 1,))
+        if not multiplier_degree:
             return fem.functionspace(self.mesh, vector)
-        scalar = basix.ufl.element("Lagrange", cell, multiplier)
+        scalar = basix.ufl.element("Lagrange", cell, multiplier_degree)
         return fem.functionspace(self.mesh, basix.ufl.mixed_element([vector, scalar]))
 
-    def supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
-        """Return exact displacements on the far sides, and symmetry, for a space or its part."""
-        return [self._component(displacement.sub(axis), axis) for axis in range(self.up + 1)]
+    def far_field_supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
+        """Return conditions of symmetry and of exact displacements on the far sides."""
+        return [
+            self._prescribe_component(displacement.sub(axis), axis)
+            for axis in range(self.normal_axis + 1)
+        ]
 
-    def _component(self, sub: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
+    def _prescribe_component(self, sub: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
         part, _ = sub.collapse()
 
         def is_prescribed(x: Array) -> Mask:
-            is_far = np.isclose(np.abs(x[: self.up + 1]).max(axis=0), self.outer)
-            return np.asarray(is_far | (np.isclose(x[axis], 0.0) & (axis < self.up)))
+            is_far = np.isclose(np.abs(x[: self.normal_axis + 1]).max(axis=0), self.body_size)
+            return np.asarray(is_far | (np.isclose(x[axis], 0.0) & (axis < self.normal_axis)))
 
         dofs, value = fem.locate_dofs_geometrical((sub, part), is_prescribed), fem.Function(part)
         x = part.tabulate_dof_coordinates()[dofs[1]]
@@ -154,89 +161,103 @@ class Problem:
 
     def exact_displacement(self, x: Array) -> Array:
         """Return displacements (n, dim) of points (n, 3) far from the contact; 0 on symmetry."""
-        if self.up == 1:
+        if self.normal_axis == 1:
             field = self.exact.displacement(x[:, :2])
             return np.where(np.isclose(x[:, :2] * [1, 0] + [0, 1], 0.0), 0.0, field)
         r = np.hypot(x[:, 0], x[:, 1])
         u = self.exact.displacement(np.column_stack([r, x[:, 2]]))  # radial and axial
         return np.column_stack([u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None], u[:, 1]])
 
-    def no_multipliers_outside(self, multiplier: fem.FunctionSpace) -> fem.DirichletBC:
-        """Return a condition that multipliers, a part of a space, vanish off the contact zone."""
+    def zero_multipliers_outside(self, multiplier: fem.FunctionSpace) -> fem.DirichletBC:
+        """Return the condition that multipliers, a subspace, vanish outside the contact zone."""
         part, _ = multiplier.collapse()
         dofs = fem.locate_dofs_geometrical((multiplier, part), lambda x: ~self.may_touch(x))
         return fem.dirichletbc(fem.Function(part), dofs, multiplier)
 
     def normal_dofs(self, space: fem.FunctionSpace) -> Indices:
-        """Return the unknowns of the displacement upwards of nodes that may touch."""
+        """Return the dofs of the normal displacement of nodes that may touch."""
         nodes = fem.locate_dofs_geometrical(space, self.may_touch)
-        return np.asarray(nodes * (self.up + 1) + self.up, dtype=np.int32)
+        return np.asarray(nodes * (self.normal_axis + 1) + self.normal_axis, dtype=np.int32)
 
     def gap_at(self, x: Array) -> Array:
         """Return the gap of points (n, 3)."""
-        squares = (x[:, : self.up] ** 2).sum(axis=1)
+        squares = (x[:, : self.normal_axis] ** 2).sum(axis=1)
         return np.asarray(squares / (2 * RADIUS) - self.exact.approach)
 
-    def make_answer(
+    def make_solution(
         self, w: fem.Function, factorisations: int, pressure: Form | None = None
-    ) -> Answer:
-        """Return the answer of displacements and multipliers w, which are the pressure by default.
+    ) -> Solution:
+        """Return the solution given by a mixed function of displacements and multipliers.
 
         Args:
-            w: displacements and multipliers.
-            factorisations: number of them.
-            pressure: in place of the multipliers.
+            w: Displacements and multipliers.
+            factorisations: Number of factorisations.
+            pressure: Pressure; the multipliers by default.
         """
-        u, multiplier = fem.Function(self.space()), w.sub(1).collapse()
+        u, multiplier = fem.Function(self.make_space()), w.sub(1).collapse()
         u.interpolate(w.sub(0))
         Q = multiplier.function_space
         unknowns = u.x.array.size + fem.locate_dofs_geometrical(Q, self.may_touch).size
         if pressure is None:
             pressure = multiplier
-        return Answer(u, pressure, unknowns, factorisations, u.function_space)
+        return Solution(u, pressure, unknowns, factorisations, u.function_space)
 
-    def forces(self, u: fem.Function, test_space: fem.FunctionSpace) -> Array:
+    def nodal_forces(self, u: fem.Function, test_space: fem.FunctionSpace) -> Array:
         """Return nodal forces (n, dim) of the body on supports and indenter, by test functions."""
-        vector = assemble_vector(self.work(u, ufl.TestFunction(test_space)))
-        return np.array(-vector.array.reshape(-1, self.up + 1))
+        vector = assemble_vector(self.virtual_work(u, ufl.TestFunction(test_space)))
+        return np.array(-vector.array.reshape(-1, self.normal_axis + 1))
 
     def divide_by_weights(self, forces: Array, test_space: fem.FunctionSpace) -> Array:
         """Divide forces (n,) by the integrals of their test functions; return 0 if these vanish."""
-        areas = assemble_vector(ufl.TestFunction(test_space)[self.up] * self.surface).array
-        weights = areas.reshape(-1, self.up + 1)[:, self.up]
+        areas = assemble_vector(
+            ufl.TestFunction(test_space)[self.normal_axis] * self.contact_measure
+        ).array
+        weights = areas.reshape(-1, self.normal_axis + 1)[:, self.normal_axis]
         has_weight = weights > 1e-9 * weights.max()
         return np.divide(forces, weights, out=np.zeros_like(forces), where=has_weight)
 
     def nodal_pressure(self, u: fem.Function, test_space: fem.FunctionSpace) -> fem.Function:
         """Return nodal forces over the integrals of their test functions, for degree 2."""
-        forces = self.forces(u, test_space)[:, self.up]
-        return self.join_linearly(self.divide_by_weights(forces, test_space))
+        forces = self.nodal_forces(u, test_space)[:, self.normal_axis]
+        return self.interpolate_linearly(self.divide_by_weights(forces, test_space))
 
-    def join_linearly(self, values: Array) -> fem.Function:
-        """Join values (n,) at nodes of quadratic elements linearly between all nodes of a facet."""
-        spaces = one_cut(self.mesh, ()) if self.up == 2 else Spaces.petrov_galerkin(self.mesh, 0)
+    def interpolate_linearly(self, values: Array) -> fem.Function:
+        """Interpolate values (n,) at quadratic nodes linearly on the sub-cells of each facet."""
+        spaces = (
+            p1_iso_p2_weight_spaces(self.mesh, ())
+            if self.normal_axis == 2
+            else Spaces.petrov_galerkin(self.mesh, 0)
+        )
         return make_function(spaces.test, values)
 
 
-def line(edges: int, offset: float) -> Problem:
+def line_contact_problem(edges: int, offset: float) -> Problem:
     """Return the problem on the half plane, meshed where x >= 0.
 
     Args:
-        edges: number of triangles' edges over the half width of the contact.
-        offset: position within the next edge where the contact ends, over the edge's length.
+        edges: Number of triangles' edges over the half width of the contact.
+        offset: Position of the contact's end within the next edge, over the edge's length.
     """
-    body, size = Elastic(E, NU), 1 / (edges + offset)
+    body, size = ElasticHalfSpace(E, NU), 1 / (edges + offset)
     exact = HertzLine(body, RADIUS, np.pi * body.plane_modulus / (4 * RADIUS))
-    lines = size * np.arange(np.ceil(ZONE / size) + 1)
-    return Problem(graded_square(lines, OUTER, "triangle"), size, lines[-1], OUTER, exact)
+    lines = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
+    return Problem(
+        mesh_graded_square(lines, BODY_SIZE, "triangle"), size, lines[-1], BODY_SIZE, exact
+    )
 
 
-def sphere(edges: int, offset: float) -> Problem:
-    """Return the problem on a quarter of the half space, on tetrahedra; arguments as of `line`."""
-    body, lines = Elastic(E, NU), mesh_lines.graded(edges + offset - mesh_lines.PLACE)
-    exact = HertzSphere(body, RADIUS, hertz_force(body, RADIUS))
-    mesh = box("tetrahedron", lines.beside, lines.beside, lines.below)
-    return Problem(mesh, 1 / (edges + offset), lines.zone, mesh_lines.OUTER, exact)
+def sphere_contact_problem(edges: int, offset: float) -> Problem:
+    """Return the problem on a quarter of the half space, meshed with tetrahedra.
+
+    Arguments are those of `line_contact_problem`.
+    """
+    body, lines = (
+        ElasticHalfSpace(E, NU),
+        mesh_lines.graded_body_lines(edges + offset - mesh_lines.CONTACT_EDGE_POSITION),
+    )
+    exact = HertzSphere(body, RADIUS, force_of_unit_hertz_contact(body, RADIUS))
+    mesh = mesh_box("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
+    return Problem(mesh, 1 / (edges + offset), lines.contact_zone_size, mesh_lines.BODY_SIZE, exact)
 
 
 def make_function(space: fem.FunctionSpace, values: Array) -> fem.Function:
@@ -246,7 +267,7 @@ def make_function(space: fem.FunctionSpace, values: Array) -> fem.Function:
     return f
 
 
-def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
+def solve_newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
     """Solve form(w) = 0 by Newton's method and return the number of factorisations.
 
     Raises:
@@ -258,7 +279,7 @@ def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
 def prepare_newton(
     form: Form, w: fem.Function, supports: list[fem.DirichletBC]
 ) -> Callable[[], int]:
-    """Return `newton` as a function without arguments, to repeat it when constants change."""
+    """Return `solve_newton` as a function without arguments, for repeated solutions."""
     residual, tangent = fem.form(form), fem.form(ufl.derivative(form, w))
     prescribed = np.concatenate([bc.dof_indices()[0] for bc in supports])
     K, ksp = petsc.create_matrix(tangent), PETSc.KSP().create(w.function_space.mesh.comm)

@@ -1,4 +1,4 @@
-"""Rigid indenters on half planes and half spaces: contact pressures against the exact ones."""
+"""Rigid indenters on half planes and half spaces: errors of contact pressures and forces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,25 +17,30 @@ from pw_elements import Material, SurfaceNodes, force_transfer, forces_along, pr
 from pw_elements.contact import OPEN, ContactPair, Motion, solve_contact
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState
-from study.meshes.line_mesh import on_lines
-from study.model.contact_result import CONTACT_UNITS
-from study.model.discretisation import discretise, displacement_space, held_nodes, mesh_curves
-from study.model.reading import transferred
-from study.model.units import UNSTATED, Units, units_of
+from study.meshes.line_mesh import mesh_along_lines
+from study.model.contact_result import CONTACT_QUANTITIES
+from study.model.discretisation import (
+    discretise,
+    displacement_space,
+    mesh_nodes_and_cells,
+    prescribe_nodes,
+)
+from study.model.reading import with_transferred_weights
+from study.model.units import UNSTATED_UNITS, Units, units_of
 from study.run.store import Result
-from study.solutions.half_space import BondedLine, KnownContact
+from study.solutions.half_space import BondedLinePunch, ExactContact
 
 Array = npt.NDArray[Any]
 
-# The body is a square of this many half widths of the contact; elements grow away from it
-OUTER, GROWTH = 5.0, 1.3
-# Part of the half width that counts as away from the edge of the contact
-INNER = 0.8
-# Friction that lets nothing slip below a bonded punch
-STICKING = 1e3
+# Side of the square body over the half width of the contact, and growth of its elements
+BODY_SIZE, GROWTH = 5.0, 1.3
+# Inner part of the contact, over its half width, in which errors are also computed
+INNER_PART = 0.8
+# Coefficient of friction with which nothing slips below a bonded punch
+STICKING_FRICTION = 1e3
 
-INDENTATION_UNITS = {
-    **CONTACT_UNITS,
+INDENTATION_QUANTITIES = {
+    **CONTACT_QUANTITIES,
     "error_*": "1",
     "order_*": "1",
     "penetration": "1",
@@ -50,48 +55,49 @@ ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-
 
 @dataclass(frozen=True)
 class Indenter:
-    """A rigid surface whose contact with a half plane or half space is known.
+    """Rigid surface with an exact solution of its contact with a half plane or half space.
 
     Args:
-        known: the solution.
-        surface: the rigid, its lowest point at the origin.
-        state: plane strain, or axisymmetric.
-        units: of forces, lengths and stresses.
+        exact_contact: Exact solution.
+        surface: Rigid surface, its lowest point at the origin.
+        state: Plane strain or axisymmetric.
+        units: Units of force, length and stress.
     """
 
-    known: KnownContact
+    exact_contact: ExactContact
     surface: Surface
     state: StressState
-    units: Units = UNSTATED
+    units: Units = UNSTATED_UNITS
 
 
-def series(
+def solve_refinement_series(
     element: str,
     indenter: Indenter,
-    meshes: Mapping[int, Sequence[Array]],
-    outer: float = OUTER,
+    mesh_lines_by_level: Mapping[int, Sequence[Array]],
+    body_size: float = BODY_SIZE,
     far_field: bool = True,
 ) -> Result:
-    """Errors on meshes of growing fineness.
+    """Solve an indentation on a series of finer meshes, and evaluate errors and orders.
 
-    The outer sides have the exact displacements of the half space, so that no error is due to
-    the body's finite size; or they are held.
+    The far sides have the exact displacements of the half space, so that no error is due to the
+    body's finite size; or they are fixed.
 
     Args:
-        element: name.
-        indenter: what presses.
-        meshes: several meshes, each given by its lines x >= 0 where nodes may touch, for each
-            number of elements over the half width; their errors' root mean square counts.
-        outer: side of the body over the half width of the contact.
-        far_field: whether the exact displacements are prescribed.
+        element: Name of the element.
+        indenter: Rigid surface and exact solution.
+        mesh_lines_by_level: For each number of elements over the half width, several meshes,
+            each given by its lines x >= 0 where nodes may touch; the root mean square of their
+            errors counts.
+        body_size: Side of the body over the half width of the contact.
+        far_field: Whether the exact displacements are prescribed.
 
     Returns:
         Errors as curves over `elements`, those of the finest level as scalars, and the observed
         `order_…` over the last two doublings; curves along the surface of the second level.
     """
     levels = [
-        [indented(element, indenter, lines, outer, far_field) for lines in of_level]
-        for of_level in meshes.values()
+        [solve_indentation(element, indenter, lines, body_size, far_field) for lines in of_level]
+        for of_level in mesh_lines_by_level.values()
     ]
     names = [name for name in levels[0][0].scalars if name.startswith("error")]
     errors = {
@@ -106,94 +112,102 @@ def series(
     scalars |= {
         name.replace("error", "order", 1): float(np.log2(values[-3] / values[-1]) / 2)
         for name, values in errors.items()
-        if len(values) > 2 and name != "error_radius"  # that one jumps from node to node
+        if len(values) > 2 and name != "error_radius"  # the radius jumps from node to node
     }
-    every = [r for level in levels for r in level]
+    all_results = [r for level in levels for r in level]
     for name in ("iterations", "residual", "penetration", "off_edge"):
-        scalars[name] = max(r.scalars[name] for r in every)
+        scalars[name] = max(r.scalars[name] for r in all_results)
     curves = dict(levels[min(1, len(levels) - 1)][0].curves)
-    curves |= {"elements": np.array([float(n) for n in meshes])} | errors
-    named = units_of(scalars, INDENTATION_UNITS, indenter.units)
-    return Result(scalars, named, curves, dofs=finest[0].dofs)
+    curves |= {"elements": np.array([float(n) for n in mesh_lines_by_level])} | errors
+    scalar_units = units_of(scalars, INDENTATION_QUANTITIES, indenter.units)
+    return Result(scalars, scalar_units, curves, dofs=finest[0].dofs)
 
 
-def indented(
+def solve_indentation(
     element: str,
     indenter: Indenter,
     lines: Array,
-    outer: float = OUTER,
+    body_size: float = BODY_SIZE,
     far_field: bool = True,
 ) -> Result:
-    """One half of an indented body on one mesh."""
-    known, half_width = indenter.known, indenter.known.half_width
-    side, zone = outer * half_width, lines[-1]
-    material = Material(known.body.youngs_modulus, known.body.poissons_ratio)
-    body = discretise(element, partial(graded_square, lines, side), material, indenter.state)
+    """Solve the indentation of one half of a body on one mesh."""
+    exact = indenter.exact_contact
+    side, zone = body_size * exact.half_width, lines[-1]
+    material = Material(exact.body.youngs_modulus, exact.body.poissons_ratio)
+    body = discretise(element, partial(mesh_graded_square, lines, side), material, indenter.state)
 
-    def touching(x: Array) -> npt.NDArray[np.bool_]:
+    def may_touch(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[1], 0.0, atol=1e-9 * zone) & (x[0] < zone * (1 + 1e-9))
 
-    conditions = _outer_conditions(body.space, known if far_field else None, side)
+    conditions = _prescribe_far_sides(body.space, exact if far_field else None, side)
     conditions.append(prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
-    part = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # of the force on this half
-    down = Motion((0.0, None), (0.0, -part * known.force))
-    friction = STICKING if isinstance(known, BondedLine) else 0.0
-    pair = ContactPair(touching, indenter.surface, friction, [down])
-    nothing = body.K.createVecLeft()
-    (solved,) = solve_contact(body.K, nothing, body.supports(conditions), [pair], body.space)
+    force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half the plane body
+    down = Motion((0.0, None), (0.0, -force_factor * exact.force))
+    friction = STICKING_FRICTION if isinstance(exact, BondedLinePunch) else 0.0
+    pair = ContactPair(may_touch, indenter.surface, friction, [down])
+    no_load = body.K.createVecLeft()
+    (state,) = solve_contact(body.K, no_load, body.supports(conditions), [pair], body.space)
 
-    surface = SurfaceNodes.from_body(body.body, touching)
-    curves = _along(solved, known, surface) | mesh_curves(body.space)
+    surface = SurfaceNodes.from_body(body.body, may_touch)
+    curves = _surface_curves(state, exact, surface) | mesh_nodes_and_cells(body.space)
     if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
-        T, r = force_transfer(body.space), reactions(body.K, solved.displacement, nothing)
-        curves["force_n_T"] = -forces_along(body.space, T * r, touching).force[:, 1]
-        weighted = transferred(surface, T)
+        T, r = force_transfer(body.space), reactions(body.K, state.displacement, no_load)
+        curves["force_n_T"] = -forces_along(body.space, T * r, may_touch).force[:, 1]
+        weighted = with_transferred_weights(surface, T)
         curves["pressure_T"] = weighted.pressure(curves["force_n_T"])
-    scalars = _errors(curves, surface, known) | _summary(solved, known, surface)
-    named = units_of(scalars, INDENTATION_UNITS, indenter.units)
-    return Result(scalars, named, curves, dofs=body.K.getSize()[0])
+    scalars = _force_and_pressure_errors(curves, surface, exact)
+    scalars |= _contact_scalars(state, exact, surface)
+    scalar_units = units_of(scalars, INDENTATION_QUANTITIES, indenter.units)
+    return Result(scalars, scalar_units, curves, dofs=body.K.getSize()[0])
 
 
-def growing(smallest: float, length: float) -> Array:
-    """Mesh lines from 0 to the length, elements growing from the smallest by GROWTH at most."""
-    count = int(np.ceil(np.log1p(length / smallest * (GROWTH - 1)) / np.log(GROWTH)))
-    if count <= length / smallest:
+def growing_lines_from_size(first_size: float, length: float) -> Array:
+    """Return mesh lines from 0 to a length; sizes grow from the first by `GROWTH` at most."""
+    count = int(np.ceil(np.log1p(length / first_size * (GROWTH - 1)) / np.log(GROWTH)))
+    if count <= length / first_size:
         powers = np.arange(count)
-        factor = brentq(lambda g: smallest * np.sum(g**powers) - length, 1.0, 2 * GROWTH)
-        return np.concatenate([[0.0], np.cumsum(smallest * factor**powers)])
+        factor = brentq(lambda g: first_size * np.sum(g**powers) - length, 1.0, 2 * GROWTH)
+        return np.concatenate([[0.0], np.cumsum(first_size * factor**powers)])
     return np.linspace(0.0, length, count + 1)
 
 
-def graded_square(lines: Array, side: float, cell: str) -> Mesh:
-    """The square 0 <= x <= side, -side <= y <= 0, finest at the surface and along the lines."""
-    sizes = np.diff(lines)
-    x_lines = np.concatenate([lines, lines[-1] + growing(sizes[-1], side - lines[-1])[1:]])
-    y_lines = -growing(sizes.min(), side)[::-1]
-    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell)
+def mesh_graded_square(contact_lines: Array, side: float, cell: str) -> Mesh:
+    """Mesh the square 0 <= x <= side, -side <= y <= 0, finest at the surface and lines."""
+    sizes = np.diff(contact_lines)
+    x_lines = np.concatenate(
+        [
+            contact_lines,
+            contact_lines[-1] + growing_lines_from_size(sizes[-1], side - contact_lines[-1])[1:],
+        ]
+    )
+    y_lines = -growing_lines_from_size(sizes.min(), side)[::-1]
+    return mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell)
 
 
-def _outer_conditions(
-    space: fem.FunctionSpace, known: KnownContact | None, side: float
+def _prescribe_far_sides(
+    space: fem.FunctionSpace, exact_contact: ExactContact | None, side: float
 ) -> list[fem.DirichletBC]:
-    """A known displacement field, or none, on the sides x = side and y = -side."""
+    """Prescribe exact displacements, or zero ones, on the sides x = side and y = -side."""
 
-    def outside(x: Array) -> npt.NDArray[np.bool_]:
+    def on_far_sides(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[0], side) | np.isclose(x[1], -side)
 
-    if known is None:
-        return [prescribe(space, i, outside) for i in (0, 1)]
+    if exact_contact is None:
+        return [prescribe(space, i, on_far_sides) for i in (0, 1)]
     x = displacement_space(space).tabulate_dof_coordinates()
-    nodes = np.flatnonzero(outside(x.T)).astype(np.int32)
-    return [held_nodes(space, nodes, known.displacement(x[nodes, :2]))]
+    nodes = np.flatnonzero(on_far_sides(x.T)).astype(np.int32)
+    return [prescribe_nodes(space, nodes, exact_contact.displacement(x[nodes, :2]))]
 
 
-def _along(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> dict[str, Array]:
-    """Curves along the surface; the exact pressure is NaN where it is infinite."""
-    (contact,) = solved.pairs
+def _surface_curves(
+    state: ContactState, exact_contact: ExactContact, surface: SurfaceNodes
+) -> dict[str, Array]:
+    """Return curves along the surface; the exact pressure is NaN where it is infinite."""
+    (contact,) = state.pairs
     x = contact.position[:, 0]
-    inside = x < known.half_width * (1 - 1e-9)
-    edge = 0.0 if known.bounded else np.nan
-    exact = np.where(inside, known.pressure(np.where(inside, x, 0.0)), edge)
+    inside = x < exact_contact.half_width * (1 - 1e-9)
+    pressure_at_edge = 0.0 if exact_contact.has_bounded_pressure else np.nan
+    exact = np.where(inside, exact_contact.pressure(np.where(inside, x, 0.0)), pressure_at_edge)
     return {
         "x": x,
         "force_n": contact.force_normal,
@@ -204,38 +218,40 @@ def _along(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> 
         "gap": contact.gap,
         "status": contact.status,
         "exact_pressure": exact,
-        "exact_force": np.diff(known.force_within(borders(x))),
+        "exact_force": np.diff(exact_contact.force_within(tributary_ends(x))),
     }
 
 
-def _errors(
-    curves: Mapping[str, Array], surface: SurfaceNodes, known: KnownContact
+def _force_and_pressure_errors(
+    curves: Mapping[str, Array], surface: SurfaceNodes, exact_contact: ExactContact
 ) -> dict[str, float]:
-    """Errors of forces and pressures over the whole contact, and over its inner part.
+    """Return errors of forces and pressures over the whole contact, and over its inner part.
 
     Forces: sum of |r_i - exact force on the node's tributary length| over the sum of the latter.
     Pressures: root mean square of the difference from the exact pressure at the node, over that
     of the exact pressure, both weighted with tributary areas; there is none over the whole
     contact if the pressure is unbounded. Nodes without weight have no own-function pressure.
-    Pressures over tributary areas, as node-to-surface codes print them, are compared below
-    bounded pressures alone: there is no more to learn of them from the others.
+    Pressures over tributary areas, as node-to-surface codes print them, are compared with bounded
+    pressures only; unbounded ones would add nothing.
     """
     errors = {}
-    inner = curves["x"] < INNER * known.half_width
+    inner = curves["x"] < INNER_PART * exact_contact.half_width
     for suffix, counts in (("", np.ones_like(inner)), ("_inner", inner)):
         exact = curves["exact_force"][counts]
         for name, curve in (("force", "force_n"), ("force_transferred", "force_n_T")):
             if curve in curves:
                 difference = np.abs(curves[curve][counts] - exact)
                 errors[f"error_{name}{suffix}"] = float(difference.sum() / exact.sum())
-        if not (known.bounded or suffix):
+        if not (exact_contact.has_bounded_pressure or suffix):
             continue
         for name, curve in (
             ("own", "pressure"),
             ("tributary", "pressure_tributary"),
             ("transferred", "pressure_T"),
         ):
-            if curve not in curves or (name == "tributary" and not known.bounded):
+            if curve not in curves or (
+                name == "tributary" and not exact_contact.has_bounded_pressure
+            ):
                 continue
             valid = counts & np.isfinite(curves[curve])
             weight, p = surface.tributary_area[valid], curves["exact_pressure"][valid]
@@ -244,43 +260,49 @@ def _errors(
     return errors
 
 
-def _summary(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> dict[str, float]:
-    """What else is stored of one mesh; `off_edge` is the miss of the contact's edge.
+def _contact_scalars(
+    state: ContactState, exact_contact: ExactContact, surface: SurfaceNodes
+) -> dict[str, float]:
+    """Return scalars of the contact besides errors of pressures and forces.
 
-    The residual is one of forces; what is left of the gap is the penetration over the half width.
-    The contact's radius is midway between the last closed and the first open node; `off_edge`
-    counts its error in distances of these two, so that it is 1/2 at most if they enclose it.
+    The residual is the largest one of forces; the penetration is over the half width. The radius
+    is midway between the last closed and the first open node; `off_edge` is its error over the
+    distance of these nodes, 1/2 at most if they enclose the exact radius.
     """
-    (contact,), residuals = solved.pairs, solved.residuals
+    (contact,), residuals = state.pairs, state.residuals
     x, closed = contact.position[:, 0], contact.status != OPEN
-    own = surface.pressure(contact.force_normal)
+    pressure = surface.pressure(contact.force_normal)
     last = np.flatnonzero(closed)[-1]
     scalars = {
         "force_normal": float(contact.force_normal.sum()),
         "force_tangential": float(-contact.force_tangential[:, 0].sum()),
-        "iterations": float(solved.iterations),
+        "iterations": float(state.iterations),
         "residual": max(residuals.equilibrium, residuals.tension, residuals.cone),
-        "penetration": float(np.max(-contact.gap) / known.half_width),
+        "penetration": float(np.max(-contact.gap) / exact_contact.half_width),
         "sawtooth": surface.sawtooth(contact.force_normal, closed),
-        "unevenness": surface.unevenness(own, closed),
-        "peak_pressure": float(np.nanmax(own)),
-        "weightless": float(np.isnan(own).sum()),
+        "unevenness": surface.unevenness(pressure, closed),
+        "peak_pressure": float(np.nanmax(pressure)),
+        "weightless": float(np.isnan(pressure).sum()),
         "open_inside": float(np.sum(~closed[:last])),
         "contact_radius": float(x[last]),
         "off_edge": 0.0,
-        "error_approach": float(abs(-contact.translation[1] / known.approach - 1)),
+        "error_approach": float(abs(-contact.translation[1] / exact_contact.approach - 1)),
     }
-    if known.bounded:
+    if exact_contact.has_bounded_pressure:
         radius = (x[last] + x[last + 1]) / 2
         scalars["contact_radius"] = float(radius)
-        scalars["error_radius"] = float(abs(radius / known.half_width - 1))
-        scalars["off_edge"] = float(abs(radius - known.half_width) / (x[last + 1] - x[last]))
-        scalars["error_peak"] = float(abs(np.nanmax(own) / known.pressure(np.zeros(1))[0] - 1))
+        scalars["error_radius"] = float(abs(radius / exact_contact.half_width - 1))
+        scalars["off_edge"] = float(
+            abs(radius - exact_contact.half_width) / (x[last + 1] - x[last])
+        )
+        scalars["error_peak"] = float(
+            abs(np.nanmax(pressure) / exact_contact.pressure(np.zeros(1))[0] - 1)
+        )
     return scalars
 
 
-def borders(x: Array) -> Array:
-    """Ends of the tributary lengths of nodes (m,) on a line: (m + 1,)."""
+def tributary_ends(x: Array) -> Array:
+    """Return the ends (m + 1,) of the tributary lengths of nodes (m,) on a line."""
     return np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
 
 

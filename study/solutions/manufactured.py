@@ -1,20 +1,24 @@
-"""Smooth displacement fields for manufactured solutions, the loads of which UFL derives."""
+"""Smooth displacement fields for manufactured solutions, whose loads UFL derives."""
 
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any, TypeAlias
 
-Terms: TypeAlias = Any
+ArrayOrExpression: TypeAlias = Any
 """Arrays of numpy or expressions of UFL."""
-Field = Callable[[ModuleType, Terms, Terms], tuple[Terms, ...]]
-"""Components of a displacement at x, with the functions of numpy or UFL.
+DisplacementField = Callable[
+    [ModuleType, ArrayOrExpression, ArrayOrExpression], tuple[ArrayOrExpression, ...]
+]
+"""Function (m, x, compliance) that returns the components of a displacement.
 
-The compliance is one over Lamé's first constant: terms that are multiplied by it leave a bounded
-pressure as nu goes to 1/2.
+m is the module, numpy or UFL, whose functions are called, and x the point. The compliance is one
+over Lamé's first constant: terms multiplied by it leave a bounded pressure as nu goes to 1/2.
 """
 
 
-def plane(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def plane(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return a plane field without dilatation plus `plane_pressure`."""
     p = plane_pressure(m, x, compliance)
     return (
@@ -23,7 +27,9 @@ def plane(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
     )
 
 
-def plane_pressure(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def plane_pressure(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return a field whose stress is a pressure alone as nu goes to 1/2.
 
     The body force balances the pressure.
@@ -31,7 +37,9 @@ def plane_pressure(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, .
     return compliance * m.sin(x[0] + x[1]), compliance * m.cos(x[0] - 2 * x[1])
 
 
-def round_about(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def round_about(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return an axisymmetric field without dilatation plus `round_about_pressure`."""
     r, z = x[0], x[1]
     p = round_about_pressure(m, x, compliance)
@@ -41,7 +49,9 @@ def round_about(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]
     )
 
 
-def round_about_pressure(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def round_about_pressure(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return an axisymmetric field like `plane_pressure`: u_r is odd in r, u_z even."""
     r, z = x[0], x[1]
     return (
@@ -50,7 +60,9 @@ def round_about_pressure(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Te
     )
 
 
-def solid(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def solid(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return a field in space without dilatation plus `solid_pressure`."""
     p = solid_pressure(m, x, compliance)
     return (
@@ -60,7 +72,9 @@ def solid(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
     )
 
 
-def solid_pressure(m: ModuleType, x: Terms, compliance: Terms) -> tuple[Terms, ...]:
+def solid_pressure(
+    m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ...]:
     """Return a field in space like `plane_pressure`."""
     return (
         compliance * m.sin(x[0] + x[1]),

@@ -1,4 +1,4 @@
-"""Neo-Hookean bodies at large strains, and their states below a rigid tool that moves."""
+"""Neo-Hookean bodies at large strains, and their states below a moving rigid tool."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 POISSONS_RATIO, HYBRID_POISSONS_RATIO = 0.3, 0.4999
 MAX_ITERATIONS = 40
 """One increment of the standard element takes 25, the library's default: round-off would decide
-whether it is cut, and with it the dissipation by friction."""
+whether it is cut, which changes the dissipation by friction."""
 
 
 def lame_over_shear(poissons_ratio: float) -> float:
@@ -34,13 +34,13 @@ class RubberBody:
     """Neo-Hookean body on an element, with the shear modulus 1; plane strain in the plane.
 
     Attributes:
-        element: name of the element.
-        dim: dimension of space.
-        solution: all unknowns.
-        residual: weak form, without contact forces.
-        displacements: displacements among the unknowns.
-        x: undeformed nodes, (n, dim).
-        is_vertex: which nodes are vertices, (n,).
+        element: Name of the element.
+        dim: Dimension of space.
+        solution: Function of all unknowns.
+        residual: Weak form without contact forces.
+        displacements: Subspace of displacements.
+        x: Undeformed positions (n, dim) of the nodes.
+        is_vertex: Mask (n,) of the nodes that are vertices.
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class RubberBody:
         """Create the body.
 
         Args:
-            element: its name; hybrid ones have Poisson's ratio 0.4999, others 0.3.
-            mesh: of one body, or of several.
-            degree: of quadrature.
-            calculix_energy: whether the energy is that of CalculiX (plane strain), instead of
+            element: Name of the element; Poisson's ratio is 0.4999 for hybrid ones, else 0.3.
+            mesh: Mesh of one or several bodies.
+            degree: Degree of quadrature.
+            calculix_energy: Whether the energy is that of CalculiX (plane strain), instead of
                 (|F|^2 - dim) / 2 - ln J + lambda / 2 ln(J)^2.
         """
         pair = spaces(element, mesh)
@@ -117,13 +117,13 @@ class RubberBody:
 
 
 @dataclass(frozen=True)
-class History:
+class LoadHistory:
     """States at the ends of increments, the undeformed one first, with energies and forces.
 
     Args:
-        states: of the contact problem.
-        strain_energy: stored in each state.
-        base_force: total force (dim,) of the supports at the base in each state.
+        states: States of the contact problem.
+        strain_energy: Strain energy of each state.
+        base_force: Total force (dim,) of the supports at the base in each state.
     """
 
     states: list[ContactState]
@@ -148,8 +148,8 @@ class History:
                 work += float((old.force + new.force) @ motion / 2)
         return work
 
-    def base_imbalance(self, components: Sequence[int] = (0, 1)) -> float:
-        """Return the largest sum of tool and base forces, over the last force of the tools."""
+    def max_relative_imbalance(self, components: Sequence[int] = (0, 1)) -> float:
+        """Return the largest |tool force + base force| of all states, over the last tool force."""
         sums = [
             sum(pair.force for pair in state.pairs) + base_force
             for state, base_force in zip(self.states, self.base_force, strict=True)
@@ -158,28 +158,29 @@ class History:
         return float(np.abs(np.array(sums)[:, components]).max() / np.linalg.norm(last))
 
 
-def move_tool(
+def solve_tool_motions(
     rubber: RubberBody,
     pair: ContactPair,
     supports: list[fem.DirichletBC],
     motions: Sequence[Motion],
     is_base: npt.NDArray[np.bool_],
     set_supports: Callable[[int, float], None] | None = None,
-) -> History:
-    """Solve the increments of a tool's motion.
+) -> LoadHistory:
+    """Solve one increment for each motion of a tool.
 
     Args:
-        rubber: the body.
-        pair: its surface and the tool.
-        supports: prescribed displacements.
-        motions: of the tool at the ends of the increments.
-        is_base: marks the nodes (n,) of which supports' forces are summed.
-        set_supports: sets prescribed displacements by an increment's number and load factor.
+        rubber: Body.
+        pair: Surface of the body and the tool.
+        supports: Prescribed displacements.
+        motions: Motions of the tool at the ends of the increments.
+        is_base: Mask (n,) of the nodes whose support forces are summed.
+        set_supports: Function that sets the prescribed displacements for an increment's number
+            and load factor.
     """
     problem = ContactProblem.of_residual(
         rubber.residual, rubber.solution, supports, pair, max_iterations=MAX_ITERATIONS
     )
-    history = History([problem.undeformed], [0.0], [np.zeros(rubber.dim)])
+    history = LoadHistory([problem.undeformed], [0.0], [np.zeros(rubber.dim)])
     for k, motion in enumerate(motions):
         load = None if set_supports is None else partial(set_supports, k)
         history.states.append(problem.step(history.states[-1], load, motion))

@@ -1,8 +1,8 @@
 """Bodies in space on the elements of section V10, and contact pressures on their faces.
 
-Two of these ways are what becomes of the standard element: its nodal forces times T, and its
-symmetric sibling, whose stiffness is T K T^T. The sibling's unknowns are coefficients of the
-displacements, its forces belong to them, and contact is stated on their gaps.
+Two of them derive from the standard element: “transferred” multiplies its nodal forces by T, and
+the symmetric sibling has the stiffness T K T^T. The sibling's unknowns are coefficients of the
+displacements, to which its forces belong, and contact is stated on their gaps.
 """
 
 from collections.abc import Callable
@@ -31,40 +31,40 @@ from pw_elements import (
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState, VectorCoefficient, order_by_position
 from pw_elements.spaces import Marker
-from study.model.discretisation import displacement_space, held_nodes, spaces
-from study.model.reading import compared, transferred
+from study.model.discretisation import displacement_space, prescribe_nodes, spaces
+from study.model.reading import error_norms_on_common_and_other_nodes, with_transferred_weights
 from study.model.units import dimensionless
 from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 
-# Radius within which pressures are compared, over the contact's
-INNER = 0.8
+# Radius within which pressures are compared, over the contact's radius
+INNER_PART = 0.8
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An elastic body in space on one of the elements.
+    """Elastic body in space on one of the elements.
 
     Args:
-        element: its name.
-        body: spaces and material.
-        galerkin: stiffness of the trial and test space, free.
-        K: the stiffness that is solved with.
-        T: the transfer of nodal forces, where the standard element's get it.
-        sibling: where the unknowns are its coefficients.
+        element: Name of the element.
+        body: Spaces and material.
+        assembled_stiffness: Stiffness assembled from the spaces, without supports.
+        K: Stiffness of the unknowns that are solved for, without supports.
+        T: Transfer of nodal forces, for the element “transferred-T10” only.
+        sibling: Sibling whose coefficients are the unknowns, for “sibling-T10” only.
     """
 
     element: str
     body: Body
-    galerkin: PETSc.Mat
+    assembled_stiffness: PETSc.Mat
     K: PETSc.Mat
     T: PETSc.Mat | None = None
     sibling: Sibling | None = None
 
     @classmethod
-    def of(cls, element: str, mesh: Mesh, material: Material) -> "Solid":
-        """Assembles it."""
+    def from_mesh(cls, element: str, mesh: Mesh, material: Material) -> "Solid":
+        """Assemble the stiffness of an element on a mesh."""
         body = Body(spaces(element, mesh), material, StressState.SOLID)
         stiffness = assemble_matrix(body.stiffness(), blocked=True)
         if element == "transferred-T10":
@@ -81,52 +81,56 @@ class Solid:
         return self.body.spaces.trial
 
     @property
-    def displacements(self) -> fem.FunctionSpace:
+    def displacement_space(self) -> fem.FunctionSpace:
         """Space of the displacements alone."""
         return displacement_space(self.space)
 
     @property
     def dofs(self) -> int:
-        """Number of unknowns, prescribed ones too."""
+        """Number of unknowns, including prescribed ones."""
         return int(self.K.getSize()[0])
 
     def surface_load(self, traction: VectorCoefficient, where: Marker) -> PETSc.Vec:
-        """Load vector of a traction on the part of the boundary that a marker holds on."""
+        """Return the load vector of a traction on the marked part of the boundary."""
         surface = boundary_measure(self.body.spaces.mesh, where)
         load = assemble_vector(self.body.surface_load(traction, surface))
         return load if self.sibling is None else self.sibling.load(load)
 
     def supports(self, conditions: list[fem.DirichletBC]) -> Reduction:
-        """Supports that prescribe displacements."""
+        """Return the reduction by prescribed displacements."""
         if self.sibling is not None:
             return self.sibling.dirichlet(conditions)
         return Reduction.dirichlet(self.space, conditions)
 
-    def held(self, where: Marker, displacement: Callable[[Array], Array]) -> list[fem.DirichletBC]:
-        """Prescribed displacements (n, 3) at points (n, 3) of whole faces of the boundary."""
-        x = self.displacements.tabulate_dof_coordinates()
-        nodes = fem.locate_dofs_geometrical(self.displacements, where)
-        return [held_nodes(self.space, nodes, displacement(x[nodes]))]
+    def prescribe_faces(
+        self, where: Marker, displacement: Callable[[Array], Array]
+    ) -> list[fem.DirichletBC]:
+        """Prescribe displacements (n, 3), a function of points (n, 3), on marked faces."""
+        x = self.displacement_space.tabulate_dof_coordinates()
+        nodes = fem.locate_dofs_geometrical(self.displacement_space, where)
+        return [prescribe_nodes(self.space, nodes, displacement(x[nodes]))]
 
-    def held_by_load(self, where: Marker, displacement: Callable[[Array], Array]) -> PETSc.Vec:
-        """Load that stands for displacements of faces, which the supports then hold."""
-        moved = self.supports(self.held(where, displacement)).offset
+    def load_of_prescribed_faces(
+        self, where: Marker, displacement: Callable[[Array], Array]
+    ) -> PETSc.Vec:
+        """Return the load equivalent to displacements of faces, which supports then hold at 0."""
+        moved = self.supports(self.prescribe_faces(where, displacement)).offset
         load = self.K * moved
         load.scale(-1.0)
         return load
 
     def nodal_forces(self, state: ContactState, load: PETSc.Vec, where: Marker) -> Array:
-        """Contact forces (m, 3) of the last increment at the nodes that `SurfaceNodes` has."""
+        """Return the contact forces (m, 3) of a state, in the order of `SurfaceNodes`."""
         if self.T is None:
             (pair,) = state.pairs
             return np.asarray(pair.force_normal[:, None] * pair.normal + pair.force_tangential)
-        forces = self.T * reactions(self.galerkin, state.displacement, load)
+        forces = self.T * reactions(self.assembled_stiffness, state.displacement, load)
         nodes = fem.locate_dofs_geometrical(self.space, where)
         order = order_by_position(self.space.tabulate_dof_coordinates()[nodes])
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
-    def faces(self, where: Marker) -> tuple[SurfaceNodes, SurfaceNodes]:
-        """Nodes (m) of a part of the boundary, with own weights and with the standard element's."""
+    def own_and_standard_nodes(self, where: Marker) -> tuple[SurfaceNodes, SurfaceNodes]:
+        """Return surface nodes with the element's weights, and with the standard element's."""
         own = SurfaceNodes.from_body(self.body, where)
         spaces, T = self.body.spaces, self.T
         if spaces.test is not spaces.trial:
@@ -134,54 +138,56 @@ class Solid:
             return own, SurfaceNodes.from_body(galerkin, where)
         if self.sibling is not None:
             T = force_transfer(self.space)
-        return own if T is None else transferred(own, T), own
+        return own if T is None else with_transferred_weights(own, T), own
 
 
-def errors_beside(name: str, error: Array, standard: SurfaceNodes) -> dict[str, float]:
-    """Scalars of errors (m,) on the nodes that the standard element reads, and on others."""
-    sizes = compared(error, standard.pressure(np.zeros(len(error))))
-    return {f"{name}_{of}": size for of, size in sizes.items()}
+def error_norms_beside_standard(
+    name: str, error: Array, standard: SurfaceNodes
+) -> dict[str, float]:
+    """Return norms of errors (m,) on nodes with standard readings, and on the others."""
+    norms = error_norms_on_common_and_other_nodes(error, standard.pressure(np.zeros(len(error))))
+    return {f"{name}_{suffix}": norm for suffix, norm in norms.items()}
 
 
 def face_result(
     states: list[ContactState],
     solid: Solid,
-    faces: tuple[SurfaceNodes, SurfaceNodes],
+    own_and_standard: tuple[SurfaceNodes, SurfaceNodes],
     forces: Array,
     exact: Array,
     scale: float,
-    inner: float,
-    **further: float,
+    inner_radius: float,
+    **extra_scalars: float,
 ) -> Result:
-    """Errors of the pressure on a horizontal face, over nodes with weight; curves.
+    """Return errors of the pressure on a horizontal face, at nodes with weight, and curves.
 
     Args:
-        states: all increments.
-        solid: the body.
-        faces: `Solid.faces` of the face.
-        forces: (m, 3), at its nodes; the last component presses, the first shears.
-        exact: (m,), pressure.
-        scale: what errors and curves are over.
-        inner: distance from the origin within which errors count.
-        further: scalars to store besides.
+        states: States at the ends of all increments.
+        solid: Body.
+        own_and_standard: `Solid.own_and_standard_nodes` of the face.
+        forces: Forces (m, 3) at its nodes; the last component is normal, the first shear.
+        exact: Exact pressure (m,).
+        scale: Pressure by which errors and curves are divided.
+        inner_radius: Distance from the origin within which errors count.
+        extra_scalars: Further scalars to store.
     """
-    surface, standard = faces
+    surface, standard = own_and_standard
     x, tractions = surface.position, surface.pressure(forces)
     pressure = tractions[:, 2]
     r = np.linalg.norm(x[:, :2], axis=1)
-    counts = r < inner
-    off = np.where(counts, np.abs(pressure - exact), np.nan) / scale
+    is_inner = r < inner_radius
+    error = np.where(is_inner, np.abs(pressure - exact), np.nan) / scale
     (pair,) = states[-1].pairs
     scalars = {
-        "pressure_error_median": np.nanmedian(off),
-        "pressure_error_max": np.nanmax(off),
-        **errors_beside("pressure_error", off, standard),
-        "weightless_nodes": np.isnan(pressure[counts]).sum(),
-        "nodes": counts.sum(),
+        "pressure_error_median": np.nanmedian(error),
+        "pressure_error_max": np.nanmax(error),
+        **error_norms_beside_standard("pressure_error", error, standard),
+        "weightless_nodes": np.isnan(pressure[is_inner]).sum(),
+        "nodes": is_inner.sum(),
         "iterations": sum(state.iterations for state in states),
         "krylov_iterations": sum(state.report.krylov_iterations for state in states),
         "residual": max(state.residuals.largest() for state in states),
-        **further,
+        **extra_scalars,
     }
     curves = {
         "x": x,

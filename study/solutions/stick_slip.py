@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from study.solutions.half_space import Elastic
+from study.solutions.half_space import ElasticHalfSpace
 
 Array = npt.NDArray[np.float64]
 
@@ -24,35 +24,35 @@ class Cattaneo:
         half_width: a, of the contact.
         force: P, per length.
         friction: mu.
-        share: Q/(mu P), of the friction that the tangential force uses up.
+        friction_utilisation: Q/(mu P), of the friction that the tangential force uses up.
     """
 
     half_width: float
     force: float
     friction: float
-    share: float
+    friction_utilisation: float
 
     @property
-    def stick(self) -> float:
+    def stick_half_width(self) -> float:
         """Half width c = a sqrt(1 - Q/(mu P)) of the zone that sticks."""
-        return float(self.half_width * np.sqrt(1 - self.share))
+        return float(self.half_width * np.sqrt(1 - self.friction_utilisation))
 
     @property
-    def peak(self) -> float:
+    def peak_pressure(self) -> float:
         """Pressure p0 = 2 P/(pi a) in the middle."""
         return 2 * self.force / (np.pi * self.half_width)
 
     def pressure(self, x: Array) -> Array:
         """Return p0 sqrt(1 - x²/a²)."""
-        return self.peak * _semi_ellipse(x / self.half_width)
+        return self.peak_pressure * _semi_ellipse(x / self.half_width)
 
     def shear(self, x: Array) -> Array:
         """Return mu p, less mu p0 c/a sqrt(1 - x²/c²) where the contact sticks."""
-        ratio = self.stick / self.half_width
-        sticking = ratio * self.peak * _semi_ellipse(x / self.stick)
+        ratio = self.stick_half_width / self.half_width
+        sticking = ratio * self.peak_pressure * _semi_ellipse(x / self.stick_half_width)
         return self.friction * (self.pressure(x) - sticking)
 
-    def displacement(self, body: Elastic, x: Array) -> Array:
+    def displacement(self, body: ElasticHalfSpace, x: Array) -> Array:
         """Return displacements (n, 2) of the lower half plane under pressure and shear.
 
         Args:
@@ -62,11 +62,13 @@ class Cattaneo:
         theta = np.arange(1, _N_SOURCES + 1) * np.pi / (_N_SOURCES + 1)
         s, weight = np.cos(theta), 2 / (_N_SOURCES + 1) * np.sin(theta) ** 2
         normal, zero = self.force * weight, np.zeros(_N_SOURCES)
-        shear = self.friction * normal if self.share else zero
-        field = body.line_displacement(x, self.half_width * s, normal, shear)
-        if self.share:
-            sticking = (1 - self.share) * self.friction * normal
-            field = field - body.line_displacement(x, self.stick * s, zero, sticking)
+        shear = self.friction * normal if self.friction_utilisation else zero
+        field = body.displacement_by_line_forces(x, self.half_width * s, normal, shear)
+        if self.friction_utilisation:
+            sticking = (1 - self.friction_utilisation) * self.friction * normal
+            field = field - body.displacement_by_line_forces(
+                x, self.stick_half_width * s, zero, sticking
+            )
         return np.asarray(field, dtype=np.float64)
 
 

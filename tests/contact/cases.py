@@ -23,9 +23,9 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, solve_contact
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
-from study.model.elements import serendipity
+from study.model.elements import serendipity_spaces
 
-PETROV_GALERKIN, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
+PETROV_GALERKIN, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity_spaces
 
 
 def on_plane(axis, coordinate):

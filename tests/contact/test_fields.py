@@ -36,8 +36,8 @@ from pw_elements.contact import (
 )
 from pw_elements.files import FOLDER_MARK_FILE_NAME
 from pw_elements.meshes import move_nodes, triangles
-from study.model.elements import composite
-from study.solutions.half_space import Elastic as HalfPlane
+from study.model.elements import composite_spaces
+from study.solutions.half_space import ElasticHalfSpace as HalfPlane
 from study.solutions.half_space import HertzLine, HertzSphere
 from tests.contact.cases import (
     GALERKIN,
@@ -309,7 +309,7 @@ def test_files_that_cannot_be_written_are_refused(tmp_path):
     with full_disk, pytest.raises(OSError, match=r"it takes about 0\.\d+ MB: .*block\.bp"):
         write(path, states, block.body)
     assert list(tmp_path.iterdir()) == []
-    composite_block = BlockOnFloor(4, composite)
+    composite_block = BlockOnFloor(4, composite_spaces)
     (state,) = composite_block.solve(0.3, 60.0, n_pull_increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
         write(path, state, composite_block.body)

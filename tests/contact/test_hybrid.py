@@ -23,7 +23,7 @@ from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration import TargetLoadsAndMotions
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
-from study.model.elements import taylor_hood
+from study.model.elements import taylor_hood_spaces
 from tests.contact.cases import (
     PETROV_GALERKIN,
     ElasticBody,
@@ -31,7 +31,7 @@ from tests.contact.cases import (
     on_plane,
 )
 
-COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
+COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood_spaces
 
 
 class HybridBlock(ElasticBody):

@@ -25,7 +25,7 @@ from pw_elements.meshes import move_nodes, triangles
 from study.benchmarks.v12_impact.page import integrate_for_any_stiffness, integrate_with_library
 from study.benchmarks.v12_impact.schemes import StiffnessMassPair
 from study.meshes.mesh_families import on_strip
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.contact.cases import GALERKIN, ElasticBody, make_x_spacing_unequal, on_plane
 from tests.contact.test_friction import SaturatingFriction
 
@@ -154,8 +154,10 @@ def test_a_bar_moves_as_in_the_time_loop_of_the_study(scheme):
 
 def test_the_critical_step_is_that_of_the_highest_frequency():
     supports = THROWN_BLOCK.x_supports(on_plane(0, 0.0))
-    R = dense(supports.right)
-    values = scipy.linalg.eigvalsh(R.T @ dense(THROWN_BLOCK.K) @ R, R.T @ dense(THROWN_BLOCK.M) @ R)
+    R = to_dense_array(supports.right)
+    values = scipy.linalg.eigvalsh(
+        R.T @ to_dense_array(THROWN_BLOCK.K) @ R, R.T @ to_dense_array(THROWN_BLOCK.M) @ R
+    )
     assert critical_step(THROWN_BLOCK.K, THROWN_BLOCK.M, supports) == pytest.approx(
         2 / np.sqrt(values[-1])
     )

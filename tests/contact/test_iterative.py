@@ -20,7 +20,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
-from study.model.elements import taylor_hood
+from study.model.elements import taylor_hood_spaces
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 from tests.contact.iterative import (
     SOLID_CASE_MAKERS_BY_NAME,
@@ -31,7 +31,7 @@ from tests.contact.iterative import (
 )
 from tests.contact.two_bodies import StackedBlocks
 
-HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
+HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood_spaces
 KRYLOV_METHOD_NAME_BY_IS_HYBRID = {
     False: "GMRES with p-multigrid",
     True: "GMRES with p-multigrid in a block triangle",

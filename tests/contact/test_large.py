@@ -51,7 +51,7 @@ from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.benchmarks.k_cost.measure import Measurement, measure_in_new_processes
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.contact.cases import (
     make_finite_strain_unknown_and_residual,
     neo_hookean_piola_stress,
@@ -567,7 +567,7 @@ class NearlyIncompressibleBlock:
 
     def reaction_by_numpy(self, depth):
         """Return the vertical force at the touched node, computed by NumPy."""
-        K = dense(assemble_matrix(self.stiffness))
+        K = to_dense_array(assemble_matrix(self.stiffness))
         prescribed_values = {
             int(d): 0.0 for condition in self.conditions for d in condition.dof_indices()[0]
         }

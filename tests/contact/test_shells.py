@@ -21,7 +21,7 @@ from pw_elements.contact import (
     SolutionNotFound,
 )
 from pw_elements.meshes import curved_mesh, quadrilaterals, triangles
-from study.meshes.mesh_families import meshed
+from study.meshes.mesh_families import mesh_with_gmsh
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 from tests.contact.residuals import (
     LinearContactProblemData,
@@ -292,7 +292,7 @@ def test_friction_on_a_curved_face_has_coulombs_torque(slave):
             ]
             gmsh.model.occ.cut(*disks)
 
-        return meshed(build_ring_geometry, 2, size, 2)
+        return mesh_with_gmsh(build_ring_geometry, 2, size, 2)
 
     lame, shear = NU / (1 + NU) / (1 - 2 * NU), 1 / 2 / (1 + NU)
     A, B = np.linalg.solve(

@@ -28,7 +28,7 @@ from pw_elements.contact.steps.smallness import (
     measure_max_strain_and_rotation,
 )
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.model.elements import composite, serendipity
+from study.model.elements import composite_spaces, serendipity_spaces
 from tests.contact.cases import BlockOnFloor, ElasticBody, PunchedBlock, on_plane
 from tests.contact.polyline import PolylineSurface
 from tests.contact.test_matching import MatchingBlocks
@@ -77,8 +77,10 @@ SPACE_MAKERS_BY_NAME = {
     "quadrilaterals": lambda: Spaces.petrov_galerkin(
         move_nodes(make_unit_square_mesh(quadrilaterals), bend_points)
     ),
-    "8 nodes": lambda: serendipity(make_unit_square_mesh(quadrilaterals)),
-    "composite": lambda: composite(move_nodes(make_unit_square_mesh(triangles), bend_points)),
+    "8 nodes": lambda: serendipity_spaces(make_unit_square_mesh(quadrilaterals)),
+    "composite": lambda: composite_spaces(
+        move_nodes(make_unit_square_mesh(triangles), bend_points)
+    ),
     "tetrahedra": lambda: Spaces.petrov_galerkin(
         move_nodes(make_unit_cube_mesh(CellType.tetrahedron), bend_points)
     ),

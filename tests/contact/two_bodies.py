@@ -18,12 +18,12 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import locate_exterior_facets
-from study.model.elements import composite, taylor_hood
+from study.model.elements import composite_spaces, taylor_hood_spaces
 from tests.contact.cases import ElasticBody, on_plane
 
 TOP_PRESSURE_OVER_MODULUS = 1e-3  # divided by Young's modulus of the lower block
 PLANE_CELLS = ("triangle", "quadrilateral")
-COMPARISON_SPACE_MAKERS_BY_NAME = {"composite": composite, "taylor_hood": taylor_hood}
+COMPARISON_SPACE_MAKERS_BY_NAME = {"composite": composite_spaces, "taylor_hood": taylor_hood_spaces}
 
 
 def join_meshes(lower, upper, comm=MPI.COMM_SELF):

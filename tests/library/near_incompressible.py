@@ -28,7 +28,7 @@ from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 
 from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.meshes import curved_mesh
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 
 DEFAULT_POISSONS_RATIOS = (0.45, 0.48, 0.49, 0.495, 0.499, 0.4995, 0.4999, 0.49999)
 CELLS_PER_SIDE_BY_CELL = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 2}
@@ -86,7 +86,7 @@ def assemble_lame_stiffness_parts(
     matrices = []
     for nu in (0.0, 0.25):  # for these ratios lambda = 0 and mu = 1/2, or lambda = mu = 2/5
         body = Body(spaces, Material(1.0, nu), state, quadrature_degree=quadrature_degree)
-        matrices.append(dense(reduction.matrix(assemble_matrix(body.stiffness()))))
+        matrices.append(to_dense_array(reduction.matrix(assemble_matrix(body.stiffness()))))
     A = 2 * matrices[0]
     return [A, matrices[1] / 0.4 - A]
 

@@ -23,7 +23,7 @@ from pw_elements import (
 )
 from pw_elements.meshes import move_nodes
 from study.meshes.distortion import smooth_distortion
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.library.random_meshes import AffinePlacement, Grid
 
 SPACE_MAKERS_BY_METHOD = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
@@ -47,7 +47,7 @@ def boundary_dofs(space):
 
 def dense_solution(K, f, conditions):
     """Return the solution of K x = f by NumPy, with the rows of prescribed unknowns replaced."""
-    A, b = dense(K), f.array.copy()
+    A, b = to_dense_array(K), f.array.copy()
     for condition in conditions:
         dofs, _ = condition.dof_indices()
         values = np.zeros(len(b))
@@ -143,7 +143,7 @@ class PlacedElasticBody:
 
     def bound_round_off_of_forces(self, displacements):
         """Return a bound of the round-off of nodal forces K a and of a direct solver's residual."""
-        K = np.abs(dense(self.K))
+        K = np.abs(to_dense_array(self.K))
         return len(K) * self.relative_gradient_round_off * (K @ np.abs(displacements.ravel())).max()
 
     def bound_errors_of_displacements_and_forces(self, reduction, a, f, relative_round_off=None):
@@ -153,15 +153,15 @@ class PlacedElasticBody:
         (d |K||a| + d |f|), component by component (R. D. Skeel 1979). The error of the forces K a
         is at most |K| times this plus d |K||a|.
         """
-        A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
+        A, full = to_dense_array(reduction.matrix(self.K)), np.abs(to_dense_array(self.K))
         d = max_nonzeros_per_row(full) * (
             self.relative_gradient_round_off if relative_round_off is None else relative_round_off
         )
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
-        free = dense(reduction.right).T @ wrong
+        free = to_dense_array(reduction.right).T @ wrong
         displacement_bound = np.abs(np.linalg.inv(A)) @ free
         return displacement_bound.max(), (
-            full @ dense(reduction.right) @ displacement_bound + wrong
+            full @ to_dense_array(reduction.right) @ displacement_bound + wrong
         ).max()
 
 

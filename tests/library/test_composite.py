@@ -13,8 +13,8 @@ from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import piecewise_linear_sub_cell_element
 from study.meshes.distortion import smooth_distortion
-from study.model.elements import composite
-from study.model.matrices import dense
+from study.model.elements import composite_spaces
+from study.model.matrices import to_dense_array
 from tests.contact.cases import ElasticBody
 
 E, NU = 2.0, 0.3
@@ -33,17 +33,17 @@ def test_composite_stiffness_is_that_of_the_assumed_strain_method(state, reduced
     products of the discontinuous linear functions q and the strains eps(u), M is the mass matrix of
     q, and D the elasticity matrix.
     """
-    K = dense(ElasticBody(DISTORTED_MESH, composite, state, E).K)
+    K = to_dense_array(ElasticBody(DISTORTED_MESH, composite_spaces, state, E).K)
     W = fem.functionspace(DISTORTED_MESH, piecewise_linear_sub_cell_element("triangle", (2,)))
     Q = fem.functionspace(DISTORTED_MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)
     stress = E / (1 + NU) * (strain + reduced * ufl.tr(strain) * ufl.Identity(2))
     dx = ufl.dx(metadata={"quadrature_degree": 2})
     G, M, D = (
-        dense(assemble_matrix(ufl.inner(field_of, q) * dx))
+        to_dense_array(assemble_matrix(ufl.inner(field_of, q) * dx))
         for field_of in (ufl.sym(ufl.grad(u)), strain, stress)
     )
     assumed = np.linalg.solve(M, G)
     assert np.abs(K - assumed.T @ D @ assumed).max() < 1e-13
-    linear = dense(assemble_matrix(Body(Spaces(W, W), Material(E, NU), state).stiffness()))
+    linear = to_dense_array(assemble_matrix(Body(Spaces(W, W), Material(E, NU), state).stiffness()))
     assert np.abs(K - linear).max() > 0.1  # differs without the projection

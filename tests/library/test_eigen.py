@@ -29,9 +29,9 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from study.meshes.distortion import smooth_distortion
-from study.model.discretisation import discretise, mass_left
-from study.model.elements import serendipity
-from study.model.matrices import dense
+from study.model.discretisation import discretise, mass_condensation
+from study.model.elements import serendipity_spaces
+from study.model.matrices import to_dense_array
 from study.paper.s7_6_exact import Strip
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 
@@ -66,7 +66,7 @@ def test_first_three_buckling_factors_of_a_strip_are_exact(method):
 
 def test_buckling_factors_equal_dense_eigenvalues():
     K, K_sigma, supports = assemble_strip_under_axial_stress(PETROV_GALERKIN, divisions=(6, 2))
-    A, B = (dense(supports.matrix(matrix)) for matrix in (K_sigma, K))
+    A, B = (to_dense_array(supports.matrix(matrix)) for matrix in (K_sigma, K))
     for symmetrised in (False, True):
         if symmetrised:
             A, B = (A + A.T) / 2, (B + B.T) / 2
@@ -195,20 +195,20 @@ def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(elemen
         K, M, Reduction.dirichlet(body.space, conditions), 4
     ).eigenvalues
     for name in ("transposed", "same"):
-        reduction = mass_left(condensed, name)
+        reduction = mass_condensation(condensed, name)
         modes = vibration_modes(K, M, reduction, 4)
-        L, R = dense(reduction.left), dense(reduction.right)
-        A, B = (L.T @ dense(matrix) @ R for matrix in (K, M))
+        L, R = to_dense_array(reduction.left), to_dense_array(reduction.right)
+        A, B = (L.T @ to_dense_array(matrix) @ R for matrix in (K, M))
         exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:4]
         assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
         assert modes.imaginary_ratio == 0
         assert 1e-6 < np.abs(modes.eigenvalues / full_eigenvalues - 1).max() < 0.05
         eigenvalues[name] = modes.eigenvalues
         # the reduction keeps a translation, which therefore has the mass of the body
-        reduced = mass_left(body.supports([]), name)
+        reduced = mass_condensation(body.supports([]), name)
         shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
-        mass = shift @ dense(reduced.matrix(M)) @ shift
-        assert mass == pytest.approx(dense(M)[::2, ::2].sum(), rel=1e-12)
+        mass = shift @ to_dense_array(reduced.matrix(M)) @ shift
+        assert mass == pytest.approx(to_dense_array(M)[::2, ::2].sum(), rel=1e-12)
     assert np.abs(eigenvalues["same"] / eigenvalues["transposed"] - 1).max() > 1e-6
 
 
@@ -251,9 +251,9 @@ def test_lumped_mass_of_the_new_element_is_positive_and_keeps_the_total(setting)
     body, rigid = make_free_steel_body(setting)
     lumped = lumped_mass(body.M, body.space)
     diagonal = lumped.getDiagonal()
-    assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]
+    assert np.count_nonzero(to_dense_array(lumped)) == lumped.getSize()[0]
     assert diagonal.min()[1] > 0
-    assert diagonal.sum() == pytest.approx(dense(body.M).sum(), rel=1e-12)
+    assert diagonal.sum() == pytest.approx(to_dense_array(body.M).sum(), rel=1e-12)
     modes, consistent = (
         vibration_modes(body.K, mass, body.make_supports(), rigid + 1) for mass in (lumped, body.M)
     )
@@ -270,7 +270,7 @@ def test_lumped_mass_of_standard_elements_is_refused():
     Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))
     for count, mesh, method, state in (
         (4, T6, GALERKIN, "plane stress"),
-        (6, Q8, serendipity, "plane stress"),
+        (6, Q8, serendipity_spaces, "plane stress"),
         (36, make_tetrahedral_box(), GALERKIN, "solid"),
     ):
         body, three = ElasticBody(mesh, method, state), r"(.*\(.*, .*, .*\)){3}"

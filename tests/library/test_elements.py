@@ -37,8 +37,8 @@ from pw_elements.spaces import (
     quadratic_element,
 )
 from pw_elements.spaces.elements import SUPPORTED_CELL_NAMES, tetrahedron_twelve_cell_quadrature
-from study.model.elements import one_cut, one_cut_element, serendipity_element
-from study.model.matrices import dense
+from study.model.elements import p1_iso_p2_tetrahedron, p1_iso_p2_weight_spaces, serendipity_element
+from study.model.matrices import to_dense_array
 from tests.contact.cases import PETROV_GALERKIN
 from tests.library.random_meshes import Grid, random_cell_points, structured_grid
 from tests.oracle.elements import (
@@ -52,7 +52,11 @@ from tests.oracle.elements import (
 def test_weight_functions_equal_basixs_macro_element(cell):
     points = random_cell_points(cell, 200, 1)
     builtin = basix.ufl.element("iso", cell, 1)
-    ours = one_cut_element() if cell == "tetrahedron" else piecewise_linear_sub_cell_element(cell)
+    ours = (
+        p1_iso_p2_tetrahedron()
+        if cell == "tetrahedron"
+        else piecewise_linear_sub_cell_element(cell)
+    )
     ours = ours.tabulate(0, points)
     assert np.abs(ours - builtin.tabulate(0, points)).max() < 1e-14
 
@@ -165,8 +169,10 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     )
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     cell = spaces.trial.dofmap.list[0]
-    K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
-    M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
+    K = to_dense_array(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[
+        np.ix_(cell, cell)
+    ]
+    M = to_dense_array(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
     f = assemble_vector(v * ufl.dx).array[cell]
     exact_K = integrate_mean_over_cuts(
         lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shape_functions_and_gradients("T10", x)[1])
@@ -206,14 +212,14 @@ def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
     Basix's rules of degree 4, 5 and 7 have points on these sides, where slopes jump. Therefore the
     matrix that DOLFINx assembles by these rules is wrong.
     """
-    spaces = one_cut(make_random_tetrahedron_grid(5).mesh(), ())
+    spaces = p1_iso_p2_weight_spaces(make_random_tetrahedron_grid(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
-    exact = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))
-    assert np.abs(dense(assemble_matrix(form)) - exact).max() < 1e-13 * np.abs(exact).max()
+    exact = to_dense_array(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))
+    assert np.abs(to_dense_array(assemble_matrix(form)) - exact).max() < 1e-13 * np.abs(exact).max()
     theirs = dolfinx_matrix(fem.form(form))
     theirs.assemble()
-    difference = np.abs(dense(theirs) - exact).max() / np.abs(exact).max()
+    difference = np.abs(to_dense_array(theirs) - exact).max() / np.abs(exact).max()
     assert difference < 1e-13 if degree == 2 else difference > 1e-2
 
 
@@ -258,9 +264,9 @@ def test_user_forms_are_integrated_on_the_twelve_cells():
     crude = assemble_matrix(u * v * ufl.dx(metadata={"quadrature_degree": 1}))
     same = dolfinx_matrix(fem.form(u * v * cell_measure(W, 1)))
     same.assemble()
-    assert np.abs(dense(crude) - dense(same)).max() == 0
-    exact = dense(assemble_matrix(u * v * ufl.dx))
-    assert np.abs(dense(crude) - exact).max() > 1e-2 * np.abs(exact).max()
+    assert np.abs(to_dense_array(crude) - to_dense_array(same)).max() == 0
+    exact = to_dense_array(assemble_matrix(u * v * ufl.dx))
+    assert np.abs(to_dense_array(crude) - exact).max() > 1e-2 * np.abs(exact).max()
 
 
 def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
@@ -299,7 +305,7 @@ def test_tabulation_at_basixs_quadrature_points_is_refused(degree, polyset):
     for derivatives in (0, 1):
         with pytest.raises(ValueError, match="cell_measure"):
             piecewise_linear_sub_cell_element("tetrahedron").tabulate(derivatives, points)
-    one_cut_element().tabulate(1, points)
+    p1_iso_p2_tetrahedron().tabulate(1, points)
 
 
 def test_dolfinx_own_integrals_of_weight_functions_are_refused():

@@ -43,13 +43,13 @@ from study.benchmarks.v15_incompressible.fields import (
     largest_layer_displacement_error,
     make_layered_mesh,
 )
-from study.model.elements import taylor_hood
+from study.model.elements import taylor_hood_spaces
 from tests.contact.cases import PETROV_GALERKIN, ElasticBody, on_plane
 from tests.library.properties import boundary_dofs
 
 COMM = MPI.COMM_SELF
 CELL_NAMES = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
-SPACE_MAKERS_BY_METHOD = {"new": Spaces.hybrid, "standard": taylor_hood}
+SPACE_MAKERS_BY_METHOD = {"new": Spaces.hybrid, "standard": taylor_hood_spaces}
 WITH_BOTH_SOLVERS = pytest.mark.parametrize(
     "solver", [Direct(), Iterative()], ids=["factors", "krylov"]
 )
@@ -246,7 +246,7 @@ def test_an_incompressible_column_buckles_as_euler_says():
 @pytest.mark.parametrize("cell", CELL_NAMES)
 def test_weights_of_a_users_mixed_space_equal_those_of_hybrid_spaces(cell):
     mesh = make_distorted_unit_mesh(cell, 2)
-    mixed_space, pair = taylor_hood(mesh).trial, Spaces.hybrid(mesh)
+    mixed_space, pair = taylor_hood_spaces(mesh).trial, Spaces.hybrid(mesh)
     dx = ufl.dx(metadata={"quadrature_degree": 4})
     mine, theirs = (
         assemble_matrix(ufl.inner(ufl.TrialFunction(trial), ufl.TestFunction(test)) * dx)

@@ -37,7 +37,7 @@ from pw_elements.contact.system import preconditioners
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, automatic, choose_solver, iterative, matrices
 from study.meshes.inner_nodes import centre_nodes
-from study.model.elements import composite
+from study.model.elements import composite_spaces
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
 from tests.library.properties import boundary_dofs
@@ -67,7 +67,11 @@ ELASTIC_BODY_ARGUMENTS = {
     "galerkin-T6": lambda: (make_distorted_rectangle("triangle"), GALERKIN, "plane stress"),
     "pw-Q9": lambda: (make_distorted_rectangle("quadrilateral"), PETROV_GALERKIN, "axisymmetric"),
     "galerkin-Q8": lambda: (make_distorted_rectangle("quadrilateral"), Q8, "plane stress"),
-    "composite-T6": lambda: (make_distorted_rectangle("triangle"), composite, "plane stress"),
+    "composite-T6": lambda: (
+        make_distorted_rectangle("triangle"),
+        composite_spaces,
+        "plane stress",
+    ),
     "pw-T6, curved": lambda: (
         bend_edges(make_distorted_rectangle("triangle")),
         PETROV_GALERKIN,

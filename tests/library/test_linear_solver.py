@@ -13,7 +13,7 @@ from pw_elements import Direct, SingularSystem, prescribe, solve, vibration_mode
 from pw_elements.algebra import factorise, symmetric_part
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
-from tests.library.properties import dense, dense_solution
+from tests.library.properties import dense_solution, to_dense_array
 
 COMM, MATRIX_SIZE = MPI.COMM_SELF, 200
 
@@ -69,13 +69,13 @@ def test_bad_conditioning_alone_is_no_singularity():
 
 
 def test_symmetric_part_and_its_negative_pivots_are_exact(unit_square_body):
-    part, K = dense(symmetric_part(unit_square_body.K)), dense(unit_square_body.K)
+    part, K = to_dense_array(symmetric_part(unit_square_body.K)), to_dense_array(unit_square_body.K)
     assert np.abs(part - part.T).max() == 0
     assert np.abs(part - (K + K.T) / 2).max() < 1e-15
     reduced = symmetric_part(
         unit_square_body.make_clamping_supports(on_plane(0, 0.0)).matrix(unit_square_body.K)
     )
-    eigenvalues = np.linalg.eigvalsh(dense(reduced))
+    eigenvalues = np.linalg.eigvalsh(to_dense_array(reduced))
     assert factorise(reduced, symmetric=True).negative_pivots == (eigenvalues < 0).sum()
 
 

@@ -31,10 +31,10 @@ from tests.library.properties import (
     PlacedElasticBody,
     assert_small,
     boundary_dofs,
-    dense,
     eigenvalue_and_error_bound,
     max_nonzeros_per_row,
     rigid_modes,
+    to_dense_array,
 )
 from tests.library.random_meshes import (
     BODY_CELL_NAMES,
@@ -108,13 +108,13 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
         assert_small(elastic.x.T @ f - size * np.outer(middle, force), bound * 4)
     # node by node, the load equals the mass of density one times a uniform acceleration
     f = assemble_vector(body.body_load(force)).array
-    needed = dense(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
+    needed = to_dense_array(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
     assert_small(needed - f, len(f) * elastic.relative_gradient_round_off * np.abs(f).max())
 
 
 @given(random_bodies())
 def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
-    K, modes = dense(elastic.K), rigid_modes(elastic.x)
+    K, modes = to_dense_array(elastic.K), rigid_modes(elastic.x)
     modes = modes.reshape(len(K), -1)
     bound = (
         max_nonzeros_per_row(K) * elastic.relative_gradient_round_off * np.abs(K).sum(axis=1).max()
@@ -127,7 +127,7 @@ def test_stiffness_is_blind_to_rigid_motions_and_gives_balanced_forces(elastic):
 
 @given(grids(("triangle", "quadrilateral")), st.sampled_from(list(SPACE_MAKERS_BY_METHOD)))
 def test_axisymmetric_stiffness_is_blind_to_the_translation_along_the_axis(grid, method):
-    K = dense(PlacedElasticBody(grid, method=method, state="axisymmetric").K)
+    K = to_dense_array(PlacedElasticBody(grid, method=method, state="axisymmetric").K)
     axial_translation = np.tile([0.0, 1.0], len(K) // 2)
     bound = len(K) * grid.relative_gradient_round_off() * np.abs(K).sum(axis=1).max()
     assert_small(K @ axial_translation, bound)
@@ -151,8 +151,8 @@ def test_new_stiffness_and_loads_are_transferred_galerkin_ones(grid, seed, nu, s
     galerkin, pw = (
         PlacedElasticBody(grid, placement, m, state, material) for m in ("galerkin", "pw")
     )
-    T = dense(force_transfer(galerkin.space))
-    K, K_pw = dense(galerkin.K), dense(pw.K)
+    T = to_dense_array(force_transfer(galerkin.space))
+    K, K_pw = to_dense_array(galerkin.K), to_dense_array(pw.K)
     # the compared entries are sums over a row of T of entries of K
     bound = max_nonzeros_per_row(K) * pw.relative_gradient_round_off * (np.abs(T) @ np.abs(K)).max()
     assert_small(T @ K - K_pw, bound)
@@ -200,7 +200,7 @@ def test_reactions_balance_the_loads(elastic, seed):
     balance = np.einsum("nak,na->k", rigid_modes(elastic.x), r + f)
     assert_small(balance, len(r) * elastic.bound_round_off_of_forces(a))
     # there are no reactions at nodes without supports
-    free = dense(elastic.clamp().right).any(axis=1)
+    free = to_dense_array(elastic.clamp().right).any(axis=1)
     assert_small(r.ravel()[free], elastic.bound_round_off_of_forces(a))
 
 
@@ -310,7 +310,7 @@ def test_frequencies_scale_with_the_units(problem, unit, modulus, density):
     elastic, _ = problem
     rescaled = elastic.transform(AffinePlacement(unit), modulus, density)
     values = [vibration_modes(b.K, b.M, b.clamp()).eigenvalues[0] for b in (elastic, rescaled)]
-    K, M = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, rescaled.M))
+    K, M = (to_dense_array(rescaled.clamp().matrix(A)) for A in (rescaled.K, rescaled.M))
     wrong = len(K) * (elastic.relative_gradient_round_off + rescaled.relative_gradient_round_off)
     sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
 
@@ -346,7 +346,7 @@ def test_buckling_factors_do_not_depend_on_units(problem, unit, modulus, load):
     event(f"buckles: {factors[0] is not None}")
     assert (factors[0] is None) == (factors[1] is None)
     assume(factors[0] is not None)
-    K, S = (dense(rescaled.clamp().matrix(A)) for A in (rescaled.K, K_sigma))
+    K, S = (to_dense_array(rescaled.clamp().matrix(A)) for A in (rescaled.K, K_sigma))
     bound = rescaled.bound_errors_of_displacements_and_forces(
         rescaled.clamp(),
         a.array,

@@ -9,7 +9,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solve_contact
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_plane
 
 COMM, CELL_NAMES = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -45,9 +45,9 @@ class BlockWithSibling(ElasticBody):
 @pytest.mark.parametrize("cell", CELL_NAMES)
 def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
     block = BlockWithSibling(cell, 1)
-    T = dense(force_transfer(block.space))
-    assert dense(block.sibling.basis) == pytest.approx(T.T, abs=1e-15)
-    assert dense(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
+    T = to_dense_array(force_transfer(block.space))
+    assert to_dense_array(block.sibling.basis) == pytest.approx(T.T, abs=1e-15)
+    assert to_dense_array(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
 
 
 @pytest.mark.parametrize("cell", CELL_NAMES)
@@ -63,15 +63,17 @@ def test_sibling_displacements_and_spectrum_are_galerkins(cell):
     )
     assert sibling_K.isSymmetric(1e-12)
     assert sibling.matrix(assemble_matrix(block.body.stiffness(), blocked=True)).equal(sibling_K)
-    assert not (dense(supports.right).T @ supports.offset.array).any()
+    assert not (to_dense_array(supports.right).T @ supports.offset.array).any()
     a, u = (
         solve(sibling_K, sibling.load(f), supports),
         solve(K, f, block.make_sibling_supports(*prescribed)),
     )
     assert sibling.displacement(a).array == pytest.approx(u.array, abs=1e-11)
     assert sibling.coefficients(u).array == pytest.approx(a.array, abs=1e-11)
-    expected = scipy.linalg.eigvalsh(dense(K), dense(M))
-    assert scipy.linalg.eigvalsh(dense(sibling_K), dense(mass)) == pytest.approx(expected, abs=1e-9)
+    expected = scipy.linalg.eigvalsh(to_dense_array(K), to_dense_array(M))
+    assert scipy.linalg.eigvalsh(to_dense_array(sibling_K), to_dense_array(mass)) == pytest.approx(
+        expected, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("cell", CELL_NAMES)
@@ -105,7 +107,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     closed = pair_state.status != OPEN
     assert closed.sum() > 3
     # nodes all of whose neighbours in the basis are closed
-    shares = dense(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][pair_state.node]
+    shares = to_dense_array(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][pair_state.node]
     open_ = np.setdiff1d(np.arange(shares.shape[1]), pair_state.node[closed])
     inner = closed & (shares[:, open_] == 0).all(axis=1)
     assert inner.sum() > 2

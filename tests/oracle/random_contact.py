@@ -40,7 +40,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DIAGONAL_PATTERNS, move_nodes, quadrilaterals, triangles
-from study.model.elements import composite, serendipity
+from study.model.elements import composite_spaces, serendipity_spaces
 from tests.contact.polyline import PolylineSurface
 
 Array = npt.NDArray[np.float64]
@@ -455,7 +455,7 @@ class _ProblemBuilder:
         self.sketch, self.comm = sketch, comm
         self.size, self.lower = np.array(sketch.size), np.array(sketch.lower)
         mesh, self.facets = self._make_mesh_and_side_facets()
-        study_elements = {"composite": composite, "serendipity": serendipity}
+        study_elements = {"composite": composite_spaces, "serendipity": serendipity_spaces}
         spaces = (study_elements.get(sketch.element) or getattr(Spaces, sketch.element))(mesh)
         thickness = sketch.thickness if sketch.state.startswith("plane") else 1.0
         material = Material(sketch.modulus, sketch.nu)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pw_elements.contact import OPEN, SLIP, STICK
 from study.model import discretisation, vocabulary
-from study.paper.items import ITEMS, TABLE_1, TABLE_2, map_table
+from study.paper.items import ITEMS, TABLE_1, TABLE_2, section_table
 from study.publish.texts import BLOCKS
 from study.run.cases import SECTIONS
 
@@ -36,7 +36,7 @@ def test_each_item_names_its_section_and_files_that_exist():
         assert re.fullmatch(r"[2-7](\.[1-6])?", item.section), item
         assert (PROJECT / item.module).is_file(), item
         assert bool(item.figure) == (item.kind != "equation"), item
-        assert (PROJECT / item.treated).is_file(), item
+        assert (PROJECT / item.source_path).is_file(), item
 
 
 def test_equations_are_found_by_their_numbers_where_they_are_treated():
@@ -65,7 +65,7 @@ def test_figures_belong_to_the_sections_of_their_items():
 
 
 def test_the_map_is_the_table_of_what_is_where_and_its_files_exist():
-    table = map_table()
+    table = section_table()
     assert table in MAP.read_text(), "python3 -m study.paper.items"
     named = re.findall(r"`([\w/]+\.py)`", table)
     assert len(named) > 60
@@ -87,7 +87,7 @@ def test_ids_stand_in_names_of_modules_and_figures():
 
 def test_the_vocabulary_is_the_librarys_and_the_studys():
     assert (vocabulary.OPEN, vocabulary.STICK, vocabulary.SLIP) == (OPEN, STICK, SLIP)
-    assert set(vocabulary.ELEMENTS) == {*discretisation._SPACES, "exact"}
+    assert set(vocabulary.ELEMENTS) == {*discretisation._MAKE_SPACES, "exact"}
     assert set(vocabulary.PLANE_ELEMENTS) < set(vocabulary.ELEMENTS)
 
 

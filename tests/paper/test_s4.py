@@ -8,7 +8,7 @@ import pytest
 from dolfinx.mesh import create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.oracle.assembly import LinearElasticBody as OracleBody
 from tests.oracle.elements import tabulate_at_gauss_points
 
@@ -23,7 +23,7 @@ def one_triangle(linear_weights):
     mesh = create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=CORNERS, e=shape)
     body = Body(SPACES[linear_weights](mesh), Material(E, NU, RHO), "plane stress")
     U = body.spaces.trial
-    matrices = [dense(assemble_matrix(form)) for form in (body.stiffness(), body.mass())]
+    matrices = [to_dense_array(assemble_matrix(form)) for form in (body.stiffness(), body.mass())]
     nodes, cells = U.tabulate_dof_coordinates()[:, :2], U.dofmap.list
     oracle = OracleBody(nodes, cells, "T6", linear_weights, "plane stress", E, NU, RHO)
     return matrices, oracle

@@ -7,7 +7,7 @@ import pytest
 
 from pw_elements import Body, Material, Spaces, as_function, assemble_matrix
 from pw_elements.meshes import triangles
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.oracle.assembly import LinearElasticBody as OracleBody
 
 
@@ -21,7 +21,7 @@ def test_oracle_has_the_matrix_of_the_library(spaces):
     a = K.createVecRight()
     a.array[:] = np.random.default_rng(6).uniform(-1, 1, a.getSize())
     matrix = assemble_matrix(body.geometric_stiffness(body.stress(as_function(U, a)), "G"))
-    theirs = dense(matrix)
+    theirs = to_dense_array(matrix)
     nodes, cells = U.tabulate_dof_coordinates()[:, :2], U.dofmap.list
     linear = spaces == Spaces.petrov_galerkin
     oracle = OracleBody(nodes, cells, "T6", linear, "plane stress", 2.0, 0.3, thickness=0.1)

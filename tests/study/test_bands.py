@@ -1,4 +1,4 @@
-"""Families of cases that stand for what is not printed, and the bands drawn of them."""
+"""Families of cases for data that are not printed, and the bands drawn from them."""
 
 import numpy as np
 import pytest
@@ -23,9 +23,9 @@ def test_variants_differ_in_nothing_but_what_they_vary(section):
 
 
 @pytest.mark.parametrize("section", OTHER_DIAGONALS)
-def test_all_diagonals_are_there(section):
+def test_variants_have_all_diagonals(section):
     (case,) = (c for c in load_section(section).cases if c.name == "pw-T6")
-    patterns = {given["pattern"] for given in OTHER_DIAGONALS[section].values()}
+    patterns = {changes["pattern"] for changes in OTHER_DIAGONALS[section].values()}
     patterns.add(case.stored_parameters["pattern"])
     assert patterns == {"right", "left", "left_right", "right_left", "crossed"}
 
@@ -40,16 +40,17 @@ def test_envelope_encloses_every_line_within_the_first():
     lines[1][1][3] = np.nan  # a node without a weight
     x, low, high = envelope(lines)
     assert (x[0], x[-1]) == (lines[0][0][0], lines[0][0][-1])
-    for places, values in lines:
-        known = ~np.isnan(values)
-        for place in np.linspace(x[0], x[-1], 101):
-            value = np.interp(place, places[known], values[known])
-            assert np.interp(place, x, low) - 1e-12 <= value <= np.interp(place, x, high) + 1e-12
+    for positions, values in lines:
+        is_number = ~np.isnan(values)
+        for position in np.linspace(x[0], x[-1], 101):
+            value = np.interp(position, positions[is_number], values[is_number])
+            lower, upper = np.interp(position, x, low), np.interp(position, x, high)
+            assert lower - 1e-12 <= value <= upper + 1e-12
     assert low.min() == pytest.approx(min(np.nanmin(values) for _, values in lines))
 
 
-@pytest.mark.parametrize(("standard", "shares"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
-def test_test_functions_along_a_line(standard, shares):
+@pytest.mark.parametrize(("standard", "weights"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
+def test_test_functions_along_a_line(standard, weights):
     """They sum to one; one edge's integrals are those of the element, over its length."""
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)
@@ -57,6 +58,6 @@ def test_test_functions_along_a_line(standard, shares):
     assert functions.sum(axis=0) == pytest.approx(1.0)
     assert functions[np.arange(5), np.searchsorted(x, nodes)] == pytest.approx(1.0)
     integrals = np.trapezoid(functions, x, axis=1)
-    first, middle, last = (np.array(shares) / 6).tolist()
+    first, middle, last = (np.array(weights) / 6).tolist()
     expected = [first, middle, last + 2 * first, 2 * middle, 2 * last]
     assert integrals == pytest.approx(expected, rel=1e-6)

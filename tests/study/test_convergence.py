@@ -14,14 +14,22 @@ from scipy.special import j1
 from pw_elements._compat import cell_geometry_nodes
 from study.benchmarks.c_convergence import eigenvalues
 from study.benchmarks.c_convergence.statics import SETTINGS, compute_errors
-from study.meshes.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
+from study.meshes.mesh_families import (
+    convergence_order,
+    mean_cell_size,
+    on_cube,
+    on_hollow_ball,
+    on_ring,
+)
 
 
 def measure_orders(element, setting, *cell_sides):
     rows = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
     h = np.array([row["h"] for row in rows])
     norms = [name for name in rows[0] if name.startswith("error_")]
-    return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
+    return {
+        name: convergence_order(h, np.array([row[name] for row in rows])) for name in norms
+    }, rows[-1]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +80,7 @@ def test_gmsh_meshes_are_reproducible_and_follow_curved_outlines():
         (on_cube("pw-T10", 0.5), 1.0, 1e-12),
     ):
         dimension = mesh.topology.dim
-        volume = cell_size(mesh) ** dimension * mesh.topology.index_map(dimension).size_global
+        volume = mean_cell_size(mesh) ** dimension * mesh.topology.index_map(dimension).size_global
         assert volume == pytest.approx(expected_volume, rel=tolerance)
     radius = np.hypot(*first.geometry.x[:, :2].T)
     outline_length = fem.assemble_scalar(fem.form(1 * ufl.ds(domain=first)))
@@ -82,7 +90,7 @@ def test_gmsh_meshes_are_reproducible_and_follow_curved_outlines():
 
 def test_order_is_the_slope_through_the_finest_three_meshes():
     h = np.array([1.0, 0.5, 0.25, 0.125])
-    assert order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
+    assert convergence_order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
 
 
 def test_exact_eigenvalues_match_wave_formulas():

@@ -14,7 +14,7 @@ from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
 from study.benchmarks.w_engineering import pressures, sliding
 from study.benchmarks.w_engineering.pressures import pressure_matrix
-from study.meshes.solid_meshes import box
+from study.meshes.solid_meshes import mesh_box
 from study.model.discretisation import spaces
 from tests.contact.cases import ElasticBody, on_plane
 
@@ -25,7 +25,7 @@ def block(element, cells=3):
     lines = np.linspace(0, 1, cells + 1)
     plane = element.endswith("T6")
     mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if plane else None
-    mesh = mesh or box("tetrahedron", lines, lines, lines)
+    mesh = mesh or mesh_box("tetrahedron", lines, lines, lines)
     state = "plane strain" if plane else "solid"
     return ElasticBody(
         mesh, partial(spaces, element), state, sliding.PUNCH_MODULUS, sliding.PUNCH_POISSONS_RATIO

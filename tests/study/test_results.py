@@ -10,7 +10,7 @@ from figures.drawing import load_script, scripts
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
 from study.judge.measures.stored_cases import like, matching
-from study.model.units import KN_M, N_MM, NONE, SI, UNSTATED
+from study.model.units import DIMENSIONLESS_UNITS, KN_M_UNITS, N_MM_UNITS, SI_UNITS, UNSTATED_UNITS
 from study.model.vocabulary import ELEMENTS
 from study.publish import texts
 from study.publish.texts import BLOCKS
@@ -36,7 +36,7 @@ QUICKEST = [
     pytest.param(key, marks=[pytest.mark.slow] * (read_expected_table().get(key, 0.0) > 3.0))
     for key in quickest_cases()
 ]
-UNIT_SYSTEMS = (UNSTATED, NONE, N_MM, KN_M, SI)
+UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
 OTHER_UNITS = {"1", "s", "MB", "1/s²", "1000/s²", "Pa"}
 # What names say, whatever the section; the first pattern counts
 KINDS = {

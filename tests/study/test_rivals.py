@@ -11,12 +11,12 @@ import ufl
 from study.benchmarks.q_rivals.errors import measure_errors, sample_traction
 from study.benchmarks.q_rivals.methods import nitsche, penalty
 from study.benchmarks.q_rivals.page import METHODS
-from study.solutions.hertz_problem import RADIUS, NoSolution, line
+from study.solutions.hertz_problem import RADIUS, NoSolution, line_contact_problem
 
 
 @cache
 def make_problem():
-    return line(4, 0.375)
+    return line_contact_problem(4, 0.375)
 
 
 @cache
@@ -53,7 +53,7 @@ def test_nodal_forces_of_each_method_add_up_to_hertz_force(method):
         solve_with_usual_parameter(method).test_space,
     )
     nodes = u.function_space.tabulate_dof_coordinates().T
-    force = make_problem().forces(u, test_space)[make_problem().may_touch(nodes), 1].sum()
+    force = make_problem().nodal_forces(u, test_space)[make_problem().may_touch(nodes), 1].sum()
     assert force == pytest.approx(make_problem().exact.force / 2, rel=0.02)
 
 
@@ -84,7 +84,9 @@ def test_symmetric_nitsche_is_accurate_at_its_best_parameter_only():
 
 def test_errors_of_scaled_exact_pressure_are_the_change_of_scale():
     standard = solve_with_usual_parameter("snes-vi")
-    exact = make_problem().exact.peak * ufl.sqrt(ufl.max_value(0, 1 - make_problem().distance ** 2))
+    exact = make_problem().exact.peak * ufl.sqrt(
+        ufl.max_value(0, 1 - make_problem().distance_from_middle ** 2)
+    )
     for factor, error in ((1.1, 0.1), (0.5, 0.5)):
         errors = measure_errors(make_problem(), standard._replace(pressure=factor * exact))[0]
         for name in ("pressure_l2", "pressure_l2_inner", "pressure_l2_edge"):

@@ -11,28 +11,32 @@ from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
 from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, squared_wave_speeds
 from study.benchmarks.v10_space import partial_slip
-from study.meshes.mesh_lines import graded
-from study.meshes.solid_meshes import box, quarter_disc, with_mirror_image
+from study.meshes.mesh_lines import graded_body_lines
+from study.meshes.solid_meshes import mesh_box, mesh_quarter_cylinder, with_mirror_image
 from study.solutions.half_space import (
-    BondedLine,
-    Elastic,
-    FlatLine,
-    FlatRound,
+    BondedLinePunch,
+    ElasticHalfSpace,
+    FlatLinePunch,
+    FlatRoundPunch,
     HertzLine,
     HertzSphere,
 )
-from study.solutions.half_space_shear import MindlinSphere, _cerruti, hertz_force
+from study.solutions.half_space_shear import (
+    MindlinSphere,
+    _cerruti_displacement,
+    force_of_unit_hertz_contact,
+)
 from study.solutions.stick_slip import Cattaneo
 
-BODY = Elastic(1000.0, 0.3)
+BODY = ElasticHalfSpace(1000.0, 0.3)
 KNOWN = [
     HertzLine(BODY, 10.0, 20.0),
     HertzSphere(BODY, 10.0, 20.0),
-    FlatLine(BODY, 1.0, 3.0),
-    BondedLine(BODY, 1.0, 3.0),
-    FlatRound(BODY, 1.0, 3.0),
+    FlatLinePunch(BODY, 1.0, 3.0),
+    BondedLinePunch(BODY, 1.0, 3.0),
+    FlatRoundPunch(BODY, 1.0, 3.0),
 ]
-ROUND = (HertzSphere, FlatRound)
+ROUND = (HertzSphere, FlatRoundPunch)
 
 
 def stress(known, x):
@@ -91,7 +95,7 @@ class TestExactFields:
         assert known.force_within(np.array([known.half_width]))[0] == pytest.approx(whole)
 
 
-HALF_SPACE = Elastic(2.0, 0.3)
+HALF_SPACE = ElasticHalfSpace(2.0, 0.3)
 
 
 def stress_and_unbalance(field, x, h=1e-3):
@@ -113,7 +117,7 @@ def stress_and_unbalance(field, x, h=1e-3):
 
 
 def cerruti(x):
-    return _cerruti(HALF_SPACE, x[None], np.array([[0.0, 0.0]]), np.array([1.0]))[0]
+    return _cerruti_displacement(HALF_SPACE, x[None], np.array([[0.0, 0.0]]), np.array([1.0]))[0]
 
 
 def test_cerruti_is_in_equilibrium_and_free_of_tractions():
@@ -138,7 +142,11 @@ def test_cerruti_carries_the_force():
 
 def test_mindlin_holds_what_it_says():
     known = MindlinSphere(
-        HertzSphere(Elastic(1.0, 0.0), 10.0, hertz_force(HALF_SPACE, 10.0)), 0.4, 0.5
+        HertzSphere(
+            ElasticHalfSpace(1.0, 0.0), 10.0, force_of_unit_hertz_contact(HALF_SPACE, 10.0)
+        ),
+        0.4,
+        0.5,
     )
     a = known.normal.half_width
     r = np.linspace(0, a, 4001)
@@ -154,7 +162,7 @@ def test_mindlin_holds_what_it_says():
 
 def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
     """The nodes are random, and some of them have no traction."""
-    sphere = HertzSphere(HALF_SPACE, 1e3, hertz_force(HALF_SPACE, 1e3))
+    sphere = HertzSphere(HALF_SPACE, 1e3, force_of_unit_hertz_contact(HALF_SPACE, 1e3))
     exact = MindlinSphere(sphere, partial_slip.FRICTION, partial_slip.FRICTION_FRACTION)
     r = np.random.default_rng(3).uniform(0, 1, 200)
     tractions = np.column_stack([exact.shear(r), 0 * r, exact.pressure(r)])
@@ -165,10 +173,10 @@ def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_meshes_have_their_volume_and_their_edge(cell):
-    lines = graded(3)
-    mesh = box(cell, lines.beside, lines.beside, lines.below)
+    lines = graded_body_lines(3)
+    mesh = mesh_box(cell, lines.beside, lines.beside, lines.below)
     assert volume(mesh) == pytest.approx(2.5**3)
-    mesh = quarter_disc(cell, 2, np.array([1.5, 2.0]), np.array([-1.0, -0.4, 0.0]))
+    mesh = mesh_quarter_cylinder(cell, 2, np.array([1.5, 2.0]), np.array([-1.0, -0.4, 0.0]))
     assert volume(mesh) == pytest.approx(np.sin(np.pi / 8) / (np.pi / 8) * np.pi, rel=1e-12)
     r = np.hypot(*mesh.geometry.x[:, :2].T)
     assert np.isclose(r, 1.0).sum() == 3 * 5

@@ -12,15 +12,15 @@ from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
 from study.benchmarks.v15_incompressible import contact
 from study.benchmarks.v15_incompressible.fields import infsup
-from study.meshes.distorted_meshes import moved_mesh
+from study.meshes.distorted_meshes import mesh_distorted_grid
 from study.model.discretisation import spaces
-from study.model.matrices import dense
+from study.model.matrices import to_dense_array
 from tests.contact.cases import ElasticBody, on_plane
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
 def test_inf_sup_constants_are_smallest_singular_values_between_norms(element):
-    mesh = moved_mesh(element, 2)
+    mesh = mesh_distorted_grid(element, 2)
     dim = mesh.geometry.dim
     pair = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
@@ -32,9 +32,9 @@ def test_inf_sup_constants_are_smallest_singular_values_between_norms(element):
         (u, p), (v, q) = ufl.TrialFunctions(space), ufl.TestFunctions(space)
         strains = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v)))
         gram = supports.matrix(assemble_matrix((2 * mu * strains + p * q / (2 * mu)) * ufl.dx))
-        return cholesky(dense(gram), lower=True)
+        return cholesky(to_dense_array(gram), lower=True)
 
-    b = dense(supports.matrix(body.K))
+    b = to_dense_array(supports.matrix(body.K))
     scaled = solve_triangular(norm_factor(pair.test), b, lower=True)
     scaled = solve_triangular(norm_factor(pair.trial), scaled.T, lower=True)
     assert infsup(element, 2).scalars["inf_sup"] == pytest.approx(svdvals(scaled)[-1], rel=1e-6)

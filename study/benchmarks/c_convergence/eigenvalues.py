@@ -14,16 +14,16 @@ from scipy.special import jn_zeros, jv, jvp, yv, yvp
 from pw_elements import Body, Material, assemble_matrix, prescribe, vibration_modes
 from pw_elements.elasticity import StressState
 from study.meshes.mesh_families import (
-    INNER,
-    OUTER,
-    cell_size,
+    INNER_RADIUS,
+    OUTER_RADIUS,
+    convergence_order,
+    mean_cell_size,
     on_cube,
     on_curved_ring,
     on_ring,
     on_square,
-    order,
 )
-from study.model.discretisation import Discretisation, is_symmetrised, mass_left, spaces
+from study.model.discretisation import Discretisation, is_symmetrised, mass_condensation, spaces
 from study.model.units import dimensionless
 from study.run.store import Result
 
@@ -99,13 +99,13 @@ def ring_eigenvalue() -> Array:
         stresses = [
             [
                 k * derivative(1, k * r) + POISSONS_RATIO * bessel(1, k * r) / r
-                for r in (INNER, OUTER)
+                for r in (INNER_RADIUS, OUTER_RADIUS)
             ]
             for bessel, derivative in ((jv, jvp), (yv, yvp))
         ]
         return float(np.linalg.det(stresses))
 
-    thin_ring_k = 2 / (INNER + OUTER)  # of a thin ring of the mean radius
+    thin_ring_k = 2 / (INNER_RADIUS + OUTER_RADIUS)  # of a thin ring of the mean radius
     bracket = 0.5 * thin_ring_k, 1.5 * thin_ring_k
     k = brentq(radial_stress_determinant, *bracket, xtol=1e-14, rtol=1e-14)
     return np.array([PLANE_STRESS_MODULUS * k**2])
@@ -203,14 +203,14 @@ def modes(
         K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
         discretisation = Discretisation(element, body, K)
         supports = [_make_wall_support(discretisation.space, i, c) for i, c in problem.walls]
-        reduction = mass_left(discretisation.supports(supports), left)
+        reduction = mass_condensation(discretisation.supports(supports), left)
         computed = vibration_modes(K, M, reduction, N_COMPARED_EIGENVALUES, is_symmetrised(element))
         eigenvalues = computed.eigenvalues
         if len(exact) == 1:
             eigenvalues = eigenvalues[[np.abs(eigenvalues - exact).argmin()]]
         rows.append(
             {
-                "h": cell_size(mesh),
+                "h": mean_cell_size(mesh),
                 "dofs": reduction.right.getSize()[1],
                 "error_eigenvalue": np.abs(eigenvalues / exact - 1).max(),
                 "imaginary": computed.imaginary_ratio,
@@ -218,7 +218,7 @@ def modes(
         )
     curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     scalars = {
-        "order_eigenvalue": order(curves["h"], curves["error_eigenvalue"]),
+        "order_eigenvalue": convergence_order(curves["h"], curves["error_eigenvalue"]),
         "error_eigenvalue": float(curves["error_eigenvalue"][-1]),
         "imaginary": float(curves["imaginary"].max()),
     }

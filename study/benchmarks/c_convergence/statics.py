@@ -25,21 +25,21 @@ from pw_elements import (
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker, piecewise_linear_sub_cell_element
 from study.meshes.mesh_families import (
-    INNER,
-    cell_size,
+    INNER_RADIUS,
+    convergence_order,
+    mean_cell_size,
     on_cube,
     on_curved_ring,
     on_hollow_ball,
     on_pairs,
     on_ring,
     on_square,
-    order,
 )
 from study.model.discretisation import Discretisation, spaces
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions import manufactured
-from study.solutions.manufactured import Field
+from study.solutions.manufactured import DisplacementField
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -58,7 +58,7 @@ class ManufacturedSolution:
     """
 
     body: Body
-    field: Field
+    field: DisplacementField
 
     @property
     def mesh(self) -> Mesh:
@@ -173,11 +173,11 @@ def _is_on_bottom(x: Array) -> Mask:
 
 
 def _is_on_inner_arc(x: Array) -> Mask:
-    return np.asarray(np.abs(np.hypot(x[0], x[1]) - INNER) < SURFACE_TOLERANCE)
+    return np.asarray(np.abs(np.hypot(x[0], x[1]) - INNER_RADIUS) < SURFACE_TOLERANCE)
 
 
 def _is_on_inner_sphere(x: Array) -> Mask:
-    return np.asarray(np.abs(np.linalg.norm(x, axis=0) - INNER) < SURFACE_TOLERANCE)
+    return np.asarray(np.abs(np.linalg.norm(x, axis=0) - INNER_RADIUS) < SURFACE_TOLERANCE)
 
 
 def _is_on_axis(x: Array) -> Mask:
@@ -207,7 +207,7 @@ class Setting:
 
     state: StressState
     poissons_ratio: float = 0.3
-    field: Field = manufactured.plane
+    field: DisplacementField = manufactured.plane
     mesh: Callable[[str, float], Mesh] = on_square
     support: Marker = _is_on_bottom
     cell_sides: tuple[float, ...] = (1 / 4, 1 / 8, 1 / 16, 1 / 32)
@@ -296,7 +296,10 @@ def statics(element: str, setting: str) -> Result:
     problem = SETTINGS[setting]
     rows = [compute_errors(element, problem, side) for side in problem.cell_sides]
     curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    scalars = {f"order_{norm}": order(curves["h"], curves[f"error_{norm}"]) for norm in ERROR_NORMS}
+    scalars = {
+        f"order_{norm}": convergence_order(curves["h"], curves[f"error_{norm}"])
+        for norm in ERROR_NORMS
+    }
     scalars |= {f"error_{norm}": float(curves[f"error_{norm}"][-1]) for norm in ERROR_NORMS}
     return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
 
@@ -356,6 +359,6 @@ def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str
     force_error = np.linalg.norm((K * a - f).array[dofs]) / np.linalg.norm(exact_forces)
     errors["force"] = float(force_error)
     return {f"error_{norm}": error for norm, error in errors.items()} | {
-        "h": cell_size(mesh),
+        "h": mean_cell_size(mesh),
         "dofs": float(supports.right.getSize()[1]),
     }

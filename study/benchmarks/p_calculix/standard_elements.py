@@ -31,7 +31,7 @@ from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import Marker
-from study.model.elements import serendipity
+from study.model.elements import serendipity_spaces
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.calculix.calculix import CalculixAnswer, load_unchanged_answer
@@ -78,7 +78,7 @@ class StandardModel:
         self.grid = specimen.grid
         mesh = create_grid_mesh(specimen.grid)
         quadrilaterals = specimen.grid.cell == "Q8"
-        spaces = serendipity(mesh) if quadrilaterals else Spaces.galerkin(mesh)
+        spaces = serendipity_spaces(mesh) if quadrilaterals else Spaces.galerkin(mesh)
         material = Material(specimen.modulus, specimen.ratio, specimen.density)
         state = _STATES[specimen.element[:3]]
         self.body = Body(spaces, material, state, quadrature_degree=degree)

@@ -10,8 +10,8 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from pw_elements import assemble_vector, test_space
-from study.solutions.hertz_problem import Answer, Form, Problem
-from study.solutions.indentation import INNER
+from study.solutions.hertz_problem import Form, Problem, Solution
+from study.solutions.indentation import INNER_PART
 
 Array = npt.NDArray[Any]
 
@@ -23,7 +23,7 @@ ERROR_WITHOUT_SOLUTION = 10.0
 """Value stored as the error of a method that does not converge."""
 
 
-def measure_errors(problem: Problem, answer: Answer) -> tuple[dict[str, float], dict[str, Array]]:
+def measure_errors(problem: Problem, answer: Solution) -> tuple[dict[str, float], dict[str, Array]]:
     """Compute the errors of an answer, and curves of its pressures and nodal forces.
 
     Lengths are over the half width of the contact, pressures over Hertz' peak, and nodal forces
@@ -38,18 +38,18 @@ def measure_errors(problem: Problem, answer: Answer) -> tuple[dict[str, float], 
     """
     V = answer.u.function_space
     problem = replace(problem, mesh=V.mesh)
-    peak, up = problem.exact.peak, problem.up
+    peak, up = problem.exact.peak_pressure, problem.normal_axis
     r, pressure = sample_traction(problem, answer.pressure)
     pressure = pressure / peak
     nodes = V.tabulate_dof_coordinates()
-    force = problem.forces(answer.u, answer.test_space)[:, up] / peak
-    exact_pressure = ufl.sqrt(ufl.max_value(0, 1 - problem.distance**2))
+    force = problem.nodal_forces(answer.u, answer.test_space)[:, up] / peak
+    exact_pressure = ufl.sqrt(ufl.max_value(0, 1 - problem.distance_from_middle**2))
     even_space = test_space(V) if V.element.basix_element.degree == 2 else V
     v = ufl.TestFunction(even_space)
-    exact_forces = assemble_vector(v[up] * exact_pressure * problem.surface)
+    exact_forces = assemble_vector(v[up] * exact_pressure * problem.contact_measure)
     even_force = exact_forces.array.reshape(len(nodes), -1)[:, up]
     may_touch = problem.may_touch(nodes.T)
-    is_inner = may_touch & (np.linalg.norm(nodes[:, :up], axis=1) < INNER)
+    is_inner = may_touch & (np.linalg.norm(nodes[:, :up], axis=1) < INNER_PART)
     force_ratio = force[is_inner] / even_force[is_inner]
     scalars = measure_pressure_errors(r, pressure) | {
         "force_least": force_ratio.min(),
@@ -77,7 +77,7 @@ def measure_pressure_errors(distance: Array, pressure: Array) -> dict[str, float
             over the half width of the contact.
         pressure: Pressures (n,) there, over Hertz' peak.
     """
-    exact, is_inner = np.sqrt(np.maximum(0, 1 - distance**2)), distance < INNER
+    exact, is_inner = np.sqrt(np.maximum(0, 1 - distance**2)), distance < INNER_PART
     error, total_variation = pressure - exact, np.abs(np.diff(pressure)).sum()
     return {
         "pressure_l2": _euclidean_norm(error) / _euclidean_norm(exact),
@@ -98,21 +98,21 @@ def sample_traction(problem: Problem, traction: Form) -> tuple[Array, Array]:
     Returns:
         Increasing distances (n,) of the points from the middle, and the tractions (n,) there.
     """
-    mesh, n = problem.mesh, SAMPLES_PER_SIDE[problem.up]
+    mesh, n = problem.mesh, SAMPLES_PER_SIDE[problem.normal_axis]
     points = ((np.arange(n) + 0.5) / n)[:, None]
-    if problem.up == 2:  # centroids of n² equal triangles
+    if problem.normal_axis == 2:  # centroids of n² equal triangles
         thirds = np.concatenate([np.arange(n) + 1 / 3, np.arange(n - 1) + 2 / 3]) / n
         s, t = np.meshgrid(thirds, thirds)
         is_first = np.arange(len(thirds)) < n
         is_centroid = is_first[:, None] == is_first
         points = np.column_stack([s[is_centroid], t[is_centroid]])
         points = points[points.sum(axis=1) < 1]
-    entities = _find_cells_and_local_facets(mesh, problem.facets)
+    entities = _find_cells_and_local_facets(mesh, problem.contact_facets)
     if not hasattr(fem.Expression, "argument_space"):  # DOLFINx 0.9 takes a flat array
         entities = entities.ravel()
     distance, value = (
         fem.Expression(form, points).eval(mesh, entities).ravel()
-        for form in (problem.distance, traction)
+        for form in (problem.distance_from_middle, traction)
     )
     order = np.argsort(distance, kind="stable")
     return distance[order], value[order]

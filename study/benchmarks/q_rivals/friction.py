@@ -18,7 +18,16 @@ from pw_elements.elasticity import StressState
 from study.benchmarks.q_rivals.errors import ERROR_WITHOUT_SOLUTION, sample_traction
 from study.model.units import dimensionless
 from study.run.store import Result
-from study.solutions.hertz_problem import NU, RADIUS, E, Form, NoSolution, Problem, line, newton
+from study.solutions.hertz_problem import (
+    NU,
+    RADIUS,
+    E,
+    Form,
+    NoSolution,
+    Problem,
+    line_contact_problem,
+    solve_newton,
+)
 
 Array = npt.NDArray[Any]
 
@@ -63,7 +72,7 @@ def solve_with_library(problem: Problem, spaces: Spaces) -> Tractions:
     """Solve by pw_elements; divide nodal forces by the integrals of their test functions."""
     body = Body(spaces, Material(E, NU), StressState.PLANE_STRAIN)
     K = assemble_matrix(body.stiffness())
-    supports = Reduction.dirichlet(spaces.trial, problem.supports(spaces.trial))
+    supports = Reduction.dirichlet(spaces.trial, problem.far_field_supports(spaces.trial))
     motion = Motion((0.0, -problem.exact.approach))
     indenter = Parabola((0.0, 0.0), RADIUS)
     pair = ContactPair(problem.may_touch, indenter, FRICTION_COEFFICIENT, [motion])
@@ -71,7 +80,8 @@ def solve_with_library(problem: Problem, spaces: Spaces) -> Tractions:
     (contact,), forces = state.pairs, np.zeros((2, spaces.trial.dofmap.index_map.size_local))
     forces[:, contact.node] = contact.force_normal, -contact.force_tangential[:, 0]
     pressure, shear = (
-        problem.join_linearly(problem.divide_by_weights(force, spaces.test)) for force in forces
+        problem.interpolate_linearly(problem.divide_by_weights(force, spaces.test))
+        for force in forces
     )
     return Tractions(pressure, shear, state.iterations)
 
@@ -81,7 +91,7 @@ def solve_nitsche(problem: Problem, parameter: float, theta: float = 1.0) -> Tra
 
     The shear is the trial shear of sticking, limited by the friction that the pressure allows.
     """
-    V = problem.space()
+    V = problem.make_space()
     u, v = fem.Function(V), ufl.TestFunction(V)
     gamma = fem.Constant(problem.mesh, parameter * E / problem.size)
     (shear_u, normal_u), (shear_v, normal_v) = (
@@ -92,8 +102,8 @@ def solve_nitsche(problem: Problem, parameter: float, theta: float = 1.0) -> Tra
     shear = ufl.max_value(-limit, ufl.min_value(limit, gamma * u[0] - shear_u))
     terms = pressure * (gamma * v[1] - theta * normal_v) + shear * (gamma * v[0] - theta * shear_v)
     terms -= theta * (normal_u * normal_v + shear_u * shear_v)
-    form = problem.work(u, v) + terms / gamma * problem.surface
-    return Tractions(pressure, shear, newton(form, u, problem.supports(V)))
+    form = problem.virtual_work(u, v) + terms / gamma * problem.contact_measure
+    return Tractions(pressure, shear, solve_newton(form, u, problem.far_field_supports(V)))
 
 
 def solve_augmented(problem: Problem, parameter: float) -> Tractions:
@@ -108,9 +118,9 @@ def solve_augmented(problem: Problem, parameter: float) -> Tractions:
     shear = ufl.max_value(-limit, ufl.min_value(limit, t[0] + augmentation * u[0]))
     traction = ufl.as_vector((shear, pressure))
     law = ufl.inner(traction, v) + ufl.inner(traction - t, m) / augmentation
-    no_multipliers = [problem.no_multipliers_outside(W.sub(1).sub(axis)) for axis in (0, 1)]
-    supports = [*problem.supports(W.sub(0)), *no_multipliers]
-    count = newton(problem.work(u, v) + law * problem.surface, w, supports)
+    no_multipliers = [problem.zero_multipliers_outside(W.sub(1).sub(axis)) for axis in (0, 1)]
+    supports = [*problem.far_field_supports(W.sub(0)), *no_multipliers]
+    count = solve_newton(problem.virtual_work(u, v) + law * problem.contact_measure, w, supports)
     return Tractions(t[1], t[0], count)
 
 
@@ -151,7 +161,7 @@ def friction(name: str, edges: int, offset: float) -> Result:
         edges: Number of edges over the half width.
         offset: Position within the next edge where contact ends, over the edge's length.
     """
-    problem, method = line(edges, offset), FRICTION_METHODS[name]
+    problem, method = line_contact_problem(edges, offset), FRICTION_METHODS[name]
     candidates: list[dict[str, float]] = []
     for parameter in method.sweep or (None,):
         arguments = () if parameter is None else (parameter,)
@@ -176,14 +186,14 @@ def friction(name: str, edges: int, offset: float) -> Result:
         )
     scalars = min(candidates, key=lambda candidate: candidate["shear_l2"])
     scalars["shear_l2_largest"] = max(candidate["shear_l2"] for candidate in candidates)
-    dofs = problem.space().dofmap.index_map.size_local * 2
+    dofs = problem.make_space().dofmap.index_map.size_local * 2
     return Result(scalars, dimensionless(scalars), dofs=dofs)
 
 
 @cache
 def _compute_reference_tractions(offset: float) -> list[tuple[Array, Array]]:
     """Return points and values of the new element's pressure and shear on a fine mesh."""
-    problem = line(REFERENCE_EDGES, offset)
+    problem = line_contact_problem(REFERENCE_EDGES, offset)
     return [
         _sample_traction_over_peak(problem, traction)
         for traction in _solve_new_element(problem)[:2]
@@ -192,4 +202,4 @@ def _compute_reference_tractions(offset: float) -> list[tuple[Array, Array]]:
 
 def _sample_traction_over_peak(problem: Problem, traction: Form) -> tuple[Array, Array]:
     x, values = sample_traction(problem, traction)
-    return x, values / problem.exact.peak
+    return x, values / problem.exact.peak_pressure

@@ -46,7 +46,13 @@ from study.run.sources import collect_imported_sources
 from study.run.store import Result, Results
 from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.hertz_line import PENALTIES
-from study.solutions.hertz_problem import Answer, NoSolution, Problem, line, sphere
+from study.solutions.hertz_problem import (
+    NoSolution,
+    Problem,
+    Solution,
+    line_contact_problem,
+    sphere_contact_problem,
+)
 
 Array = npt.NDArray[Any]
 
@@ -128,10 +134,10 @@ class Method:
         sources = [path for name, path in files if name.startswith(folder)]
         return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources)
 
-    def solve(self, problem: Problem, parameter: float | None) -> Answer:
+    def solve(self, problem: Problem, parameter: float | None) -> Solution:
         """Solve a problem, with a parameter unless it is None."""
         parameters = () if parameter is None else (parameter,)
-        answer: Answer = self.module.solve(problem, *parameters, **self.arguments)
+        answer: Solution = self.module.solve(problem, *parameters, **self.arguments)
         return answer
 
 
@@ -176,7 +182,7 @@ def plane(method: str, edges: int, offset: float) -> Result:
         edges: Number of edges over the half width.
         offset: Position within the next edge where the contact ends, over the edge's length.
     """
-    return solve_with_best_parameter(method, line(edges, offset))
+    return solve_with_best_parameter(method, line_contact_problem(edges, offset))
 
 
 def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
@@ -193,7 +199,7 @@ def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
     positions = offset + np.arange(offsets) / offsets
     errors = []
     for position in positions:
-        problem = line(edges, float(position))
+        problem = line_contact_problem(edges, float(position))
         answer = METHODS[method].solve(problem, METHODS[method].usual_parameter)
         errors.append(measure_errors(problem, answer)[0])
     names = ("pressure_l2", "pressure_l2_inner")
@@ -211,13 +217,13 @@ def space(method: str, edges: int, offset: float) -> Result:
     """
     usual = METHODS[method].usual_parameter or 1.0
     return solve_with_best_parameter(
-        method, sphere(edges, offset), usual / 10, 10 * usual, measure_time=True
+        method, sphere_contact_problem(edges, offset), usual / 10, 10 * usual, measure_time=True
     )
 
 
 def seconds(method: str, edges: int, offset: float) -> Result:
     """Return errors and CPU time of a method on the half plane; for parameters see `plane`."""
-    return solve_with_best_parameter(method, line(edges, offset), measure_time=True)
+    return solve_with_best_parameter(method, line_contact_problem(edges, offset), measure_time=True)
 
 
 def solve_with_best_parameter(

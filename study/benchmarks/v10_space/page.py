@@ -31,23 +31,30 @@ from study.benchmarks.v10_space.partial_slip import mindlin
 from study.judge.checks import check
 from study.judge.measures.general import ratio, scalar, smallest
 from study.meshes.mesh_families import on_cube
-from study.meshes.mesh_lines import GROWTH, OUTER, depths, graded, growing
-from study.meshes.solid_meshes import box, cell_of, quarter_disc
+from study.meshes.mesh_lines import BODY_SIZE, GROWTH, depth_lines, graded_body_lines, growing_lines
+from study.meshes.solid_meshes import mesh_box, mesh_quarter_cylinder, solid_cell_name
 from study.model.vocabulary import ELEMENTS as NAMED_ELEMENTS
-from study.model.vocabulary import NO_WEIGHT, OPEN, OWN, SLIP, STATUS, STICK
+from study.model.vocabulary import (
+    OPEN,
+    OWN_FUNCTION_READING,
+    SLIP,
+    STATUS_NAMES,
+    STICK,
+    UNDEFINED_READING_NOTE,
+)
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
 from study.solutions.half_space import (
-    Elastic,
-    FlatRound,
+    ElasticHalfSpace,
+    ExactContact,
+    FlatRoundPunch,
     HertzSphere,
-    KnownContact,
     displacement_in_space,
 )
-from study.solutions.half_space_shear import hertz_force
-from study.solutions.solids import INNER, Solid, face_result
+from study.solutions.half_space_shear import force_of_unit_hertz_contact
+from study.solutions.solids import INNER_PART, Solid, face_result
 
 SECTION = "V10"
 TITLE = "Contact in space"
@@ -133,7 +140,7 @@ def _solve_cube(
     """Solve a rotated cube on a plane under uniform tractions; `shear` acts along its x axis."""
     mesh = _make_cube_mesh(element)
     mesh.geometry.x[:] = mesh.geometry.x @ rotation.T
-    solid = Solid.of(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
+    solid = Solid.from_mesh(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
 
     def on_side(axis: int, position: float) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(rotation[:, axis] @ p, position, atol=1e-9)
@@ -154,7 +161,7 @@ def _solve_cube(
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
     forces = solid.nodal_forces(states[-1], load, base) @ rotation
-    faces = solid.faces(base)
+    faces = solid.own_and_standard_nodes(base)
     scalars = {}
     if shear:
         shear_error = np.abs(faces[0].pressure(forces)[:, 0] + shear) / PRESSURE
@@ -174,10 +181,10 @@ def _solve_cube(
 
 def _make_cube_mesh(element: str) -> Mesh:
     """Return a unit cube of unstructured tetrahedra, or of distorted hexahedra."""
-    if cell_of(element) == "tetrahedron":
+    if solid_cell_name(element) == "tetrahedron":
         return on_cube(element, CELL_SIZE)
     lines: Array = np.linspace(0, 1, round(1 / CELL_SIZE) + 1, dtype=np.float64)
-    mesh = box("hexahedron", lines, lines, lines)
+    mesh = mesh_box("hexahedron", lines, lines, lines)
     x = mesh.geometry.x
     is_inside = ~np.isclose(np.abs(x - 0.5), 0.5)
     random = np.random.default_rng(1).uniform(-1, 1, (len(lines) ** 3, 3))
@@ -199,16 +206,16 @@ def sphere(element: str, elements: int, poissons_ratio: float = POISSONS_RATIO) 
         elements: Number of elements along the contact radius.
         poissons_ratio: Poisson's ratio of the half space.
     """
-    body = Elastic(YOUNGS_MODULUS, poissons_ratio)
-    exact = HertzSphere(body, SPHERE_RADIUS, hertz_force(body, SPHERE_RADIUS))
-    lines = graded(elements)
-    mesh = box(cell_of(element), lines.beside, lines.beside, lines.below)
+    body = ElasticHalfSpace(YOUNGS_MODULUS, poissons_ratio)
+    exact = HertzSphere(body, SPHERE_RADIUS, force_of_unit_hertz_contact(body, SPHERE_RADIUS))
+    lines = graded_body_lines(elements)
+    mesh = mesh_box(solid_cell_name(element), lines.horizontal, lines.horizontal, lines.vertical)
 
     def is_contact_face(p: Array) -> Mask:
-        return np.isclose(p[2], 0.0) & (np.maximum(p[0], p[1]) < lines.zone + 1e-9)
+        return np.isclose(p[2], 0.0) & (np.maximum(p[0], p[1]) < lines.contact_zone_size + 1e-9)
 
     def is_outer_side(p: Array) -> Mask:
-        return np.isclose(p[2], -OUTER) | np.isclose(np.maximum(p[0], p[1]), OUTER)
+        return np.isclose(p[2], -BODY_SIZE) | np.isclose(np.maximum(p[0], p[1]), BODY_SIZE)
 
     paraboloid = Parabola((0.0, 0.0, 0.0), SPHERE_RADIUS)
     return _solve_indented_half_space(
@@ -223,18 +230,20 @@ def punch(element: str, elements: int) -> Result:
         element: Name of the element.
         elements: Half of the number of elements along the radius.
     """
-    exact = FlatRound(Elastic(YOUNGS_MODULUS, POISSONS_RATIO), 1.0, PUNCH_DEPTH)
+    exact = FlatRoundPunch(ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO), 1.0, PUNCH_DEPTH)
     size_at_edge = 0.5 / elements**2
-    radii = 1 + growing(size_at_edge, OUTER - 1, GROWTH)[1:]
-    mesh = quarter_disc(cell_of(element), elements, radii, depths(size_at_edge))
+    radii = 1 + growing_lines(size_at_edge, BODY_SIZE - 1, GROWTH)[1:]
+    mesh = mesh_quarter_cylinder(
+        solid_cell_name(element), elements, radii, depth_lines(size_at_edge)
+    )
 
     def is_contact_face(p: Array) -> Mask:
         return np.isclose(p[2], 0.0) & (np.hypot(p[0], p[1]) < 1 + 1e-9)
 
     def is_outer_side(p: Array) -> Mask:
         # the middle of a straight element side lies inside the cylinder
-        chord = OUTER * np.cos(np.pi / (8 * elements))
-        return np.isclose(p[2], -OUTER) | (np.hypot(p[0], p[1]) > chord * (1 - 1e-9))
+        chord = BODY_SIZE * np.cos(np.pi / (8 * elements))
+        return np.isclose(p[2], -BODY_SIZE) | (np.hypot(p[0], p[1]) > chord * (1 - 1e-9))
 
     flat_punch = FlatPunch((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0)
     return _solve_indented_half_space(
@@ -245,25 +254,25 @@ def punch(element: str, elements: int) -> Result:
 def _solve_indented_half_space(
     element: str,
     mesh: Mesh,
-    exact: KnownContact,
+    exact: ExactContact,
     indenter: Parabola | FlatPunch,
     is_contact_face: Callable[[Array], Mask],
     is_outer_side: Callable[[Array], Mask],
 ) -> Result:
     """Solve a quarter of a half space under a rigid indenter that moves to its exact depth."""
     body = exact.body
-    solid = Solid.of(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
+    solid = Solid.from_mesh(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
 
     def on_symmetry_plane(axis: int) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(p[axis], 0.0) & ~is_outer_side(p)
 
-    conditions = solid.held(is_outer_side, partial(displacement_in_space, exact))
+    conditions = solid.prescribe_faces(is_outer_side, partial(displacement_in_space, exact))
     conditions += [prescribe(solid.space, i, on_symmetry_plane(i)) for i in (0, 1)]
     pair = ContactPair(is_contact_face, indenter, 0.0, [Motion((0.0, 0.0, -exact.approach))])
     no_load = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, no_load, supports, [pair], solid.space)
-    faces = solid.faces(is_contact_face)
+    faces = solid.own_and_standard_nodes(is_contact_face)
     forces = -solid.nodal_forces(states[-1], no_load, is_contact_face)
     r = np.linalg.norm(faces[0].position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
@@ -276,7 +285,7 @@ def _solve_indented_half_space(
         forces,
         pressure,
         hertz_peak,
-        INNER,
+        INNER_PART,
         force_error=abs(4 * forces[:, 2].sum() / exact.force - 1),
     )
 
@@ -396,7 +405,7 @@ def draw_stick_zones(results: Results) -> Figure:
         for status, colour in STATUS_COLOURS.items():
             is_shown = (curves["status"] == status) & (np.hypot(x, y) < 1)
             dots, crosses = is_shown & has_reading, is_shown & ~has_reading
-            ax.plot(x[dots], y[dots], "o", ms=3.4, color=colour, label=STATUS[status])
+            ax.plot(x[dots], y[dots], "o", ms=3.4, color=colour, label=STATUS_NAMES[status])
             ax.plot(x[crosses], y[crosses], "x", ms=3.0, color=colour)
         for radius, line in ((1.0, ":"), (STICK_ZONE_RADIUS, "-")):
             ax.plot(radius * np.cos(angle), radius * np.sin(angle), line, color="black", lw=0.8)
@@ -482,7 +491,7 @@ def draw_pressure_errors(results: Results) -> Figure:
         ax.set_xlabel("$x/a$")
     for ax in axes[:, 0]:
         ax.set_ylabel("$y/a$")
-    label = f"error of the {OWN.name} pressure, % of $p_0$"
+    label = f"error of the {OWN_FUNCTION_READING.name} pressure, % of $p_0$"
     colours = ScalarMappable(**COLOUR_SCALE)
     fig.colorbar(colours, ax=axes, label=label, shrink=0.8, extend="both")
     return fig
@@ -495,7 +504,7 @@ def _draw_nodal_errors(ax: Axes, x: Array, error: Array) -> None:
     ax.scatter(x[dots, 0], x[dots, 1], s=22, c=error[dots], ec="#777777", lw=0.4, **COLOUR_SCALE)
     ax.scatter(x[crosses, 0], x[crosses, 1], s=12, marker="x", color="black", lw=0.8)
     angle = np.linspace(0, np.pi / 2, 101)
-    for radius, line in ((1.0, ":"), (INNER, "--")):
+    for radius, line in ((1.0, ":"), (INNER_PART, "--")):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), line, color="black", lw=0.7)
     ax.set(aspect="equal", xlim=(-0.05, 1.05), ylim=(-0.05, 1.05))
     ax.grid(visible=False)
@@ -507,8 +516,8 @@ def caption_pressure_errors(results: Results) -> str:
     nodes = results.scalar("V10/sphere-galerkin-T10-5", "nodes")
     return (
         "Errors of the pressure at the nodes in a quarter of the contact of a rigid sphere with a "
-        f"half space, five elements over the radius a (dotted). The pressure is the {OWN.meaning}, "
-        f"with {NO_WEIGHT}. Crosses are such nodes: {weightless:.0f} of the {nodes:.0f} with "
+        f"half space, five elements over the radius a (dotted). The pressure is the {OWN_FUNCTION_READING.meaning}, "
+        f"with {UNDEFINED_READING_NOTE}. Crosses are such nodes: {weightless:.0f} of the {nodes:.0f} with "
         "r < 0.8 a (dashed)."
     )
 
@@ -520,7 +529,7 @@ FIGURES = [
         needs=MINDLIN_KEYS,
         caption="What the nodes do in one half of the contact of two equal spheres in partial "
         "slip, three elements over the radius a (dotted), ν = 0; the solid line is the border of "
-        f"Mindlin's stick zone. A traction is the {OWN.meaning}, with {NO_WEIGHT} (crosses). "
+        f"Mindlin's stick zone. A traction is the {OWN_FUNCTION_READING.meaning}, with {UNDEFINED_READING_NOTE} (crosses). "
         "Above, the stick radius over the exact one. It is where the friction that is left, "
         "(μ p − |t|)², vanishes along a line fitted over r² through the sticking nodes; in "
         "Mindlin's solution it is such a line.",

@@ -22,7 +22,7 @@ from study.benchmarks.v11_two_bodies.problems import (
 )
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
-from study.model.vocabulary import OWN, WAYS
+from study.model.vocabulary import OWN_FUNCTION_READING, TWO_BODY_METHODS
 from study.publish.plots.style import FULL, WAY_LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -106,16 +106,16 @@ CASES = [
     _make_case(f"{problem.__name__}-{dim}d-{{}}", problem, method, dim=dim)
     for problem in (patch, overhang)
     for dim in (2, 3)
-    for method in WAYS
+    for method in TWO_BODY_METHODS
 ]
 CASES += [
     _make_case(f"hertz-2d-{{}}-{edges}", hertz, method, edges=edges)
-    for method in WAYS
+    for method in TWO_BODY_METHODS
     for edges in (4, 8, 16)
 ]
 CASES += [
     _make_case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, method, edges=16, ratio=ratio)
-    for method in WAYS
+    for method in TWO_BODY_METHODS
     for ratio in (0.5, 1.0, 2.0)
 ]
 CASES += [
@@ -123,14 +123,16 @@ CASES += [
     for problem in (cattaneo, unequal)
     for edges in (8, 16)
 ]
-CASES += [_make_case("r0094-{}", r0094, method) for method in WAYS]
-CASES += [_make_case("spheres-{}-3", spheres, method, edges=3) for method in WAYS]
+CASES += [_make_case("r0094-{}", r0094, method) for method in TWO_BODY_METHODS]
+CASES += [_make_case("spheres-{}-3", spheres, method, edges=3) for method in TWO_BODY_METHODS]
 # meshes of both bodies exchanged
 CASES += [
     _make_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0)
     for method in DUAL_METHODS
 ]
-CASES += mark_costly([_make_case("spheres-{}-5", spheres, method, edges=5) for method in WAYS])
+CASES += mark_costly(
+    [_make_case("spheres-{}-5", spheres, method, edges=5) for method in TWO_BODY_METHODS]
+)
 CASES += mark_costly(
     [
         _make_case("spheres-{}-3.55-ratio1.41", spheres, method, edges=3.55, ratio=1.41)
@@ -237,10 +239,12 @@ def draw_pressures(results: Results) -> Figure:
 
     One panel per problem and method; lines are exact.
     """
-    fig, axes = plt.subplots(2, len(WAYS), figsize=(FULL, 3.1), sharex=True, sharey=True)
+    fig, axes = plt.subplots(
+        2, len(TWO_BODY_METHODS), figsize=(FULL, 3.1), sharex=True, sharey=True
+    )
     s = np.linspace(0, 1, 401)
     for row, (problem, title) in zip(axes, PRESSURE_PANELS.items(), strict=True):
-        for ax, method in zip(row, WAYS, strict=True):
+        for ax, method in zip(row, TWO_BODY_METHODS, strict=True):
             curves = results.curves("V11/" + problem.format(method))
             r = np.linalg.norm(curves["x"][:, :-1], axis=1)
             look = WAY_LOOK[method] | {"linestyle": "none", "markersize": 2.0}
@@ -248,8 +252,8 @@ def draw_pressures(results: Results) -> Figure:
             ax.plot(s, np.sqrt(1 - s**2), color="black", linewidth=0.8)
             ax.set(xlim=(-0.03, 1.25), ylim=PRESSURE_RANGE)
         row[0].set_ylabel(f"{title}\n$p/p_0$")
-    for ax, method in zip(axes[0], WAYS, strict=True):
-        ax.set_title(WAYS[method].name.replace(", ", ",\n"), fontsize=6)
+    for ax, method in zip(axes[0], TWO_BODY_METHODS, strict=True):
+        ax.set_title(TWO_BODY_METHODS[method].name.replace(", ", ",\n"), fontsize=6)
     for ax in axes[1]:
         ax.set_xlabel("distance$/a$")
     return fig
@@ -258,14 +262,16 @@ def draw_pressures(results: Results) -> Figure:
 def caption_pressures(results: Results) -> str:
     """Return the caption, with the number of nodes outside the panels."""
     low, high = PRESSURE_RANGE
-    pressures = [results.curves(f"V11/spheres-{method}-3")["pressure"] for method in WAYS]
+    pressures = [
+        results.curves(f"V11/spheres-{method}-3")["pressure"] for method in TWO_BODY_METHODS
+    ]
     outside = sum(int(np.sum((p < low) | (p > high))) for p in pressures)
     return (
         "Pressures at the slave's nodes over Hertz's peak pressure p₀ and half width (radius) a; "
         "E₂/E₁ = 3, no friction, four edges over the half width of two cylinders and three over "
         f"the radius of two spheres. Lines are exact. {outside} nodes lie outside the panels. With "
         "both of the new weights' ways and node to segment, the pressure is the "
-        f"{OWN.meaning}; node to segment has none at corners of the spheres' tetrahedra. With the "
+        f"{OWN_FUNCTION_READING.meaning}; node to segment has none at corners of the spheres' tetrahedra. With the "
         "others it is the multiplier."
     )
 
@@ -295,7 +301,7 @@ def draw_nodal_forces(results: Results) -> Figure:
             ax.plot(x[near, 0], force[near] / scale, **look, markerfacecolor=face)
         ax.axhline(0, color="black", linewidth=0.6)
         ax.set(xlabel="$x/a$", xlim=(-0.04, 1.3))
-        ax.set_title(WAYS[method].name.replace(", ", ",\n"), fontsize=8)
+        ax.set_title(TWO_BODY_METHODS[method].name.replace(", ", ",\n"), fontsize=8)
     axes[0].set_ylabel("nodal force / the master's largest")
     return fig
 
@@ -317,7 +323,7 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
         "pressure_error": "(b) largest error, $x < 0.8\\,a$",
     }
     for ax, (name, title) in zip(axes, panels.items(), strict=False):
-        for method in WAYS:
+        for method in TWO_BODY_METHODS:
             errors = [
                 results.scalar(f"V11/hertz-2d-{method}-{n}", name) for n in EDGES_OVER_HALF_WIDTH
             ]
@@ -327,7 +333,7 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
         ax.set_xticks(EDGES_OVER_HALF_WIDTH, [str(n) for n in EDGES_OVER_HALF_WIDTH], minor=False)
         ax.minorticks_off()
     axes[0].set_ylabel("relative error")
-    for method in WAYS:
+    for method in TWO_BODY_METHODS:
         smallest_forces = [
             results.scalar(f"V11/hertz-2d-{method}-16-ratio{ratio}", "master_force_least")
             for ratio in EDGE_RATIOS
@@ -346,7 +352,11 @@ FIGURES = [
     PageFigure(
         "v11_pressure",
         draw_pressures,
-        needs=[f"V11/{problem.format(method)}" for problem in PRESSURE_PANELS for method in WAYS],
+        needs=[
+            f"V11/{problem.format(method)}"
+            for problem in PRESSURE_PANELS
+            for method in TWO_BODY_METHODS
+        ],
         caption=caption_pressures,
         alt="Two rows of six plots of pressure over radius with half an ellipse. Points of the "
         "three dual ways and of node to segment lie on the ellipses, but for a bulge of the first "
@@ -368,8 +378,16 @@ FIGURES = [
     PageFigure(
         "v11_convergence",
         draw_errors_and_least_forces,
-        needs=[f"V11/hertz-2d-{method}-{n}" for method in WAYS for n in EDGES_OVER_HALF_WIDTH]
-        + [f"V11/hertz-2d-{method}-16-ratio{ratio}" for method in WAYS for ratio in EDGE_RATIOS],
+        needs=[
+            f"V11/hertz-2d-{method}-{n}"
+            for method in TWO_BODY_METHODS
+            for n in EDGES_OVER_HALF_WIDTH
+        ]
+        + [
+            f"V11/hertz-2d-{method}-16-ratio{ratio}"
+            for method in TWO_BODY_METHODS
+            for ratio in EDGE_RATIOS
+        ],
         caption="Two cylinders, E₂/E₁ = 3. (a), (b) Errors of the pressure over the slave's mesh. "
         "(c) The least of the master's nodal forces, over their mean where x < 0.8 a, for three "
         "ratios of edges (16 to the half width on the slave). Forces below zero are tensile, next "

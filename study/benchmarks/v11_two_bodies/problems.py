@@ -25,17 +25,23 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes
 from pw_elements.spaces import locate_exterior_facets
 from study.benchmarks.v11_two_bodies.methods import NEW_WEIGHT_METHODS, ContactSolution, TwoBodies
-from study.meshes.graded_meshes import joined
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_families import meshed
-from study.meshes.mesh_lines import OUTER, graded, growing
-from study.meshes.solid_meshes import box
-from study.model.reading import compared
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_families import mesh_with_gmsh
+from study.meshes.mesh_lines import BODY_SIZE as SPHERE_BODY_SIZE
+from study.meshes.mesh_lines import graded_body_lines, growing_lines
+from study.meshes.solid_meshes import mesh_box
+from study.meshes.two_body_meshes import join_meshes
+from study.model.reading import error_norms_on_common_and_other_nodes
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.calculix.calculix import load_unchanged_answer
 from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks
-from study.solutions.half_space import Elastic, HertzLine, HertzSphere, displacement_in_space
+from study.solutions.half_space import (
+    ElasticHalfSpace,
+    HertzLine,
+    HertzSphere,
+    displacement_in_space,
+)
 from study.solutions.stick_slip import Cattaneo
 
 Array = npt.NDArray[np.floating[Any]]
@@ -102,7 +108,7 @@ def _make_two_blocks(method: str, dim: int, width: float) -> TwoBodies:
         return build(MPI.COMM_SELF, corners, [n, n + 1, n][:dim], CellType[cell])
 
     upper = move_nodes(make_block(n_upper, 1.0), lambda x: x * [width, 1.0, 1.0])
-    mesh, is_lower_cell = joined(make_block(n_lower, 0.0), upper)
+    mesh, is_lower_cell = join_meshes(make_block(n_lower, 0.0), upper)
     state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
     faces = _find_contact_facets(mesh, is_lower_cell, lambda x: np.isclose(x[up], 1.0))
     return TwoBodies.from_mesh(
@@ -193,7 +199,7 @@ def hertz(way: str, edges: int, ratio: float = MASTER_EDGE_RATIO) -> Result:
     x = bodies.x[solution.slave_node][:, 0]
     exact_force = exact[0].force / 2
     return compare_with_exact_pressure(
-        bodies, solution, exact[0].pressure(x), exact[0].peak, INNER_RADIUS, exact_force
+        bodies, solution, exact[0].pressure(x), exact[0].peak_pressure, INNER_RADIUS, exact_force
     )
 
 
@@ -241,7 +247,7 @@ def _press_with_friction(method: str, edges: int) -> Result:
         "stick": float(x[pair.status == STICK].max(initial=0.0)),
         "force": float(pair.force_normal.sum()) / exact[0].force,
     }
-    peak = exact[0].peak
+    peak = exact[0].peak_pressure
     curves = {"shear": pair.force_tangential[:, 0] / solution.area / peak}
     pressure, force = exact[0].pressure(x), exact[0].force / 2
     return compare_with_exact_pressure(
@@ -253,7 +259,7 @@ def _press_cylinders(
     method: str, edges: int, edge_ratio: float, friction: float
 ) -> tuple[TwoBodies, list[HertzLine], ContactSolution]:
     """Press one half of two cylinders together; return bodies, exact fields and the solution."""
-    lower, upper = (Elastic(E, POISSONS_RATIO) for E in YOUNGS_MODULI)
+    lower, upper = (ElasticHalfSpace(E, POISSONS_RATIO) for E in YOUNGS_MODULI)
     force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_compliances(lower, upper)
     exact = [
         HertzLine(body, np.pi * body.plane_modulus / (4 * force), force) for body in (lower, upper)
@@ -267,7 +273,7 @@ def _press_cylinders(
 
 def cattaneo(way: str, edges: int) -> Result:
     """Press two equal cylinders together and push them sideways by prescribed forces."""
-    body = Elastic(1.0, POISSONS_RATIO)
+    body = ElasticHalfSpace(1.0, POISSONS_RATIO)
     force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_compliances(body, body)
     exact = Cattaneo(1.0, force, PARTIAL_SLIP_FRICTION, FRICTION_FRACTION)
     bodies = _make_two_cylinders(way, edges, MASTER_EDGE_RATIO, (1.0, 1.0), is_whole=True)
@@ -296,19 +302,22 @@ def cattaneo(way: str, edges: int) -> Result:
     (pair,) = solution.states[-1].pairs
     shear = pair.force_tangential[:, 0] / solution.area
     # away from the kinks of the exact shear
-    is_compared = np.abs(np.abs(x) - exact.stick) > 1.5 / edges
+    is_compared = np.abs(np.abs(x) - exact.stick_half_width) > 1.5 / edges
     is_compared &= np.abs(x) < 1 - 1.5 / edges
     shear_error = float(np.abs(shear - exact.shear(x))[is_compared].max())
     stick = float(np.ptp(x[pair.status == STICK])) / 2
     scalars = {
         "stick": stick,
-        "stick_off": abs(stick - exact.stick) * edges,
-        "shear_error": shear_error / (PARTIAL_SLIP_FRICTION * exact.peak),
+        "stick_off": abs(stick - exact.stick_half_width) * edges,
+        "shear_error": shear_error / (PARTIAL_SLIP_FRICTION * exact.peak_pressure),
     }
-    curves = {"shear": shear / exact.peak, "exact_shear": exact.shear(x) / exact.peak}
+    curves = {
+        "shear": shear / exact.peak_pressure,
+        "exact_shear": exact.shear(x) / exact.peak_pressure,
+    }
     pressure = exact.pressure(x)
     return compare_with_exact_pressure(
-        bodies, solution, pressure, exact.peak, INNER_RADIUS, force, scalars, curves
+        bodies, solution, pressure, exact.peak_pressure, INNER_RADIUS, force, scalars, curves
     )
 
 
@@ -325,11 +334,11 @@ def _make_two_cylinders(
         size = 1 / (n + EDGE_POSITION)
         near = size * np.arange(np.ceil(CONTACT_ZONE / size) + 1)
         across = np.concatenate(
-            [near, near[-1] + growing(size, BODY_SIZE - near[-1], CELL_GROWTH)[1:]]
+            [near, near[-1] + growing_lines(size, BODY_SIZE - near[-1], CELL_GROWTH)[1:]]
         )
         if is_whole:
             across = np.concatenate([-across[:0:-1], across])
-        return across, growing(size, BODY_SIZE, CELL_GROWTH), float(near[-1])
+        return across, growing_lines(size, BODY_SIZE, CELL_GROWTH), float(near[-1])
 
     def bend_contact_face(x: Doubles) -> Doubles:
         return x + x[:, :1] ** 2 / (2 * CURVATURE_RADIUS) * [0.0, 1.0, 0.0]
@@ -337,10 +346,10 @@ def _make_two_cylinders(
     x_lower, depth, zone = mesh_lines(edges)
     x_upper, height, _ = mesh_lines(max(1, round(edge_ratio * edges)))
     comm = MPI.COMM_SELF
-    flat_lower = on_lines(comm, x_lower, -depth[::-1], "triangle", "left_right")
-    flat_upper = on_lines(comm, x_upper, height, "triangle", "left_right")
+    flat_lower = mesh_along_lines(comm, x_lower, -depth[::-1], "triangle", "left_right")
+    flat_upper = mesh_along_lines(comm, x_upper, height, "triangle", "left_right")
     lower, upper = curved_mesh(flat_lower, lambda x: x), curved_mesh(flat_upper, bend_contact_face)
-    mesh, is_lower_cell = joined(lower, upper)
+    mesh, is_lower_cell = join_meshes(lower, upper)
 
     def is_near_contact(x: Array) -> Mask:
         return np.abs(x[1]) < x[0] ** 2 / (2 * CURVATURE_RADIUS) + 1e-9
@@ -385,7 +394,9 @@ def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
     bodies, exact = _make_two_spheres(way, edges, ratio)
 
     def is_outer_side(x: Array) -> Mask:
-        return (np.abs(x[2]) > OUTER - 1e-9) | np.isclose(np.maximum(x[0], x[1]), OUTER)
+        return (np.abs(x[2]) > SPHERE_BODY_SIZE - 1e-9) | np.isclose(
+            np.maximum(x[0], x[1]), SPHERE_BODY_SIZE
+        )
 
     def on_symmetry_plane(axis: int) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(p[axis], 0.0) & ~is_outer_side(p)
@@ -404,7 +415,7 @@ def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
     r = np.linalg.norm(bodies.x[solution.slave_node][:, :2], axis=1)
     force = exact[0].force / 4
     return compare_with_exact_pressure(
-        bodies, solution, exact[0].pressure(r), exact[0].peak, INNER_RADIUS, force
+        bodies, solution, exact[0].pressure(r), exact[0].peak_pressure, INNER_RADIUS, force
     )
 
 
@@ -412,17 +423,22 @@ def _make_two_spheres(
     method: str, edges: float, edge_ratio: float
 ) -> tuple[TwoBodies, list[HertzSphere]]:
     """Return a quarter of both spheres, and their exact fields."""
-    materials = [Elastic(E, POISSONS_RATIO) for E in YOUNGS_MODULI]
+    materials = [ElasticHalfSpace(E, POISSONS_RATIO) for E in YOUNGS_MODULI]
     force = 4 / 3 / CURVATURE_RADIUS / _sum_of_compliances(*materials)
     exact = [HertzSphere(body, 4 * body.plane_modulus / (3 * force), force) for body in materials]
-    lines = graded(edges)
-    upper_lines = graded(edges * edge_ratio)
-    lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
+    lines = graded_body_lines(edges)
+    upper_lines = graded_body_lines(edges * edge_ratio)
+    lower = mesh_box("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
     upper = curved_mesh(
-        box("tetrahedron", upper_lines.beside, upper_lines.beside, -upper_lines.below[::-1]),
+        mesh_box(
+            "tetrahedron",
+            upper_lines.horizontal,
+            upper_lines.horizontal,
+            -upper_lines.vertical[::-1],
+        ),
         lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * CURVATURE_RADIUS) * [0.0, 0.0, 1.0],
     )
-    mesh, is_lower_cell = joined(curved_mesh(lower, lambda x: x), upper)
+    mesh, is_lower_cell = join_meshes(curved_mesh(lower, lambda x: x), upper)
 
     def is_near_contact(x: Array) -> Mask:
         return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * CURVATURE_RADIUS) + 1e-9
@@ -433,7 +449,7 @@ def _make_two_spheres(
         method, mesh, is_lower_cell, YOUNGS_MODULI, POISSONS_RATIO, state, faces
     )
     return _restrict_slave_facets(
-        bodies, lambda x: np.maximum(x[:, 0], x[:, 1]) < lines.zone + 1e-9
+        bodies, lambda x: np.maximum(x[:, 0], x[:, 1]) < lines.contact_zone_size + 1e-9
     ), exact
 
 
@@ -493,7 +509,7 @@ def calculix(case: str, tracked: str) -> Result:
         exact_pressure = sphere.pressure(np.linalg.norm(x[node, :-1], axis=1))
         total = sphere.force / 4
         result = compare_with_exact_pressure(
-            bodies, solution, exact_pressure, sphere.peak, INNER_RADIUS, total
+            bodies, solution, exact_pressure, sphere.peak_pressure, INNER_RADIUS, total
         )
     numbers = {k: v for k, v in result.scalars.items() if k not in ("iterations", "settled")}
     return replace(result, scalars=numbers, units=dimensionless(numbers))
@@ -526,9 +542,9 @@ def r0094(way: str) -> Result:
         return f"{finest} + {COARSENING} * Max(0, Sqrt(x * x + y * y) - {FINE_DISTANCE})"
 
     finest_below = FINEST_CELL / MASTER_EDGE_RATIO
-    above = meshed(add_half_disc, 2, FINEST_CELL, 2, cell_size_expression(FINEST_CELL))
-    below = meshed(add_half_block, 2, finest_below, 2, cell_size_expression(finest_below))
-    mesh, is_lower_cell = joined(below, above)
+    above = mesh_with_gmsh(add_half_disc, 2, FINEST_CELL, 2, cell_size_expression(FINEST_CELL))
+    below = mesh_with_gmsh(add_half_block, 2, finest_below, 2, cell_size_expression(finest_below))
+    mesh, is_lower_cell = join_meshes(below, above)
 
     def is_on_cylinder(x: Array) -> Mask:
         return np.isclose(np.hypot(x[0], x[1] - CYLINDER_RADIUS), CYLINDER_RADIUS)
@@ -554,7 +570,7 @@ def r0094(way: str) -> Result:
     ]
     solution = bodies.solve(load, supports)
     x = bodies.x[solution.slave_node][:, 0]
-    materials = Elastic(ALUMINIUM, POISSONS_RATIO), Elastic(STEEL, POISSONS_RATIO)
+    materials = ElasticHalfSpace(ALUMINIUM, POISSONS_RATIO), ElasticHalfSpace(STEEL, POISSONS_RATIO)
     width = np.sqrt(4 * R0094_FORCE * CYLINDER_RADIUS * _sum_of_compliances(*materials) / np.pi)
     peak = 2 * R0094_FORCE / (np.pi * width)
     exact = peak * np.sqrt(np.maximum(0.0, 1 - (x / width) ** 2))
@@ -606,7 +622,7 @@ def _on_plane(axis: int, value: float) -> Callable[[Array], Mask]:
     return lambda x: np.isclose(x[axis], value)
 
 
-def _sum_of_compliances(*bodies: Elastic) -> float:
+def _sum_of_compliances(*bodies: ElasticHalfSpace) -> float:
     """Return the sum of 1/E* of bodies in contact."""
     return sum(1 / body.plane_modulus for body in bodies)
 
@@ -673,7 +689,9 @@ def compare_with_exact_pressure(
         galerkin = replace(bodies.body, spaces=Spaces.galerkin(bodies.space.mesh))
         no_force = np.zeros(len(slave_x))
         standard = SurfaceNodes.from_body(galerkin, bodies.slave).pressure(no_force)
-        errors = compared(np.where(counts, error, np.nan) / pressure_scale, standard)
+        errors = error_norms_on_common_and_other_nodes(
+            np.where(counts, error, np.nan) / pressure_scale, standard
+        )
         scalars |= {f"pressure_error_{which}": size for which, size in errors.items()}
     varies_slowly = _master_nodes_with_even_pressure(bodies, solution)
     if varies_slowly.any():

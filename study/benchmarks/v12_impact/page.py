@@ -37,16 +37,16 @@ from study.benchmarks.v12_impact.schemes import (
 from study.judge.checks import check
 from study.judge.measures.general import largest, ratio, scalar
 from study.meshes.mesh_families import (
-    cell_size,
+    convergence_order,
+    mean_cell_size,
     on_bar,
     on_cube,
     on_square,
     on_strip,
-    order,
 )
-from study.model.reading import compared, transferred
+from study.model.reading import error_norms_on_common_and_other_nodes, with_transferred_weights
 from study.model.units import dimensionless
-from study.model.vocabulary import NO_WEIGHT, OWN
+from study.model.vocabulary import OWN_FUNCTION_READING, UNDEFINED_READING_NOTE
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -149,7 +149,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Resul
     wall = on_plane(dimension - 1, 0.0)
     face = SurfaceNodes.from_body(pair.body, wall)
     if pair.sibling is not None:
-        face = transferred(face, force_transfer(pair.space))
+        face = with_transferred_weights(face, force_transfer(pair.space))
     standard = Body(Spaces.galerkin(mesh), MATERIAL, STRESS_STATE_BY_DIMENSION[dimension])
     total = motion.force.sum(axis=1)  # exact: 1, the area of the face
     is_steady = (motion.time > STEADY_TIME_INTERVAL[0]) & (motion.time < STEADY_TIME_INTERVAL[1])
@@ -158,7 +158,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Resul
     pressure = face.pressure(motion.force[is_steady].mean(axis=0))[~face.rim]
     standard_pressure = SurfaceNodes.from_body(standard, wall).pressure(face.weight_area)
     standard_pressure = standard_pressure[~face.rim]
-    errors = compared(pressure - 1, standard_pressure)
+    errors = error_norms_on_common_and_other_nodes(pressure - 1, standard_pressure)
     scalars = {
         "pressure_min": np.nanmin(pressure),
         "pressure_max": np.nanmax(pressure),
@@ -198,14 +198,14 @@ def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
         mesh = build("T6", 1 / n)
         pair = StiffnessMassPair.from_name(scheme, mesh)
         modes = vibration_modes(pair.K, pair.M, pair.make_wall_supports([1.0] * dimension), 1)
-        sizes.append(cell_size(mesh))
+        sizes.append(mean_cell_size(mesh))
         errors.append(modes.eigenvalues[0] / exact - 1)
     acceleration = _free_fall_accelerations(pair)
     scalars = {
         "acceleration_min": acceleration.min(),
         "acceleration_max": acceleration.max(),
         "omega2_error": errors[-1],
-        "order": order(np.array(sizes), np.abs(errors)),
+        "order": convergence_order(np.array(sizes), np.abs(errors)),
         "residual": modes.residuals[0],
     }
     numbers = {name: float(value) for name, value in scalars.items()}
@@ -456,7 +456,7 @@ def caption_impact(results: Results) -> str:
     return (
         "A bar of unstructured tetrahedra, five over its width, hits a rigid wall; the wave "
         "returns at time 8. (a) Pressures at the inner nodes of its face, means over 1 < t < 7, in "
-        f"ascending order: {OWN.meaning}, with {NO_WEIGHT}, so that the standard element's curves "
+        f"ascending order: {OWN_FUNCTION_READING.meaning}, with {UNDEFINED_READING_NOTE}, so that the standard element's curves "
         "end early. The unstable one's motion has hardly grown by then; with seven tetrahedra over "
         f"the width its pressures reach {worst:.2f} times the exact one. (b) Total force, averaged "
         "over intervals of 0.1. (c) Error of the lowest ω² of a cube between smooth walls with "

@@ -25,20 +25,26 @@ from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import SubSpace
 from study.benchmarks.v10_space.page import sphere as pressed_sphere
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_families import meshed
-from study.meshes.mesh_lines import growing
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_families import mesh_with_gmsh
+from study.meshes.mesh_lines import growing_lines
 from study.model.discretisation import (
     discretise,
     displacement_space,
-    held_nodes,
-    mesh_curves,
+    mesh_nodes_and_cells,
+    prescribe_nodes,
     spaces,
 )
-from study.model.units import NONE, dimensionless
+from study.model.units import DIMENSIONLESS_UNITS, dimensionless
 from study.run.store import Result
-from study.solutions.half_space import Elastic, HertzLine
-from study.solutions.indentation import INNER, OUTER, Indenter, graded_square, indented
+from study.solutions.half_space import ElasticHalfSpace, HertzLine
+from study.solutions.indentation import (
+    BODY_SIZE,
+    INNER_PART,
+    Indenter,
+    mesh_graded_square,
+    solve_indentation,
+)
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -66,21 +72,23 @@ def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
     `pressure_rms` is the root mean square error of own-function pressures over p0, away from the
     edge of contact; `pressure_rms_all` is that of all nodes in contact.
     """
-    body = Elastic(YOUNGS_MODULUS, nu)
+    body = ElasticHalfSpace(YOUNGS_MODULUS, nu)
     force = np.pi * HALF_WIDTH**2 * body.plane_modulus / (4 * RADIUS)
     exact = HertzLine(body, RADIUS, force)
-    indenter = Indenter(exact, Parabola((0.0, 0.0), RADIUS), StressState.PLANE_STRAIN, NONE)
+    indenter = Indenter(
+        exact, Parabola((0.0, 0.0), RADIUS), StressState.PLANE_STRAIN, DIMENSIONLESS_UNITS
+    )
     size = HALF_WIDTH / (n + EDGE_POSITION)
     lines = size * np.arange(np.ceil(CONTACT_ZONE * (n + EDGE_POSITION)) + 1)
-    result = indented(element, indenter, lines)
+    result = solve_indentation(element, indenter, lines)
     curves = result.curves
-    error = (curves["pressure"] - curves["exact_pressure"]) / exact.peak
+    error = (curves["pressure"] - curves["exact_pressure"]) / exact.peak_pressure
 
     def rms_error_within(fraction: float) -> float:
         return float(np.sqrt(np.mean(error[curves["x"] < fraction * HALF_WIDTH] ** 2)))
 
     scalars = {
-        "pressure_rms": rms_error_within(INNER),
+        "pressure_rms": rms_error_within(INNER_PART),
         "pressure_rms_all": rms_error_within(1.0),
         "sawtooth": result.scalars["sawtooth"],
         "iterations": result.scalars["iterations"],
@@ -103,31 +111,31 @@ def presses(element: str, n: int) -> Result:
     an error of the elements. `shear_spurious` is the largest own-function shear over mu p0;
     `shear_spurious_inner` is that for x < 0.8 a, away from the edge of contact.
     """
-    body = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
+    body = ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO)
     force = np.pi * body.plane_modulus / (4 * RADIUS)
     steps = [HertzLine(body, RADIUS, force * (k + 1) / N_LOAD_STEPS) for k in range(N_LOAD_STEPS)]
     per_half_width = n + EDGE_POSITION  # number of elements
     lines = np.arange(np.ceil(CONTACT_ZONE * per_half_width) + 1) / per_half_width
     block = discretise(
         element,
-        partial(graded_square, lines, OUTER),
+        partial(mesh_graded_square, lines, BODY_SIZE),
         Material(YOUNGS_MODULUS, POISSONS_RATIO),
         StressState.PLANE_STRAIN,
     )
     space, exact = block.space, steps[-1]
     x = displacement_space(space).tabulate_dof_coordinates()[:, :2]
-    is_outer = np.isclose(x[:, 0], OUTER) | np.isclose(x[:, 1], -OUTER)
+    is_outer = np.isclose(x[:, 0], BODY_SIZE) | np.isclose(x[:, 1], -BODY_SIZE)
     outer_nodes = np.flatnonzero(is_outer).astype(np.int32)
     symmetry = prescribe(space, 0, lambda p: np.isclose(p[0], 0.0))
 
     # loads that replace the prescribed displacements of the half plane on the outer sides
     loads = []
     for step in steps:
-        sides = held_nodes(space, outer_nodes, step.displacement(x[outer_nodes]))
+        sides = prescribe_nodes(space, outer_nodes, step.displacement(x[outer_nodes]))
         load = block.K * block.supports([sides, symmetry]).offset
         load.scale(-1.0)
         loads.append(load)
-    supports = block.supports([held_nodes(space, outer_nodes, 0 * x[outer_nodes]), symmetry])
+    supports = block.supports([prescribe_nodes(space, outer_nodes, 0 * x[outer_nodes]), symmetry])
 
     def may_touch(p: Array) -> Mask:
         return np.isclose(p[1], 0.0) & (p[0] < lines[-1] * (1 + 1e-9))
@@ -138,12 +146,12 @@ def presses(element: str, n: int) -> Result:
     surface = SurfaceNodes.from_body(block.body, may_touch)
     (contact,) = states[-1].pairs
     position = contact.position[:, 0]
-    shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * exact.peak)
-    pressure = surface.pressure(contact.force_normal) / exact.peak
-    error = pressure - exact.pressure(position) / exact.peak
+    shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * exact.peak_pressure)
+    pressure = surface.pressure(contact.force_normal) / exact.peak_pressure
+    error = pressure - exact.pressure(position) / exact.peak_pressure
     scalars = {
         "shear_spurious": float(np.nanmax(np.abs(shear))),
-        "shear_spurious_inner": float(np.nanmax(np.abs(shear[position < INNER]))),
+        "shear_spurious_inner": float(np.nanmax(np.abs(shear[position < INNER_PART]))),
         "pressure_rms_all": float(np.sqrt(np.mean(error[position < 1] ** 2))),
         **_summarise_iterations(states),
     }
@@ -192,11 +200,12 @@ def _make_half_plane_block(a: float, n: int, cell: str) -> Mesh:
     zone = CONTACT_ZONE * a
     size = zone / n
     outside = (
-        zone + growing(size * BLOCK_CELL_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_CELL_GROWTH)[1:]
+        zone
+        + growing_lines(size * BLOCK_CELL_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_CELL_GROWTH)[1:]
     )
     right = np.concatenate([np.linspace(0, zone, n + 1), outside])
-    depths = -growing(size, BLOCK_DEPTH * a, BLOCK_CELL_GROWTH)[::-1]
-    return on_lines(MPI.COMM_SELF, np.concatenate([-right[:0:-1], right]), depths, cell)
+    depths = -growing_lines(size, BLOCK_DEPTH * a, BLOCK_CELL_GROWTH)[::-1]
+    return mesh_along_lines(MPI.COMM_SELF, np.concatenate([-right[:0:-1], right]), depths, cell)
 
 
 def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
@@ -271,7 +280,7 @@ def seal(element: str, n: int) -> Result:
         "nodal_force": nodal_force / nodal_force.mean(),
         "deformed": ring.x + ring.displacement,
         "body_pressure": ring.body_pressure,
-        **mesh_curves(ring.space),
+        **mesh_nodes_and_cells(ring.space),
     }
     return Result(scalars, dimensionless(scalars), curves, dofs=len(ring.solution.x.array))
 
@@ -290,7 +299,7 @@ class ORing:
     """
 
     def __init__(self, element: str, n: int) -> None:
-        mesh = meshed(_add_cord_section, 2, 1 / n, order=2)
+        mesh = mesh_with_gmsh(_add_cord_section, 2, 1 / n, order=2)
         pair = spaces(element, mesh)
         self.space, self.solution = pair.trial, fem.Function(pair.trial)
         self._displacements = SubSpace.displacements(self.space)

@@ -40,11 +40,15 @@ from pw_elements.algebra import factorise
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import SubSpace
-from study.meshes.distorted_meshes import CELLS, moved_mesh, unit_mesh
+from study.meshes.distorted_meshes import (
+    CELL_TYPE_BY_ELEMENT_SUFFIX,
+    mesh_distorted_grid,
+    mesh_unit_domain,
+)
 from study.meshes.distortion import smooth_distortion
-from study.meshes.mesh_families import cell_size
-from study.model.discretisation import displacement_space, held_nodes, spaces
-from study.model.elements import taylor_hood
+from study.meshes.mesh_families import mean_cell_size
+from study.model.discretisation import displacement_space, prescribe_nodes, spaces
+from study.model.elements import taylor_hood_spaces
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.manufactured import plane, plane_pressure, solid, solid_pressure
@@ -124,7 +128,7 @@ def _solve_manufactured(element: str, nu: float, n: int, is_enclosed: bool = Fal
 
     Displacements are prescribed on the bottom or, if enclosed, on all sides; otherwise tractions.
     """
-    mesh = unit_mesh(element, 1 / n)
+    mesh = mesh_unit_domain(element, 1 / n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), state)
     exact, W = ManufacturedField(body, nu), body.spaces.trial
@@ -147,7 +151,7 @@ def _solve_manufactured(element: str, nu: float, n: int, is_enclosed: bool = Fal
         "h1_error": l2_norm(ufl.grad(u - exact_u)) / l2_norm(ufl.grad(exact_u)),
         "l2_error": l2_norm(u - exact_u) / l2_norm(exact_u),
         "pressure_error": l2_norm(p - exact_p) / l2_norm(exact_p),
-        "h": cell_size(mesh),
+        "h": mean_cell_size(mesh),
     }
     return Result(scalars, dimensionless(scalars), {}, dofs=K.getSize()[0])
 
@@ -162,7 +166,7 @@ def _prescribe_exact_displacements(
     if is_enclosed:
         is_held = np.any(np.isclose(x[:, :dim], 0.0) | np.isclose(x[:, :dim], 1.0), axis=1)
     nodes = np.flatnonzero(is_held).astype(np.int32)
-    return held_nodes(space, nodes, exact.evaluate_displacement(x[nodes]))
+    return prescribe_nodes(space, nodes, exact.evaluate_displacement(x[nodes]))
 
 
 def _displacement_and_pressure(body: Body, a: PETSc.Vec) -> tuple[Expr, Expr]:
@@ -215,8 +219,8 @@ def layers(element: str) -> Result:
     Scalars are largest errors of a displacement over the largest displacement: `error` with a
     pressure that is split between the layers, `error_one` with a continuous pressure.
     """
-    make_spaces = Spaces.hybrid if element.startswith("pw") else taylor_hood
-    mesh = make_layered_mesh(MPI.COMM_SELF, CELLS[element.rsplit("-", 1)[1]])
+    make_spaces = Spaces.hybrid if element.startswith("pw") else taylor_hood_spaces
+    mesh = make_layered_mesh(MPI.COMM_SELF, CELL_TYPE_BY_ELEMENT_SUFFIX[element.rsplit("-", 1)[1]])
     scalars = {
         name: largest_layer_displacement_error(make_spaces, mesh, name == "error")
         for name in ("error", "error_one")
@@ -294,7 +298,7 @@ SHEAR_MODULUS = 1.0
 
 def infsup(element: str, n: int) -> Result:
     """Return the inf-sup constant on a unit square or cube fixed at its base, n cells a side."""
-    mesh = moved_mesh(element, n)
+    mesh = mesh_distorted_grid(element, n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(3 * SHEAR_MODULUS, 0.5), state)
     W, dim = body.spaces.trial, mesh.geometry.dim

@@ -12,18 +12,18 @@ from scipy.optimize import brentq
 
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Plane, Sphere
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import growing
-from study.meshes.solid_meshes import box
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import growing_lines
+from study.meshes.solid_meshes import mesh_box
 from study.model.units import dimensionless
 from study.run.store import Result
 from study.solutions.rubber import (
     POISSONS_RATIO,
     Array,
-    History,
+    LoadHistory,
     RubberBody,
     lame_over_shear,
-    move_tool,
+    solve_tool_motions,
 )
 
 Mask = npt.NDArray[np.bool_]
@@ -59,7 +59,7 @@ def compressed(element: str) -> Result:
     )
     plate = ContactPair(lambda x: np.isclose(x[dim - 1], 1), _make_rigid_plate(dim))
     motions = [_plate_motion(dim, 0.0, k / N_INCREMENTS) for k in range(1, N_INCREMENTS + 1)]
-    history = move_tool(rubber, plate, supports, motions, np.isclose(rubber.x[:, -1], 0))
+    history = solve_tool_motions(rubber, plate, supports, motions, np.isclose(rubber.x[:, -1], 0))
     return _compare_with_uniform_deformation(rubber, history, deformation(lateral_stretch))
 
 
@@ -89,7 +89,7 @@ def sheared(element: str) -> Result:
         for k in range(1, N_INCREMENTS + 1)
     ]
     supports = [fem.dirichletbc(prescribed, nodes)]
-    history = move_tool(rubber, plate, supports, motions, is_held, set_supports)
+    history = solve_tool_motions(rubber, plate, supports, motions, is_held, set_supports)
     return _compare_with_uniform_deformation(rubber, history, F)
 
 
@@ -100,10 +100,10 @@ def hertz(element: str, radius: float) -> Result:
     """
     size = 1 / HERTZ_ELEMENTS
     near = np.linspace(-2, 2, 4 * HERTZ_ELEMENTS + 1)
-    far = 2 + growing(size, HERTZ_EXTENT - 2, HERTZ_GROWTH)[1:]
+    far = 2 + growing_lines(size, HERTZ_EXTENT - 2, HERTZ_GROWTH)[1:]
     lines = np.concatenate([-far[::-1], near, far])
-    depths = -growing(size, HERTZ_EXTENT, HERTZ_GROWTH)[::-1]
-    mesh = on_lines(MPI.COMM_SELF, lines, depths, "triangle")
+    depths = -growing_lines(size, HERTZ_EXTENT, HERTZ_GROWTH)[::-1]
+    mesh = mesh_along_lines(MPI.COMM_SELF, lines, depths, "triangle")
     rubber = RubberBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
 
@@ -117,7 +117,7 @@ def hertz(element: str, radius: float) -> Result:
         lambda x: np.isclose(x[1], 0) & (np.abs(x[0]) < 1.9), Sphere((0.0, radius), radius)
     )
     motions = [Motion((0.0, -0.5 / radius)), Motion((0.0, None), force=(0.0, -force))]
-    history = move_tool(rubber, pair, supports, motions, is_base(rubber.x.T))
+    history = solve_tool_motions(rubber, pair, supports, motions, is_base(rubber.x.T))
     last = history.states[-1].pairs[0]
     pressure = last.force_normal / rubber.weight_areas(last.node)[1]
     position = (last.position + last.displacement)[:, 0]
@@ -128,7 +128,7 @@ def hertz(element: str, radius: float) -> Result:
         "pressure_rms": float(np.sqrt(np.mean(error**2))),
         "peak_over_hertz": float(pressure.max() / peak),
         "balance": float(abs(last.force[1] + force) / force),
-        "base_defect": history.base_imbalance(),
+        "base_defect": history.max_relative_imbalance(),
     }
     curves = {"x": position, "pressure": pressure / peak}
     return make_rubber_result(scalars, curves, rubber)
@@ -142,9 +142,9 @@ def _make_cube(element: str) -> RubberBody:
     is_plane = element.endswith("T6")
     lines: Array = np.linspace(0.0, 1.0, 4 if is_plane else 3, dtype=np.float64)
     if is_plane:
-        mesh = on_lines(MPI.COMM_SELF, lines, lines, "triangle")
+        mesh = mesh_along_lines(MPI.COMM_SELF, lines, lines, "triangle")
         return RubberBody(element, mesh, DEGREE[2])
-    return RubberBody(element, box("tetrahedron", lines, lines, lines), DEGREE[3])
+    return RubberBody(element, mesh_box("tetrahedron", lines, lines, lines), DEGREE[3])
 
 
 def _make_rigid_plate(dim: int) -> Plane:
@@ -163,7 +163,7 @@ def _piola_kirchhoff_stress(F: Array) -> Array:
     return F - inverse + lame_over_shear(POISSONS_RATIO) * np.log(np.linalg.det(F)) * inverse
 
 
-def _compare_with_uniform_deformation(rubber: RubberBody, history: History, F: Array) -> Result:
+def _compare_with_uniform_deformation(rubber: RubberBody, history: LoadHistory, F: Array) -> Result:
     """Return errors of forces and displacements against those of a uniform deformation F."""
     pair = history.states[-1].pairs[0]
     traction = _piola_kirchhoff_stress(F)[:, -1]
@@ -176,7 +176,7 @@ def _compare_with_uniform_deformation(rubber: RubberBody, history: History, F: A
         "force_error": np.abs(pair.force_vector - expected).max() / largest_force,
         "displacement_error": np.abs(rubber.displacement - exact_displacement).max(),
         "area_error": np.abs(deformed_area / undeformed_area - area_stretch).max(),
-        "base_defect": history.base_imbalance([*range(rubber.dim)]),
+        "base_defect": history.max_relative_imbalance([*range(rubber.dim)]),
         "sticking": np.mean(pair.status == STICK),
         "closed": np.mean(pair.status != OPEN),
         "pressure": -traction[-1],

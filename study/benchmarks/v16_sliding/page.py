@@ -28,16 +28,16 @@ from study.benchmarks.v16_sliding.exact import (
 from study.benchmarks.v16_sliding.turning import bush, wheel
 from study.judge.checks import check
 from study.judge.measures.general import scalar
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import growing
-from study.meshes.solid_meshes import box
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import growing_lines
+from study.meshes.solid_meshes import mesh_box
 from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
 from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT, block_mesh_lines
-from study.solutions.rubber import Array, History, RubberBody, move_tool
+from study.solutions.rubber import Array, LoadHistory, RubberBody, solve_tool_motions
 
 SECTION = "V16"
 TITLE = "Large strains and large sliding: rubber below a cylinder"
@@ -135,7 +135,7 @@ def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
         "closed": np.sum(last.status != OPEN),
         "peak_nominal_pressure": curves["nominal_pressure"].max(),
         "peak_true_pressure": curves["true_pressure"].max(),
-        "base_defect": history.base_imbalance(),
+        "base_defect": history.max_relative_imbalance(),
         "tools_work": work,
         "stored": stored,
         "dissipated": dissipated,
@@ -214,7 +214,7 @@ def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result
         "N": -last.force[2],
         "T": last.force[0],
         "T_over_N": -last.force[0] / last.force[2],
-        "base_defect": history.base_imbalance([0, 2] if ironed else [2]),
+        "base_defect": history.max_relative_imbalance([0, 2] if ironed else [2]),
     }
     curves = {"x": x, "force_n": force, "corner": is_corner.astype(float)}
     return make_rubber_result(scalars, curves, rubber)
@@ -222,7 +222,7 @@ def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result
 
 def _press_and_iron_block(
     element: str, elements: int, pressed: int, ironed: int, friction: float
-) -> tuple[RubberBody, History]:
+) -> tuple[RubberBody, LoadHistory]:
     if element.endswith("T6"):
         rubber = RubberBody(element, _make_plane_block(elements), DEGREE[2])
     else:
@@ -237,7 +237,7 @@ def _move_round_tool(
     translations: list[tuple[float, float]],
     friction: float,
     has_sliding: bool,
-) -> History:
+) -> LoadHistory:
     """Move a cylinder or a sphere of radius one by translations sideways and upwards."""
     is_plane, dim, axis = rubber.dim == 2, rubber.dim, rubber.dim - 1
     half_width = HALF_WIDTH if is_plane else SPACE_HALF_WIDTH
@@ -256,22 +256,22 @@ def _move_round_tool(
     centre = (*[0.0] * axis, 1.0)
     pair = ContactPair(may_touch, Sphere(centre, 1.0), friction=friction)
     motions = [Motion((x, *[0.0] * (dim - 2), y)) for x, y in translations]
-    return move_tool(rubber, pair, supports, motions, is_base(rubber.x.T))
+    return solve_tool_motions(rubber, pair, supports, motions, is_base(rubber.x.T))
 
 
 def _make_plane_block(elements: int) -> Mesh:
     """Mesh a block below a cylinder, with `elements` along the radius of the cylinder."""
-    return on_lines(MPI.COMM_SELF, *block_mesh_lines(elements), "triangle")
+    return mesh_along_lines(MPI.COMM_SELF, *block_mesh_lines(elements), "triangle")
 
 
 def _make_space_block(elements: int, is_half: bool) -> Mesh:
     """Mesh a quarter or a half of a block below a sphere."""
     size = 1 / elements
     near = np.linspace(0, SPACE_FINE_HALF_WIDTH, round(SPACE_FINE_HALF_WIDTH * elements) + 1)
-    far = near[-1] + growing(size, SPACE_HALF_WIDTH - near[-1], SPACE_GROWTH)[1:]
+    far = near[-1] + growing_lines(size, SPACE_HALF_WIDTH - near[-1], SPACE_GROWTH)[1:]
     y = np.concatenate([near, far])
     x = np.concatenate([-y[:0:-1], y]) if is_half else y
-    return box("tetrahedron", x, y, -growing(size, SPACE_HEIGHT, SPACE_GROWTH)[::-1])
+    return mesh_box("tetrahedron", x, y, -growing_lines(size, SPACE_HEIGHT, SPACE_GROWTH)[::-1])
 
 
 def _prescribe_mirror_plane(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:

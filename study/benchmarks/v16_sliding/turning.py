@@ -13,10 +13,16 @@ from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import curved_mesh
 from study.benchmarks.v16_sliding.exact import DEGREE, make_rubber_result
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import growing
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import growing_lines
 from study.run.store import Result
-from study.solutions.rubber import POISSONS_RATIO, Array, RubberBody, lame_over_shear, move_tool
+from study.solutions.rubber import (
+    POISSONS_RATIO,
+    Array,
+    RubberBody,
+    lame_over_shear,
+    solve_tool_motions,
+)
 
 Mask = npt.NDArray[np.bool_]
 
@@ -46,10 +52,10 @@ def wheel(element: str, elements: int) -> Result:
     size = 1 / elements
     low, high = -FINE_MARGIN, FINE_MARGIN + WHEEL_TRAVEL
     near = np.linspace(low, high, round((high - low) * elements) + 1)
-    far = growing(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[1:]
+    far = growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[1:]
     lines = np.concatenate([low - far[::-1], near, high + far])
-    depths = -growing(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
-    mesh = on_lines(MPI.COMM_SELF, lines, depths, "triangle")
+    depths = -growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
+    mesh = mesh_along_lines(MPI.COMM_SELF, lines, depths, "triangle")
     rubber = RubberBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
     supports = [prescribe(space, k, lambda x: np.isclose(x[1], -WHEEL_BLOCK_SIZE)) for k in (0, 1)]
@@ -114,7 +120,7 @@ def bush(element: str) -> Result:
     )
     motions = [Motion((0.0, 0.0), rotation=angle) for angle in (0.0, *SHAFT_ANGLES)]
     supports = [fem.dirichletbc(prescribed, nodes)]
-    history = move_tool(rubber, shaft, supports, motions, is_outside, set_supports)
+    history = solve_tool_motions(rubber, shaft, supports, motions, is_outside, set_supports)
     pairs = [state.pairs[0] for state in history.states[2:]]
     torque = np.array([float(pair.torque) for pair in pairs])
     normal_force = np.array([pair.force_normal.sum() for pair in pairs])

@@ -20,8 +20,8 @@ from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 from pw_elements.meshes import curved_mesh
 from study.benchmarks.v17_bodies.quadratic_multipliers import DualQuadraticContactProblem
-from study.meshes.graded_meshes import joined
-from study.meshes.line_mesh import on_lines
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.two_body_meshes import join_meshes
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
 from study.run.store import Result
@@ -178,7 +178,7 @@ def make_die_mesh(
         master_elements: Number of elements of the block over the same width.
     """
     block, upper = mesh_lines(slave_elements, master_elements)
-    mesh, _ = joined(
+    mesh, _ = join_meshes(
         _make_quadratic_mesh(*block, lambda x: x), _make_quadratic_mesh(*upper, shape_die)
     )
 
@@ -282,7 +282,7 @@ def ironed(element: str) -> Result:
     (across, _), (die_lines, _) = mesh_lines(*FLAT_ELEMENTS)
     die_heights = GAP + _divide_interval(0.0, FLAT_HEIGHT, 3)
     block = _make_quadratic_mesh(across, _divide_interval(-1.0, 0.0, 3), lambda x: x)
-    mesh, _ = joined(block, _make_quadratic_mesh(die_lines, die_heights, lambda x: x))
+    mesh, _ = join_meshes(block, _make_quadratic_mesh(die_lines, die_heights, lambda x: x))
     sides = [_find_facets(mesh, partial(_is_at_height, y)) for y in (GAP, 0.0)]
     bodies = RubberBody(element, mesh, QUADRATURE_DEGREE)
     x = bodies.x
@@ -346,7 +346,7 @@ def rings(element: str) -> Result:
                 _divide_interval(*RING_RADII, n_across),
             )
             half_rings.append(_make_half_ring(angles, radii, is_upper=number == 1))
-        mesh, _ = joined(*half_rings)
+        mesh, _ = join_meshes(*half_rings)
         upper_centre = 2 * RING_RADII[1] + RING_DISTANCE
 
         def is_on_circle(centre: float, x: Array) -> Mask:
@@ -383,12 +383,12 @@ def rings(element: str) -> Result:
 def fit(element: str) -> Result:
     """Widen the hole of an incompressible tube until the tube presses on an outer one."""
     strips = [
-        on_lines(
+        mesh_along_lines(
             MPI.COMM_SELF, _divide_interval(*radii, n), _divide_interval(0.0, 0.1, 1), "triangle"
         )
         for radii, n in zip(TUBE_RADII, (TUBE_CELLS, TUBE_CELLS - 2), strict=True)
     ]
-    mesh, _ = joined(*strips)
+    mesh, _ = join_meshes(*strips)
     tubes = spaces(element, mesh)
     solution, (v, q) = fem.Function(tubes.trial), ufl.TestFunctions(tubes.test)
     u, p = ufl.split(solution)
@@ -470,7 +470,7 @@ def _make_half_ring(angles: Array, radii: Array, is_upper: bool) -> Mesh:
 
 def _make_quadratic_mesh(x: Array, y: Array, map_nodes: Callable[[Array], Array]) -> Mesh:
     """Mesh a rectangle by quadratic triangles whose nodes a function maps."""
-    return curved_mesh(on_lines(MPI.COMM_SELF, x, y, "triangle"), map_nodes)
+    return curved_mesh(mesh_along_lines(MPI.COMM_SELF, x, y, "triangle"), map_nodes)
 
 
 def _divide_interval(start: float, end: float, cells: int) -> Array:

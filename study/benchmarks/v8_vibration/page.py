@@ -34,10 +34,10 @@ from study.judge.measures.general import scalar, smallest
 from study.model.discretisation import (
     Discretisation,
     discretise,
-    is_quadrilateral,
+    has_quadrilateral_mesh,
     is_symmetrised,
-    mass_left,
-    mesh_curves,
+    mass_condensation,
+    mesh_nodes_and_cells,
     spaces,
 )
 from study.model.units import dimensionless
@@ -268,7 +268,7 @@ def quadrature(element: str, squares: int) -> Result:
     """
     eigenvalues = {}
     sizes, divisions = (ROD.radius, ROD.length), (squares, 2 * squares)
-    cell = "quadrilateral" if is_quadrilateral(element) else "triangle"
+    cell = "quadrilateral" if has_quadrilateral_mesh(element) else "triangle"
     for degree in (*QUADRATURE_DEGREES, REFERENCE_DEGREE):
         element_spaces = spaces(element, _mesh_rectangle(sizes, divisions, cell))
         body = Body(element_spaces, MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=degree)
@@ -300,7 +300,9 @@ def _make_reduction(
 ) -> Reduction:
     if treatment == "all nodes":
         return Reduction.dirichlet(body.space, conditions)
-    return mass_left(body.supports(conditions), "same" if treatment == "same" else "transposed")
+    return mass_condensation(
+        body.supports(conditions), "same" if treatment == "same" else "transposed"
+    )
 
 
 def _make_support_conditions(
@@ -352,7 +354,7 @@ def _compare_values_on_meshes(
             f"{name}_order": orders[i],
         }
     scalars = {name: float(value) for name, value in scalars.items()}
-    curves = {"squares": np.array(squares), "errors": errors, **mesh_curves(body.space)}
+    curves = {"squares": np.array(squares), "errors": errors, **mesh_nodes_and_cells(body.space)}
     if "imaginary" in scalars:
         curves["imaginaries"] = np.array([quality["imaginary"] for quality in qualities])
     return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])

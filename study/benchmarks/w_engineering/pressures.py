@@ -34,10 +34,18 @@ from pw_elements import (
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker
 from study.benchmarks.q_rivals.methods import pw_t6, snes_vi
-from study.meshes.line_mesh import on_lines
-from study.meshes.mesh_lines import PLACE
-from study.meshes.solid_meshes import box
-from study.solutions.hertz_problem import NU, E, Problem, line, make_function, solve_lu, sphere
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.mesh_lines import CONTACT_EDGE_POSITION
+from study.meshes.solid_meshes import mesh_box
+from study.solutions.hertz_problem import (
+    NU,
+    E,
+    Problem,
+    line_contact_problem,
+    make_function,
+    solve_lu,
+    sphere_contact_problem,
+)
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
@@ -121,12 +129,14 @@ class HertzContact:
         """Solve the contact with a number of edges over its half width."""
         kind, cell = element.split("-")
         is_new = kind == "pw"
-        problem = (line if cell == "T6" else sphere)(edges, PLACE)
+        problem = (line_contact_problem if cell == "T6" else sphere_contact_problem)(
+            edges, CONTACT_EDGE_POSITION
+        )
         answer = (pw_t6 if is_new else snes_vi).solve(problem)
         state = StressState.PLANE_STRAIN if cell == "T6" else StressState.SOLID
         spaces = (Spaces.petrov_galerkin if is_new else Spaces.galerkin)(problem.mesh)
         surface = SurfaceNodes.from_body(Body(spaces, Material(E, NU), state), problem.may_touch)
-        force = problem.forces(answer.u, answer.test_space)[surface.node, problem.up]
+        force = problem.nodal_forces(answer.u, answer.test_space)[surface.node, problem.normal_axis]
         return cls(problem, answer.u, surface, force)
 
 
@@ -160,7 +170,7 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     spaces = make_spaces(problem.mesh, 0)
     nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.may_touch)
     pressure = np.maximum(0.0, pressure_matrix(reading, contact.surface) @ contact.force)
-    relative_pressure = pressure / problem.exact.peak
+    relative_pressure = pressure / problem.exact.peak_pressure
     joint = np.zeros(spaces.trial.dofmap.index_map.size_local)
     joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * nodes.weight_area
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
@@ -173,16 +183,20 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
 
 def conduct_heat_of_exact_pressure(cell: str) -> HeatResult:
     """Return the heat of Hertz' exact pressure, on a fine mesh of standard elements."""
-    problem = (line if cell == "T6" else sphere)(REFERENCE_EDGES[cell], PLACE)
+    problem = (line_contact_problem if cell == "T6" else sphere_contact_problem)(
+        REFERENCE_EDGES[cell], CONTACT_EDGE_POSITION
+    )
     spaces = Spaces.galerkin(problem.mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.trial)
-    relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - problem.distance**2))
+    relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - problem.distance_from_middle**2))
     conductance = CONDUCTANCE * relative_pressure**EXPONENT
-    form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx + conductance * u * v * problem.surface
+    form = (
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx + conductance * u * v * problem.contact_measure
+    )
     K = fem.assemble_matrix(fem.form(form)).to_scipy()
     T = _solve_temperature(problem, K, spaces.trial)
     nodes = SurfaceNodes.from_scalar_spaces(spaces, problem.may_touch)
-    flux = conductance * make_function(spaces.trial, T) * problem.surface
+    flux = conductance * make_function(spaces.trial, T) * problem.contact_measure
     heat = float(fem.assemble_scalar(fem.form(flux)))
     return HeatResult(heat, float(T[nodes.node[_middle_node(nodes)]]), len(T))
 
@@ -190,7 +204,7 @@ def conduct_heat_of_exact_pressure(cell: str) -> HeatResult:
 def _solve_temperature(problem: Problem, K: sp.csr_matrix, space: fem.FunctionSpace) -> Array:
     """Return temperatures (n,), which are 1 at the far sides."""
     x = space.tabulate_dof_coordinates()
-    is_far = np.isclose(np.abs(x[:, : problem.up + 1]).max(axis=1), problem.outer)
+    is_far = np.isclose(np.abs(x[:, : problem.normal_axis + 1]).max(axis=1), problem.body_size)
     T = is_far.astype(float)
     T[~is_far] = solve_lu(K[~is_far][:, ~is_far], -(K[~is_far][:, is_far] @ T[is_far]))
     return T
@@ -240,8 +254,8 @@ def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
     """
     whole = HertzContact.solve(element, edges)
     part = _refine_part(whole.problem)
-    V, up = part.space(), part.up
-    K = assemble_matrix(part.work(ufl.TrialFunction(V), ufl.TestFunction(V)))
+    V, up = part.make_space(), part.normal_axis
+    K = assemble_matrix(part.virtual_work(ufl.TrialFunction(V), ufl.TestFunction(V)))
     load = _load_on_part(whole, part, V, reading, K)
     supports = Reduction.dirichlet(V, _supports_of_part(whole, part, V))
     u = make_function(V, solve(K, load, supports).array_r)
@@ -250,7 +264,7 @@ def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
     points = stress.function_space.element.interpolation_points
     points = points() if callable(points) else points  # versions of DOLFINx differ
     stress.interpolate(fem.Expression(part.stress(u)[up, up], points))
-    pressing = -_evaluate(stress, _points_on_line(up))[:, 0] / part.exact.peak
+    pressing = -_evaluate(stress, _points_on_line(up))[:, 0] / part.exact.peak_pressure
     return SubmodelResult(pressing, exact_stress(up, LINE, LINE_DEPTH), whole.u.x.array.size)
 
 
@@ -276,18 +290,18 @@ def exact_stress(up: int, r: Array, z: float) -> Array:
 def _refine_part(whole: Problem) -> Problem:
     """Return the finer box, as a problem on its own mesh."""
     x = whole.mesh.geometry.x
-    lines = [np.unique(x[:, axis].round(12)) for axis in range(whole.up + 1)]
-    for axis in range(whole.up):
+    lines = [np.unique(x[:, axis].round(12)) for axis in range(whole.normal_axis + 1)]
+    for axis in range(whole.normal_axis):
         lines[axis] = _halve_intervals(lines[axis][lines[axis] < whole.zone + 1e-9])
-    z = lines[whole.up]
+    z = lines[whole.normal_axis]
     bottom = z[z < -PART_DEPTH + 1e-9].max()
-    lines[whole.up] = _halve_intervals(z[z > bottom - 1e-9])
+    lines[whole.normal_axis] = _halve_intervals(z[z > bottom - 1e-9])
     mesh = (
-        on_lines(MPI.COMM_SELF, lines[0], lines[1], "triangle")
-        if whole.up == 1
-        else box("tetrahedron", *lines)
+        mesh_along_lines(MPI.COMM_SELF, lines[0], lines[1], "triangle")
+        if whole.normal_axis == 1
+        else mesh_box("tetrahedron", *lines)
     )
-    return Problem(mesh, whole.size / 2, whole.zone, whole.outer, whole.exact)
+    return Problem(mesh, whole.size / 2, whole.zone, whole.body_size, whole.exact)
 
 
 def _halve_intervals(x: Array) -> Array:
@@ -302,9 +316,9 @@ def _supports_of_part(
     nodes = fem.locate_dofs_geometrical(V, is_cut)
     displacement = fem.Function(V)
     x = V.tabulate_dof_coordinates()[nodes]
-    displacement.x.array.reshape(-1, part.up + 1)[nodes] = _evaluate(whole.u, x)
+    displacement.x.array.reshape(-1, part.normal_axis + 1)[nodes] = _evaluate(whole.u, x)
     supports = [fem.dirichletbc(displacement, nodes)]
-    for axis in range(part.up):
+    for axis in range(part.normal_axis):
         sub, zero = V.sub(axis), fem.Function(V.sub(axis).collapse()[0])
         is_on_symmetry_plane = _symmetry_plane(axis, is_cut)
         dofs = fem.locate_dofs_geometrical((sub, zero.function_space), is_on_symmetry_plane)
@@ -314,11 +328,11 @@ def _supports_of_part(
 
 def _cut_sides(part: Problem) -> Callable[[Array], Mask]:
     """Return a marker of the sides at which the whole continues."""
-    bottom = part.mesh.geometry.x[:, part.up].min()
+    bottom = part.mesh.geometry.x[:, part.normal_axis].min()
 
     def is_cut(x: Array) -> Mask:
-        is_beside = np.isclose(x[: part.up].max(axis=0), part.zone)
-        return np.asarray(np.isclose(x[part.up], bottom) | is_beside)
+        is_beside = np.isclose(x[: part.normal_axis].max(axis=0), part.zone)
+        return np.asarray(np.isclose(x[part.normal_axis], bottom) | is_beside)
 
     return is_cut
 
@@ -331,7 +345,7 @@ def _load_on_part(
     whole: HertzContact, part: Problem, V: fem.FunctionSpace, reading: str, K: PETSc.Mat
 ) -> PETSc.Vec:
     """Return the load (n,) on the surface of the part."""
-    up, surface = part.up, whole.surface
+    up, surface = part.normal_axis, whole.surface
     virtual_displacement = ufl.TestFunction(V)[up]
     if reading == "forces":
         load = K.createVecLeft()
@@ -339,9 +353,12 @@ def _load_on_part(
         load.array[nodes * (up + 1) + up] = -whole.force
         return load
     if reading == "exact":
-        relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - part.distance**2))
+        relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - part.distance_from_middle**2))
         return assemble_vector(
-            -part.exact.peak * relative_pressure * virtual_displacement * part.surface
+            -part.exact.peak_pressure
+            * relative_pressure
+            * virtual_displacement
+            * part.contact_measure
         )
     Q = fem.functionspace(part.mesh, ("Lagrange", 1))
     pressure = fem.Function(Q)
@@ -349,7 +366,7 @@ def _load_on_part(
     x = Q.tabulate_dof_coordinates()[nodes, : up + 1]
     node_of_whole = cKDTree(surface.position).query(x)[1]
     pressure.x.array[nodes] = (pressure_matrix(reading, surface) @ whole.force)[node_of_whole]
-    return assemble_vector(-pressure * virtual_displacement * part.surface)
+    return assemble_vector(-pressure * virtual_displacement * part.contact_measure)
 
 
 def _points_on_line(up: int) -> Array:

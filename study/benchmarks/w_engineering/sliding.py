@@ -44,13 +44,13 @@ from pw_elements.meshes import triangles
 from study.benchmarks.v12_impact.schemes import StiffnessMassPair
 from study.benchmarks.w_engineering.pressures import pressure_matrix
 from study.meshes import mesh_lines
-from study.meshes.line_mesh import on_lines
-from study.meshes.solid_meshes import box, cell_of
-from study.model.discretisation import held_nodes, spaces
-from study.solutions.half_space import Elastic, HertzLine, HertzSphere
-from study.solutions.half_space_shear import hertz_force
-from study.solutions.hertz_problem import NU, OUTER, RADIUS, ZONE, E, use_lu
-from study.solutions.indentation import growing
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.solid_meshes import mesh_box, solid_cell_name
+from study.model.discretisation import prescribe_nodes, spaces
+from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
+from study.solutions.half_space_shear import force_of_unit_hertz_contact
+from study.solutions.hertz_problem import BODY_SIZE, CONTACT_ZONE_SIZE, NU, RADIUS, E, use_lu
+from study.solutions.indentation import growing_lines_from_size
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
@@ -96,7 +96,7 @@ class Punch:
         if element.endswith("T6"):
             mesh, state = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)), "plane strain"
         else:
-            mesh, state = box(cell_of(element), lines, lines, lines), "solid"
+            mesh, state = mesh_box(solid_cell_name(element), lines, lines, lines), "solid"
         up = mesh.geometry.dim - 1
         material = Material(PUNCH_MODULUS, PUNCH_POISSONS_RATIO)
         body = Body(spaces(element, mesh), material, StressState(state))
@@ -343,7 +343,7 @@ def solve_partial_slip(
 
     surface = SurfaceNodes.from_body(body, may_touch)
     R = pressure_matrix(reading, surface)
-    p1 = halving_pressure * exact.peak
+    p1 = halving_pressure * exact.peak_pressure
     if reading == "projected":
         contact, limit = _repeat_coefficients(solve_shift, surface, R, p1)
     else:
@@ -360,8 +360,8 @@ def solve_partial_slip(
         stick,
         K.getSize()[0],
         surface.position,
-        R @ contact.force_normal / exact.peak,
-        R @ tangential[:, 0] / exact.peak,
+        R @ contact.force_normal / exact.peak_pressure,
+        R @ tangential[:, 0] / exact.peak_pressure,
     )
 
 
@@ -409,26 +409,28 @@ def _value_at_nearest(position: Array, values: Array, x: Array) -> Array:
 
 def _plane(edges: int) -> tuple[Mesh, float, float]:
     """Return the plane's mesh, the distance up to which nodes may touch, and the far sides'."""
-    size = 1 / (edges + mesh_lines.PLACE)
-    near = size * np.arange(np.ceil(ZONE / size) + 1)
-    right = np.concatenate([near, near[-1] + growing(size, OUTER - near[-1])[1:]])
+    size = 1 / (edges + mesh_lines.CONTACT_EDGE_POSITION)
+    near = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
+    right = np.concatenate(
+        [near, near[-1] + growing_lines_from_size(size, BODY_SIZE - near[-1])[1:]]
+    )
     along = np.concatenate([-right[:0:-1], right])
-    below = -growing(size, OUTER)[::-1]
-    return on_lines(MPI.COMM_SELF, along, below, "triangle"), float(near[-1]), OUTER
+    below = -growing_lines_from_size(size, BODY_SIZE)[::-1]
+    return mesh_along_lines(MPI.COMM_SELF, along, below, "triangle"), float(near[-1]), BODY_SIZE
 
 
 def _half_of_space(edges: int) -> tuple[Mesh, float, float]:
     """Return the same of the half y >= 0 of space."""
-    lines = mesh_lines.graded(edges)
-    along = np.concatenate([-lines.beside[:0:-1], lines.beside])
-    mesh = box(cell_of("T10"), along, lines.beside, lines.below)
-    return mesh, lines.zone, mesh_lines.OUTER
+    lines = mesh_lines.graded_body_lines(edges)
+    along = np.concatenate([-lines.horizontal[:0:-1], lines.horizontal])
+    mesh = mesh_box(solid_cell_name("T10"), along, lines.horizontal, lines.vertical)
+    return mesh, lines.contact_zone_size, mesh_lines.BODY_SIZE
 
 
 def _hertz_solution(is_solid: bool) -> HertzLine | HertzSphere:
-    elastic = Elastic(E, NU)
+    elastic = ElasticHalfSpace(E, NU)
     if is_solid:
-        return HertzSphere(elastic, RADIUS, hertz_force(elastic, RADIUS))
+        return HertzSphere(elastic, RADIUS, force_of_unit_hertz_contact(elastic, RADIUS))
     return HertzLine(elastic, RADIUS, np.pi * elastic.plane_modulus / (4 * RADIUS))
 
 
@@ -442,7 +444,7 @@ def _far_supports(
 
     x = space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(is_far(x.T)).astype(np.int32)
-    supports = [held_nodes(space, nodes, _far_displacements(exact, x[nodes], up))]
+    supports = [prescribe_nodes(space, nodes, _far_displacements(exact, x[nodes], up))]
     if up == 2:
         supports.append(prescribe(space, 1, lambda p: np.isclose(p[1], 0.0) & ~is_far(p)))
     return supports
@@ -507,7 +509,7 @@ def throw_block(element: str, cells: int) -> ImpactResult:
     else:
         ends = ((-1.0, 1.0, 2 * cells), (0.0, 0.5, cells // 2), (0.0, 1.0, cells))
         along, across, up = (np.linspace(a, b, n + 1, dtype=np.float64) for a, b, n in ends)
-        mesh = box("tetrahedron", along, across, up)
+        mesh = mesh_box("tetrahedron", along, across, up)
     scheme, dim = StiffnessMassPair.from_name(SCHEMES[kind], mesh), mesh.geometry.dim
     symmetry = [prescribe(scheme.space, 1, _symmetry_plane(1))] if dim == 3 else []
     if scheme.sibling is None:

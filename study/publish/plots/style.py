@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from study.model.vocabulary import ELEMENTS, WAYS
+from study.model.vocabulary import ELEMENTS, TWO_BODY_METHODS
 
 matplotlib.use("Agg")
 
@@ -36,7 +36,8 @@ LOOK: dict[str, dict[str, Any]] = {
 """Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
 
 WAY_LOOK: dict[str, dict[str, Any]] = {
-    key: {"color": way.colour, "marker": way.marker, "label": way.name} for key, way in WAYS.items()
+    key: {"color": way.colour, "marker": way.marker, "label": way.name}
+    for key, way in TWO_BODY_METHODS.items()
 }
 """The same of the ways that two bodies are compared by; no figure has elements besides."""
 

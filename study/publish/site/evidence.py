@@ -18,7 +18,7 @@ from markupsafe import Markup
 from study.judge import claims as judged
 from study.judge.facts import COMPUTED, ROWS
 from study.model.vocabulary import ELEMENTS
-from study.paper.items import ITEMS, TITLES, Item
+from study.paper.items import ITEMS, TITLES_WITHOUT_PAGE, Item
 from study.publish.site import mathematics
 from study.publish.texts import PAPERS, Place, Texts, provenance, section_facts
 from study.publish.texts.numbers import short
@@ -264,7 +264,7 @@ class _Sheets(Texts):
         name = next((n for n in self.figures if _shows(n, item)), None)
         return {
             "item": item,
-            "section": TITLES.get(item.section) or title(item.section),
+            "section": TITLES_WITHOUT_PAGE.get(item.section) or title(item.section),
             "sheet": item.section if item.section in sections else None,
             "drawn": name,
             "alt": self.figures[name]["alt"] if name else "",

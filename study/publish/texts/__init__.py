@@ -21,7 +21,14 @@ import numpy as np
 from markupsafe import Markup
 
 from study.judge.claims import GRADES, PAPER
-from study.model.vocabulary import ELEMENTS, NO_WEIGHT, OWN, PLANE_ELEMENTS, TRIBUTARY, WAYS
+from study.model.vocabulary import (
+    ELEMENTS,
+    OWN_FUNCTION_READING,
+    PLANE_ELEMENTS,
+    TRIBUTARY_READING,
+    TWO_BODY_METHODS,
+    UNDEFINED_READING_NOTE,
+)
 from study.publish.markdown import render_markdown, render_rows
 from study.publish.texts import numbers
 from study.publish.texts.appendix import RATIONAL_DEGREE, computed, computed_and_recorded
@@ -130,10 +137,10 @@ class Texts:
         self.environment.filters |= words
         self.environment.globals |= words | {
             "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
-            "names": {key: one.name for key, one in (ELEMENTS | WAYS).items()},
-            "own": OWN,
-            "tributary": TRIBUTARY,
-            "no_weight": NO_WEIGHT,
+            "names": {key: one.name for key, one in (ELEMENTS | TWO_BODY_METHODS).items()},
+            "own": OWN_FUNCTION_READING,
+            "tributary": TRIBUTARY_READING,
+            "no_weight": UNDEFINED_READING_NOTE,
             "s": results.scalar,
             "has": results.__contains__,
             "parameters": lambda key: results[key].parameters,

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from study.meshes.mesh_lines import growing
+from study.meshes.mesh_lines import growing_lines
 from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, read_tables
@@ -32,9 +32,9 @@ def block_mesh_lines(elements: int) -> tuple[Array, Array]:
     """
     size = 1 / elements
     near = np.linspace(-FINE_HALF_WIDTH, FINE_HALF_WIDTH, round(2 * FINE_HALF_WIDTH * elements) + 1)
-    far = FINE_HALF_WIDTH + growing(size, HALF_WIDTH - FINE_HALF_WIDTH, SIZE_RATIO)[1:]
+    far = FINE_HALF_WIDTH + growing_lines(size, HALF_WIDTH - FINE_HALF_WIDTH, SIZE_RATIO)[1:]
     down: Array = size * np.arange(round(FINE_DEPTH * elements) + 1, dtype=np.float64)
-    down = np.concatenate([down, down[-1] + growing(size, HEIGHT - down[-1], SIZE_RATIO)[1:]])
+    down = np.concatenate([down, down[-1] + growing_lines(size, HEIGHT - down[-1], SIZE_RATIO)[1:]])
     return np.concatenate([-far[::-1], near, far]), -down[::-1]
 
 

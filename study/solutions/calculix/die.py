@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from study.meshes.mesh_lines import growing
+from study.meshes.mesh_lines import growing_lines
 from study.solutions.calculix.cylinder import BULK_MODULUS
 from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
 from study.solutions.calculix.grids import Grid
@@ -34,7 +34,7 @@ def mesh_lines(
         np.linspace(*ends, round((ends[1] - ends[0]) * n) + 1, dtype=np.float64)
         for ends, n in ((BLOCK_ENDS, block_elements), (DIE_ENDS, die_elements))
     )
-    below, above = (growing(1 / n, 1.0, SIZE_RATIO) for n in (block_elements, die_elements))
+    below, above = (growing_lines(1 / n, 1.0, SIZE_RATIO) for n in (block_elements, die_elements))
     return (block, -below[::-1]), (die, above)
 
 

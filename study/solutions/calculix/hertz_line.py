@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from study.meshes.mesh_lines import growing
+from study.meshes.mesh_lines import growing_lines
 from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, read_node_values
-from study.solutions.half_space import Elastic, HertzLine
+from study.solutions.half_space import ElasticHalfSpace, HertzLine
 
 PENALTIES = 1, 10, 100
 """Pressure over penetration, times h/E."""
@@ -42,7 +42,7 @@ class HertzLineProblem:
     @property
     def exact_solution(self) -> HertzLine:
         """Hertz' solution with half width 1 and E = 1."""
-        body = Elastic(1.0, 0.3)
+        body = ElasticHalfSpace(1.0, 0.3)
         return HertzLine(body, RADIUS, np.pi * body.plane_modulus / (4 * RADIUS))
 
     @property
@@ -54,8 +54,10 @@ class HertzLineProblem:
     def mesh_lines(self) -> tuple[Array, Array]:
         """Mesh lines: x, and y from below."""
         near = self.edge_length * np.arange(np.ceil(MIN_FINE_WIDTH / self.edge_length) + 1)
-        far = near[-1] + growing(self.edge_length, BODY_SIZE - near[-1], SIZE_RATIO)[1:]
-        return np.concatenate([near, far]), -growing(self.edge_length, BODY_SIZE, SIZE_RATIO)[::-1]
+        far = near[-1] + growing_lines(self.edge_length, BODY_SIZE - near[-1], SIZE_RATIO)[1:]
+        return np.concatenate([near, far]), -growing_lines(self.edge_length, BODY_SIZE, SIZE_RATIO)[
+            ::-1
+        ]
 
     @cached_property
     def grid(self) -> Grid:
@@ -142,7 +144,9 @@ class HertzLineProblem:
     def read_numbers(self, output: str) -> dict[str, Array]:
         """Return positions of the slave nodes, and the pressures there over Hertz' peak."""
         contact = read_node_values(output)["CONTACT"]
-        pressure = np.array([contact[k][3] for k in self.slave_nodes]) / self.exact_solution.peak
+        pressure = (
+            np.array([contact[k][3] for k in self.slave_nodes]) / self.exact_solution.peak_pressure
+        )
         return {"x": self.nodes[self.slave_nodes - 1, 0], "pressure": pressure}
 
 

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from study.meshes.mesh_lines import OUTER, graded
+from study.meshes.mesh_lines import BODY_SIZE, graded_body_lines
 from study.solutions.calculix.decks import join_lines, join_numbers
 from study.solutions.calculix.grids import Grid, Point
 from study.solutions.calculix.output import Array, read_node_values
-from study.solutions.half_space import Elastic, HertzSphere
+from study.solutions.half_space import ElasticHalfSpace, HertzSphere
 
 SURFACE_TO_SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
 _Z = 2
@@ -227,7 +227,7 @@ class TouchingSpheres(TwoBodies):
     @property
     def exact_solutions(self) -> tuple[HertzSphere, HertzSphere]:
         """Hertz' solutions for the lower and the upper body."""
-        bodies = [Elastic(E, self.ratio) for E in self.moduli]
+        bodies = [ElasticHalfSpace(E, self.ratio) for E in self.moduli]
         force = 4 / 3 / self.radius / sum(1 / b.plane_modulus for b in bodies)
         first, second = (HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies)
         return first, second
@@ -246,7 +246,9 @@ class TouchingSpheres(TwoBodies):
         is_lower = np.arange(len(self.nodes)) < len(self.grids[0].straight_nodes)
         approach = sum(exact.approach for exact in self.exact_solutions)
         x = self.nodes
-        is_outer = (np.abs(x[:, _Z]) > OUTER - 1e-9) | np.isclose(x[:, :_Z].max(axis=1), OUTER)
+        is_outer = (np.abs(x[:, _Z]) > BODY_SIZE - 1e-9) | np.isclose(
+            x[:, :_Z].max(axis=1), BODY_SIZE
+        )
         for k in np.flatnonzero(is_outer):
             exact, sign = (
                 (self.exact_solutions[0], 1.0) if is_lower[k] else (self.exact_solutions[1], -1.0)
@@ -262,8 +264,8 @@ class TouchingSpheres(TwoBodies):
 
     def _mesh_lines(self, upper: bool | int) -> tuple[Array, Array]:
         """Return mesh lines across the axis, and along it."""
-        lines = graded(self.edges * self.size_ratio if upper else self.edges)
-        return lines.beside, -lines.below[::-1] if upper else lines.below
+        lines = graded_body_lines(self.edges * self.size_ratio if upper else self.edges)
+        return lines.horizontal, -lines.vertical[::-1] if upper else lines.vertical
 
 
 def _round_to_9_digits(value: float) -> float:

@@ -8,20 +8,24 @@ import numpy as np
 from dolfinx import fem
 
 from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
-from study.meshes.line_mesh import on_lines
-from study.meshes.solid_meshes import box
-from study.solutions.hertz_problem import Answer, Problem, make_function
+from study.meshes.line_mesh import mesh_along_lines
+from study.meshes.solid_meshes import mesh_box
+from study.solutions.hertz_problem import Problem, Solution, make_function
 
 
-def solve(problem: Problem) -> Answer:
+def solve(problem: Problem) -> Solution:
     """Solve with linear elements whose vertices are the nodes of the quadratic elements."""
-    coordinates = problem.mesh.geometry.x[:, : problem.up + 1]
+    coordinates = problem.mesh.geometry.x[:, : problem.normal_axis + 1]
     lines = [np.unique(x.round(12)) for x in coordinates.T]
     x, y, *z = [np.interp(np.arange(0, len(x) - 0.5, 0.5), np.arange(len(x)), x) for x in lines]
-    mesh = box("tetrahedron", x, y, *z) if z else on_lines(MPI.COMM_SELF, x, y, "triangle")
+    mesh = (
+        mesh_box("tetrahedron", x, y, *z)
+        if z
+        else mesh_along_lines(MPI.COMM_SELF, x, y, "triangle")
+    )
     refined = replace(problem, mesh=mesh)
     u, count = solve_displacements(refined, degree=1)
-    V, forces = u.function_space, refined.forces(u, u.function_space)[:, refined.up]
+    V, forces = u.function_space, refined.nodal_forces(u, u.function_space)[:, refined.normal_axis]
     Q = fem.functionspace(refined.mesh, ("Lagrange", 1))
     pressure = make_function(Q, refined.divide_by_weights(forces, V))
-    return Answer(u, pressure, u.x.array.size, count, V)
+    return Solution(u, pressure, u.x.array.size, count, V)

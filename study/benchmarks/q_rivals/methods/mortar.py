@@ -4,17 +4,17 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from study.solutions.hertz_problem import MAX_SOLVES, Answer, Mask, NoSolution, Problem, solve_lu
+from study.solutions.hertz_problem import MAX_SOLVES, Mask, NoSolution, Problem, Solution, solve_lu
 
 
-def solve(problem: Problem, degree: int = 1) -> Answer:
+def solve(problem: Problem, degree: int = 1) -> Solution:
     """Solve by a primal-dual active set, with multipliers of a degree."""
-    W = problem.space(multiplier=degree)
-    (u, p), (v, m), y = ufl.TrialFunctions(W), ufl.TestFunctions(W), problem.up
-    form = problem.work(u, v) + (p * v[y] + u[y] * m) * problem.surface
+    W = problem.make_space(multiplier_degree=degree)
+    (u, p), (v, m), y = ufl.TrialFunctions(W), ufl.TestFunctions(W), problem.normal_axis
+    form = problem.virtual_work(u, v) + (p * v[y] + u[y] * m) * problem.contact_measure
     A = fem.assemble_matrix(fem.form(form)).to_scipy().tocsr()
-    b = fem.assemble_vector(fem.form(problem.gap * m * problem.surface)).array
-    supports = [*problem.supports(W.sub(0)), problem.no_multipliers_outside(W.sub(1))]
+    b = fem.assemble_vector(fem.form(problem.gap * m * problem.contact_measure)).array
+    supports = [*problem.far_field_supports(W.sub(0)), problem.zero_multipliers_outside(W.sub(1))]
     x, free = fem.Function(W), np.ones(b.size, dtype=bool)
     for bc in supports:
         bc.set(x.x.array)
@@ -29,5 +29,5 @@ def solve(problem: Problem, degree: int = 1) -> Answer:
         closing = (A @ x.x.array - b)[multipliers] > 0
         previous, active = active, np.where(active, x.x.array[multipliers] > 0, closing)
         if np.array_equal(previous, active):
-            return problem.make_answer(x, count)
+            return problem.make_solution(x, count)
     raise NoSolution

@@ -3,20 +3,24 @@
 import ufl
 from dolfinx import fem
 
-from study.solutions.hertz_problem import Answer, E, Problem, newton
+from study.solutions.hertz_problem import E, Problem, Solution, solve_newton
 
 SYMMETRIC_SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # values of gamma h / E
 SKEW_SWEEP = (0.01, 0.1, *SYMMETRIC_SWEEP)  # this form is stable for all of them
 
 
-def solve(problem: Problem, parameter: float, theta: float = 1.0) -> Answer:
+def solve(problem: Problem, parameter: float, theta: float = 1.0) -> Solution:
     """Solve with contact at integration points; theta = -1 gives the skew-symmetric form."""
-    V = problem.space()
-    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
+    V = problem.make_space()
+    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.normal_axis
     gamma = fem.Constant(problem.mesh, parameter * E / problem.size)
     sign = fem.Constant(problem.mesh, theta)
     stress_u, stress_v = (problem.stress(w)[y, y] for w in (u, v))
     pressure = ufl.max_value(0, gamma * (u[y] - problem.gap) - stress_u)
     terms = pressure * (gamma * v[y] - sign * stress_v) - sign * stress_u * stress_v
-    count = newton(problem.work(u, v) + terms / gamma * problem.surface, u, problem.supports(V))
-    return Answer(u, pressure, u.x.array.size, count, V)
+    count = solve_newton(
+        problem.virtual_work(u, v) + terms / gamma * problem.contact_measure,
+        u,
+        problem.far_field_supports(V),
+    )
+    return Solution(u, pressure, u.x.array.size, count, V)

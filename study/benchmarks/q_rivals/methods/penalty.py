@@ -3,17 +3,17 @@
 import ufl
 from dolfinx import fem
 
-from study.solutions.hertz_problem import Answer, E, Problem, newton
+from study.solutions.hertz_problem import E, Problem, Solution, solve_newton
 
 SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # values of the stiffness times h / E
 
 
-def solve(problem: Problem, parameter: float) -> Answer:
+def solve(problem: Problem, parameter: float) -> Solution:
     """Solve with a pressure proportional to the penetration."""
-    V = problem.space()
-    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.up
+    V = problem.make_space()
+    u, v, y = fem.Function(V), ufl.TestFunction(V), problem.normal_axis
     stiffness = fem.Constant(problem.mesh, parameter * E / problem.size)
     pressure = stiffness * ufl.max_value(0, u[y] - problem.gap)
-    form = problem.work(u, v) + pressure * v[y] * problem.surface
-    count = newton(form, u, problem.supports(V))
-    return Answer(u, pressure, u.x.array.size, count, V)
+    form = problem.virtual_work(u, v) + pressure * v[y] * problem.contact_measure
+    count = solve_newton(form, u, problem.far_field_supports(V))
+    return Solution(u, pressure, u.x.array.size, count, V)

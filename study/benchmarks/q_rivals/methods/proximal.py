@@ -4,29 +4,34 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from study.solutions.hertz_problem import Answer, NoSolution, Problem, prepare_newton
+from study.solutions.hertz_problem import NoSolution, Problem, Solution, prepare_newton
 
 SWEEP = (0.1, 1.0, 10.0)  # values of the first proximal step times the peak pressure
 STEP_GROWTH = 4.0  # ratio of successive proximal steps: the second parameter
 MAX_STEPS = 30
 
 
-def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:
+def solve(problem: Problem, parameter: float, degree: int = 1) -> Solution:
     """Solve with a gap that is the exponential of a latent variable of the given degree."""
-    W = problem.space(multiplier=degree)
-    w, previous, (v, m), y = fem.Function(W), fem.Function(W), ufl.TestFunctions(W), problem.up
+    W = problem.make_space(multiplier_degree=degree)
+    w, previous, (v, m), y = (
+        fem.Function(W),
+        fem.Function(W),
+        ufl.TestFunctions(W),
+        problem.normal_axis,
+    )
     (u, latent), (_, previous_latent) = ufl.split(w), ufl.split(previous)
-    step = fem.Constant(problem.mesh, parameter / problem.exact.peak)
+    step = fem.Constant(problem.mesh, parameter / problem.exact.peak_pressure)
     pressure, gap = (previous_latent - latent) / step, problem.exact.approach * ufl.exp(latent)
     law = pressure * v[y] + (problem.gap - u[y] - gap) * m
-    supports = [*problem.supports(W.sub(0)), problem.no_multipliers_outside(W.sub(1))]
+    supports = [*problem.far_field_supports(W.sub(0)), problem.zero_multipliers_outside(W.sub(1))]
     displacement_dofs, count = W.sub(0).collapse()[1], 0
-    newton = prepare_newton(problem.work(u, v) + law * problem.surface, w, supports)
+    newton = prepare_newton(problem.virtual_work(u, v) + law * problem.contact_measure, w, supports)
     for _ in range(MAX_STEPS):
         count += newton()
         change = np.abs(w.x.array - previous.x.array)[displacement_dofs].max()
         if change < 1e-9 * problem.exact.approach:
-            return problem.make_answer(w, count, pressure)
+            return problem.make_solution(w, count, pressure)
         previous.x.array[:] = w.x.array
         step.value *= STEP_GROWTH
     raise NoSolution

@@ -6,14 +6,14 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import apply_lifting, assemble_matrix, set_bc
 
-from study.solutions.hertz_problem import Answer, Problem, make_function, use_lu
+from study.solutions.hertz_problem import Problem, Solution, make_function, use_lu
 
 
 def solve_displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function, int]:
     """Return displacements that exceed the gap at no node, and the number of factorisations."""
-    V = problem.space(degree)
-    u, v, supports = ufl.TrialFunction(V), ufl.TestFunction(V), problem.supports(V)
-    form = fem.form(problem.work(u, v))
+    V = problem.make_space(degree)
+    u, v, supports = ufl.TrialFunction(V), ufl.TestFunction(V), problem.far_field_supports(V)
+    form = fem.form(problem.virtual_work(u, v))
     K, load = assemble_matrix(form, supports), fem.Function(V)
     K.assemble()
     apply_lifting(f := load.x.petsc_vec, [form], [supports])
@@ -33,8 +33,8 @@ def solve_displacements(problem: Problem, degree: int = 2) -> tuple[fem.Function
     return solution, snes.getLinearSolveIterations()
 
 
-def solve(problem: Problem) -> Answer:
+def solve(problem: Problem) -> Solution:
     """Solve and divide each nodal force by the integral of its node's shape function."""
     u, count = solve_displacements(problem)
     pressure = problem.nodal_pressure(u, u.function_space)
-    return Answer(u, pressure, u.x.array.size, count, u.function_space)
+    return Solution(u, pressure, u.x.array.size, count, u.function_space)

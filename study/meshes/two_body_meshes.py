@@ -1,4 +1,4 @@
-"""Two bodies in one mesh."""
+"""Meshes that contain two bodies."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,8 +9,8 @@ from pw_elements._compat import cell_geometry_nodes
 Array = npt.NDArray[np.float64]
 
 
-def with_counterpart(lower: Mesh, distance: float) -> Mesh:
-    """Both a body below y = 0 and the same turned by half a circle, a distance above it."""
+def with_rotated_copy(lower: Mesh, distance: float) -> Mesh:
+    """Return a mesh of a body below y = 0 and its copy, rotated by 180°, a distance above it."""
     x = lower.geometry.x[:, :2]
     cells = cell_geometry_nodes(lower)
     return create_mesh(
@@ -21,13 +21,12 @@ def with_counterpart(lower: Mesh, distance: float) -> Mesh:
     )
 
 
-def joined(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
-    """One mesh of two, and which of its cells are the lower one's; on one process."""
-    dim, below = lower.geometry.dim, cell_geometry_nodes(lower)
+def join_meshes(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
+    """Join two meshes on one process; the mask (cells,) marks cells of the lower one."""
+    dim, lower_cells = lower.geometry.dim, cell_geometry_nodes(lower)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])[:, :dim]
-    cells = np.concatenate([below, cell_geometry_nodes(upper) + len(lower.geometry.x)]).astype(
-        np.int64
-    )
+    upper_cells = cell_geometry_nodes(upper) + len(lower.geometry.x)
+    cells = np.concatenate([lower_cells, upper_cells]).astype(np.int64)
     element = lower.ufl_domain().ufl_coordinate_element()
     mesh = create_mesh(lower.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
-    return mesh, np.asarray(mesh.topology.original_cell_index) < len(below)
+    return mesh, np.asarray(mesh.topology.original_cell_index) < len(lower_cells)
