@@ -73,8 +73,8 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Return the composite triangle: four linear triangles with a linear assumed gradient.
 
     Values are those of `piecewise_linear_sub_cell_element("triangle")`. Gradients in a form are the
-    L2 projections of the piecewise constant ones onto linear functions of the macro triangle: with a
-    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
+    L2 projections of the piecewise constant ones onto linear functions of the macro triangle: with
+    a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
     Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for
     small strains. The projection on the reference triangle is exact for straight sides.
     """
