@@ -31,7 +31,7 @@ from scipy.stats import spearmanr
 
 from study.model.units import units_of
 from study.paper.items import TABLE_2
-from study.paper.s7_6_models import (
+from study.paper.table_2.family import (
     MESHES,
     SET_UPS,
     TREATMENTS,

@@ -1,7 +1,7 @@
 """Models of Table 2's beam: a family of assumptions and the critical stresses that follow.
 
-    ./run python3 -m study.paper.s7_6_models            compute all models; write the record
-    ./run python3 -m study.paper.s7_6_models --check    compute all; compare with the record
+    ./run python3 -m study.paper.table_2.family            compute all models; write the record
+    ./run python3 -m study.paper.table_2.family --check    compute all; compare with the record
 
 The paper prints neither the mesh nor the supports, nor how its programs form the matrices. The
 family is the product of what they may have been:
@@ -56,7 +56,7 @@ from study.run.provenance import versions
 Array = npt.NDArray[np.float64]
 Form = Literal["G", "J"]
 
-RECORD = Path(__file__).with_name("s7_6_models.json")
+RECORD = Path(__file__).with_name("family.json")
 
 YOUNGS_MODULUS, HALF_LENGTH, HEIGHT = 2.07e11, 4.0, 1.0
 """Printed, and from the printed Euler stresses; Poisson's ratio is 0, the thickness 1."""
@@ -414,7 +414,7 @@ def _row(mesh: Mesh) -> dict[str, Any]:
 def _write(rows: list[dict[str, Any]], seconds: float) -> None:
     head = {
         "what": "Critical stresses in kPa of the models of section 7.6's Table 2; null: none",
-        "renew": "./run python3 -m study.paper.s7_6_models",
+        "renew": "./run python3 -m study.paper.table_2.family",
         "date": date.today().isoformat(),
         "seconds": round(seconds, 1),
         "versions": versions(),
@@ -438,7 +438,7 @@ def _differences(row: dict[str, Any], recorded: dict[str, Any]) -> Iterator[floa
 
 def main(arguments: list[str] | None = None) -> int:
     """Compute all models; write the record, or compare with it. The status is 1 if they differ."""
-    parser = argparse.ArgumentParser(prog="study.paper.s7_6_models")
+    parser = argparse.ArgumentParser(prog="study.paper.table_2.family")
     parser.add_argument("--check", action="store_true", help="compare with the record")
     options = parser.parse_args(arguments)
     start, rows = process_time(), []
