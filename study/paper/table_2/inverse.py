@@ -32,7 +32,12 @@ from scipy.stats import spearmanr
 from study.model.units import units_of
 from study.paper.items import TABLE_2
 from study.paper.table_2.family import (
+    ENDS,
+    LOADS,
     MESHES,
+    MIDDLES,
+    PATTERNS,
+    PRESTRESS_SUPPORTS,
     SET_UPS,
     TREATMENTS,
     Array,
@@ -40,7 +45,7 @@ from study.paper.table_2.family import (
     ModelsRecord,
     Treatment,
 )
-from study.run.store import Result
+from study.run.store import Result, StudyError
 
 RANDOM_ROWS, SEED = 10_000, 51
 MIN_ODDS = 20.0
@@ -78,7 +83,7 @@ class Models(NamedTuple):
         """Return all models, or those whose loaded point A is a corner or a mid-side node."""
         if name == "all":
             return self
-        is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])[self.place[:, 0]]
+        is_corner = np.isin(self.place[:, 0], _CORNER_MESHES)
         return self.select(is_corner == (name == "corner"))
 
     def best(self) -> int:
@@ -191,8 +196,7 @@ def likelihood_shares(models: Models, uncertainty: Array, half_digit: Array) -> 
 def judge_row(
     models: Models, uncertainty: Array, half_digit: Array
 ) -> tuple[dict[str, float], Chance]:
-    """Return the numbers of one row over some models, and its chance."""
-    models = distinct(models)
+    """Return the numbers of one row over some distinct models, and its chance."""
     best, chance = models.best(), estimate_chance(models)
     distance = float(np.abs(models.deviation[best]).max())
     share = chance.within(distance)
@@ -210,3 +214,148 @@ def judge_row(
     }
     scalars |= {f"best_{k}": x for k, x in enumerate(models.deviation[best], start=1)}
     return scalars, chance
+
+
+def inverse_problem(record: str) -> Result:
+    """Judge each row and all four values by all models, by those of a group, and the near hit.
+
+    Scalars are named by row (cps6, user, or both) and group. Curves: `<row>_deviation` (n, 2) and
+    `<row>_corner` (n) of the distinct models of a row; `<row>_covariance` of its random rows;
+    `<row>_nearest` (m) quantiles `share` (m) of the random rows' distances from their nearest model.
+
+    Args:
+        record: digest of the record of the models, by which a stored result is outdated if the
+            record has changed.
+
+    Raises:
+        StudyError: if the record has another digest.
+    """
+    tracked = ModelsRecord()
+    if tracked.digest != record:
+        raise StudyError(f"{tracked.path.name} has the digest {tracked.digest}, not {record}")
+    family = tracked.family()
+    uncertainty = {
+        row: model_uncertainty(family.stresses[element], row) for row, element in ELEMENTS.items()
+    }
+    half_digit = {row: rounding(row) for row in ROWS}
+    models = {row: collect(family.stresses[element], row) for row, element in ELEMENTS.items()}
+    models["both"] = collect_pairs(family)
+    for known in (uncertainty, half_digit):
+        known["both"] = np.concatenate([known[row] for row in ROWS])
+
+    scalars: dict[str, float] = {}
+    curves: dict[str, np.ndarray] = {"share": np.linspace(0, 1, 501)}
+    for row, all_models in models.items():
+        for group in GROUPS:
+            chosen = distinct(all_models.group(group))
+            numbers, chance = judge_row(chosen, uncertainty[row], half_digit[row])
+            numbers |= _describe(chosen.place[chosen.best()])
+            scalars |= {f"{row}_{group}_{name}": value for name, value in numbers.items()}
+            if group == "all":
+                curves[f"{row}_nearest"] = np.quantile(chance.distances, curves["share"])
+                curves[f"{row}_covariance"] = chance.covariance
+                if row in ROWS:
+                    curves[f"{row}_deviation"] = chosen.deviation.astype(np.float32)
+                    curves[f"{row}_corner"] = np.isin(chosen.place[:, 0], _CORNER_MESHES)
+        scalars[f"{row}_family"] = float(len(all_models.deviation))
+    for row in ROWS:
+        values = zip(uncertainty[row], half_digit[row], strict=True)
+        for mode, (change, digit) in enumerate(values, start=1):
+            scalars |= {f"{row}_uncertainty_{mode}": change, f"{row}_rounding_{mode}": digit}
+        stresses = family.stresses[ELEMENTS[row]]
+        best = tuple(models[row].place[models[row].best()])
+        scalars |= {f"sigma_cr_{row}_{mode}": stresses[best][mode - 1] for mode in (1, 2)}
+        scalars[f"{row}_none"] = float(np.isnan(stresses).any(axis=-1).sum())
+    scalars |= _judge_near_hit(family, models["user"], uncertainty["user"], half_digit["user"])
+    scalars |= _ranges_of_weights(family)
+    kinds = dict.fromkeys(("sigma_cr_*", "near_lowest_?", "near_highest_?"), "Pa")
+    percent = ("*_distance", "*_best_?", "*_rounding_?", "*_uncertainty_?", "weights_*")
+    kinds |= dict.fromkeys(percent, "%")
+    units = units_of(scalars, {**kinds, "*": "1"})
+    return Result(scalars, units, curves)
+
+
+_CORNER_MESHES = [i for i, mesh in enumerate(MESHES) if mesh.ny % 2 == 0]
+
+
+def _describe(place: npt.NDArray[np.intp]) -> dict[str, float]:
+    """Return mesh, set-up and treatment of a model as numbers: places in the family's lists."""
+    mesh, set_up = MESHES[place[0]], SET_UPS[place[1]]
+    return {
+        "nx": mesh.nx,
+        "ny": mesh.ny,
+        "pattern": PATTERNS.index(mesh.pattern),
+        "load": LOADS.index(set_up.load),
+        "end": ENDS.index(set_up.end),
+        "middle": MIDDLES.index(set_up.middle),
+        "prestress": PRESTRESS_SUPPORTS.index(set_up.prestress),
+        **{f"treatment_{k}": float(t) for k, t in enumerate(place[2:], start=1)},
+    }
+
+
+def _judge_near_hit(
+    family: Family, models: Models, uncertainty: Array, half_digit: Array
+) -> dict[str, float]:
+    """Return the numbers of the user element's models that leave only mesh and mid-section open.
+
+    They have the matrices as derived, exactly integrated, form G, the point load and v = 0 at A
+    alone. `near_*` are numbers of these models, as of a row, and of those with A at a mid-side node;
+    `near_chance_in_family` is the chance in the whole family of a distance as small.
+    `near_lowest_*` and `near_highest_*` are over the patterns with the best model's squares and
+    supports, and `near_cps6_distance` is that of the nearest model of CPS6's row there.
+    """
+    treatment = TREATMENTS["new"].index(NEAR_HIT_TREATMENT)
+    set_ups = [
+        i
+        for i, set_up in enumerate(SET_UPS)
+        if (set_up.load, set_up.end, set_up.prestress) == ("point", "centre", "antisymmetric")
+    ]
+    is_near = (models.place[:, 2] == treatment) & np.isin(models.place[:, 1], set_ups)
+    chosen = distinct(models.select(is_near))
+    numbers, _ = judge_row(chosen, uncertainty, half_digit)
+    midside, _ = judge_row(chosen.group("midside"), uncertainty, half_digit)
+    numbers |= {f"midside_{name}": midside[name] for name in ("models", "chance", "odds")}
+    place = chosen.place[chosen.best()]
+    numbers |= _describe(place)
+    chance_in_family = estimate_chance(distinct(models))
+    numbers["chance_in_family"] = chance_in_family.within(numbers["distance"])
+    squares = MESHES[place[0]][1:]
+    meshes = [i for i, mesh in enumerate(MESHES) if mesh[1:] == squares]
+    for mode in (1, 2):
+        patterns = family.stresses["new"][meshes, place[1], treatment, mode - 1]
+        numbers |= {f"lowest_{mode}": patterns.min(), f"highest_{mode}": patterns.max()}
+    same_mesh = family.stresses["standard"][meshes][:, [place[1]]]
+    numbers["cps6_distance"] = float(np.abs(collect(same_mesh, "cps6").deviation).max(axis=1).min())
+    return {f"near_{name}": value for name, value in numbers.items()}
+
+
+def _ranges_of_weights(family: Family) -> dict[str, float]:
+    """Return by how much the weight functions alone change critical stresses, in per cent.
+
+    New over standard element, both exactly integrated with the stress at each point, under the
+    point load: least, largest and median over meshes, supports and forms, by the place of A.
+    """
+    pairs = [
+        (
+            TREATMENTS["standard"].index(Treatment(form, "point", 0)),
+            TREATMENTS["new"].index(Treatment(form, "point", 3)),
+        )
+        for form in ("G", "J")
+    ]
+    standard, new = (list(indices) for indices in zip(*pairs, strict=True))
+    set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "point"]
+    ratio = (
+        family.stresses["new"][:, set_ups][:, :, new]
+        / family.stresses["standard"][:, set_ups][:, :, standard]
+    )
+    is_corner = np.isin(np.arange(len(MESHES)), _CORNER_MESHES)
+    ranges: dict[str, float] = {}
+    for group, chosen in (("corner", is_corner), ("midside", ~is_corner)):
+        changes = 100 * (ratio[chosen].reshape(-1, 2) - 1)
+        for mode, change in enumerate(changes.T, start=1):
+            ranges |= {
+                f"weights_{group}_least_{mode}": np.nanmin(change),
+                f"weights_{group}_largest_{mode}": np.nanmax(change),
+                f"weights_{group}_median_{mode}": np.nanmedian(change),
+            }
+    return ranges
