@@ -197,16 +197,20 @@ def test_cases_of_the_page_are_models_of_the_family(case, results):
 
 
 def test_under_uniform_stress_the_weight_functions_change_nothing():
+    """Unless a mid-side node is supported alone, whose force T moves to the corners beside it."""
     stresses = RECORD.family().stresses
     uniform = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
+    supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform])
+    is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])
+    same = is_corner[:, None] | (supports == "face").all(axis=1)
     for form in ("G", "J"):
         standard, new = (
             stresses[element][:, uniform, TREATMENTS[element].index(Treatment(form, "point", n))]
             for element, n in (("standard", 0), ("new", 3))
         )
-        np.testing.assert_allclose(
-            standard, new, rtol=0, atol=RECORD_TOLERANCE * PASCALS_PER_DIGIT
-        )
+        tolerance = RECORD_TOLERANCE * PASCALS_PER_DIGIT
+        np.testing.assert_allclose(standard[same], new[same], rtol=0, atol=tolerance)
+        np.testing.assert_allclose(standard, new, rtol=3e-6)
 
 
 def _scattered_models(count, seed=0):
@@ -216,7 +220,8 @@ def _scattered_models(count, seed=0):
 
 def test_chance_is_the_area_that_a_few_models_cover():
     """Squares of side 2 d about n models, which hardly overlap, times the density of the rows."""
-    models = Models(np.array([[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]), None)
+    deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
+    models = Models(np.array(deviation), None)
     chance = estimate_chance(models)
     scatter = np.sqrt(np.diag(chance.covariance))
     np.testing.assert_allclose(scatter, 3.0)
@@ -231,7 +236,8 @@ def test_a_model_that_gives_the_print_is_singled_out_and_others_are_not():
     numbers, _ = judge_row(others, uncertainty, rounding)
     assert numbers["odds"] < MIN_ODDS
     assert numbers["within_rounding"] == 0
-    planted = Models(np.vstack([others.deviation, [[0.001, -0.001]]]), np.zeros((501, 3), dtype=int))
+    deviation = np.vstack([others.deviation, [[0.001, -0.001]]])
+    planted = Models(deviation, np.zeros((501, 3), dtype=int))
     numbers, _ = judge_row(planted, uncertainty, rounding)
     assert numbers["odds"] > MIN_ODDS
     assert numbers["within_rounding"] == 1

@@ -168,7 +168,7 @@ def largest_odds(results: Results) -> float:
 
 
 def weights_alone(results: Results, group: str, name: str, mode: int) -> float:
-    """Change of a critical stress by the weight functions alone over a group of models, in per cent.
+    """Change of a critical stress by the weight functions alone in a group of models, in per cent.
 
     Args:
         results: the stored results.

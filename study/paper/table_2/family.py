@@ -55,6 +55,7 @@ from study.run.provenance import versions
 
 Array = npt.NDArray[np.float64]
 Form = Literal["G", "J"]
+FORMS: tuple[Form, Form] = ("G", "J")
 
 RECORD = Path(__file__).with_name("family.json")
 
@@ -114,13 +115,13 @@ MODE_1_SET_UPS = tuple(product(LOADS, ENDS))
 TREATMENTS: dict[str, tuple[Treatment, ...]] = {
     "standard": tuple(
         Treatment(form, stress, points)
-        for form in ("G", "J")
+        for form in FORMS
         for stress, points in (("point", 0), ("point", 3), ("point", 1), ("mean", 3))
     ),
     "new": tuple(
         Treatment(form, stress, points, symmetrised)
         for symmetrised in ("no", "both", "eigenvalue")
-        for form in ("G", "J")
+        for form in FORMS
         for stress, points in (("point", 3), ("point", 1), ("mean", 1))
     ),
 }

@@ -33,6 +33,7 @@ from study.model.units import units_of
 from study.paper.items import TABLE_2
 from study.paper.table_2.family import (
     ENDS,
+    FORMS,
     LOADS,
     MESHES,
     MIDDLES,
@@ -171,9 +172,7 @@ def model_uncertainty(stresses: Array, row: str) -> Array:
         (i, k)
         for (i, one), (k, other) in combinations(enumerate(MESHES), 2)
         if one.ny == other.ny
-        and (
-            (one.pattern == other.pattern and abs(one.nx - other.nx) == 1) or one.nx == other.nx
-        )
+        and ((one.pattern == other.pattern and abs(one.nx - other.nx) == 1) or one.nx == other.nx)
     ]
     first, second = np.array(neighbours).T
     change = 100 * (stresses[first] - stresses[second]) / np.array(TABLE_2[ROWS[row]])
@@ -340,7 +339,7 @@ def _ranges_of_weights(family: Family) -> dict[str, float]:
             TREATMENTS["standard"].index(Treatment(form, "point", 0)),
             TREATMENTS["new"].index(Treatment(form, "point", 3)),
         )
-        for form in ("G", "J")
+        for form in FORMS
     ]
     standard, new = (list(indices) for indices in zip(*pairs, strict=True))
     set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "point"]
@@ -354,8 +353,8 @@ def _ranges_of_weights(family: Family) -> dict[str, float]:
         changes = 100 * (ratio[chosen].reshape(-1, 2) - 1)
         for mode, change in enumerate(changes.T, start=1):
             ranges |= {
-                f"weights_{group}_least_{mode}": np.nanmin(change),
-                f"weights_{group}_largest_{mode}": np.nanmax(change),
-                f"weights_{group}_median_{mode}": np.nanmedian(change),
+                f"weights_{group}_least_{mode}": float(np.nanmin(change)),
+                f"weights_{group}_largest_{mode}": float(np.nanmax(change)),
+                f"weights_{group}_median_{mode}": float(np.nanmedian(change)),
             }
     return ranges
