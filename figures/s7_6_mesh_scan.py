@@ -134,7 +134,7 @@ def caption(results: Results) -> str:
     models = sum(results.scalar(CASE, f"{row}_all_models") for row in ROW_TITLES)
     return (
         f"Deviations of {models / 1000:.0f} 000 distinct models from the printed rows of Table 2, "
-        "and the same around the print. Right: share of 10 000 random rows, drawn around the "
+        "and the same around the print. Curves: share of 10 000 random rows, drawn around the "
         "print with the models' scatter, that have a model within a distance; circles: distances "
         f"of the best models of the print, {distances[0]:.2f}, {distances[1]:.2f} and "
         f"{distances[2]:.2f} %. By chance a row is met as closely in {chances[0]:.0f}, "

@@ -68,7 +68,7 @@ MACROS = r"""
 PROBLEM = r"""
 **Printed.** After Kleiber and Woźniak {{ cite("kleiber") }}: a simply supported beam in plane stress;
 $E = 2.07 \times 10^{11}$ N/m², $\nu = 0$, thickness 0.1 m. Half models under a point load at A give the symmetric and the
-antisymmetric mode. Printed are Euler's critical stresses, 2660 and 10640 MPa, and Table 2. **Unknown.** The mesh (here 5 ×
+antisymmetric mode. Printed are Euler's critical stresses, 2660 and 10640 MPa, and Table 2. **Reconstructed.** The mesh (here 5 ×
 2 crossed squares), the places of the supports, and how the unsymmetric matrices were passed to a symmetric eigenvalue
 solver. That the length is 8 times the height follows from Euler's stresses.
 
@@ -499,7 +499,7 @@ CHECKS = [
 ]
 
 FINDINGS = r"""
-**Table 2 is not explained.** Models of the unknown mesh, load, supports and treatment (section 7.6 of the site) come no
+**Sensitivity.** *Table 2 is not explained.* Models of the unknown mesh, load, supports and treatment (section 7.6 of the site) come no
 nearer than {{ num(s("7.6/inverse", "cps6_all_distance"), 2) }} % to CPS6's row,
 {{ num(s("7.6/inverse", "user_all_distance"), 1) }} % to the user element's and
 {{ num(s("7.6/inverse", "both_all_distance"), 2) }} % to all four numbers; a random row is met as closely in
