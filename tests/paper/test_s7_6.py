@@ -1,14 +1,35 @@
 """Section 7.6: buckling of a simply supported beam (Figs 24 and 25, Table 2, Eq. (27)).
 
 Printed: E = 2.07e11, Poisson's ratio 0, a thickness of 0.1 m, Euler's stresses, and Table 2. The
-mesh is lost; the study's 5 x 2 crossed squares stand in for it.
+mesh is lost; the study has one of 5 x 2 crossed squares, and a family of models for Table 2.
 """
 
 import numpy as np
 import pytest
 
+from study.judge.claims import load_claims
 from study.paper.items import TABLE_2
 from study.paper.s7_6_exact import Strip
+from study.paper.table_2.family import (
+    MESHES,
+    MODE_1_SET_UPS,
+    PASCALS_PER_DIGIT,
+    RECORD_TOLERANCE,
+    SET_UPS,
+    TREATMENTS,
+    Mesh,
+    MeshModels,
+    ModelsRecord,
+    Treatment,
+)
+from study.paper.table_2.inverse import (
+    MIN_ODDS,
+    Models,
+    distinct,
+    estimate_chance,
+    judge_row,
+    likelihood_shares,
+)
 from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
     StudyComparison,
@@ -121,3 +142,128 @@ def test_shear_stiffness_of_haringx_and_engesser():
         s = BEAM.haringx(n)
         assert s * (1 + s / rigidity) == pytest.approx(euler, rel=1e-12)
     assert np.isclose(BEAM.euler(2), 4 * BEAM.euler(1))
+
+
+# Table 2 as an inverse problem
+
+RECORD = ModelsRecord()
+RECOMPUTED = [
+    # mesh of the near hit, all treatments, some set-ups of either load
+    (Mesh("right", 6, 1), (0, 3), (0, 5, 11)),
+    (Mesh("crossed", 3, 2), (1,), (3,)),
+]
+
+
+@pytest.mark.parametrize("element", TREATMENTS)
+@pytest.mark.parametrize(("mesh", "first", "second"), RECOMPUTED, ids=str)
+def test_models_agree_with_their_record(mesh, first, second, element):
+    models = MeshModels(mesh)
+    for mode, set_ups in (("mode_1", first), ("mode_2", second)):
+        recorded = RECORD.mesh(mesh, element, mode)
+        for i in set_ups:
+            if mode == "mode_1":
+                stresses = models.mode_1(element, *MODE_1_SET_UPS[i])
+            else:
+                stresses = models.mode_2(element, SET_UPS[i])
+            tolerance = RECORD_TOLERANCE * PASCALS_PER_DIGIT
+            np.testing.assert_allclose(stresses, recorded[i], rtol=0, atol=tolerance)
+
+
+SAME_MODELS = {
+    "galerkin-T6": ("standard", Treatment("G", "point", 0)),
+    "galerkin-T6-J": ("standard", Treatment("J", "point", 0)),
+    "pw-T6": ("new", Treatment("G", "point", 3)),
+    "pw-T6-J": ("new", Treatment("J", "point", 3)),
+    "pwsym-T6": ("new", Treatment("G", "point", 3, "both")),
+    "pwsym-T6-static-unsymmetric": ("new", Treatment("G", "point", 3, "eigenvalue")),
+}
+
+
+@pytest.mark.parametrize("case", SAME_MODELS)
+def test_cases_of_the_page_are_models_of_the_family(case, results):
+    """Another assembly, another eigenvalue solver: the page's, which the oracle checks."""
+    element, treatment = SAME_MODELS[case]
+    stored = results[f"7.6/{case}"]
+    assert stored.parameters["divisions"] == [5, 2]
+    (mesh,) = (i for i, mesh in enumerate(MESHES) if mesh == ("crossed", 5, 2))
+    (set_up,) = (
+        i
+        for i, set_up in enumerate(SET_UPS)
+        if set_up == ("point", "centre", "centre", "antisymmetric")
+    )
+    values = RECORD.family().stresses[element]
+    for mode in (1, 2):
+        value = values[mesh, set_up, TREATMENTS[element].index(treatment), mode - 1]
+        assert value == pytest.approx(
+            stored.scalars[f"sigma_cr_{mode}"], abs=RECORD_TOLERANCE * PASCALS_PER_DIGIT
+        )
+
+
+def test_under_uniform_stress_the_weight_functions_change_nothing():
+    """Unless a mid-side node is supported alone, whose force T moves to the corners beside it."""
+    stresses = RECORD.family().stresses
+    uniform = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
+    supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform])
+    is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])
+    same = is_corner[:, None] | (supports == "face").all(axis=1)
+    for form in ("G", "J"):
+        standard, new = (
+            stresses[element][:, uniform, TREATMENTS[element].index(Treatment(form, "point", n))]
+            for element, n in (("standard", 0), ("new", 3))
+        )
+        tolerance = RECORD_TOLERANCE * PASCALS_PER_DIGIT
+        np.testing.assert_allclose(standard[same], new[same], rtol=0, atol=tolerance)
+        np.testing.assert_allclose(standard, new, rtol=3e-6)
+
+
+def _scattered_models(count, seed=0):
+    deviation = np.random.default_rng(seed).normal(0, 3, (count, 2))
+    return Models(deviation, np.zeros((count, 3), dtype=int))
+
+
+def test_chance_is_the_area_that_a_few_models_cover():
+    """Squares of side 2 d about n models, which hardly overlap, times the density of the rows."""
+    deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
+    models = Models(np.array(deviation), None)
+    chance = estimate_chance(models)
+    scatter = np.sqrt(np.diag(chance.covariance))
+    np.testing.assert_allclose(scatter, 3.0)
+    density = np.exp(-((models.deviation / scatter) ** 2).sum(axis=1) / 2)
+    density /= 2 * np.pi * scatter.prod()
+    assert chance.within(0.3) == pytest.approx(0.6**2 * density.sum(), rel=0.15)
+
+
+def test_a_model_that_gives_the_print_is_singled_out_and_others_are_not():
+    rounding, uncertainty = np.array([0.002, 0.002]), np.array([0.5, 0.5])
+    others = _scattered_models(500)
+    numbers, _ = judge_row(others, uncertainty, rounding)
+    assert numbers["odds"] < MIN_ODDS
+    assert numbers["within_rounding"] == 0
+    deviation = np.vstack([others.deviation, [[0.001, -0.001]]])
+    planted = Models(deviation, np.zeros((501, 3), dtype=int))
+    numbers, _ = judge_row(planted, uncertainty, rounding)
+    assert numbers["odds"] > MIN_ODDS
+    assert numbers["within_rounding"] == 1
+
+
+def test_likelihood_is_shared_by_models_within_their_uncertainty():
+    models = Models(np.array([[0.0, 0.0], [1.0, 0.0], [100.0, 0.0]]), None)
+    shares = likelihood_shares(models, np.array([1.0, 1.0]), np.zeros(2))
+    assert shares == pytest.approx(np.array([1, np.exp(-0.5), 0]) / (1 + np.exp(-0.5)))
+
+
+def test_models_with_the_same_values_count_once():
+    models = Models(np.array([[1.0, 2.0], [1.0, 2.0], [3.0, 4.0]]), np.arange(9).reshape(3, 3))
+    assert distinct(models).place.tolist() == [[0, 1, 2], [6, 7, 8]]
+
+
+def test_table_2_is_graded_by_the_criterion(results):
+    """Not explained, unless a model is singled out with odds of at least 20 to 1."""
+    claims = [c for c in load_claims() if c.id.startswith("76-table2-") and c.grade]
+    assert len(claims) == 4
+    for claim in claims:
+        row = "cps6" if "galerkin" in claim.id else "user"
+        odds = [results.scalar("7.6/inverse", f"{one}_all_odds") for one in (row, "both")]
+        assert (claim.grade == "not explained") == (max(odds) < MIN_ODDS)
+        chance = results.scalar("7.6/inverse", f"{row}_all_chance")
+        assert f"in {100 * chance:.0f} % of draws" in claim.grade_why

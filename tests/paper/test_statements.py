@@ -152,7 +152,6 @@ OTHER_INPUTS = {
     "study.paper.s7_4_rigid_plate.FORCE": 41.0,
     "study.paper.s7_5_profiles.PROFILES": "first",
     "study.paper.s7_6_buckling.LENGTH": 9.0,
-    "study.paper.s7_6_buckling.PAPER_DIVISIONS": {"divisions": (2, 1)},
 }
 """For what was put in or fitted: another parameter of the cases, or another constant."""
 

@@ -135,36 +135,45 @@ def largest_imaginary(results: Results) -> float:
     return max(values)
 
 
-def scan(results: Results, user_element: str) -> np.ndarray:
-    """Deviations (m, 4) of all scanned models from Table 2 in per cent.
+def best_model_deviation(results: Results, row: str, mode: int) -> float:
+    """Relative distance of the nearest model of a row of Table 2 from the print, in per cent.
 
-    Columns: CPS6 modes 1 and 2 by galerkin-T6 with J, user element modes 1 and 2 by
-    `user_element` with G.
+    Args:
+        results: the stored results.
+        row: "cps6" or "user".
+        mode: 1 or 2.
     """
-    rows = []
-    for stored in matching(results, "7.6", {"problem": "mesh_scan"}):
-        cps6 = stored.curves["galerkin-T6-J"] / TABLE_2["CPS6"]
-        user = stored.curves[f"{user_element}-G"] / TABLE_2["6-node user element"]
-        rows.append(np.hstack([cps6, user]))
-    return 100 * (np.concatenate(rows) - 1)
+    stress = results.scalar("7.6/inverse", f"sigma_cr_{row}_{mode}")
+    return 100 * (stress / TABLE_2[_INVERSE_ROWS[row]][mode - 1] - 1)
 
 
-def scan_best_model(results: Results, user_element: str) -> int:
-    """Row of the scanned model whose largest deviation from Table 2 is smallest."""
-    return int(np.nanargmin(np.abs(scan(results, user_element)).max(axis=1)))
+_INVERSE_ROWS = {"cps6": "CPS6", "user": "6-node user element"}
 
 
-def scan_best(results: Results, user_element: str) -> float:
-    """The largest deviation of that model from Table 2, in per cent."""
-    row = scan_best_model(results, user_element)
-    return float(np.abs(scan(results, user_element)[row]).max())
+def inverse(results: Results, row: str, group: str, name: str) -> float:
+    """Number of the inverse problem: of the nearest model, or of all models of a group.
+
+    Args:
+        results: the stored results.
+        row: "cps6", "user" or "both" (all four values).
+        group: "all", "corner" or "midside", the node at which the load acts.
+        name: as in `study.paper.table_2.inverse.judge_row`.
+    """
+    return results.scalar("7.6/inverse", f"{row}_{group}_{name}")
 
 
-def scan_count(results: Results) -> float:
-    """Number of scanned models."""
-    return float(len(scan(results, "pw-T6")))
+def largest_odds(results: Results) -> float:
+    """Largest odds against chance of the best models of CPS6, user element and all four values."""
+    return max(inverse(results, row, "all", "odds") for row in (*_INVERSE_ROWS, "both"))
 
 
-def scan_indefinite(results: Results) -> float:
-    """Number of scanned models whose symmetrised stiffness is indefinite."""
-    return float(np.isnan(scan(results, "pwsym-T6")).any(axis=1).sum())
+def weights_alone(results: Results, group: str, name: str, mode: int) -> float:
+    """Change of a critical stress by the weight functions alone in a group of models, in per cent.
+
+    Args:
+        results: the stored results.
+        group: "corner" or "midside", the node at which the load acts.
+        name: "least", "largest" or "median".
+        mode: 1 or 2.
+    """
+    return results.scalar("7.6/inverse", f"weights_{group}_{name}_{mode}")
