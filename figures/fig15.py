@@ -88,7 +88,7 @@ def _draw_contact(
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     cells = len(results.curves(CASE)["cells"])
     return (
         f"(a) Section of the column, its axis ab, the rigid surfaces 1 to 4 and their gaps (drawn "
@@ -98,7 +98,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A column of four cylinders, a slender one on the base, two wider ones above it and a "
         "short slender one on top, with hatched rigid surfaces below the base and both shoulders "

@@ -28,7 +28,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Half beam with v = 0 at the centre A of the end face, where P acts. Mode 1 (the paper's "
         "Fig. 24): u = 0 on the whole mid-section, the plane of symmetry. Mode 2 (Fig. 25): "
@@ -37,7 +37,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Twice a rectangle of five by two squares, each cut into four triangles; an arrow P at A, "
         "the centre of its left side, which stands on a roller. The first has rollers along all "

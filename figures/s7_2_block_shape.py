@@ -29,7 +29,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         f"The deformed block (displacements times {SCALE:g}) and the nodal forces that the "
         f"foundation exerts on it, at the same scale for both elements. {RECONSTRUCTED}"
@@ -37,7 +37,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed meshes leaning to the right. Arrows below the standard element's alternate "
         "between long and short; those below the new element's are even."

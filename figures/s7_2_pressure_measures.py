@@ -35,7 +35,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "A block pressed and pulled on a rough plane, computed once with either element and read "
         f"in three ways. (a) Nodal forces. (b) {OWN.name.capitalize()} pressure, {OWN.meaning}: "
@@ -46,7 +46,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Three plots over x. Nodal force and pressure over tributary length of the standard "
         "element form a sawtooth; in the middle plot both elements' curves coincide but for the "

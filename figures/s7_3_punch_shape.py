@@ -25,7 +25,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "The deformed body, true to scale, and the nodal forces of the punch on it, to one scale. "
         f"{RECONSTRUCTED}"
@@ -33,7 +33,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed bodies with a dent. The arrows on the standard element's alternate between "
         "long and short; those on the new element's form an even bell."

@@ -26,7 +26,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         f"The body around the plate, displacements times {SCALE:g}, and the nodal forces of the "
         f"plate on it, to one scale. {RECONSTRUCTED}"
@@ -34,7 +34,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two meshes with a flat dent. The arrows on the standard element's alternate between long "
         "and short; those on the condensed pair's rise evenly to the edges."

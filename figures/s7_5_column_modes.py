@@ -60,7 +60,7 @@ def _rim(cells: np.ndarray) -> np.ndarray:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Mode shapes 1 to 6 computed with the new triangle, and their eigenvalues λ = ω² in "
         "millions of the paper's unit (1000/s² if E and ρ are taken as printed); outlines at rest "
@@ -69,7 +69,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Six sections of the column: in mode 1 the heavy part moves up and down on the slender "
         "foot, in the higher modes the cylinders stretch against each other and bulge."

@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     total = [results.scalar("7.5/pw-T6", f"force_normal_{k}") for k in SURFACES]
     return (
         f"The section after the last increment, displacements times {SCALE:g}, and nodal forces "
@@ -42,7 +42,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed sections, shortened and bulging. Arrows press on the base, both shoulders "
         "and the top; those on the standard element alternate between long and short, those on the "

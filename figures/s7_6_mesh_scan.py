@@ -41,7 +41,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     outside = int((np.abs(measures.scan(results, "pwsym-T6")) > WINDOW).any(axis=1).sum())
     return (
         f"Deviations from the printed Table 2 of {measures.scan_count(results):.0f} half-beam "
@@ -53,7 +53,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two scatter plots of the deviation of mode 2 over that of mode 1 with the printed values "
         "at the origin; the clouds spread over several per cent around it, none hits it."
