@@ -1,11 +1,14 @@
 """Draw a figure by its name: what it lacks is computed, then it is written as PNG and PDF.
 
+Its caption is printed, and the paper's statements on it: printed and computed values, and verdicts.
 Without a name, the figures are listed. Several of the paper's are drawn together: fig07 and fig08
 are the same drawing.
 """
 
 import argparse
+import difflib
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -23,6 +26,7 @@ from figures.drawing import (
     title,
     up_to_date,
 )
+from study.judge.claims import Claim, judge, load_paper_claims
 from study.paper.items import ITEMS
 from study.run.folder import ensure_writable
 from study.run.pool import Pool, Task, TaskFailure
@@ -45,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         the place of its files.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
+    parser.add_argument("names", nargs="*", metavar="NAME", help='as fig05, "Fig. 5", tab01')
     parser.add_argument(
         "--results",
         type=FROM.joinpath,
@@ -62,14 +66,18 @@ def main(arguments: list[str] | None = None) -> int:
     if not options.names:
         print(table, end="")
         return 0
-    if unknown := [name for name in options.names if name not in shown]:
-        _say(f"there is no figure {unknown[0]}, but these:\n{table.rstrip()}")
-        return 2
+    names = [normalise_name(name) for name in options.names]
+    for name, typed in zip(names, options.names, strict=True):
+        if name not in shown:
+            near = difflib.get_close_matches(name, shown, cutoff=0.5)
+            hint = f"; did you mean {' or '.join(near)}?" if near else "."
+            _say(f"there is no figure {typed}{hint} All names:\n{table.rstrip()}")
+            return 2
     results = _results_folder(options.results, options.out)
     if results is None:
         _say(f"{ROOT / 'results'} cannot be written: name another folder by --results or --out")
         return 2
-    found = {name: named()[name][0] for name in options.names}
+    found = {name: named()[name][0] for name in names}
     try:
         for name in found if options.out else ():
             check_exports(options.out / name)
@@ -83,10 +91,53 @@ def main(arguments: list[str] | None = None) -> int:
         for name, script in found.items():
             for path in export(script, Results(results), folder / name):
                 print(path)
+            print(describe(name, script, Results(results)))
     except (StudyError, OSError) as error:
         _say(str(error))
         return 1
     return 0
+
+
+def normalise_name(typed: str) -> str:
+    """Return the name of a figure of the paper that is typed as "Fig. 5", "fig5" or "Table 1".
+
+    Other names are returned as they are.
+    """
+    pattern = r"(fig|figure|tab|table)s?[.\s_-]*0*(\d+)"
+    if match := re.fullmatch(pattern, typed.strip(), re.IGNORECASE):
+        return f"{match[1].lower()[:3]}{int(match[2]):02}"
+    return typed
+
+
+def describe(name: str, script: str, results: Results) -> str:
+    """Return the caption of a figure, and a line for each statement of the paper that cites it."""
+    lines = [load_script(script).caption(results)]
+    claims = [claim for claim in load_paper_claims() if name in cited_figures(claim)]
+    for verdict in judge(claims, results):
+        claim, judgement = verdict.claim, verdict.claim.judgement
+        lines.append(f"{claim.id}: {claim.statement}")
+        if judgement is not None:
+            kind = "printed" if claim.printed else "expected"
+            computed = "missing" if verdict.measured is None else f"{verdict.measured:.6g}"
+            unit = f" {judgement.unit}" if judgement.unit else ""
+            lines.append(
+                f"  {kind} {judgement.relation} {judgement.value:.6g} ± {judgement.tol:.3g}{unit}, "
+                f"computed {computed}{unit}: {verdict.verdict} ({claim.grade})"
+            )
+        else:
+            lines.append(f"  {verdict.verdict}")
+    return "\n".join(lines)
+
+
+def cited_figures(claim: Claim) -> set[str]:
+    """Return the names of the figures and tables that the source of a statement cites."""
+    names = set()
+    pattern = r"(Fig|Table)s?\.? (\d+(?:(?:, | and |, and |-|–)\d+)*)"
+    for kind, numbers in re.findall(pattern, claim.source):
+        for part in re.split(r", and |, | and ", numbers):
+            first, *last = (int(number) for number in re.split("[-–]", part))
+            names |= {f"{kind.lower()[:3]}{n:02}" for n in range(first, (last or [first])[0] + 1)}
+    return names
 
 
 def named() -> dict[str, tuple[str, str]]:

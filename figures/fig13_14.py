@@ -45,7 +45,7 @@ def draw(results: Results) -> Figure:
         ratio = results.scalar(f"7.4/{element}", "sawtooth")
         title = f"Paper Fig. {number}: {LOOK[element]['label']}"
         ax.set_title(title, loc="left")
-        ax.text(0.5, 0.78, f"mid-side / corner: {ratio:.2f}", ha="center", transform=ax.transAxes)
+        ax.text(0.5, 0.58, f"mid-side / corner: {ratio:.2f}", ha="center", transform=ax.transAxes)
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
     _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band("pw-T6"))

@@ -109,9 +109,10 @@ def caption(results: Results) -> str:
     return (
         f"Stresses along the contact surfaces ({places}). Left: {TRIBUTARY.name}; right: "
         f"{OWN.name}, {OWN.meaning}, of which standard elements have none on the axis. "
-        f"{DEVIATION}. Ratio of the normal force of a mid-side node to that of its corners, over all surfaces: standard elements {min(standard):.3f} to "
-        f"{max(standard):.3f}, new elements {min(new):.3f} to {max(new):.3f}. Grey band on "
-        "surfaces 1 and 4: gaps of 0 and 0.2 mm and the second column, drawn over the radii of the first, new T6. Coloured "
+        f"{DEVIATION}. Ratio of the normal force of a mid-side node to that of its corners, over "
+        f"all surfaces: standard elements {min(standard):.3f} to {max(standard):.3f}, new elements "
+        f"{min(new):.3f} to {max(new):.3f}. Grey band on surfaces 1 and 4: gaps of 0 and 0.2 mm "
+        "and the second column, drawn over the radii of the first, new T6. Coloured "
         f"bands: all diagonals. Strips: contact zones of the new T6. {SYNTHETIC}"
     )
 
@@ -121,6 +122,7 @@ def alt(results: Results) -> str:
     forces = ", ".join(f"{results.scalar('7.5/pw-T6', f'force_normal_{k}'):.0f}" for k in SURFACES)
     return (
         "Sixteen panels of stress over the radius. Tributary stresses of the standard elements "
-        "zigzag, own-function stresses of all elements follow the finer mesh's and rise to the edge; the grey band of gaps and columns is far wider than their "
+        "zigzag, own-function stresses of all elements follow the finer mesh's and rise to the "
+        "edge; the grey band of gaps and columns is far wider than their "
         f"differences. Normal forces on the four surfaces: {forces} kN."
     )
