@@ -74,8 +74,8 @@ def caption(results: Results) -> str:
         f"Left: {TRIBUTARY.name}; right: {OWN.name}, {OWN.meaning}. {DEVIATION}. Grey "
         f"band: bodies and punches for which the normal force is {least:.0f} to {most:.0f} "
         "(printed: about 215), and the normal force held instead of the depth, new Q9. Blue "
-        "band: the new T6 with all diagonals. The curves of Oden and Pires are lost in our copy of the paper. Strips: "
-        "contact zones of the new Q8."
+        "band: the new T6 with all diagonals. The curves of Oden and Pires are lost in our copy "
+        "of the paper. Strips: contact zones of the new Q8."
     )
 
 
