@@ -12,7 +12,7 @@ LOAD = "#D55E00"
 NOTE = "Mesh and supports are reconstructed."
 
 
-def half_beam(ax: Axes, results: Results) -> tuple[float, float]:
+def draw_half_beam(ax: Axes, results: Results) -> tuple[float, float]:
     """Draw mesh, load P at A and end support; return length and height of the half beam."""
     nodes = results.curves(MESH)["nodes"]
     length, height = np.ptp(nodes, axis=0)

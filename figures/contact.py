@@ -95,18 +95,18 @@ def title_panel(ax: Axes, paper_figure: str, reading: str) -> None:
     ax.set_title(title, loc="left", fontsize=7.5)
 
 
-def family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
+def load_case_family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
     """Return the curves of a case and of its variants."""
     return [results.curves(member) for member in list_case_family(key, families)]
 
 
-def diagonal_band(element: str) -> dict[str, Any]:
+def diagonal_band_look(element: str) -> dict[str, Any]:
     """Return the look of the band over all diagonals of an element."""
     stated = ELEMENTS[element]
     return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_LABEL}"}
 
 
-def band(
+def shade_band(
     ax: Axes, lines: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
 ) -> None:
     """Shade the range from the least to the largest curve of several cases, times a scale."""
@@ -114,7 +114,7 @@ def band(
     ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
 
 
-def compare(
+def plot_elements(
     ax: Axes,
     results: Results,
     keys: Sequence[str],
@@ -135,17 +135,17 @@ def compare(
         ax.plot(curves["x"], scale * curves[quantity], **look)
 
 
-def outline(cells: np.ndarray) -> np.ndarray:
+def cell_outlines(cells: np.ndarray) -> np.ndarray:
     """Return the nodes of cells (m, 6, 8 or 9) in order along their outlines, (m, 6 or 8)."""
     around = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
     return cells[:, around]
 
 
-def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
+def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
     """Draw the deformed mesh; return the positions of its nodes."""
     moved = curves["nodes"] + scale * curves["displacement"]
     cells = PolyCollection(
-        moved[outline(curves["cells"])],
+        moved[cell_outlines(curves["cells"])],
         facecolor="#EEF3F7",
         edgecolor="#8A97A3",
         lw=0.4,
@@ -159,7 +159,7 @@ def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray
     return moved
 
 
-def force_arrows(
+def draw_force_arrows(
     ax: Axes, curves: Curves, moved: np.ndarray, side: float, length: float, element: str
 ) -> None:
     """Draw nodal contact forces on the body; `side` is -1 for a surface below, 1 above.

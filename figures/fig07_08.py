@@ -8,10 +8,10 @@ from figures.contact import (
     DATA_BAND,
     DEVIATION,
     READINGS,
-    band,
-    diagonal_band,
-    family,
+    diagonal_band_look,
+    load_case_family,
     print_deviations,
+    shade_band,
     title_panel,
 )
 from figures.style import FULL, LOOK
@@ -61,10 +61,12 @@ def _draw_panel(
     scale = 1 / BLOCK_PRESSURE
     curve = stress + reading
     if not reading:
-        band(ax, family(results, TRIANGLES[1], UNPRINTED_DATA), curve, scale, DATA_BAND)
+        shade_band(
+            ax, load_case_family(results, TRIANGLES[1], UNPRINTED_DATA), curve, scale, DATA_BAND
+        )
         for key in TRIANGLES if elements is FAMILIES[0] else ():
-            look = diagonal_band(key.partition("/")[2])
-            band(ax, family(results, key, OTHER_DIAGONALS), curve, scale, look)
+            look = diagonal_band_look(key.partition("/")[2])
+            shade_band(ax, load_case_family(results, key, OTHER_DIAGONALS), curve, scale, look)
     fine = results.curves(FINE)
     ax.plot(fine["x"], scale * fine[stress], color="black", lw=0.9, label="new T6, 80 × 40")
     curves_by_element = {element: results.curves(f"7.2/{element}") for element in elements}

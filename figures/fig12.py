@@ -7,11 +7,11 @@ from figures.contact import (
     DATA_BAND,
     DEVIATION,
     READINGS,
-    band,
-    compare,
-    diagonal_band,
-    family,
+    diagonal_band_look,
+    load_case_family,
+    plot_elements,
     print_deviations,
+    shade_band,
     title_panel,
 )
 from figures.style import FULL
@@ -45,10 +45,16 @@ def draw(results: Results) -> Figure:
     for ax, (stress, reading) in zip(axes, columns, strict=True):
         curve = stress + reading
         if not reading:
-            band(ax, family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
-            band(ax, family(results, CUT, OTHER_DIAGONALS), curve, 1.0, diagonal_band("pw-T6"))
+            shade_band(ax, load_case_family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
+            shade_band(
+                ax,
+                load_case_family(results, CUT, OTHER_DIAGONALS),
+                curve,
+                1.0,
+                diagonal_band_look("pw-T6"),
+            )
         ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, fine")
-        compare(ax, results, DRAWN, curve)
+        plot_elements(ax, results, DRAWN, curve)
         curves_by_element = {element: results.curves(f"7.4/{element}") for element in ELEMENTS}
         print_deviations(ax, curves_by_element, fine, stress, reading, 6.5)
         zone_strip(ax, results.curves("7.4/pw-Q8"))

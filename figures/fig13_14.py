@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.contact import DATA_BAND, diagonal_band, family
+from figures.contact import DATA_BAND, diagonal_band_look, load_case_family
 from figures.style import FULL, LOOK
 from study.model.vocabulary import ELEMENTS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
@@ -48,7 +48,7 @@ def draw(results: Results) -> Figure:
         ax.text(0.5, 0.58, f"mid-side / corner: {ratio:.2f}", ha="center", transform=ax.transAxes)
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
-    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band("pw-T6"))
+    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band_look("pw-T6"))
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
     return fig
@@ -63,7 +63,7 @@ def _ranges(
     look: Mapping[str, Any],
 ) -> None:
     """Shade the range of each node's force over a family."""
-    lines = [(c["x"], c["force_n"]) for c in family(results, key, families)]
+    lines = [(c["x"], c["force_n"]) for c in load_case_family(results, key, families)]
     x, low, high = envelope(lines)
     ax.bar(x, high - low, width, bottom=low, linewidth=0.4, zorder=2.5, **look)
 

@@ -7,16 +7,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.column import MM, NAMES, SURFACES, SYNTHETIC, surface
+from figures.column import MM, NAMES, SURFACES, SYNTHETIC, select_surface_curves
 from figures.contact import (
     DATA_BAND,
     DEVIATION,
     READINGS,
     Curves,
-    band,
-    diagonal_band,
-    family,
+    diagonal_band_look,
+    load_case_family,
     print_deviations,
+    shade_band,
 )
 from figures.style import FULL, LOOK
 from study.model.vocabulary import OWN, TRIBUTARY
@@ -46,7 +46,7 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(4, 4, figsize=(FULL, 7.9))
     columns = [(stress, reading) for stress in STRESSES for reading in READINGS]
     for row, number in zip(axes, SURFACES, strict=True):
-        zones = surface(results.curves(VARIED), number)
+        zones = select_surface_curves(results.curves(VARIED), number)
         for ax, (stress, reading) in zip(row, columns, strict=True):
             _draw_panel(ax, results, number, stress, reading)
             zone_strip(ax, {**zones, "x": MM * zones["x"]})
@@ -58,7 +58,7 @@ def draw(results: Results) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel("$r$ / mm", fontsize=8)
     handles, _ = axes[0, 1].get_legend_handles_labels()
-    handles += zone_legend(surface(results.curves(VARIED), 1))
+    handles += zone_legend(select_surface_curves(results.curves(VARIED), 1))
     fig.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=7.5)
     return fig
 
@@ -66,7 +66,10 @@ def draw(results: Results) -> Figure:
 def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: str) -> None:
     def family_curves(key: str, families: Mapping[str, Variants]) -> list[Curves]:
         """Return curves of a family, with radii of the second column mapped to the first one's."""
-        base, *others = (surface(curves, number) for curves in family(results, key, families))
+        base, *others = (
+            select_surface_curves(curves, number)
+            for curves in load_case_family(results, key, families)
+        )
         ends = base["x"][[0, -1]]
         mapped = [{**c, "x": np.interp(c["x"], c["x"][[0, -1]], ends)} for c in others]
         return [{**c, "x": MM * c["x"]} for c in (base, *mapped)]
@@ -74,21 +77,22 @@ def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: s
     curve = stress + reading
     if not reading:
         if number not in OFF_SCALE:
-            band(ax, family_curves(VARIED, UNPRINTED_DATA), curve, 1e-3, DATA_BAND)
+            shade_band(ax, family_curves(VARIED, UNPRINTED_DATA), curve, 1e-3, DATA_BAND)
         for key, element in zip(CUT, ("galerkin-T6", "pw-T6"), strict=True):
-            look = diagonal_band(element)
-            band(ax, family_curves(key, OTHER_DIAGONALS), curve, 1e-3, look)
-    fine = surface(results.curves(FINE), number)
+            look = diagonal_band_look(element)
+            shade_band(ax, family_curves(key, OTHER_DIAGONALS), curve, 1e-3, look)
+    fine = select_surface_curves(results.curves(FINE), number)
     label = "new T6, mesh halved"
     ax.plot(MM * fine["x"], fine[stress] / 1e3, color="black", lw=0.9, label=label)
     curves_by_element = {
-        element: surface(results.curves(f"7.5/{element}"), number) for element in ELEMENTS
+        element: select_surface_curves(results.curves(f"7.5/{element}"), number)
+        for element in ELEMENTS
     }
     for element, curves in curves_by_element.items():
         look = {**LOOK[element], "markersize": 2.5, "linewidth": 0.8}
         look |= HOLLOW if element == "pw-Q8" else {}  # it lies on the new T6's
         ax.plot(MM * curves["x"], curves[curve] / 1e3, **look)
-    inner = surface(results.curves(VARIED), number)[stress][:-1] / 1e3
+    inner = select_surface_curves(results.curves(VARIED), number)[stress][:-1] / 1e3
     low, high = ax.get_ylim()
     high = min(high, HEADROOM * float(inner.max()))
     ax.set_ylim(min(low, 0) if stress == "shear" else 0, 1.5 * high)

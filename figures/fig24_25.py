@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.beam import MESH, NOTE, half_beam
+from figures.beam import MESH, NOTE, draw_half_beam
 from figures.style import FULL
 from study.publish.plots.symbols import roller
 from study.run.store import Results
@@ -16,11 +16,11 @@ NEEDS = [MESH]
 def draw(results: Results) -> Figure:
     """Mid-section held horizontally on the left, pinned at its centre on the right."""
     fig, (symmetric, antisymmetric) = plt.subplots(1, 2, figsize=(FULL, 1.7))
-    length, height = half_beam(symmetric, results)
+    length, height = draw_half_beam(symmetric, results)
     for y in np.linspace(-height / 2, height / 2, 9):
         roller(symmetric, (length, y), "right", 0.1)
     symmetric.set_title("mode 1: symmetric")
-    half_beam(antisymmetric, results)
+    draw_half_beam(antisymmetric, results)
     roller(antisymmetric, (length, 0.0), "down", 0.16)
     roller(antisymmetric, (length, 0.0), "right", 0.16)
     antisymmetric.set_title("mode 2: antisymmetric")

@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.column import MM, SURFACES, SYNTHETIC, surface
-from figures.contact import deformed, force_arrows
+from figures.column import MM, SURFACES, SYNTHETIC, select_surface_curves
+from figures.contact import draw_deformed_mesh, draw_force_arrows
 from figures.style import FULL
 from study.run.store import Results
 
@@ -22,10 +22,10 @@ def draw(results: Results) -> Figure:
         curves = dict(results.curves(f"7.5/{element}"))
         for name in ["nodes", "displacement", *(f"{c}_{k}" for c in "xy" for k in SURFACES)]:
             curves[name] = MM * curves[name]
-        moved = deformed(ax, curves, SCALE, element)
+        moved = draw_deformed_mesh(ax, curves, SCALE, element)
         for k in SURFACES:
             side = 1.0 if k == max(SURFACES) else -1.0
-            force_arrows(ax, surface(curves, k), moved, side, LENGTH, element)
+            draw_force_arrows(ax, select_surface_curves(curves, k), moved, side, LENGTH, element)
         ax.set(xlabel="$r$ / mm", xlim=(-12, 185), ylim=(-95, 670))
     axes[0].set_ylabel("$z$ / mm")
     return fig

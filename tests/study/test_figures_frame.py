@@ -13,7 +13,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import figures
-from figures.__main__ import cited_figures, draw_all, main, named, normalise_name
+from figures.__main__ import cited_figures, draw_all, list_figure_names, main, normalise_name
 from figures.drawing import load_script, scripts
 from study.judge.claims import FILE, Claim, read_claims
 from study.publish.plots.style import COLUMN, LOOK, mesh_plot, style
@@ -161,7 +161,7 @@ def test_figures_need_no_writable_project(tmp_path, script, monkeypatch, capfd):
         store(results, "a", 2.5, x=np.linspace(0, 1, 5))
         return True
 
-    monkeypatch.setattr("figures.__main__._computed", compute)
+    monkeypatch.setattr("figures.__main__._compute_needed_results", compute)
     script("toy_one")
     assert main(["toy_one"]) == 2
     assert "results cannot be written: name another folder by --results" in capfd.readouterr().err
@@ -177,7 +177,7 @@ def test_figures_need_no_writable_project(tmp_path, script, monkeypatch, capfd):
 
 def test_names_in_drawings_are_those_of_other_processes():
     uses = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
-    code = f"from figures.drawing import _bare; print(_bare('<svg>{uses}</svg>'))"
+    code = f"from figures.drawing import _strip_svg; print(_strip_svg('<svg>{uses}</svg>'))"
 
     def drawn(seed):
         settings = os.environ | {"PYTHONHASHSEED": seed}
@@ -277,9 +277,9 @@ def test_script_that_fails_costs_no_other(out, script, capsys, old, new, line):
 
 def test_each_of_the_papers_figures_and_tables_has_its_name():
     paper = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
-    assert list(named())[:27] == paper
+    assert list(list_figure_names())[:27] == paper
     for name in paper:
-        drawn, _ = named()[name]
+        drawn, _ = list_figure_names()[name]
         first, *last = (int(part) for part in re.findall(r"\d+", drawn))
         assert first <= int(name[3:]) <= (last or [first])[0], (name, drawn)
 
@@ -298,7 +298,7 @@ def test_each_of_the_papers_figures_and_tables_has_its_name():
 )
 def test_name_of_figure_may_be_typed_as_the_paper_cites_it(typed, name):
     assert normalise_name(typed) == name
-    assert name in named()
+    assert name in list_figure_names()
 
 
 def test_unknown_figure_name_gets_a_suggestion(capfd):
@@ -326,7 +326,7 @@ def test_figure_prints_caption_values_and_verdicts(out, script, monkeypatch, cap
     claims = read_claims([FILE])[:1]
     monkeypatch.setattr("figures.__main__.load_paper_claims", lambda: claims)
     monkeypatch.setattr("figures.__main__.cited_figures", lambda _: {"toy_told"})
-    monkeypatch.setattr("figures.__main__._computed", lambda *_: True)
+    monkeypatch.setattr("figures.__main__._compute_needed_results", lambda *_: True)
     assert main(["toy_told", "--results", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "Its scalar is 2.5." in printed
@@ -347,7 +347,9 @@ def test_files_that_were_not_drawn_are_not_replaced_and_those_that_were_are(
     out, script, tmp_path, monkeypatch, capsys
 ):
     script("toy_mine")
-    monkeypatch.setattr("figures.__main__._computed", lambda *_: computed.append(1) or True)
+    monkeypatch.setattr(
+        "figures.__main__._compute_needed_results", lambda *_: computed.append(1) or True
+    )
     computed, drawn = [], tmp_path / "drawn"
     arguments = ["toy_mine", "--results", str(out), "--out", str(drawn)]
     drawn.mkdir()
