@@ -1,11 +1,14 @@
 """Draw a figure by its name: what it lacks is computed, then it is written as PNG and PDF.
 
+Its caption is printed, and the paper's statements on it: printed and computed values, and verdicts.
 Without a name, the figures are listed. Several of the paper's are drawn together: fig07 and fig08
 are the same drawing.
 """
 
 import argparse
+import difflib
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,11 +21,12 @@ from figures.drawing import (
     draw,
     export,
     load_script,
-    natural,
+    natural_sort_key,
     scripts,
     title,
     up_to_date,
 )
+from study.judge.claims import Claim, judge, load_paper_claims
 from study.paper.items import ITEMS
 from study.run.folder import ensure_writable
 from study.run.pool import Pool, Task, TaskFailure
@@ -30,10 +34,10 @@ from study.run.store import Results, StudyError, write_json
 from study.run.supervisor import run_supervised
 
 ROOT = Path(__file__).parents[1]
-FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
+CALLING_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run figure was called, if not in the project's folder."""
 
-FEW = 3  # so many figures that are not drawn are named one by one
+MAX_LISTED_FIGURES = 3  # so many figures that are not drawn are named one by one
 SHORT = {"figure": "fig", "table": "tab"}
 
 
@@ -45,51 +49,103 @@ def main(arguments: list[str] | None = None) -> int:
         the place of its files.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
+    parser.add_argument("names", nargs="*", metavar="NAME", help='as fig05, "Fig. 5", tab01')
     parser.add_argument(
         "--results",
-        type=FROM.joinpath,
+        type=CALLING_FOLDER.joinpath,
         metavar="DIR",
         help="default: the project's results; if those cannot be written, OUT/results",
     )
     parser.add_argument(
-        "--out", type=FROM.joinpath, metavar="DIR", help="default: figures, among the results"
+        "--out",
+        type=CALLING_FOLDER.joinpath,
+        metavar="DIR",
+        help="default: figures, among the results",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     options = parser.parse_args(arguments)
-    shown = {name: what for name, (_, what) in named().items()}
+    shown = {name: what for name, (_, what) in list_figure_names().items()}
     table = "".join(f"{name:25} {what}\n" for name, what in shown.items())
     if not options.names:
         print(table, end="")
         return 0
-    if unknown := [name for name in options.names if name not in shown]:
-        _say(f"there is no figure {unknown[0]}, but these:\n{table.rstrip()}")
-        return 2
+    names = [normalise_name(name) for name in options.names]
+    for name, typed in zip(names, options.names, strict=True):
+        if name not in shown:
+            near = difflib.get_close_matches(name, shown, cutoff=0.5)
+            hint = f"; did you mean {' or '.join(near)}?" if near else "."
+            _print_message(f"there is no figure {typed}{hint} All names:\n{table.rstrip()}")
+            return 2
     results = _results_folder(options.results, options.out)
     if results is None:
-        _say(f"{ROOT / 'results'} cannot be written: name another folder by --results or --out")
+        _print_message(
+            f"{ROOT / 'results'} cannot be written: name another folder by --results or --out"
+        )
         return 2
-    found = {name: named()[name][0] for name in options.names}
+    found = {name: list_figure_names()[name][0] for name in names}
     try:
         for name in found if options.out else ():
             check_exports(options.out / name)
     except OSError as error:
-        _say(str(error))
+        _print_message(str(error))
         return 2
-    if not _computed(list(dict.fromkeys(found.values())), results, options.jobs):
+    if not _compute_needed_results(list(dict.fromkeys(found.values())), results, options.jobs):
         return 1
     folder = options.out or results / "figures"
     try:
         for name, script in found.items():
             for path in export(script, Results(results), folder / name):
                 print(path)
+            print(describe(name, script, Results(results)))
     except (StudyError, OSError) as error:
-        _say(str(error))
+        _print_message(str(error))
         return 1
     return 0
 
 
-def named() -> dict[str, tuple[str, str]]:
+def normalise_name(typed: str) -> str:
+    """Return the name of a figure of the paper that is typed as "Fig. 5", "fig5" or "Table 1".
+
+    Other names are returned as they are.
+    """
+    pattern = r"(fig|figure|tab|table)s?[.\s_-]*0*(\d+)"
+    if match := re.fullmatch(pattern, typed.strip(), re.IGNORECASE):
+        return f"{match[1].lower()[:3]}{int(match[2]):02}"
+    return typed
+
+
+def describe(name: str, script: str, results: Results) -> str:
+    """Return the caption of a figure, and a line for each statement of the paper that cites it."""
+    lines = [load_script(script).caption(results)]
+    claims = [claim for claim in load_paper_claims() if name in cited_figures(claim)]
+    for verdict in judge(claims, results):
+        claim, judgement = verdict.claim, verdict.claim.judgement
+        lines.append(f"{claim.id}: {claim.statement}")
+        if judgement is not None:
+            kind = "printed" if claim.printed else "expected"
+            computed = "missing" if verdict.measured is None else f"{verdict.measured:.6g}"
+            unit = f" {judgement.unit}" if judgement.unit else ""
+            lines.append(
+                f"  {kind} {judgement.relation} {judgement.value:.6g} ± {judgement.tol:.3g}{unit}, "
+                f"computed {computed}{unit}: {verdict.verdict} ({claim.grade})"
+            )
+        else:
+            lines.append(f"  {verdict.verdict}")
+    return "\n".join(lines)
+
+
+def cited_figures(claim: Claim) -> set[str]:
+    """Return the names of the figures and tables that the source of a statement cites."""
+    names = set()
+    pattern = r"(Fig|Table)s?\.? (\d+(?:(?:, | and |, and |-|–)\d+)*)"
+    for kind, numbers in re.findall(pattern, claim.source):
+        for part in re.split(r", and |, | and ", numbers):
+            first, *last = (int(number) for number in re.split("[-–]", part))
+            names |= {f"{kind.lower()[:3]}{n:02}" for n in range(first, (last or [first])[0] + 1)}
+    return names
+
+
+def list_figure_names() -> dict[str, tuple[str, str]]:
     """Return all names of figures: the script that draws each, and what it shows.
 
     The paper's figures and tables come first, by their numbers.
@@ -121,20 +177,20 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
     current = {name: up_to_date(name, results) for name in known}
     index: dict[str, Entry] = {name: entry for name, entry in current.items() if entry}
     failed, wanting = False, {}
-    for name, drawn in _drawn([name for name in known if name not in index], folder, jobs):
+    for name, drawn in _draw_figures([name for name in known if name not in index], folder, jobs):
         if drawn.entry:
             index[name] = drawn.entry
         elif drawn.missing:
             wanting[name] = drawn.missing
         else:
-            _say(f"{name}: {drawn.error}")
+            _print_message(f"{name}: {drawn.error}")
             failed = True
-    _tell(wanting, complete)
-    ordered = [index[name] for name in sorted(index, key=natural)]
+    _report_missing_results(wanting, complete)
+    ordered = [index[name] for name in sorted(index, key=natural_sort_key)]
     try:
         write_json(folder / "figures" / "index.json", ordered)
     except OSError as error:
-        _say(f"the index of figures cannot be written: {error}")
+        _print_message(f"the index of figures cannot be written: {error}")
         return False
     return not (failed or (complete and wanting))
 
@@ -151,7 +207,7 @@ def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
     return results
 
 
-def _computed(names: list[str], results: Path, jobs: int) -> bool:
+def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
     """Let the study compute the results that scripts need, unless they are there and hold."""
     keys = [key for name in names for key in load_script(name).needs]
     command = [sys.executable, "-m", "study", *dict.fromkeys(keys)]
@@ -159,9 +215,9 @@ def _computed(names: list[str], results: Path, jobs: int) -> bool:
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
 
 
-def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Drawn]]:
+def _draw_figures(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Drawn]]:
     """Draw figures, in processes of their own where that pays, and yield them in their order."""
-    if jobs == 1 or len(names) <= FEW:
+    if jobs == 1 or len(names) <= MAX_LISTED_FIGURES:
         yield from ((name, draw(name, folder)) for name in names)
         return
     pool = Pool(min(jobs, len(names)))
@@ -177,17 +233,19 @@ def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Dra
             yield name, Drawn(None, [], why)
 
 
-def _tell(wanting: dict[str, list[str]], each: bool) -> None:
+def _report_missing_results(wanting: dict[str, list[str]], each: bool) -> None:
     """Say which figures want results; not one by one if they are many and may want them."""
-    if each or len(wanting) <= FEW:
+    if each or len(wanting) <= MAX_LISTED_FIGURES:
         for name, keys in wanting.items():
-            _say(f"{name}: not drawn, for want of {', '.join(keys)}")
+            _print_message(f"{name}: not drawn, for want of {', '.join(keys)}")
     else:
         sections = dict.fromkeys(key.partition("/")[0] for keys in wanting.values() for key in keys)
-        _say(f"{len(wanting)} not drawn, for want of results of sections {', '.join(sections)}")
+        _print_message(
+            f"{len(wanting)} not drawn, for want of results of sections {', '.join(sections)}"
+        )
 
 
-def _say(line: str) -> None:
+def _print_message(line: str) -> None:
     print(f"figures: {line}", file=sys.stderr)
 
 

@@ -12,8 +12,8 @@ LOAD = "#D55E00"
 NOTE = "Mesh and supports are reconstructed."
 
 
-def half_beam(ax: Axes, results: Results) -> tuple[float, float]:
-    """Draws mesh, load P at A and the end support; returns length and height of the half beam."""
+def draw_half_beam(ax: Axes, results: Results) -> tuple[float, float]:
+    """Draw mesh, load P at A and end support; return length and height of the half beam."""
     nodes = results.curves(MESH)["nodes"]
     length, height = np.ptp(nodes, axis=0)
     mesh_plot(ax, nodes, results.curves(MESH)["cells"])
@@ -26,6 +26,10 @@ def half_beam(ax: Axes, results: Results) -> tuple[float, float]:
     style = {"arrowstyle": "<|-|>", "lw": 0.7, "color": "#333333", "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", (0.0, -0.9 * height), (length, -0.9 * height), arrowprops=style)
     ax.annotate(f"$L/2 = {length:g}\\,h$", (length / 2, -1.0 * height), ha="center", va="top")
-    ax.set(xlim=(-1.2, length + 0.7), ylim=(-1.35 * height, 0.8 * height))
+    for y in (-height / 2, height / 2):
+        ax.plot([length + 0.4, length + 0.75], [y, y], color="#333333", linewidth=0.6)
+    ax.annotate("", (length + 0.6, -height / 2), (length + 0.6, height / 2), arrowprops=style)
+    ax.annotate("$h$", (length + 0.68, 0.0), ha="left", va="center")
+    ax.set(xlim=(-1.2, length + 1.1), ylim=(-1.35 * height, 0.8 * height))
     ax.set_axis_off()
     return length, height

@@ -10,16 +10,16 @@ MM = 1e3
 SYNTHETIC = "Synthetic column and supports."
 
 
-def surface(curves: Curves, number: int) -> Curves:
+def select_surface_curves(curves: Curves, number: int) -> Curves:
     """Curves along one contact surface, and those of the whole body."""
     end = f"_{number}"
     own = {name.removesuffix(end): curve for name, curve in curves.items() if name.endswith(end)}
     return own | {name: curves[name] for name in ("nodes", "cells", "displacement")}
 
 
-def outline(curves: Curves) -> np.ndarray:
+def section_outline(curves: Curves) -> np.ndarray:
     """Corners (m, 2) of the section, from the axis at the base round to the axis at the top."""
-    (base, lower, upper, top) = (surface(curves, k) for k in SURFACES)
+    (base, lower, upper, top) = (select_surface_curves(curves, k) for k in SURFACES)
     corners = [(0.0, base["y"][0])]
     for face in (base, lower, upper):
         corners += [(face["x"][0], face["y"][0]), (face["x"][-1], face["y"][0])]

@@ -1,4 +1,19 @@
-"""Stress curves and deformed shapes, which the figures of contact examples share."""
+"""Stress curves and deformed shapes, which the figures of contact examples share.
+
+The paper's curve figures are lost in our copy. Its sentences on them, and the panels that show it:
+
+| paper | sentence | drawn |
+|---|---|---|
+| Fig. 5 | Galerkin: uneven reactions; new: even | bars of both elements |
+| Figs 7, 8 | CPS6, CPS8: normal and shear stress look like a sawtooth; new as CPS6M | left panels |
+| Fig. 10 | stresses of Oden and Pires, CPS8 and the user element are given | left panels |
+| Fig. 12 | stresses of CPS8 and the user element are presented; "satisfactory" | left panels |
+| Figs 13, 14 | reaction forces of CPS8 (erroneous after [5]), of the user element | bars |
+| Figs 16 to 23 | contact stresses along every contact surface are given | left panels |
+
+Left panels show tributary stresses, as node-to-surface codes print them, right ones own-function
+stresses. Both give the deviation from a fine mesh.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,8 +22,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from figures.style import LOOK, MANY
-from study.model.vocabulary import ELEMENTS
+from figures.style import CLEAR, LOOK, MANY
+from study.model.vocabulary import ELEMENTS, OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import (
     DIAGONALS_LABEL,
     UNPRINTED_DATA_LABEL,
@@ -23,29 +38,83 @@ DATA_BAND = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
 
 RECONSTRUCTED = "Dimensions and loads are reconstructed."
 
+READINGS = {"_tributary": TRIBUTARY_READING.name, "": OWN_FUNCTION_READING.name}
+"""Names of the two stress readings, by the ending of their curves: the paper's first."""
+DEVIATION = (
+    "Percentages: root mean square deviation from the fine mesh's own-function stress, relative to "
+    "that stress, without the end nodes"
+)
+
 Curves = dict[str, np.ndarray]
 
 
-def family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
-    """Curves of a case and of the others of its family."""
+def stress_deviation(curves: Curves, reference: Curves, stress: str, reading: str) -> float:
+    """Return the deviation of a stress curve from a fine mesh's, relative to the latter.
+
+    Root mean squares over all nodes but the two at the ends, where stresses may be singular.
+
+    Args:
+        curves: Curves over `x`.
+        reference: Curves of the fine mesh; its own-function stress is compared with.
+        stress: "pressure" or "shear".
+        reading: Ending of the curve's name, a key of `READINGS`.
+    """
+    inner = slice(1, -1)
+    exact = np.interp(curves["x"][inner], reference["x"], reference[stress])
+    difference = curves[stress + reading][inner] - exact
+    return float(np.linalg.norm(difference) / np.linalg.norm(exact))
+
+
+def print_deviations(
+    ax: Axes,
+    curves_by_element: Mapping[str, Curves],
+    reference: Curves,
+    stress: str,
+    reading: str,
+    fontsize: float = 7.0,
+) -> None:
+    """Print the deviations of elements from a fine mesh into the panel, in per cent."""
+    lines = []
+    for element, curves in curves_by_element.items():
+        name = ELEMENTS[element].name.partition(",")[0]
+        deviation = 100 * stress_deviation(curves, reference, stress, reading)
+        lines.append(f"{name}: {deviation:.2g} %")
+    look: dict[str, Any] = {
+        "fontsize": fontsize,
+        "va": "top",
+        "bbox": CLEAR,
+        "transform": ax.transAxes,
+    }
+    ax.text(0.03, 1.0, "\n".join(lines), **look)
+
+
+def title_panel(ax: Axes, paper_figure: str, reading: str) -> None:
+    """Write the reading above a panel, with the paper's figure if it is the paper's reading."""
+    name = READINGS[reading]
+    title = f"{paper_figure}: {name}" if reading else name
+    ax.set_title(title, loc="left", fontsize=7.5)
+
+
+def load_case_family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
+    """Return the curves of a case and of its variants."""
     return [results.curves(member) for member in list_case_family(key, families)]
 
 
-def diagonal_band(element: str) -> dict[str, Any]:
-    """Look of the band of an element whose squares can be cut in several ways."""
+def diagonal_band_look(element: str) -> dict[str, Any]:
+    """Return the look of the band over all diagonals of an element."""
     stated = ELEMENTS[element]
     return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_LABEL}"}
 
 
-def band(
+def shade_band(
     ax: Axes, lines: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
 ) -> None:
-    """Shades what lies between the least and the largest of several cases, times a scale."""
+    """Shade the range from the least to the largest curve of several cases, times a scale."""
     x, low, high = envelope([(curves["x"], curves[quantity]) for curves in lines])
     ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
 
 
-def compare(
+def plot_elements(
     ax: Axes,
     results: Results,
     keys: Sequence[str],
@@ -53,9 +122,9 @@ def compare(
     scale: float = 1.0,
     hollow: str = "composite",
 ) -> None:
-    """Draws a stress or force of several elements, times a scale, over x.
+    """Draw a stress or force of several elements, times a scale, over x.
 
-    One whose element has `hollow` in it nearly coincides with another and gets hollow markers.
+    Elements whose names contain `hollow` nearly coincide with another: their markers are hollow.
     """
     for key in keys:
         curves = results.curves(key)
@@ -66,17 +135,17 @@ def compare(
         ax.plot(curves["x"], scale * curves[quantity], **look)
 
 
-def outline(cells: np.ndarray) -> np.ndarray:
-    """Nodes of each cell (m, 6, 8 or 9), going round (m, 6 or 8)."""
+def cell_outlines(cells: np.ndarray) -> np.ndarray:
+    """Return the nodes of cells (m, 6, 8 or 9) in order along their outlines, (m, 6 or 8)."""
     around = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
     return cells[:, around]
 
 
-def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
-    """Draws the deformed mesh; returns its nodes."""
+def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
+    """Draw the deformed mesh; return the positions of its nodes."""
     moved = curves["nodes"] + scale * curves["displacement"]
     cells = PolyCollection(
-        moved[outline(curves["cells"])],
+        moved[cell_outlines(curves["cells"])],
         facecolor="#EEF3F7",
         edgecolor="#8A97A3",
         lw=0.4,
@@ -90,10 +159,10 @@ def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray
     return moved
 
 
-def force_arrows(
+def draw_force_arrows(
     ax: Axes, curves: Curves, moved: np.ndarray, side: float, length: float, element: str
 ) -> None:
-    """Draws nodal contact forces on the body; `side` is -1 for a surface below, 1 above.
+    """Draw nodal contact forces on the body; `side` is -1 for a surface below, 1 above.
 
     The largest normal force is drawn with the given length.
     """

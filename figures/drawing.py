@@ -80,7 +80,7 @@ class Drawn(NamedTuple):
 def scripts() -> list[str]:
     """Return the names of all figures, of scripts and of pages, fig2 before fig10."""
     names = {module.name for module in pkgutil.iter_modules(figures.__path__)}
-    return sorted((names - FRAME) | page_figures().keys(), key=natural)
+    return sorted((names - FRAME) | page_figures().keys(), key=natural_sort_key)
 
 
 def page_figures() -> dict[str, str]:
@@ -198,7 +198,7 @@ def picture(folder: Path, name: str, kind: str) -> Path:
     return folder / "figures" / f"{name}.{kind}"
 
 
-def natural(name: str) -> list[tuple[int, str]]:
+def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """Return what to sort names by for fig2 to come before fig10."""
     parts = re.findall(r"\d+|\D+", name)
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
@@ -305,10 +305,10 @@ def _svg(figure: Figure) -> bytes:
             line.set_rasterized(True)
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
-    return _lean(text.getvalue()).encode()
+    return _shrink_svg(text.getvalue()).encode()
 
 
-def _lean(svg: str) -> str:
+def _shrink_svg(svg: str) -> str:
     """Return a drawing that is smaller, quicker to lay out, and looks the same.
 
     A hundredth of a point is enough for places; the page has dozens of drawings.
@@ -316,14 +316,14 @@ def _lean(svg: str) -> str:
     without = r"<\?xml.*?\?>|<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>"
     svg = re.sub(without, "", svg, flags=re.DOTALL)
     svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
-    svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, svg)
+    svg = re.sub(r"\bfont: ([^;\"]+)", _expand_font_shorthand, svg)
     svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
     svg = re.sub(r"(\.\d*?)0+(?=[ \"])", lambda m: m[1].rstrip("."), svg)
-    svg = re.sub(r"data:image/png;base64,([^\"]+)", _smaller, svg)
-    return _bare(svg)
+    svg = re.sub(r"data:image/png;base64,([^\"]+)", _reduce_image_colours, svg)
+    return _strip_svg(svg)
 
 
-def _bare(svg: str) -> str:
+def _strip_svg(svg: str) -> str:
     """Return a drawing without names that nothing refers to, and without what says nothing."""
     ElementTree.register_namespace("", SVG)
     ElementTree.register_namespace("xlink", XLINK)
@@ -360,7 +360,7 @@ def _bare(svg: str) -> str:
     return bare.replace(" />", "/>")
 
 
-def _longhand(font: re.Match[str]) -> str:
+def _expand_font_shorthand(font: re.Match[str]) -> str:
     """Return a font by its single properties: WeasyPrint passes over the shorthand."""
     before, size, families = re.fullmatch(r"(.*?)([\d.]+px) (.*)", font[1]).groups()  # type: ignore[union-attr]
     words = before.split()
@@ -372,7 +372,7 @@ def _longhand(font: re.Match[str]) -> str:
     return "; ".join(f"{name}: {value[0]}" for name, value in properties if value)
 
 
-def _smaller(image: re.Match[str]) -> str:
+def _reduce_image_colours(image: re.Match[str]) -> str:
     """Return an image within a drawing with a table of its colours."""
     full = Image.open(io.BytesIO(base64.b64decode(image[1])))
     stream = io.BytesIO()
@@ -410,14 +410,14 @@ def _file_digest(folder: Path, key: str) -> str:
 def _sources() -> bytes:
     """Digest of what all figures share."""
     here = Path(__file__).parent
-    paths = {here / f"{name}.py" for name in FRAME} | set(_of_the_study(here))
+    paths = {here / f"{name}.py" for name in FRAME} | set(_list_study_sources(here))
     digest = hashlib.sha256(matplotlib.__version__.encode())
     for path in sorted(paths):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.digest()
 
 
-def _of_the_study(here: Path) -> Iterator[Path]:
+def _list_study_sources(here: Path) -> Iterator[Path]:
     """Yield the sources of the study's modules that figures import."""
     for script in here.glob("*.py"):
         for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):

@@ -35,7 +35,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "The triangle in the parent domain: nodes in the paper's numbering and the four "
         "sub-elements, drawn from the points of the Basix element."
@@ -43,7 +43,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Right-angled unit triangle with nodes 1 to 3 at its corners and 4 to 6 at the middles of "
         "its sides, cut by the lines between the mid-side nodes into four triangles A1 to A4."

@@ -40,7 +40,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Weight functions w of a corner and a mid-side node (nodes 1 and 4), drawn from the Basix "
         "element, and the quadratic shape functions N of the same nodes, which the standard "
@@ -49,7 +49,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     low = results.curves("3/weights")["shapes"][:, 0].min()
     return (
         "Four surfaces over the unit triangle. w1 is a pyramid over the sub-element at node 1, "

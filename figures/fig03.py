@@ -75,7 +75,7 @@ def _number(ax: Axes, places: np.ndarray, centre: np.ndarray) -> None:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     unknowns = int(results.scalar("5/element-pw-Q8", "unknowns"))
     return (
         "Two 6-node triangles make a structure of nine nodes; static condensation eliminates the "
@@ -85,7 +85,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A quadrilateral cut along a diagonal into two triangles, with nodes 1 to 4 at its "
         "corners, 5 to 8 at the middles of its sides and 9 in the middle of the diagonal. An arrow "

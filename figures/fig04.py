@@ -28,7 +28,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Unit square of unit thickness, two 6-node triangles, unit load on the upper side; the "
         "three lower nodes are held vertically, one of them horizontally too."
@@ -36,7 +36,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A square cut along its diagonal into two triangles with nine nodes. Arrows press on its "
         "upper side; rollers carry the three nodes of its lower side."

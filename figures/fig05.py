@@ -31,7 +31,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     ratio = results.scalar("7.1/galerkin-T6", "reaction_1") / results.scalar(
         "7.1/galerkin-T6", "reaction_0"
     )
@@ -42,7 +42,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     values = {
         element: ", ".join(f"{r:.4f}" for r in results.curves(f"7.1/{element}")["reaction"])
         for element in PANELS

@@ -44,7 +44,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     cells = len(results.curves(CASE)["cells"])
     return (
         f"The block with its mesh of {cells} triangles, pressed by p and pulled by t; the first "
@@ -53,7 +53,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A block twice as long as high on a rigid foundation. Arrows press on its upper side and "
         "pull its right side; the two ends of the contact line are marked as smooth."

@@ -38,7 +38,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Body and punch y = x²/16 with the mesh of 76 quadrilaterals, drawn before the indentation "
         "d. Width, height, base, radius and grading are reconstructed so that the printed force "
@@ -47,7 +47,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A rectangle of nineteen by four quadrilaterals, finer in its middle, fixed below; a flat "
         "parabola presses on its upper side and is pushed to the right."

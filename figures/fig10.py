@@ -5,13 +5,17 @@ from matplotlib.figure import Figure
 
 from figures.contact import (
     DATA_BAND,
-    band,
-    compare,
-    diagonal_band,
-    family,
+    DEVIATION,
+    READINGS,
+    diagonal_band_look,
+    load_case_family,
+    plot_elements,
+    print_deviations,
+    shade_band,
+    title_panel,
 )
 from figures.style import FULL
-from study.model.vocabulary import OWN_FUNCTION_READING
+from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -26,25 +30,36 @@ NEEDS = [
     *list_case_family(VARIED, UNPRINTED_DATA)[1:],
     *list_case_family(CUT, OTHER_DIAGONALS)[1:],
 ]
-PANELS = {
-    "force_n": "normal nodal force",
-    "pressure": "normal pressure",
-    "shear": "shear stress, body on punch",
-}
+STRESSES = {"pressure": "normal pressure", "shear": "shear stress, body on punch"}
 
 
 def draw(results: Results) -> Figure:
-    """Normal nodal forces, and normal and shear stress, over x."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.2))
+    """Both readings of normal and shear stress over x."""
+    fig, axes = plt.subplots(1, 4, figsize=(FULL, 3.2))
     fine = results.curves(FINE)
-    for ax, (quantity, label) in zip(axes, PANELS.items(), strict=True):
-        if quantity != "force_n":  # forces of other meshes do not compare
-            band(ax, family(results, VARIED, UNPRINTED_DATA), quantity, 1.0, DATA_BAND)
-            ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 × 24")
-        band(ax, family(results, CUT, OTHER_DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
-        compare(ax, results, DRAWN, quantity, hollow="pw-T6")
+    columns = [(stress, reading) for stress in STRESSES for reading in READINGS]
+    for ax, (stress, reading) in zip(axes, columns, strict=True):
+        curve = stress + reading
+        if not reading:
+            shade_band(ax, load_case_family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
+            shade_band(
+                ax,
+                load_case_family(results, CUT, OTHER_DIAGONALS),
+                curve,
+                1.0,
+                diagonal_band_look("pw-T6"),
+            )
+        ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, 114 × 24")
+        plot_elements(ax, results, DRAWN, curve, hollow="pw-T6")
+        curves_by_element = {element: results.curves(f"7.3/{element}") for element in ELEMENTS}
+        low, high = ax.get_ylim()
+        ax.set_ylim(0 if stress == "pressure" else low, high + 0.45 * (high - low))
+        print_deviations(ax, curves_by_element, fine, stress, reading, 6.0)
         zone_strip(ax, results.curves("7.3/pw-Q8"))
-        ax.set(xlabel="$x$", ylabel=label, xlim=(-2.3, 2.3))
+        ax.set(xlabel="$x$", xlim=(-2.3, 2.3))
+        ax.set_ylabel(STRESSES[stress] if reading else "", fontsize=8)
+        title_panel(ax, "Paper Fig. 10", reading)
+        ax.tick_params(labelsize=7)
     handles, _ = axes[1].get_legend_handles_labels()
     zones = zone_legend(results.curves("7.3/pw-Q8"))
     fig.legend(handles=[*handles, *zones], loc="outside lower center", ncols=4, fontsize=7)
@@ -52,7 +67,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     least, most = (
         bound(
             results.scalar(key, "force_indentation")
@@ -61,19 +76,20 @@ def caption(results: Results) -> str:
         for bound in (min, max)
     )
     return (
-        "Nodal forces and stresses below the punch after the tangential force, in the paper's "
-        f"units (E = 1000). Stresses are {OWN_FUNCTION_READING.name} ones: {OWN_FUNCTION_READING.meaning}. Grey band: bodies and "
-        f"punches for which the normal force is {least:.0f} to {most:.0f} (printed: about 215), "
-        "and the normal force held instead of the depth, new Q9. Blue band: the new T6 with all "
-        "diagonals. The curves of Oden and Pires are lost in our copy of the paper. Strips: "
-        "contact zones of the new Q8."
+        "Stresses below the punch after the tangential force, in the paper's units (E = 1000). "
+        f"Left: {TRIBUTARY_READING.name}; right: {OWN_FUNCTION_READING.name}, "
+        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Grey "
+        f"band: bodies and punches for which the normal force is {least:.0f} to {most:.0f} "
+        "(printed: about 215), and the normal force held instead of the depth, new Q9. Blue "
+        "band: the new T6 with all diagonals. The curves of Oden and Pires are lost in our copy "
+        "of the paper. Strips: contact zones of the new Q8."
     )
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
-        "Three panels over x. The standard quadrilateral's nodal forces form a sawtooth, the "
-        "others' a bell. Pressures of all elements follow the fine mesh's bell; shear is "
-        "antisymmetric and zigzags about the fine mesh's with all elements but the new Q9."
+        "Four panels over x. The standard quadrilateral's tributary pressures form a sawtooth, the "
+        "others' a bell. Own-function pressures of all elements follow the fine mesh's bell; shear "
+        "is antisymmetric and zigzags about the fine mesh's with all elements but the new Q9."
     )

@@ -39,7 +39,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Profile and mesh of the body: the smallest elements lie exactly under the plate and grow "
         "away from it. Dimensions are reconstructed."
@@ -47,7 +47,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A wide rectangle held on both sides and below with a narrow plate on the middle of its "
         "upper side; beside it, the mesh around the plate with eight elements under it."

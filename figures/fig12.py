@@ -5,13 +5,17 @@ from matplotlib.figure import Figure
 
 from figures.contact import (
     DATA_BAND,
-    band,
-    compare,
-    diagonal_band,
-    family,
+    DEVIATION,
+    READINGS,
+    diagonal_band_look,
+    load_case_family,
+    plot_elements,
+    print_deviations,
+    shade_band,
+    title_panel,
 )
 from figures.style import FULL
-from study.model.vocabulary import OWN_FUNCTION_READING
+from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -29,19 +33,35 @@ NEEDS = [
 ]
 
 
+STRESSES = {"pressure": "normal pressure / (kN/m²)", "shear": "shear stress / (kN/m²)"}
+LIMITS = {"pressure": (0, 60), "shear": (-26, 40)}
+
+
 def draw(results: Results) -> Figure:
-    """Normal and shear stress over x, with a fine mesh's for comparison."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9))
+    """Both readings of normal and shear stress over x, with a fine mesh's for comparison."""
+    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.9))
     fine = results.curves(FINE)
-    for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        band(ax, family(results, VARIED, UNPRINTED_DATA), quantity, 1.0, DATA_BAND)
-        band(ax, family(results, CUT, OTHER_DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
-        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")
-        compare(ax, results, DRAWN, quantity)
+    columns = [(stress, reading) for stress in STRESSES for reading in READINGS]
+    for ax, (stress, reading) in zip(axes, columns, strict=True):
+        curve = stress + reading
+        if not reading:
+            shade_band(ax, load_case_family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
+            shade_band(
+                ax,
+                load_case_family(results, CUT, OTHER_DIAGONALS),
+                curve,
+                1.0,
+                diagonal_band_look("pw-T6"),
+            )
+        ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, fine")
+        plot_elements(ax, results, DRAWN, curve)
+        curves_by_element = {element: results.curves(f"7.4/{element}") for element in ELEMENTS}
+        print_deviations(ax, curves_by_element, fine, stress, reading, 6.5)
         zone_strip(ax, results.curves("7.4/pw-Q8"))
-        ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03))
-    axes[0].set(ylabel="normal pressure / (kN/m²)", ylim=(0, 50))
-    axes[1].set(ylabel="shear stress / (kN/m²)", ylim=(-26, 26))
+        ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03), ylim=LIMITS[stress])
+        ax.set_ylabel(STRESSES[stress] if reading else "", fontsize=8)
+        title_panel(ax, "Paper Fig. 12", reading)
+        ax.tick_params(labelsize=7)
     handles, _ = axes[1].get_legend_handles_labels()
     zones = zone_legend(results.curves("7.4/pw-Q8"))
     fig.legend(handles=[*handles, *zones], loc="outside lower center", ncols=4, fontsize=7)
@@ -49,19 +69,22 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     angle = "friction angle 20 degrees, plane stress"
     return (
-        f"{OWN_FUNCTION_READING.name.capitalize()} stresses below the plate ({angle}): {OWN_FUNCTION_READING.meaning}. The singular "
-        "values at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "
+        f"Stresses below the plate ({angle}). Left: {TRIBUTARY_READING.name}; right: "
+        f"{OWN_FUNCTION_READING.name}, "
+        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. The singular values "
+        "at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "
         "bodies half and twice as wide and deep, and plane strain, new Q8. Blue band: the new T6, "
         "which has the new Q8's forces, with all diagonals. Strips: contact zones of the new Q8."
     )
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
-        "Pressure rises towards both edges, shear is antisymmetric. The curves of both elements "
-        "follow the fine mesh's, but for the nodes next to the edges."
+        "Pressure rises towards both edges, shear is antisymmetric. Tributary stresses of the "
+        "standard element alternate about the fine mesh's curve; own-function stresses of both "
+        "elements follow it, but for the nodes next to the edges."
     )

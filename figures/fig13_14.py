@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.contact import DATA_BAND, diagonal_band, family
+from figures.contact import DATA_BAND, diagonal_band_look, load_case_family
 from figures.style import FULL, LOOK
 from study.model.vocabulary import ELEMENTS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
@@ -30,10 +30,10 @@ COARSER = 4  # times as many elements in the fine mesh: its forces are as many t
 
 
 def draw(results: Results) -> Figure:
-    """Normal nodal forces as bars, and what the fine mesh's add up to."""
+    """Normal nodal forces as bars, and the fine mesh's on the same scale."""
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.5), sharey=True)
     fine = results.curves(FINE)
-    for ax, element in zip(axes, PANELS, strict=True):
+    for ax, element, number in zip(axes, PANELS, (13, 14), strict=True):
         curves = results.curves(f"7.4/{element}")
         ax.bar(curves["x"], curves["force_n"], 0.04, color=LOOK[element]["color"])
         _ranges(
@@ -41,10 +41,14 @@ def draw(results: Results) -> Figure:
         )
         label = f"new T6, {COARSER} times finer: force × {COARSER}"
         ax.plot(fine["x"], COARSER * fine["force_n"], color="black", lw=0.9, label=label)
-        ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6), title=LOOK[element]["label"])
+        ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6))
+        ratio = results.scalar(f"7.4/{element}", "sawtooth")
+        title = f"Paper Fig. {number}: {LOOK[element]['label']}"
+        ax.set_title(title, loc="left")
+        ax.text(0.5, 0.58, f"mid-side / corner: {ratio:.2f}", ha="center", transform=ax.transAxes)
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
-    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band("pw-T6"))
+    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band_look("pw-T6"))
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
     return fig
@@ -58,14 +62,14 @@ def _ranges(
     width: float,
     look: Mapping[str, Any],
 ) -> None:
-    """Shades the least to the largest force of each node."""
-    lines = [(c["x"], c["force_n"]) for c in family(results, key, families)]
+    """Shade the range of each node's force over a family."""
+    lines = [(c["x"], c["force_n"]) for c in load_case_family(results, key, families)]
     x, low, high = envelope(lines)
     ax.bar(x, high - low, width, bottom=low, linewidth=0.4, zorder=2.5, **look)
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     (standard, new) = (results.scalar(f"7.4/{element}", "sawtooth") for element in PANELS)
     total = results.scalar("7.4/pw-Q8", "force_normal")
     return (
@@ -77,7 +81,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     forces = (
         ", ".join(f"{force:.2f}" for force in results.curves(f"7.4/{element}")["force_n"])
         for element in PANELS

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.column import MM, SURFACES, SYNTHETIC, outline, surface
+from figures.column import MM, SURFACES, SYNTHETIC, section_outline, select_surface_curves
 from figures.style import FULL, mesh_plot
 from study.publish.plots.symbols import INK, arrow, roller
 from study.run.store import Results
@@ -22,7 +22,7 @@ def draw(results: Results) -> Figure:
     """Panels: the column in contact, and the mesh with the supports of Table 1."""
     curves = results.curves(CASE)
     fig, (contact, vibration) = plt.subplots(1, 2, figsize=(FULL, 4.4), width_ratios=(1.6, 1))
-    corners = MM * outline(curves)
+    corners = MM * section_outline(curves)
     _draw_contact(
         contact, curves, corners, [results.scalar(CASE, f"initial_gap_{k}") for k in (2, 3)]
     )
@@ -34,7 +34,7 @@ def draw(results: Results) -> Figure:
     top = corners[:, 1].max()
     for z in np.linspace(0.04, 0.96, 9) * top:
         roller(vibration, (0.0, z), "left", 9.0)
-    base = surface(curves, 1)
+    base = select_surface_curves(curves, 1)
     for r in MM * base["x"][1::5]:
         roller(vibration, (r, 0.0), "down", 9.0)
     vibration.set(xlim=(-30, corners[:, 0].max() + 12), ylim=(-45, top + 45), xlabel="$r$ / mm")
@@ -61,7 +61,7 @@ def _draw_contact(
     widest = corners[:, 0].max()
     opened = [0.0, *(OPENING * MM * gap for gap in gaps), 0.0]
     for k, gap in zip(SURFACES, opened, strict=True):
-        face = surface(curves, k)
+        face = select_surface_curves(curves, k)
         inner, outer, level = (MM * v for v in (face["x"][0], face["x"][-1], face["y"][0]))
         down = -1.0 if k < 4 else 1.0
         reach = outer + 12 if k != 2 else outer + 6
@@ -88,7 +88,7 @@ def _draw_contact(
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     cells = len(results.curves(CASE)["cells"])
     return (
         f"(a) Section of the column, its axis ab, the rigid surfaces 1 to 4 and their gaps (drawn "
@@ -98,7 +98,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "A column of four cylinders, a slender one on the base, two wider ones above it and a "
         "short slender one on top, with hatched rigid surfaces below the base and both shoulders "

@@ -24,7 +24,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     squares = (len(results.curves(NEEDS[0])["x"]) - 1) // 2
     return (
         f"Reactions below a row of {squares} squares of two triangles each under uniform pressure. "
@@ -34,7 +34,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     galerkin, pw = (results.curves(key)["reaction"] for key in NEEDS)
     return (
         f"Nodal forces over x. The standard element alternates between {galerkin[2]:.3f} at corner "

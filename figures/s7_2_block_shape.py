@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, deformed, force_arrows
+from figures.contact import RECONSTRUCTED, draw_deformed_mesh, draw_force_arrows
 from figures.style import FULL
 from study.publish.plots.zones import zone_legend, zone_strip
 from study.run.store import Results
@@ -19,8 +19,8 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.8), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.2/{element}")
-        moved = deformed(ax, curves, SCALE, element)
-        force_arrows(ax, curves, moved, -1.0, 0.7, element)
+        moved = draw_deformed_mesh(ax, curves, SCALE, element)
+        draw_force_arrows(ax, curves, moved, -1.0, 0.7, element)
         zone_strip(ax, curves)
         ax.set(xlabel="$x$", ylim=(-0.95, 2.15), xlim=(-0.25, 4.6))
     axes[0].set_ylabel("$y$")
@@ -29,7 +29,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         f"The deformed block (displacements times {SCALE:g}) and the nodal forces that the "
         f"foundation exerts on it, at the same scale for both elements. {RECONSTRUCTED}"
@@ -37,7 +37,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed meshes leaning to the right. Arrows below the standard element's alternate "
         "between long and short; those below the new element's are even."

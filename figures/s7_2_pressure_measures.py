@@ -35,18 +35,20 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "A block pressed and pulled on a rough plane, computed once with either element and read "
-        f"in three ways. (a) Nodal forces. (b) {OWN_FUNCTION_READING.name.capitalize()} pressure, {OWN_FUNCTION_READING.meaning}: "
+        f"in three ways. (a) Nodal forces. (b) {OWN_FUNCTION_READING.name.capitalize()} "
+        f"pressure, {OWN_FUNCTION_READING.meaning}: "
         "the standard element's sawtooth disappears. "
-        f"(c) {TRIBUTARY_READING.name.capitalize()} pressure, {TRIBUTARY_READING.meaning} it: the sawtooth is "
+        f"(c) {TRIBUTARY_READING.name.capitalize()} pressure, {TRIBUTARY_READING.meaning} it: "
+        f"the sawtooth is "
         f"back. {RECONSTRUCTED}"
     )
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Three plots over x. Nodal force and pressure over tributary length of the standard "
         "element form a sawtooth; in the middle plot both elements' curves coincide but for the "

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, deformed, force_arrows
+from figures.contact import RECONSTRUCTED, draw_deformed_mesh, draw_force_arrows
 from figures.style import FULL
 from study.run.store import Results
 
@@ -17,15 +17,15 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.3), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.3/{element}")
-        moved = deformed(ax, curves, 1.0, element)
-        force_arrows(ax, curves, moved, 1.0, 1.3, element)
+        moved = draw_deformed_mesh(ax, curves, 1.0, element)
+        draw_force_arrows(ax, curves, moved, 1.0, 1.3, element)
         ax.set(xlabel="$x$", xlim=(-4.2, 4.2), ylim=(-0.2, 5.4))
     axes[0].set_ylabel("$y$")
     return fig
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "The deformed body, true to scale, and the nodal forces of the punch on it, to one scale. "
         f"{RECONSTRUCTED}"
@@ -33,7 +33,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed bodies with a dent. The arrows on the standard element's alternate between "
         "long and short; those on the new element's form an even bell."

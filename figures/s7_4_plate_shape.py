@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, deformed, force_arrows
+from figures.contact import RECONSTRUCTED, draw_deformed_mesh, draw_force_arrows
 from figures.style import FULL
 from study.run.store import Results
 
@@ -18,15 +18,15 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.4/{element}")
-        moved = deformed(ax, curves, SCALE, element)
-        force_arrows(ax, curves, moved, 1.0, 1.2, element)
+        moved = draw_deformed_mesh(ax, curves, SCALE, element)
+        draw_force_arrows(ax, curves, moved, 1.0, 1.2, element)
         ax.set(xlabel="$x/b$", xlim=(-2.1, 2.1), ylim=(-2.4, 1.3))
     axes[0].set_ylabel("$y/b$")
     return fig
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         f"The body around the plate, displacements times {SCALE:g}, and the nodal forces of the "
         f"plate on it, to one scale. {RECONSTRUCTED}"
@@ -34,7 +34,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two meshes with a flat dent. The arrows on the standard element's alternate between long "
         "and short; those on the condensed pair's rise evenly to the edges."

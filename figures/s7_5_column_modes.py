@@ -6,7 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from figures import contact
-from figures.column import MM, SYNTHETIC, outline
+from figures.column import MM, SYNTHETIC, section_outline
 from figures.style import FULL, LOOK
 from study.run.store import Results
 
@@ -20,8 +20,8 @@ LARGEST = 40.0  # largest displacement drawn, in mm
 def draw(results: Results) -> Figure:
     """Deformed sections with their mirror images."""
     curves = results.curves(CASE)
-    nodes, cells = MM * curves["nodes"], contact.outline(curves["cells"])
-    corners = MM * outline(curves)
+    nodes, cells = MM * curves["nodes"], contact.cell_outlines(curves["cells"])
+    corners = MM * section_outline(curves)
     rim = _rim(curves["cells"])
     fig, axes = plt.subplots(1, 6, figsize=(FULL, 2.45), sharey=True)
     for mode, ax in enumerate(axes, start=1):
@@ -52,7 +52,7 @@ def draw(results: Results) -> Figure:
 
 def _rim(cells: np.ndarray) -> np.ndarray:
     """Nodes on sides that belong to one cell only."""
-    around = contact.outline(cells)
+    around = contact.cell_outlines(cells)
     sides = np.stack([around[:, 0::2], around[:, 1::2], np.roll(around[:, 0::2], -1, 1)], -1)
     sides = sides.reshape(-1, 3)
     _, first, count = np.unique(sides[:, 1], return_index=True, return_counts=True)
@@ -60,7 +60,7 @@ def _rim(cells: np.ndarray) -> np.ndarray:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Mode shapes 1 to 6 computed with the new triangle, and their eigenvalues λ = ω² in "
         "millions of the paper's unit (1000/s² if E and ρ are taken as printed); outlines at rest "
@@ -69,7 +69,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Six sections of the column: in mode 1 the heavy part moves up and down on the slender "
         "foot, in the higher modes the cylinders stretch against each other and bulge."

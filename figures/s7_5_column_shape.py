@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.column import MM, SURFACES, SYNTHETIC, surface
-from figures.contact import deformed, force_arrows
+from figures.column import MM, SURFACES, SYNTHETIC, select_surface_curves
+from figures.contact import draw_deformed_mesh, draw_force_arrows
 from figures.style import FULL
 from study.run.store import Results
 
@@ -22,17 +22,17 @@ def draw(results: Results) -> Figure:
         curves = dict(results.curves(f"7.5/{element}"))
         for name in ["nodes", "displacement", *(f"{c}_{k}" for c in "xy" for k in SURFACES)]:
             curves[name] = MM * curves[name]
-        moved = deformed(ax, curves, SCALE, element)
+        moved = draw_deformed_mesh(ax, curves, SCALE, element)
         for k in SURFACES:
             side = 1.0 if k == max(SURFACES) else -1.0
-            force_arrows(ax, surface(curves, k), moved, side, LENGTH, element)
+            draw_force_arrows(ax, select_surface_curves(curves, k), moved, side, LENGTH, element)
         ax.set(xlabel="$r$ / mm", xlim=(-12, 185), ylim=(-95, 670))
     axes[0].set_ylabel("$z$ / mm")
     return fig
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     total = [results.scalar("7.5/pw-T6", f"force_normal_{k}") for k in SURFACES]
     return (
         f"The section after the last increment, displacements times {SCALE:g}, and nodal forces "
@@ -42,7 +42,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two deformed sections, shortened and bulging. Arrows press on the base, both shoulders "
         "and the top; those on the standard element alternate between long and short, those on the "

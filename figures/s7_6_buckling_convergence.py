@@ -53,7 +53,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     orders = ", ".join(
         f"{LOOK[case]['label']} {measures.order(results, case, MODE):.2f}"
         for case in ("galerkin-T6", "pw-T6", "galerkin-Q8")
@@ -67,7 +67,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Two log-log plots of error over mesh density. Standard and new triangle fall together "
         "with slope four, the 8-node quadrilateral below them; the symmetrised element falls with "

@@ -52,7 +52,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Buckling shapes under uniform load by the new element with form G, half models of 16 x 4 "
         f"squares and their mirror images; the largest displacement is drawn as {SCALE:g} h."
@@ -60,5 +60,5 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return "The beam bent into one half wave in mode 1 and into a full sine wave in mode 2."

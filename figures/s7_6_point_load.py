@@ -46,7 +46,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     finest = results.scalar("7.6/galerkin-T6-point-80x32", "sigma_cr_2") / 1e9
     return (
         "Critical stresses under a point load as in the paper, on reconstructed crossed meshes. "
@@ -57,7 +57,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Curves of the critical stress over mesh density fall without a limit, those of mode 2 "
         "steeply beyond eight squares over the height; horizontal lines mark the exact values."

@@ -64,7 +64,7 @@ def _line(ax: Axes, results: Results, case: str, over: str, **look: object) -> N
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     misfit = measures.shift_misfit(
         results, "pwsym-T6", "galerkin-T6", "6-node user element", "CAX6"
     )
@@ -78,7 +78,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     last = measures.printed_shift(results, "8-node user element", "CAX8", 6)
     return (
         "Lines of the relative shift over the mode. The printed ones fall to "

@@ -54,7 +54,7 @@ def draw(results: Results) -> Figure:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     return (
         "Printed values (stars), the same quantities computed on the reconstructed mesh of 5 × "
         "2 crossed squares under the point load, and exact values for a uniform stress (bars)."
@@ -62,7 +62,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Dots of the critical stress, a row a value, for modes 1 and 2. The printed CPS6 lies at "
         "the exact value of form J, the printed user element a little above that of form G."

@@ -13,8 +13,9 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import figures
-from figures.__main__ import draw_all, main, named
+from figures.__main__ import cited_figures, draw_all, list_figure_names, main, normalise_name
 from figures.drawing import load_script, scripts
+from study.judge.claims import FILE, Claim, read_claims
 from study.publish.plots.style import COLUMN, LOOK, mesh_plot, style
 from study.run.cases import SECTIONS
 from study.run.store import Result, save
@@ -28,6 +29,7 @@ More about it.
 
 import matplotlib.pyplot as plt
 
+from study.judge.claims import FILE, Claim, read_claims
 from study.publish.plots.style import COLUMN, LOOK
 
 NEEDS = ["1/a"]
@@ -159,7 +161,7 @@ def test_figures_need_no_writable_project(tmp_path, script, monkeypatch, capfd):
         store(results, "a", 2.5, x=np.linspace(0, 1, 5))
         return True
 
-    monkeypatch.setattr("figures.__main__._computed", compute)
+    monkeypatch.setattr("figures.__main__._compute_needed_results", compute)
     script("toy_one")
     assert main(["toy_one"]) == 2
     assert "results cannot be written: name another folder by --results" in capfd.readouterr().err
@@ -175,7 +177,7 @@ def test_figures_need_no_writable_project(tmp_path, script, monkeypatch, capfd):
 
 def test_names_in_drawings_are_those_of_other_processes():
     uses = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
-    code = f"from figures.drawing import _bare; print(_bare('<svg>{uses}</svg>'))"
+    code = f"from figures.drawing import _strip_svg; print(_strip_svg('<svg>{uses}</svg>'))"
 
     def drawn(seed):
         settings = os.environ | {"PYTHONHASHSEED": seed}
@@ -275,11 +277,60 @@ def test_script_that_fails_costs_no_other(out, script, capsys, old, new, line):
 
 def test_each_of_the_papers_figures_and_tables_has_its_name():
     paper = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
-    assert list(named())[:27] == paper
+    assert list(list_figure_names())[:27] == paper
     for name in paper:
-        drawn, _ = named()[name]
+        drawn, _ = list_figure_names()[name]
         first, *last = (int(part) for part in re.findall(r"\d+", drawn))
         assert first <= int(name[3:]) <= (last or [first])[0], (name, drawn)
+
+
+@pytest.mark.parametrize(
+    ("typed", "name"),
+    [
+        ("Fig. 5", "fig05"),
+        ("fig5", "fig05"),
+        ("fig05", "fig05"),
+        ("Figure 16", "fig16"),
+        ("Table 1", "tab01"),
+        ("tab1", "tab01"),
+        ("s7_1_sawtooth", "s7_1_sawtooth"),
+    ],
+)
+def test_name_of_figure_may_be_typed_as_the_paper_cites_it(typed, name):
+    assert normalise_name(typed) == name
+    assert name in list_figure_names()
+
+
+def test_unknown_figure_name_gets_a_suggestion(capfd):
+    assert main(["s7_1_sawtoth"]) == 2
+    assert "there is no figure s7_1_sawtoth; did you mean s7_1_sawtooth" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ("Abstract; section 7.1, Fig. 5", {"fig05"}),
+        ("Section 7.5, Figs 16, 18, 20, 22 (implied)", {"fig16", "fig18", "fig20", "fig22"}),
+        ("Section 7.2, Figs 7 and 8 (implied)", {"fig07", "fig08"}),
+        ("Figs 16-18", {"fig16", "fig17", "fig18"}),
+        ("Section 7.6, Table 2", {"tab02"}),
+        ("Section 7.6", set()),
+    ],
+)
+def test_figures_that_a_source_cites_are_found(source, names):
+    assert cited_figures(Claim("x", "paper", source, "", None)) == names
+
+
+def test_figure_prints_caption_values_and_verdicts(out, script, monkeypatch, capsys):
+    script("toy_told")
+    claims = read_claims([FILE])[:1]
+    monkeypatch.setattr("figures.__main__.load_paper_claims", lambda: claims)
+    monkeypatch.setattr("figures.__main__.cited_figures", lambda _: {"toy_told"})
+    monkeypatch.setattr("figures.__main__._compute_needed_results", lambda *_: True)
+    assert main(["toy_told", "--results", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "Its scalar is 2.5." in printed
+    assert "expected < 0.75 ± 0, computed missing: not judged (consistent by" in printed
 
 
 def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
@@ -289,14 +340,16 @@ def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
     assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
     assert not (tmp_path / "drawn").exists()
     assert main(["nonsense"]) == 2
-    assert "there is no figure nonsense, but these:\nfig01 " in capfd.readouterr().err
+    assert "there is no figure nonsense. All names:\nfig01 " in capfd.readouterr().err
 
 
 def test_files_that_were_not_drawn_are_not_replaced_and_those_that_were_are(
     out, script, tmp_path, monkeypatch, capsys
 ):
     script("toy_mine")
-    monkeypatch.setattr("figures.__main__._computed", lambda *_: computed.append(1) or True)
+    monkeypatch.setattr(
+        "figures.__main__._compute_needed_results", lambda *_: computed.append(1) or True
+    )
     computed, drawn = [], tmp_path / "drawn"
     arguments = ["toy_mine", "--results", str(out), "--out", str(drawn)]
     drawn.mkdir()

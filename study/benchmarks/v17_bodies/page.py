@@ -6,6 +6,10 @@ choice of the slave, of the frame and of the increments should not change the fo
 of an incompressible press fit is known. The problems are in `problems`.
 """
 
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
 from study.benchmarks.v17_bodies.problems import (
     against_calculix,
     die,
@@ -16,7 +20,10 @@ from study.benchmarks.v17_bodies.problems import (
 )
 from study.judge.checks import check
 from study.judge.measures.general import scalar
+from study.publish.plots.style import FULL, LOOK
 from study.run.cases import Case, mark_costly
+from study.run.pages import PageFigure
+from study.run.store import Results
 from study.solutions.calculix.calculix import answer_digest
 from study.solutions.calculix.die import DIES
 
@@ -100,6 +107,8 @@ CASES = [
 # Results
 
 DETAILS = r"""
+{{ figure("v17_die") }}
+
 {% call table("v17-die", "A die slid over ten of its elements, 20 increments. Iterations include those of abandoned attempts; mid-side over corner of forces, and of forces over the nodes' own weights.") %}
 | Elements over the die's width: die (slave), block | element | iterations, mean | mid-side over corner, forces: die | block | over weights: die | block | largest tension over peak, block | T / N |
 |---|---|---:|---:|---:|---:|---:|---:|---:|
@@ -108,6 +117,47 @@ DETAILS = r"""
 {% endfor %}{% endfor %}
 {% endcall %}
 """
+
+# Figure
+
+
+def draw_die(results: Results) -> Figure:
+    """Nodal forces on both sides of a sliding die, and its force over the increments."""
+    fig, (die_axis, block_axis, force_axis) = plt.subplots(1, 3, figsize=(FULL, 2.4))
+    block_axis.sharey(die_axis)
+    for element in ("galerkin-T6", "pw-T6"):
+        curves = results.curves(f"V17/die-{element}-equal")
+        total = curves["force_n"].sum()
+        die_axis.plot(curves["x"], 100 * curves["force_n"] / total, **LOOK[element])
+        order = np.argsort(curves["master_x"])
+        x, force = curves["master_x"][order], curves["master_force"][order]
+        block_axis.plot(x, 100 * force / total, **LOOK[element])
+        for component, line in (("N", "-"), ("T", "--")):
+            look = LOOK[element] | {"linestyle": line, "label": None}
+            increments = np.arange(1, len(curves[component]) + 1)
+            force_axis.plot(increments, np.abs(curves[component]), **look)
+    die_axis.set(title="die (slave)", xlabel="$x$", ylabel="normal nodal force / sum, %")
+    block_axis.set(title="block (master)", xlabel="$x$", xlim=(0.2, 1.4))
+    force_axis.set(title="N (solid), |T| (dashed)", xlabel="increment", ylim=(0, 0.2))
+    force_axis.set_xticks((0, 5, 10, 15, 20))
+    force_axis.set_ylabel("force of the die / $(G \\times 1)$")
+    fig.legend(*die_axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return fig
+
+
+FIGURES = [
+    PageFigure(
+        "v17_die",
+        draw_die,
+        needs=["V17/die-galerkin-T6-equal", "V17/die-pw-T6-equal"],
+        caption="A die slid over a block with as many elements over its width: normal nodal "
+        "forces on both sides at the end, and normal and friction force during pressing (four "
+        "increments) and sliding (sixteen).",
+        alt="Three plots. Nodal forces of the standard element alternate on both sides, those of "
+        "the new one form bells. The normal force rises in the first four increments and stays; "
+        "the friction force rises in the next three.",
+    ),
+]
 
 # Findings
 

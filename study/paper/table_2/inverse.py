@@ -32,9 +32,9 @@ from scipy.stats import spearmanr
 from study.model.units import units_of
 from study.paper.items import TABLE_2
 from study.paper.table_2.family import (
-    LOADS,
     ENDS,
     FORMS,
+    LOADS,
     MESHES,
     MIDDLES,
     PATTERNS,
