@@ -117,11 +117,17 @@ class HertzContact:
     force: Array
 
     @classmethod
-    def solve(cls, element: str, edges: int) -> "HertzContact":
-        """Solve the contact with a number of edges over its half width."""
+    def solve(cls, element: str, edges: int, offset: float = 0.0) -> "HertzContact":
+        """Solve the contact.
+
+        Args:
+            element: its name.
+            edges: number of edges over the contact's half width.
+            offset: how much farther in the next edge the contact ends, over the edge's length.
+        """
         kind, cell = element.split("-")
         is_new = kind == "pw"
-        problem = (line if cell == "T6" else sphere)(edges, PLACE)
+        problem = (line if cell == "T6" else sphere)(edges, PLACE + offset)
         answer = (pw_t6 if is_new else snes_vi).solve(problem)
         state = StressState.PLANE_STRAIN if cell == "T6" else StressState.SOLID
         spaces = (Spaces.petrov_galerkin if is_new else Spaces.galerkin)(problem.mesh)
@@ -134,8 +140,6 @@ class HertzContact:
 
 CONDUCTANCE, EXPONENT = 2.0, 0.95
 """h0 and the exponent in the conductance h = h0 (p / p0)^.95; p0 is Hertz' peak pressure."""
-REFERENCE_EDGES = {"T6": 48, "T10": 12}
-"""Edges over the half width of the reference, which has Hertz' pressure."""
 
 
 class HeatResult(NamedTuple):
@@ -146,7 +150,9 @@ class HeatResult(NamedTuple):
     dofs: int
 
 
-def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPONENT) -> HeatResult:
+def conduct_heat(
+    element: str, reading: str, edges: int, exponent: float = EXPONENT, offset: float = 0.0
+) -> HeatResult:
     """Return the heat with an element's pressures, on its own mesh and by its test functions.
 
     Heat flows from the far sides, at the temperature 1, through the joint into the indenter, at 0;
@@ -154,7 +160,7 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     h(p) times the node's own weight. The exponent is M. M. Yovanovich's; of h linear in p the heat
     at an even temperature is that of the total force, whatever the nodal forces.
     """
-    contact = HertzContact.solve(element, edges)
+    contact = HertzContact.solve(element, edges, offset)
     problem = contact.problem
     make_spaces = Spaces.petrov_galerkin if element.startswith("pw") else Spaces.galerkin
     spaces = make_spaces(problem.mesh, 0)
@@ -171,9 +177,9 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     return HeatResult(float(joint @ T), float(T[nodes.node[_middle_node(nodes)]]), len(T))
 
 
-def conduct_heat_of_exact_pressure(cell: str) -> HeatResult:
-    """Return the heat of Hertz' exact pressure, on a fine mesh of standard elements."""
-    problem = (line if cell == "T6" else sphere)(REFERENCE_EDGES[cell], PLACE)
+def conduct_heat_of_exact_pressure(cell: str, edges: int) -> HeatResult:
+    """Return the heat of Hertz' exact pressure, on a mesh of standard elements."""
+    problem = (line if cell == "T6" else sphere)(edges, PLACE)
     spaces = Spaces.galerkin(problem.mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.trial)
     relative_pressure = ufl.sqrt(ufl.max_value(0.0, 1 - problem.distance**2))
@@ -226,7 +232,9 @@ class SubmodelResult(NamedTuple):
     dofs: int
 
 
-def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
+def solve_submodel(
+    element: str, reading: str, edges: int, offset: float = 0.0
+) -> SubmodelResult:
     """Return the stress in a part of the body that is meshed again, twice as fine.
 
     The part is the box below all nodes that may touch, of standard elements. It has the whole's
@@ -237,8 +245,9 @@ def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
         reading: load on the part's surface: nodal forces as they are ("forces"); pressures that
             are read from them, linear between all nodes; or Hertz' pressure ("exact").
         edges: of the whole, over the half width of the contact.
+        offset: how much farther in the next edge the contact ends, over the edge's length.
     """
-    whole = HertzContact.solve(element, edges)
+    whole = HertzContact.solve(element, edges, offset)
     part = _refine_part(whole.problem)
     V, up = part.space(), part.up
     K = assemble_matrix(part.work(ufl.TrialFunction(V), ufl.TestFunction(V)))
