@@ -157,7 +157,8 @@ def conduct_heat(
 
     Heat flows from the far sides, at the temperature 1, through the joint into the indenter, at 0;
     the surface beside the contact is insulated. The conductivity is one. Joints conduct at nodes,
-    h(p) times the node's own weight. The exponent is M. M. Yovanovich's; of h linear in p the heat
+    h(p) times the integral of the node's test function, or its tributary area if this is how
+    pressures are read. The exponent is M. M. Yovanovich's; of h linear in p the heat
     at an even temperature is that of the total force, whatever the nodal forces.
     """
     contact = HertzContact.solve(element, edges, offset)
@@ -168,7 +169,8 @@ def conduct_heat(
     pressure = np.maximum(0.0, pressure_matrix(reading, contact.surface) @ contact.force)
     relative_pressure = pressure / problem.exact.peak
     joint = np.zeros(spaces.trial.dofmap.index_map.size_local)
-    joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * nodes.weight_area
+    area = nodes.tributary_area if reading == "tributary" else nodes.weight_area
+    joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * area
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     indptr, indices, values = K.getValuesCSR()
@@ -232,9 +234,7 @@ class SubmodelResult(NamedTuple):
     dofs: int
 
 
-def solve_submodel(
-    element: str, reading: str, edges: int, offset: float = 0.0
-) -> SubmodelResult:
+def solve_submodel(element: str, reading: str, edges: int, offset: float = 0.0) -> SubmodelResult:
     """Return the stress in a part of the body that is meshed again, twice as fine.
 
     The part is the box below all nodes that may touch, of standard elements. It has the whole's

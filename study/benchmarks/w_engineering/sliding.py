@@ -559,7 +559,9 @@ def throw_block(element: str, cells: int, offset: float = 0.0) -> ImpactResult:
     velocity = scheme.K.createVecRight()
     start = SPEED_DOWN * np.array([SPEED_RATIO, *[0.0] * (dim - 2), -1.0])
     velocity.setArray(np.tile(start, velocity.getLocalSize() // dim))
-    dome = Parabola((0.0,) * dim, -DOME_RADIUS)
+    # an apex between shifted nodes: the sibling's coefficients would begin inside the dome
+    start_gap = 1 / (8 * DOME_RADIUS * cells**2) if offset else 0.0  # sagitta over half a cell
+    dome = Parabola((*[0.0] * (dim - 1), -start_gap), -DOME_RADIUS)
     pair = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), dome, DOME_FRICTION)
     history = solve_impact(scheme.K, scheme.M, supports, pair, scheme.space, END_TIME, velocity)
     mass = scheme.M.getDiagonal().array_r.reshape(-1, dim)

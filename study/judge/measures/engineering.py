@@ -31,9 +31,7 @@ Band = tuple[float, float]
 # Bands
 
 
-def answer_band(
-    results: Results, problem: str, cell: str, name: str, new: bool, rank: int
-) -> Band:
+def answer_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
     """Return the band of an element's answers, relative to the reference, by its best reading.
 
     Args:
@@ -44,19 +42,17 @@ def answer_band(
         new: whether it is the new element (in impact its sibling), not the standard one.
         rank: of the mesh, 0 is the coarsest.
     """
-    value, _ = reference(results, problem, cell, name)
+    value, _ = reference_answer(results, problem, cell, name)
     reading = best_reading(results, problem, cell, name, new)
     stored = _shifted_answers(results, problem, cell, name, new, rank, reading)
     return _widen([answer / value for answer in stored])
 
 
-def error_band(
-    results: Results, problem: str, cell: str, name: str, new: bool, rank: int
-) -> Band:
+def error_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
     """Return the least and the largest relative error in the band, see `answer_band`."""
-    return _error_band(results, problem, cell, name, answer_band(
-        results, problem, cell, name, new, rank
-    ))
+    return _error_band(
+        results, problem, cell, name, answer_band(results, problem, cell, name, new, rank)
+    )
 
 
 def is_resolved(results: Results, problem: str, cell: str, name: str, rank: int) -> bool:
@@ -67,12 +63,20 @@ def is_resolved(results: Results, problem: str, cell: str, name: str, rank: int)
     return not _overlap(standard, new)
 
 
+def middle_distance(results: Results, problem: str, cell: str, name: str, rank: int) -> float:
+    """Return the distance of the middles of both elements' bands, relative to the reference."""
+    standard, new = (
+        answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
+    )
+    return abs(sum(standard) - sum(new)) / 2
+
+
 def answer_changes(results: Results, problem: str, cell: str, name: str, rank: int) -> bool:
     """Return whether the answer changes on a mesh, as the head of this module defines it."""
     standard, new = (
         answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
     )
-    distance = abs(sum(standard) - sum(new)) / 2
+    distance = middle_distance(results, problem, cell, name, rank)
     return not _overlap(standard, new) and distance > WORTH
 
 
@@ -91,7 +95,7 @@ def n_disjoint(results: Results, rank: int, cell: str = "") -> float:
 
 
 def n_resolved(results: Results, rank: int, better: bool) -> float:
-    """Return how many ratios of errors are resolved in which the new element is better, or worse."""
+    """Return how many ratios of errors are resolved in favour of the new element, or against."""
     count = 0
     for one in _answers(results):
         standard, new = (error_band(results, *one, is_new, rank) for is_new in (False, True))
@@ -101,7 +105,7 @@ def n_resolved(results: Results, rank: int, better: bool) -> float:
 
 def largest_band_distance(results: Results, rank: int, cell: str = "") -> float:
     """Return the largest distance of the middles of both elements' bands."""
-    return max(_middle_distance(results, *one, rank) for one in _chosen(results, cell))
+    return max(middle_distance(results, *one, rank) for one in _chosen(results, cell))
 
 
 def largest_possible_difference(results: Results, rank: int, cell: str = "") -> float:
@@ -121,14 +125,16 @@ def best_reading(results: Results, problem: str, cell: str, name: str, new: bool
     candidates = sorted({one.parameters["reading"] for one in found})
     if not candidates:
         raise MissingResult(f"section W has no shifted {problem} of {element}: run ./run study W")
-    value, _ = reference(results, problem, cell, name)
+    value, _ = reference_answer(results, problem, cell, name)
 
     def largest_errors(reading: str) -> float:
         bands = [
-            _widen([
-                answer / value
-                for answer in _shifted_answers(results, problem, cell, name, new, rank, reading)
-            ])
+            _widen(
+                [
+                    answer / value
+                    for answer in _shifted_answers(results, problem, cell, name, new, rank, reading)
+                ]
+            )
             for rank in range(len(meshes))
         ]
         return sum(_error_band(results, problem, cell, name, band)[1] for band in bands)
@@ -136,7 +142,7 @@ def best_reading(results: Results, problem: str, cell: str, name: str, new: bool
     return min(candidates, key=largest_errors)
 
 
-def reference(results: Results, problem: str, cell: str, name: str) -> tuple[float, float]:
+def reference_answer(results: Results, problem: str, cell: str, name: str) -> tuple[float, float]:
     """Return the reference of an answer, and its uncertainty over it."""
     scalars = results[f"W/reference-{problem}-{cell}"].scalars
     value = scalars[f"{name}answer"]
@@ -148,7 +154,7 @@ def reference_uncertainty(
 ) -> float:
     """Return the largest relative uncertainty of references, of all or of those that are named."""
     return max(
-        reference(results, *one)[1]
+        reference_answer(results, *one)[1]
         for one in _answers(results)
         if problem in ("", one[0]) and cell in ("", one[1]) and name in (None, one[2])
     )
@@ -166,13 +172,20 @@ def reading_errors(
     return errors
 
 
+def reading_error(
+    results: Results, problem: str, cell: str, name: str, reading: str, rank: int, new: bool = False
+) -> float:
+    """Return the relative error of an element with a reading on the mesh of a rank."""
+    return reading_errors(results, problem, cell, name, [reading], new)[rank]
+
+
 def rule_error(results: Results, cell: str, readings: Sequence[str], name: str = "") -> float:
     """Return the least ratio, over meshes and rules, of the standard element's wear to the new's.
 
     It is the rule's error, less the reference's uncertainty, over the largest error in the new
     element's band.
     """
-    uncertainty = reference(results, "wear", cell, name)[1]
+    uncertainty = reference_answer(results, "wear", cell, name)[1]
     ratios = []
     for rank, mesh in enumerate(_meshes(results, "wear", cell)):
         new = error_band(results, "wear", cell, name, True, rank)[1]
@@ -193,11 +206,10 @@ def largest_rule_error(results: Results, problem: str, cell: str, name: str = ""
 
 
 def _rule_errors(results: Results, problem: str, cell: str, name: str) -> list[float]:
+    # where own weights vanish joints conduct nothing, by the element's own functions
     rules = [rule for rule in RULES if (problem, rule) != ("conductance", "skip")]
     return [
-        error
-        for rule in rules
-        for error in reading_errors(results, problem, cell, name, (rule,))
+        error for rule in rules for error in reading_errors(results, problem, cell, name, (rule,))
     ]
 
 
@@ -220,7 +232,7 @@ def _widen(values: Sequence[float]) -> Band:
 
 
 def _error_band(results: Results, problem: str, cell: str, name: str, band: Band) -> Band:
-    uncertainty = reference(results, problem, cell, name)[1]
+    uncertainty = reference_answer(results, problem, cell, name)[1]
     low, high = band[0] - 1 - uncertainty, band[1] - 1 + uncertainty
     least = 0.0 if low <= 0 <= high else min(abs(low), abs(high))
     return least, max(abs(low), abs(high))
@@ -228,13 +240,6 @@ def _error_band(results: Results, problem: str, cell: str, name: str, band: Band
 
 def _overlap(one: Band, other: Band) -> bool:
     return one[0] <= other[1] and other[0] <= one[1]
-
-
-def _middle_distance(results: Results, problem: str, cell: str, name: str, rank: int) -> float:
-    standard, new = (
-        answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
-    )
-    return abs(sum(standard) - sum(new)) / 2
 
 
 # Differences on single meshes
@@ -314,14 +319,14 @@ def answers(
 def _error(results: Results, stored: Stored, name: str) -> float:
     """Relative distance of a stored answer from its reference."""
     problem, element = stored.parameters["problem"], stored.parameters["element"]
-    value, _ = reference(results, problem, element.split("-")[1], name)
+    value, _ = reference_answer(results, problem, element.split("-")[1], name)
     return abs(stored.scalars[f"{name}answer"] / value - 1)
 
 
 def _difference(results: Results, standard: Stored, new: Stored, name: str) -> float:
     """Difference of two answers over their reference."""
     cell = new.parameters["element"].split("-")[1]
-    value, _ = reference(results, new.parameters["problem"], cell, name)
+    value, _ = reference_answer(results, new.parameters["problem"], cell, name)
     return abs((standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]) / value)
 
 
