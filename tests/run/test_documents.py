@@ -8,6 +8,13 @@ import pytest
 from study.judge.claims import GRADES, load_paper_claims
 from study.judge.facts import load_facts
 from study.judge.measures.beam import computed_ratio, exact_ratio
+from study.judge.measures.engineering import (
+    answer_changes,
+    largest_rule_error,
+    least_rule_error,
+    middle_distance,
+    n_changes,
+)
 from study.paper.items import TABLE_2
 
 ROOT = Path(__file__).parents[2]
@@ -60,3 +67,15 @@ def test_the_readme_gives_the_computed_differences_of_critical_stresses(results)
     exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]
     assert "lower the critical stress by {:.1g} % and {:.1g} %".format(*lower) in readme
     assert "the exact plane-stress values are {:.0f} % and {:.0f} % lower".format(*exact) in readme
+
+
+def test_the_readme_gives_the_errors_of_section_w(results):
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    errors = [100 * f(results, "wear", "T10") for f in (least_rule_error, largest_rule_error)]
+    assert "usual rules do not (worn depths: {:.1g} to {:.3g} %)".format(*errors) in readme
+    changing = (("wear", "", 0), ("submodel", "", 0), ("friction", "stick_", 1))
+    for problem, name, rank in changing:
+        assert answer_changes(results, problem, "T10", name, rank)
+        distance = 100 * middle_distance(results, problem, "T10", name, rank)
+        assert round(distance) in (2, 3)  # "coarse tetrahedra (2 to 3 %)"
+    assert sum(n_changes(results, rank) for rank in range(3)) == len(changing)

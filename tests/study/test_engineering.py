@@ -12,10 +12,13 @@ from scipy.integrate import dblquad, quad
 from pw_elements import SurfaceNodes, assemble_vector, boundary_measure, solve
 from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
-from study.benchmarks.w_engineering import pressures, sliding
+from study.benchmarks.w_engineering import page, pressures, sliding
 from study.benchmarks.w_engineering.pressures import pressure_matrix
+from study.judge.measures import engineering
 from study.meshes.solid_meshes import mesh_box
 from study.model.discretisation import spaces
+from study.model.units import dimensionless
+from study.run.store import Result, Results, save
 from tests.contact.cases import ElasticBody, on_plane
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
@@ -178,3 +181,91 @@ def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
 def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
     found = pressures.solve_submodel("pw-T6", "exact", 8)
     assert found.stress == pytest.approx(found.exact, abs=2e-3)
+
+
+@pytest.mark.parametrize("offset", [-1 / 3, 0.0, 1 / 3])
+def test_shifted_lines_keep_body_and_load(offset):
+    """Forces of the punch add up to the load, and the contact's force is Hertz' on any mesh."""
+    punch = sliding.Punch.make("pw-T6", 4, offset)
+    force, _ = punch.forces(
+        np.zeros(len(punch.load_displacement)), np.ones(len(punch.load_displacement), dtype=bool)
+    )
+    assert force.sum() == pytest.approx(sliding.MEAN_PRESSURE)
+    assert punch.surface.weight_area.sum() == pytest.approx(1.0)
+    contact = pressures.HertzContact.solve("pw-T6", 4, offset)
+    exact = contact.problem.exact
+    assert contact.force.sum() == pytest.approx(exact.peak * np.pi / 4, rel=0.03)  # of one half
+
+
+def test_other_cells_agree_with_triangles_on_a_fine_mesh():
+    """References are independent of the elements compared, but solve the same problems."""
+    depth = {
+        element: sliding.wear_punch(element, "own", 16, 400).half_depth[0]
+        for element in ("galerkin-Q9", "pw-T6")
+    }
+    assert depth["galerkin-Q9"] == pytest.approx(depth["pw-T6"], rel=1e-3)
+    slips = [sliding.solve_partial_slip(e, "own", 16) for e in ("galerkin-Q9", "pw-T6")]
+    assert slips[0].force == pytest.approx(slips[1].force, rel=1e-3)
+    rebounds = [sliding.throw_block(e, 16).rebound for e in ("galerkin-Q9", "sibling-T6")]
+    assert rebounds[0] == pytest.approx(rebounds[1], rel=5e-3)
+
+
+def store_answers(folder, standard, new, uncertainty=0.001):
+    """Store answers on three meshes, each with two shifted ones; the reference is 1."""
+
+    def keep(name, parameters, scalars):
+        result = Result(scalars, dimensionless(scalars), {}, dofs=1)
+        save(folder, "W", name, result, parameters, {})
+
+    scalars = {"answer": 1.0, "answer_uncertainty": uncertainty}
+    keep(
+        "reference-wear-T6", {"problem": "reference", "application": "wear", "cell": "T6"}, scalars
+    )
+    for element, three in (("galerkin-T6", standard), ("pw-T6", new)):
+        for mesh in (4, 8, 16):
+            key = f"wear-{element}-{mesh}-own"
+            stated = {"element": element, "mesh": mesh, "reading": "own"}
+            keep(key, {"problem": "wear", **stated}, {"answer": three[0]})
+            keep(
+                f"shifted-{key}",
+                {"problem": "shifted", "application": "wear", **stated},
+                {"answer_before": three[1], "answer_beyond": three[2]},
+            )
+    return Results(folder)
+
+
+def test_bands_hold_the_range_on_both_sides_of_its_middle(tmp_path):
+    results = store_answers(tmp_path, (1.02, 1.03, 1.04), (1.0, 1.001, 0.999))
+    wear = (results, "wear", "T6", "")
+    assert engineering.answer_band(*wear, False, 0) == pytest.approx((1.01, 1.05))
+    assert engineering.error_band(*wear, False, 0) == pytest.approx((0.009, 0.051))
+    assert engineering.error_band(*wear, True, 0) == pytest.approx((0.0, 0.003))
+    assert engineering.answer_changes(*wear, 0)
+    assert engineering.is_resolved(*wear, 0)
+    assert engineering.n_changes(results, 2) == 1
+
+
+@pytest.mark.parametrize(
+    "new", [(1.0, 1.02, 1.01), (1.012, 1.0125, 1.0115)], ids=["overlapping", "nearer than 1 %"]
+)
+def test_answers_in_overlapping_or_near_bands_do_not_change(tmp_path, new):
+    results = store_answers(tmp_path, (1.02, 1.021, 1.019), new)
+    assert not engineering.answer_changes(results, "wear", "T6", "", 0)
+
+
+def test_an_uncertain_reference_resolves_no_ratio(tmp_path):
+    results = store_answers(tmp_path, (1.02, 1.021, 1.019), (1.0, 1.001, 0.999), uncertainty=0.02)
+    assert engineering.answer_changes(results, "wear", "T6", "", 0)
+    assert not engineering.is_resolved(results, "wear", "T6", "", 0)
+
+
+def test_cases_have_three_meshes_and_shifted_ones_of_each_best_reading():
+    names = {case.name for case in page.CASES}
+    for problem, meshes in page.MESHES.items():
+        for cell, three in meshes.items():
+            assert len(three) == 3
+            for element in page.elements_compared(problem, cell):
+                for reading in page.best_readings(problem, element):
+                    for mesh in three:
+                        key = f"{problem}-{element}-{mesh}-{reading}"
+                        assert {key, f"shifted-{key}"} <= names

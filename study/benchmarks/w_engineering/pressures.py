@@ -125,12 +125,18 @@ class HertzContact:
     force: Array
 
     @classmethod
-    def solve(cls, element: str, edges: int) -> "HertzContact":
-        """Solve the contact with a number of edges over its half width."""
+    def solve(cls, element: str, edges: int, offset: float = 0.0) -> "HertzContact":
+        """Solve the contact.
+
+        Args:
+            element: its name.
+            edges: number of edges over the contact's half width.
+            offset: how much farther in the next edge the contact ends, over the edge's length.
+        """
         kind, cell = element.split("-")
         is_new = kind == "pw"
         problem = (line_contact_problem if cell == "T6" else sphere_contact_problem)(
-            edges, CONTACT_EDGE_POSITION
+            edges, CONTACT_EDGE_POSITION + offset
         )
         answer = (pw_t6 if is_new else snes_vi).solve(problem)
         state = StressState.PLANE_STRAIN if cell == "T6" else StressState.SOLID
@@ -144,8 +150,6 @@ class HertzContact:
 
 CONDUCTANCE, EXPONENT = 2.0, 0.95
 """h0 and the exponent in the conductance h = h0 (p / p0)^.95; p0 is Hertz' peak pressure."""
-REFERENCE_EDGES = {"T6": 48, "T10": 12}
-"""Edges over the half width of the reference, which has Hertz' pressure."""
 
 
 class HeatResult(NamedTuple):
@@ -156,15 +160,18 @@ class HeatResult(NamedTuple):
     dofs: int
 
 
-def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPONENT) -> HeatResult:
+def conduct_heat(
+    element: str, reading: str, edges: int, exponent: float = EXPONENT, offset: float = 0.0
+) -> HeatResult:
     """Return the heat with an element's pressures, on its own mesh and by its test functions.
 
     Heat flows from the far sides, at the temperature 1, through the joint into the indenter, at 0;
     the surface beside the contact is insulated. The conductivity is one. Joints conduct at nodes,
-    h(p) times the node's own weight. The exponent is M. M. Yovanovich's; of h linear in p the heat
+    h(p) times the integral of the node's test function, or its tributary area if this is how
+    pressures are read. The exponent is M. M. Yovanovich's; of h linear in p the heat
     at an even temperature is that of the total force, whatever the nodal forces.
     """
-    contact = HertzContact.solve(element, edges)
+    contact = HertzContact.solve(element, edges, offset)
     problem = contact.problem
     make_spaces = Spaces.petrov_galerkin if element.startswith("pw") else Spaces.galerkin
     spaces = make_spaces(problem.mesh, 0)
@@ -172,7 +179,8 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     pressure = np.maximum(0.0, pressure_matrix(reading, contact.surface) @ contact.force)
     relative_pressure = pressure / problem.exact.peak_pressure
     joint = np.zeros(spaces.trial.dofmap.index_map.size_local)
-    joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * nodes.weight_area
+    area = nodes.tributary_area if reading == "tributary" else nodes.weight_area
+    joint[nodes.node] = CONDUCTANCE * relative_pressure**exponent * area
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     indptr, indices, values = K.getValuesCSR()
@@ -181,10 +189,10 @@ def conduct_heat(element: str, reading: str, edges: int, exponent: float = EXPON
     return HeatResult(float(joint @ T), float(T[nodes.node[_middle_node(nodes)]]), len(T))
 
 
-def conduct_heat_of_exact_pressure(cell: str) -> HeatResult:
-    """Return the heat of Hertz' exact pressure, on a fine mesh of standard elements."""
+def conduct_heat_of_exact_pressure(cell: str, edges: int) -> HeatResult:
+    """Return the heat of Hertz' exact pressure, on a mesh of standard elements."""
     problem = (line_contact_problem if cell == "T6" else sphere_contact_problem)(
-        REFERENCE_EDGES[cell], CONTACT_EDGE_POSITION
+        edges, CONTACT_EDGE_POSITION
     )
     spaces = Spaces.galerkin(problem.mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.trial)
@@ -217,17 +225,17 @@ def _middle_node(surface: SurfaceNodes) -> int:
 # Submodel below the contact
 
 LINE_DEPTH = 0.1
-"""Depth of the line on which stresses are compared."""
+"""Depth of the line_contact_problem on which stresses are compared."""
 LINE = np.linspace(0.01, 0.79, 79)
 """Distances of its points from the axis."""
 LINE_ANGLE = np.deg2rad(20.0)
-"""Angle of the line in space from x: it lies in no plane of the mesh."""
+"""Angle of the line_contact_problem in space from x: it lies in no plane of the mesh."""
 PART_DEPTH = 1.0
 """Least depth of the part that is meshed again."""
 
 
 class SubmodelResult(NamedTuple):
-    """Pressing stress across the surface along the line, over the peak pressure.
+    """Pressing stress across the surface along the line_contact_problem, over the peak pressure.
 
     Args:
         stress: by the submodel.
@@ -240,10 +248,10 @@ class SubmodelResult(NamedTuple):
     dofs: int
 
 
-def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
+def solve_submodel(element: str, reading: str, edges: int, offset: float = 0.0) -> SubmodelResult:
     """Return the stress in a part of the body that is meshed again, twice as fine.
 
-    The part is the box below all nodes that may touch, of standard elements. It has the whole's
+    The part is the mesh_box below all nodes that may touch, of standard elements. It has the whole's
     displacements on its cut sides.
 
     Args:
@@ -251,8 +259,9 @@ def solve_submodel(element: str, reading: str, edges: int) -> SubmodelResult:
         reading: load on the part's surface: nodal forces as they are ("forces"); pressures that
             are read from them, linear between all nodes; or Hertz' pressure ("exact").
         edges: of the whole, over the half width of the contact.
+        offset: how much farther in the next edge the contact ends, over the edge's length.
     """
-    whole = HertzContact.solve(element, edges)
+    whole = HertzContact.solve(element, edges, offset)
     part = _refine_part(whole.problem)
     V, up = part.make_space(), part.normal_axis
     K = assemble_matrix(part.virtual_work(ufl.TrialFunction(V), ufl.TestFunction(V)))
@@ -288,7 +297,7 @@ def exact_stress(up: int, r: Array, z: float) -> Array:
 
 
 def _refine_part(whole: Problem) -> Problem:
-    """Return the finer box, as a problem on its own mesh."""
+    """Return the finer mesh_box, as a problem on its own mesh."""
     x = whole.mesh.geometry.x
     lines = [np.unique(x[:, axis].round(12)) for axis in range(whole.normal_axis + 1)]
     for axis in range(whole.normal_axis):

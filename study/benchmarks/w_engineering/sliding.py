@@ -23,10 +23,12 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
+    Spaces,
     SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    lumped_mass,
     prescribe,
 )
 from pw_elements.contact import (
@@ -40,12 +42,15 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import Friction, PairState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import triangles
-from study.benchmarks.v12_impact.schemes import StiffnessMassPair
+from study.benchmarks.v12_impact.schemes import (
+    MATERIAL,
+    STRESS_STATE_BY_DIMENSION,
+    StiffnessMassPair,
+)
 from study.benchmarks.w_engineering.pressures import pressure_matrix
 from study.meshes import mesh_lines
 from study.meshes.line_mesh import mesh_along_lines
-from study.meshes.solid_meshes import mesh_box, solid_cell_name
+from study.meshes.solid_meshes import mesh_box
 from study.model.discretisation import prescribe_nodes, spaces
 from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
 from study.solutions.half_space_shear import force_of_unit_hertz_contact
@@ -55,6 +60,25 @@ from study.solutions.indentation import growing_lines_from_size
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+
+# Elements
+
+
+def is_plane(element: str) -> bool:
+    """Return whether an element's cells are plane."""
+    return element.endswith(("T6", "Q9"))
+
+
+def cell_of(element: str) -> str:
+    """Return the cell of an element by its name."""
+    cells = {"T6": "triangle", "Q9": "quadrilateral", "T10": "tetrahedron", "H27": "hexahedron"}
+    return cells[element.split("-")[1]]
+
+
+def make_spaces(element: str, mesh: Mesh) -> Spaces:
+    """Return the spaces of an element; those of "galerkin-Q9" are for references."""
+    return Spaces.galerkin(mesh) if element == "galerkin-Q9" else spaces(element, mesh)
+
 
 # Wear. Lengths are over the punch's height, stresses over the mean pressure
 
@@ -90,16 +114,27 @@ class Punch:
     dofs: int
 
     @classmethod
-    def make(cls, element: str, cells: int) -> "Punch":
-        """Make one half, or in space a quarter, with `cells` along its height and half width."""
+    def make(cls, element: str, cells: int, offset: float = 0.0) -> "Punch":
+        """Make one half, or in space a quarter, with `cells` along its height and half width.
+
+        Args:
+            element: its name.
+            cells: number of them.
+            offset: how far mesh lines across the face are moved, over the size of a cell; half of
+                it at most. The load's edge stays on a line.
+        """
         lines: npt.NDArray[np.float64] = np.linspace(0.0, 1.0, cells + 1, dtype=np.float64)
-        if element.endswith("T6"):
-            mesh, state = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)), "plane strain"
+        beside = lines + offset / 2 / cells * np.sin(2 * np.pi * lines)
+        if is_plane(element):
+            mesh, state = (
+                mesh_along_lines(MPI.COMM_SELF, beside, lines, cell_of(element)),
+                "plane strain",
+            )
         else:
-            mesh, state = mesh_box(solid_cell_name(element), lines, lines, lines), "solid"
+            mesh, state = mesh_box(cell_of(element), beside, beside, lines), "solid"
         up = mesh.geometry.dim - 1
         material = Material(PUNCH_MODULUS, PUNCH_POISSONS_RATIO)
-        body = Body(spaces(element, mesh), material, StressState(state))
+        body = Body(make_spaces(element, mesh), material, StressState(state))
         K, space = assemble_matrix(body.stiffness()), body.spaces.trial
 
         def is_loaded(x: Array) -> Mask:
@@ -209,7 +244,9 @@ class WearResult(NamedTuple):
     end_error: float
 
 
-def wear_punch(element: str, reading: str, cells: int, n_steps: int) -> WearResult:
+def wear_punch(
+    element: str, reading: str, cells: int, n_steps: int, offset: float = 0.0
+) -> WearResult:
     """Wear the face, at its nodes, by equal explicit steps of the path.
 
     A step of the path is stable while k ds times the largest eigenvalue of R S is below 2, where R
@@ -219,7 +256,7 @@ def wear_punch(element: str, reading: str, cells: int, n_steps: int) -> WearResu
     Raises:
         ValueError: if a step is not stable.
     """
-    punch = Punch.make(element, cells)
+    punch = Punch.make(element, cells, offset)
     R = pressure_matrix(reading, punch.surface)
     step = PATH / n_steps
     largest_eigenvalue = float(np.abs(np.linalg.eigvals(R @ punch.stiffness())).max())
@@ -304,7 +341,11 @@ class PartialSlipResult(NamedTuple):
 
 
 def solve_partial_slip(
-    element: str, reading: str, edges: int, halving_pressure: float = HALVING_PRESSURE
+    element: str,
+    reading: str,
+    edges: int,
+    halving_pressure: float = HALVING_PRESSURE,
+    offset: float = 0.0,
 ) -> PartialSlipResult:
     """Press a rigid parabola to its exact depth, without friction, and move it along the surface.
 
@@ -317,13 +358,15 @@ def solve_partial_slip(
             repeated until they do not change.
         edges: over the half width of the contact.
         halving_pressure: at which the coefficient has halved, over Hertz' peak pressure.
+        offset: how much farther in its edge of the mesh the contact ends, over the edge's length.
     """
-    is_solid = element.endswith("T10")
-    mesh, zone, outer = _half_of_space(edges) if is_solid else _plane(edges)
+    is_solid = not is_plane(element)
+    make_mesh = _half_of_space if is_solid else _plane
+    mesh, zone, outer = make_mesh(cell_of(element), edges + offset)
     up = mesh.geometry.dim - 1
     exact = _hertz_solution(is_solid)
     state = StressState.SOLID if is_solid else StressState.PLANE_STRAIN
-    body = Body(spaces(element, mesh), Material(E, NU), state)
+    body = Body(make_spaces(element, mesh), Material(E, NU), state)
     K, space = assemble_matrix(body.stiffness()), body.spaces.trial
 
     def may_touch(x: Array) -> Mask:
@@ -407,7 +450,7 @@ def _value_at_nearest(position: Array, values: Array, x: Array) -> Array:
     return np.asarray(values[distance.argmin(axis=1)])
 
 
-def _plane(edges: int) -> tuple[Mesh, float, float]:
+def _plane(cell: str, edges: float) -> tuple[Mesh, float, float]:
     """Return the plane's mesh, the distance up to which nodes may touch, and the far sides'."""
     size = 1 / (edges + mesh_lines.CONTACT_EDGE_POSITION)
     near = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
@@ -416,14 +459,14 @@ def _plane(edges: int) -> tuple[Mesh, float, float]:
     )
     along = np.concatenate([-right[:0:-1], right])
     below = -growing_lines_from_size(size, BODY_SIZE)[::-1]
-    return mesh_along_lines(MPI.COMM_SELF, along, below, "triangle"), float(near[-1]), BODY_SIZE
+    return mesh_along_lines(MPI.COMM_SELF, along, below, cell), float(near[-1]), BODY_SIZE
 
 
-def _half_of_space(edges: int) -> tuple[Mesh, float, float]:
+def _half_of_space(cell: str, edges: float) -> tuple[Mesh, float, float]:
     """Return the same of the half y >= 0 of space."""
     lines = mesh_lines.graded_body_lines(edges)
     along = np.concatenate([-lines.horizontal[:0:-1], lines.horizontal])
-    mesh = mesh_box(solid_cell_name("T10"), along, lines.horizontal, lines.vertical)
+    mesh = mesh_box(cell, along, lines.horizontal, lines.vertical)
     return mesh, lines.contact_zone_size, mesh_lines.BODY_SIZE
 
 
@@ -497,20 +540,26 @@ class ImpactResult(NamedTuple):
     dofs: int
 
 
-def throw_block(element: str, cells: int) -> ImpactResult:
+def throw_block(element: str, cells: int, offset: float = 0.0) -> ImpactResult:
     """Compute the impact of a block with so many cells along its height.
 
-    The block is 2 x 1 (in space 2 x 1 x 1, one half of it). The library integrates both schemes,
+    The block is 2 x 1 (in space 2 x 1 x 1, one half of it). The library integrates all schemes,
     each with 0.9 of its own critical step. Nodal forces alone enter the law: nothing is read.
+
+    Args:
+        element: its name.
+        cells: number of them.
+        offset: how far mesh lines above the dome's apex are moved, over the size of a cell.
     """
-    kind, cell = element.split("-")
-    if cell == "T6":
-        mesh = triangles(MPI.COMM_SELF, (-1, 0), (1, 1), (2 * cells, cells))
+    along = np.linspace(-1.0, 1.0, 2 * cells + 1, dtype=np.float64)
+    along += offset / cells * (1 - along**2)
+    up = np.linspace(0.0, 1.0, cells + 1, dtype=np.float64)
+    cell = cell_of(element)
+    if is_plane(element):
+        mesh = mesh_along_lines(MPI.COMM_SELF, along, up, cell)
     else:
-        ends = ((-1.0, 1.0, 2 * cells), (0.0, 0.5, cells // 2), (0.0, 1.0, cells))
-        along, across, up = (np.linspace(a, b, n + 1, dtype=np.float64) for a, b, n in ends)
-        mesh = mesh_box("tetrahedron", along, across, up)
-    scheme, dim = StiffnessMassPair.from_name(SCHEMES[kind], mesh), mesh.geometry.dim
+        mesh = mesh_box(cell, along, np.linspace(0.0, 0.5, cells // 2 + 1, dtype=np.float64), up)
+    scheme, dim = _make_scheme(element, mesh), mesh.geometry.dim
     symmetry = [prescribe(scheme.space, 1, _symmetry_plane(1))] if dim == 3 else []
     if scheme.sibling is None:
         supports = Reduction.dirichlet(scheme.space, symmetry)
@@ -519,7 +568,9 @@ def throw_block(element: str, cells: int) -> ImpactResult:
     velocity = scheme.K.createVecRight()
     start = SPEED_DOWN * np.array([SPEED_RATIO, *[0.0] * (dim - 2), -1.0])
     velocity.setArray(np.tile(start, velocity.getLocalSize() // dim))
-    dome = Parabola((0.0,) * dim, -DOME_RADIUS)
+    # an apex between shifted nodes: the sibling's coefficients would begin inside the dome
+    start_gap = 1 / (8 * DOME_RADIUS * cells**2) if offset else 0.0  # sagitta over half a cell
+    dome = Parabola((*[0.0] * (dim - 1), -start_gap), -DOME_RADIUS)
     pair = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), dome, DOME_FRICTION)
     history = solve_impact(scheme.K, scheme.M, supports, pair, scheme.space, END_TIME, velocity)
     mass = scheme.M.getDiagonal().array_r.reshape(-1, dim)
@@ -537,3 +588,13 @@ def throw_block(element: str, cells: int) -> ImpactResult:
         force,
         scheme.K.getSize()[0],
     )
+
+
+def _make_scheme(element: str, mesh: Mesh) -> StiffnessMassPair:
+    """Return stiffness and lumped mass; for references those of Simpson's rule."""
+    kind, cell = element.split("-")
+    if cell in ("T6", "T10"):
+        return StiffnessMassPair.from_name(SCHEMES[kind], mesh)
+    body = Body(make_spaces(element, mesh), MATERIAL, STRESS_STATE_BY_DIMENSION[mesh.geometry.dim])
+    mass = lumped_mass(assemble_matrix(body.mass()), body.spaces.trial)
+    return StiffnessMassPair(body, assemble_matrix(body.stiffness()), mass)
