@@ -180,7 +180,7 @@ def solve_hertz_and_measure_error_and_indicator(edges_per_half_width, cell=None)
     (state,) = elastic.solve_contact(ContactPair(near_contact, punch, 0.0, [motion]), supports)
     fields, x = ContactFields.from_state(state, body), ufl.SpatialCoordinate(mesh)
     squared_radius = sum(x[i] ** 2 for i in range(dim - 1))
-    exact = exact_solution.peak * ufl.sqrt(ufl.max_value(0.0, 1 - squared_radius / a**2))
+    exact = exact_solution.peak_pressure * ufl.sqrt(ufl.max_value(0.0, 1 - squared_radius / a**2))
     squared_error = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
     error = np.sqrt(assemble_scalar(squared_error * boundary_measure(mesh, near_contact, 12)))
     return error, fields.error_indicator(), h, a

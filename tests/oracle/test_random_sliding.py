@@ -88,7 +88,7 @@ def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
 
 def oracle_contact_and_history(problem):
     """Return the oracle's model of a problem with a tool, and its history of states."""
-    states, _ = problem.solution
+    states, _ = problem.accepted_states_and_error
     sketch = problem.sketch
     lame = 2 * sketch.nu / (1 - 2 * sketch.nu)
     body = NeoHookeanBody(

@@ -154,7 +154,7 @@ def test_mindlin_holds_what_it_says():
     assert force == pytest.approx(known.force, rel=1e-4)
     # at nu = 0 the middle moves by the sum of 2 q dA / (4 pi G r)
     moved = np.trapezoid(known.shear(r), r) / known.normal.body.shear_modulus
-    assert moved == pytest.approx(known.shift, rel=1e-3)
+    assert moved == pytest.approx(known.tangential_approach, rel=1e-3)
     assert known.shear(np.array([known.stick])) == pytest.approx(
         0.4 * known.pressure(np.array([known.stick]))
     )
@@ -174,7 +174,7 @@ def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_meshes_have_their_volume_and_their_edge(cell):
     lines = graded_body_lines(3)
-    mesh = mesh_box(cell, lines.beside, lines.beside, lines.below)
+    mesh = mesh_box(cell, lines.horizontal, lines.horizontal, lines.vertical)
     assert volume(mesh) == pytest.approx(2.5**3)
     mesh = mesh_quarter_cylinder(cell, 2, np.array([1.5, 2.0]), np.array([-1.0, -0.4, 0.0]))
     assert volume(mesh) == pytest.approx(np.sin(np.pi / 8) / (np.pi / 8) * np.pi, rel=1e-12)
