@@ -148,15 +148,15 @@ def test_mindlin_holds_what_it_says():
         0.4,
         0.5,
     )
-    a = known.normal.half_width
+    a = known.normal_contact.half_width
     r = np.linspace(0, a, 4001)
     force = 2 * np.pi * np.trapezoid(known.shear(r) * r, r)
-    assert force == pytest.approx(known.force, rel=1e-4)
+    assert force == pytest.approx(known.tangential_force, rel=1e-4)
     # at nu = 0 the middle moves by the sum of 2 q dA / (4 pi G r)
-    moved = np.trapezoid(known.shear(r), r) / known.normal.body.shear_modulus
+    moved = np.trapezoid(known.shear(r), r) / known.normal_contact.body.shear_modulus
     assert moved == pytest.approx(known.tangential_approach, rel=1e-3)
-    assert known.shear(np.array([known.stick])) == pytest.approx(
-        0.4 * known.pressure(np.array([known.stick]))
+    assert known.shear(np.array([known.stick_radius])) == pytest.approx(
+        0.4 * known.pressure(np.array([known.stick_radius]))
     )
 
 
@@ -167,8 +167,8 @@ def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
     r = np.random.default_rng(3).uniform(0, 1, 200)
     tractions = np.column_stack([exact.shear(r), 0 * r, exact.pressure(r)])
     tractions[::7] = np.nan
-    radius = partial_slip.fit_stick_radius(r, tractions, r < exact.stick)
-    assert radius == pytest.approx(exact.stick, rel=1e-9)
+    radius = partial_slip.fit_stick_radius(r, tractions, r < exact.stick_radius)
+    assert radius == pytest.approx(exact.stick_radius, rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
@@ -189,11 +189,11 @@ def volume(mesh):
 
 
 def test_partial_slip_formulas_balance_the_forces():
-    known = Cattaneo(half_width=2.0, force=3.0, friction=0.3, share=0.6)
+    known = Cattaneo(half_width=2.0, force=3.0, friction=0.3, friction_utilisation=0.6)
     x = np.linspace(-2, 2, 200_001)
     assert np.trapezoid(known.pressure(x), x) == pytest.approx(3.0, rel=1e-6)
     assert np.trapezoid(known.shear(x), x) == pytest.approx(0.6 * 0.3 * 3.0, rel=1e-6)
-    slipping = np.abs(x) > known.stick
+    slipping = np.abs(x) > known.stick_half_width
     assert known.shear(x)[slipping] == pytest.approx(0.3 * known.pressure(x)[slipping])
     assert np.all(known.shear(x)[~slipping] <= 0.3 * known.pressure(x)[~slipping])
 
