@@ -88,7 +88,7 @@ def caption(results: Results) -> str:
     )
     return (
         "Stresses along the contact area: triangles (the paper's Fig. 7) and quadrilaterals "
-        f"(Fig. 8). Left: {TRIBUTARY_READING.name}; right: {OWN_FUNCTION_READING.name}, "
+        f"(Fig. 8), {TRIBUTARY_READING.name} and {OWN_FUNCTION_READING.name}, "
         f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Ratio "
         f"of the normal force of a mid-side node to that of its corners: {saw}. Grey band: data "
         "that are not printed, new T6. Coloured bands: all diagonals. Strips: contact zones of the "

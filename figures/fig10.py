@@ -77,7 +77,7 @@ def caption(results: Results) -> str:
     )
     return (
         "Stresses below the punch after the tangential force, in the paper's units (E = 1000). "
-        f"Left: {TRIBUTARY_READING.name}; right: {OWN_FUNCTION_READING.name}, "
+        f"They are {TRIBUTARY_READING.name} and {OWN_FUNCTION_READING.name}, "
         f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Grey "
         f"band: bodies and punches for which the normal force is {least:.0f} to {most:.0f} "
         "(printed: about 215), and the normal force held instead of the depth, new Q9. Blue "

@@ -72,7 +72,7 @@ def caption(results: Results) -> str:
     """Return the caption."""
     angle = "friction angle 20 degrees, plane stress"
     return (
-        f"Stresses below the plate ({angle}). Left: {TRIBUTARY_READING.name}; right: "
+        f"Stresses below the plate ({angle}), {TRIBUTARY_READING.name} and "
         f"{OWN_FUNCTION_READING.name}, "
         f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. The singular values "
         "at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "

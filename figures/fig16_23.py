@@ -111,7 +111,7 @@ def caption(results: Results) -> str:
         for kind in ("galerkin", "pw")
     )
     return (
-        f"Stresses along the contact surfaces ({places}). Left: {TRIBUTARY_READING.name}; right: "
+        f"Stresses along the contact surfaces ({places}), {TRIBUTARY_READING.name} and "
         f"{OWN_FUNCTION_READING.name}, {OWN_FUNCTION_READING.meaning}, of which standard "
         f"elements have none on the axis. "
         f"{DEVIATION}. Ratio of the normal force of a mid-side node to that of its corners, over "

@@ -94,14 +94,14 @@ def _tilted_plane_loads_supports_pairs(solid):
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
     pair = ContactPair(on_plane(2, 1.0), plane, 0.4, [Motion((0.01, 0.0, -0.08))])
-    return solid.zero_load, solid.base_supports(0.001), pair
+    return solid.zero_load, solid.base_supports_moved_by_1_2_3_times(0.001), pair
 
 
 def _moved_sphere_loads_supports_pairs(solid):
     """Return the arguments of a block under a sphere that is moved down, then sideways."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
-    return [solid.zero_load] * 2, solid.base_supports(0.001), pair
+    return [solid.zero_load] * 2, solid.base_supports_moved_by_1_2_3_times(0.001), pair
 
 
 def _pushed_sphere_loads_supports_pairs(solid):
@@ -112,14 +112,14 @@ def _pushed_sphere_loads_supports_pairs(solid):
     """
     motions = [Motion((0, 0, None), (0, 0, -5.0)), Motion((None, None, None), (1.0, 0.3, -5.0))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
-    return [solid.zero_load] * 2, solid.base_supports(), pair
+    return [solid.zero_load] * 2, solid.base_supports_moved_by_1_2_3_times(), pair
 
 
 def _pushed_plate_loads_supports_pairs(solid):
     """Return the arguments of a block under a rough plate that forces press, then push sideways."""
     motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
-    return [solid.zero_load] * 2, solid.base_supports(), pair
+    return [solid.zero_load] * 2, solid.base_supports_moved_by_1_2_3_times(), pair
 
 
 SOLID_CASE_MAKERS_BY_NAME = {

@@ -200,7 +200,7 @@ def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_uniqu
     The block may slide by any distance.
     """
     block = BlockOnFloor(8)
-    states = block.solve(0.3, load_ratio * 120.0, n_pull_increments=1, frictionless_end=0.0)
+    states = block.solve(0.3, load_ratio * 120.0, n_pull_increments=1, frictionless_end_length=0.0)
     assert states[-1].unique is is_unique
 
 

@@ -233,7 +233,10 @@ def test_surfaces_may_move_freely_outside_the_body(name):
 
 
 def test_a_plate_from_below_may_approach_the_far_side_as_far_as_one_from_above():
-    options = {"supports": BLOCK_4_BY_2.make_clamping_supports(on_plane(1, 2.0)), "level": 0.0}
+    options = {
+        "supports": BLOCK_4_BY_2.make_clamping_supports(on_plane(1, 2.0)),
+        "contact_face_height": 0.0,
+    }
     assert solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 1.999998), **options)
     with pytest.raises(SurfacePassed, match="whole thickness"):
         solve_under_moved_surface(Plane((0, 0), (0, 1)), (0, 2.000002), **options)
@@ -246,7 +249,7 @@ def test_surfaces_that_pass_through_the_thickness_are_refused_in_space(cell):
     options = {
         "body": body,
         "supports": body.make_clamping_supports(on_plane(2, 0.0)),
-        "level": 1.0,
+        "contact_face_height": 1.0,
     }
     plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
     assert solve_under_moved_surface(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9

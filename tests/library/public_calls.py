@@ -122,7 +122,7 @@ def make_valid_collective_calls(comm):
         ),
         "ContactFields.from_state": (ContactFields.from_state, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
-        "ContactFields.indicator": (fields.error_indicator, {}),
+        "ContactFields.error_indicator": (fields.error_indicator, {}),
         "ContactProblem": (
             ContactProblem,
             contact_arguments | option_arguments | {"callback": None},

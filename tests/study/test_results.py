@@ -69,7 +69,9 @@ def test_every_case_states_its_element_where_it_has_one(section):
         elif "peer_element" in stated:
             assert not is_element(stated["peer_element"]), case.key
         else:
-            assert stated["problem"] in ("exact", "trefftz") or stated["method"], case.key
+            assert stated["problem"] in ("exact", "trefftz", "reference") or stated["method"], (
+                case.key
+            )
 
 
 @pytest.mark.parametrize("section", SECTIONS)
