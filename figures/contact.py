@@ -26,6 +26,8 @@ from figures.style import CLEAR, LOOK, MANY
 from study.model.vocabulary import ELEMENTS, OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import (
     DIAGONALS_LABEL,
+    OTHER_DIAGONALS,
+    UNPRINTED_DATA,
     UNPRINTED_DATA_LABEL,
     Variants,
     envelope,
@@ -112,6 +114,22 @@ def shade_band(
     """Shade the range from the least to the largest curve of several cases, times a scale."""
     x, low, high = envelope([(curves["x"], curves[quantity]) for curves in lines])
     ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
+
+
+def shade_families(ax: Axes, results: Results, varied: str, cut: str, quantity: str) -> None:
+    """Shade the bands of unprinted data and of all diagonals around two cases.
+
+    Args:
+        ax: Panel.
+        results: Stored results.
+        varied: Case whose unprinted data vary.
+        cut: Case of the new T6 whose diagonals vary.
+        quantity: Name of the curves.
+    """
+    unprinted_data = load_case_family(results, varied, UNPRINTED_DATA)
+    shade_band(ax, unprinted_data, quantity, 1.0, DATA_BAND)
+    diagonals = load_case_family(results, cut, OTHER_DIAGONALS)
+    shade_band(ax, diagonals, quantity, 1.0, diagonal_band_look("pw-T6"))
 
 
 def plot_elements(

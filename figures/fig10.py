@@ -4,14 +4,11 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.contact import (
-    DATA_BAND,
     DEVIATION,
     READINGS,
-    diagonal_band_look,
-    load_case_family,
     plot_elements,
     print_deviations,
-    shade_band,
+    shade_families,
     title_panel,
 )
 from figures.style import FULL
@@ -41,14 +38,7 @@ def draw(results: Results) -> Figure:
     for ax, (stress, reading) in zip(axes, columns, strict=True):
         curve = stress + reading
         if not reading:
-            shade_band(ax, load_case_family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
-            shade_band(
-                ax,
-                load_case_family(results, CUT, OTHER_DIAGONALS),
-                curve,
-                1.0,
-                diagonal_band_look("pw-T6"),
-            )
+            shade_families(ax, results, VARIED, CUT, curve)
         ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, 114 × 24")
         plot_elements(ax, results, DRAWN, curve, hollow="pw-T6")
         curves_by_element = {element: results.curves(f"7.3/{element}") for element in ELEMENTS}
@@ -78,9 +68,9 @@ def caption(results: Results) -> str:
     return (
         "Stresses below the punch after the tangential force, in the paper's units (E = 1000). "
         f"They are {TRIBUTARY_READING.name} and {OWN_FUNCTION_READING.name}, "
-        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Grey "
-        f"band: bodies and punches for which the normal force is {least:.0f} to {most:.0f} "
-        "(printed: about 215), and the normal force held instead of the depth, new Q9. Blue "
+        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Grey band: bodies and punches "
+        f"for which the normal force is {least:.0f} to {most:.0f} (printed: about 215), and the "
+        "normal force held instead of the depth, new Q9. Blue "
         "band: the new T6 with all diagonals. The curves of Oden and Pires are lost in our copy "
         "of the paper. Strips: contact zones of the new Q8."
     )

@@ -4,14 +4,11 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.contact import (
-    DATA_BAND,
     DEVIATION,
     READINGS,
-    diagonal_band_look,
-    load_case_family,
     plot_elements,
     print_deviations,
-    shade_band,
+    shade_families,
     title_panel,
 )
 from figures.style import FULL
@@ -45,14 +42,7 @@ def draw(results: Results) -> Figure:
     for ax, (stress, reading) in zip(axes, columns, strict=True):
         curve = stress + reading
         if not reading:
-            shade_band(ax, load_case_family(results, VARIED, UNPRINTED_DATA), curve, 1.0, DATA_BAND)
-            shade_band(
-                ax,
-                load_case_family(results, CUT, OTHER_DIAGONALS),
-                curve,
-                1.0,
-                diagonal_band_look("pw-T6"),
-            )
+            shade_families(ax, results, VARIED, CUT, curve)
         ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, fine")
         plot_elements(ax, results, DRAWN, curve)
         curves_by_element = {element: results.curves(f"7.4/{element}") for element in ELEMENTS}
@@ -73,10 +63,10 @@ def caption(results: Results) -> str:
     angle = "friction angle 20 degrees, plane stress"
     return (
         f"Stresses below the plate ({angle}), {TRIBUTARY_READING.name} and "
-        f"{OWN_FUNCTION_READING.name}, "
-        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. The singular values "
-        "at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "
-        "bodies half and twice as wide and deep, and plane strain, new Q8. Blue band: the new T6, "
+        f"{OWN_FUNCTION_READING.name}, {OWN_FUNCTION_READING.meaning}. {DEVIATION}. "
+        "The singular values at both edges are cut off; unit length and thickness are taken as "
+        "1 m. Grey band: bodies half and twice as wide and deep, and plane strain, new Q8. Blue "
+        "band: the new T6, "
         "which has the new Q8's forces, with all diagonals. Strips: contact zones of the new Q8."
     )
 

@@ -113,8 +113,8 @@ def caption(results: Results) -> str:
     return (
         f"Stresses along the contact surfaces ({places}), {TRIBUTARY_READING.name} and "
         f"{OWN_FUNCTION_READING.name}, {OWN_FUNCTION_READING.meaning}, of which standard "
-        f"elements have none on the axis. "
-        f"{DEVIATION}. Ratio of the normal force of a mid-side node to that of its corners, over "
+        f"elements have none on the axis. {DEVIATION}. Ratio of the normal force of a mid-side "
+        "node to that of its corners, over "
         f"all surfaces: standard elements {min(standard):.3f} to {max(standard):.3f}, new elements "
         f"{min(new):.3f} to {max(new):.3f}. Grey band on surfaces 1 and 4: gaps of 0 and 0.2 mm "
         "and the second column, drawn over the radii of the first, new T6. Coloured "

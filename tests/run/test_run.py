@@ -109,7 +109,9 @@ def test_a_figure_is_written_relative_to_the_current_folder(tmp_path):
     process = run_script("figure", "fig04", "--results", "mine", "--out", "drawn", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     written = [tmp_path / "drawn" / name for name in ("fig04.png", "fig04.pdf")]
-    assert [str(path) for path in written] == process.stdout.splitlines()[:2]
+    *paths, caption = process.stdout.splitlines()
+    assert paths == [str(path) for path in written]
+    assert caption.startswith("Unit square of unit thickness, two 6-node triangles")
     assert all(path.stat().st_size > 1000 for path in written)
     assert plt.imread(written[0]).shape[1] == 480  # 2.4 inches
     assert (tmp_path / "mine" / "7.1" / "pw-T6.json").exists()
