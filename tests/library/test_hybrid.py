@@ -387,7 +387,7 @@ def test_krylov_solver_handles_a_varying_modulus_and_axisymmetry():
     assert ClampedBlock(mesh, state="axisymmetric").compare_solvers()[1] < 60
 
 
-@pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
+@pytest.mark.parametrize(("support_kind", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_vibration_modes_equal_those_of_the_direct_solver(support_kind, nu):
     """Vibration modes by Krylov's method agree with those by matrix factors.
 

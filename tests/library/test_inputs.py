@@ -245,7 +245,7 @@ def constant_function(value):
     return function
 
 
-@pytest.mark.parametrize("what", CALLS_WITH_OUT_OF_RANGE_NUMBERS)
+@pytest.mark.parametrize("call_name", CALLS_WITH_OUT_OF_RANGE_NUMBERS)
 def test_numbers_that_lose_their_digits_are_refused(call_name):
     """Numbers so small or large that they lose their digits are refused.
 

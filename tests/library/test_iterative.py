@@ -373,7 +373,7 @@ def treat_all_bodies_as_large(monkeypatch):
     )  # GMRES then fails where no node sticks
 
 
-@pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
+@pytest.mark.parametrize(("is_top_clamped", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
 def test_auto_selects_direct_for_larger_bodies_that_only_contact_supports(
     monkeypatch, is_top_clamped, method
 ):
