@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 _started = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
-if _started.absolute().parent == Path(__file__).parent and _started.stem != "__main__":
+_COMMANDS = {"__main__", "run_study"}
+if _started.absolute().parent == Path(__file__).parent and _started.stem not in _COMMANDS:
     from figures.__main__ import main
     from study.run.supervisor import run_supervised
 

@@ -38,7 +38,7 @@ from study.run.store import (
     write_json,
 )
 
-FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "style"}
+FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "run_study", "style"}
 
 RASTER = 200  # dots per inch of what is an image within a drawing
 KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last

@@ -5,10 +5,9 @@ import errno
 import os
 import resource
 import sys
-from collections.abc import Sequence
-from importlib import import_module
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from study.run import runner
 from study.run.cases import SECTIONS, Case, Section, load_section
@@ -51,16 +50,32 @@ what it says; 128 and its number if a signal ended it, as 130 after Ctrl-C
 """
 
 
-BESIDE = runner.Beside(
-    shared="study.model.forms:shared",
-    prepare="study.model.forms:compile_shared",
-    needs="figures.drawing:needs",
-    draw="figures.drawing:update",
-)
+class FigureDrawing(NamedTuple):
+    """Functions that draw figures; the study does not import them.
+
+    Attributes:
+        list_needs: See `runner.ParallelTasks`.
+        draw: See `runner.ParallelTasks`.
+        draw_all: Draw the figures that are not up to date, given the folder of results, whether no
+            result may be missing, and the number of processes; return whether none failed.
+    """
+
+    list_needs: str
+    draw: str
+    draw_all: Callable[[Path, bool, int], bool]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; return the exit status."""
+def main(arguments: list[str] | None = None, figures: FigureDrawing | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Arguments of the command line; by default those of this process.
+        figures: Functions that draw the figures. Without them, the report contains the figures that
+            were drawn before.
+
+    Returns:
+        The exit status.
+    """
     parser = argparse.ArgumentParser(
         prog="study",
         description=__doc__,
@@ -75,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        status = _command(options)
+        status = _command(options, figures)
         sys.stdout.flush()
         return status
     except (StudyError, ForeignFileOrFolder) as error:
@@ -113,20 +128,28 @@ def _folder(name: str) -> Path:
     return FROM / name
 
 
-def _command(options: argparse.Namespace) -> int:
+def _command(options: argparse.Namespace, figures: FigureDrawing | None) -> int:
     match options.what:
         case ["list"]:
             return show(options.out)
         case ["check"]:
             return check(options.out)
         case ["report"]:
-            return report(options.out, options.jobs)
+            return report(options.out, options.jobs, figures)
         case wanted:
-            return study(wanted, options.out, options.jobs, options.force, options.all)
+            return study(
+                wanted, options.out, options.jobs, options.force, options.all, figures=figures
+            )
 
 
 def study(
-    wanted: list[str], out: Path, jobs: int, force: bool = False, recompute: bool = False
+    wanted: list[str],
+    out: Path,
+    jobs: int,
+    force: bool = False,
+    recompute: bool = False,
+    *,
+    figures: FigureDrawing | None = None,
 ) -> int:
     """Compute the sections, or all if none is given, and conclude; or nothing but single cases.
 
@@ -136,6 +159,7 @@ def study(
         jobs: Number of processes.
         force: Compute also what is stored and holds.
         recompute: Compute also what is otherwise read from tracked records.
+        figures: Functions that draw the figures.
 
     Returns:
         The exit status.
@@ -164,8 +188,18 @@ def study(
     cases = [case for section in loaded for case in section.cases]
     if recompute:
         cases = _recomputed(cases, out)
-    failed = runner.run(cases, out, jobs, force, None if wanted else BESIDE)
-    return max(conclude(out, known, complete=not wanted, jobs=jobs, of=wanted), int(bool(failed)))
+    failed = runner.run(cases, out, jobs, force, None if wanted else _parallel_tasks(figures))
+    status = conclude(out, known, not wanted, jobs, wanted, figures=figures)
+    return max(status, int(bool(failed)))
+
+
+def _parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
+    return runner.ParallelTasks(
+        list_preparations="study.model.forms:shared",
+        prepare="study.model.forms:compile_shared",
+        list_needs=figures.list_needs if figures else "",
+        draw=figures.draw if figures else "",
+    )
 
 
 def _recomputed(cases: list[Case], out: Path) -> list[Case]:
@@ -190,14 +224,14 @@ def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
     return [case for case in known if not {case.key, case.section}.isdisjoint(wanted)]
 
 
-def report(out: Path, jobs: int = 1) -> int:
+def report(out: Path, jobs: int = 1, figures: FigureDrawing | None = None) -> int:
     """Judge, draw and write the report again."""
     from study.judge import claims
 
     results = _ensure_stored(out)
     ensure_writable(out)
     _tell_outdated(results)
-    return conclude(out, claims.load_claims(), complete=False, jobs=jobs)
+    return conclude(out, claims.load_claims(), complete=False, jobs=jobs, figures=figures)
 
 
 def check(out: Path) -> int:
@@ -232,7 +266,13 @@ def show(out: Path) -> int:
 
 
 def conclude(
-    out: Path, known: "list[Claim]", complete: bool, jobs: int = 1, of: Sequence[str] = ()
+    out: Path,
+    known: "list[Claim]",
+    complete: bool,
+    jobs: int = 1,
+    of: Sequence[str] = (),
+    *,
+    figures: FigureDrawing | None = None,
 ) -> int:
     """Write claims, figures and report from what is stored, and print verdicts.
 
@@ -242,6 +282,7 @@ def conclude(
         complete: Whether nothing may be missing, as after a run of all sections.
         jobs: Number of processes that draw.
         of: Sections: verdicts that depend on their results are printed; without any, all verdicts.
+        figures: Functions that draw the figures.
 
     Returns:
         3 if stored results are corrupt; 1 if a printed verdict differs from the pinned one, a
@@ -254,7 +295,9 @@ def conclude(
     judged = [_judge(claim, results) for claim in known]
     verdicts = [verdict for verdict, _ in judged]
     facts.write(out, verdicts, results)
-    drawn = draw_figures(out, complete, jobs)
+    if figures is None:
+        print("study: figures are not drawn; ./run study draws them", file=sys.stderr)
+    drawn = figures is None or figures.draw_all(out, complete, jobs)
     incomplete = build(results, out)
     printed = [verdict for verdict, read in judged if not of or read & {*of}]
     differing = [
@@ -279,12 +322,6 @@ def _judge(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
     tracked = TrackedResults(results)
     (verdict,) = claims.judge([claim], tracked)
     return verdict, tracked.sections
-
-
-def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
-    """Draw all figures; return whether none failed."""
-    figures = import_module("figures.__main__")  # which is above the study
-    return bool(figures.draw_all(out, complete, jobs))
 
 
 def _load(sections: list[str]) -> list[Section]:

@@ -54,21 +54,24 @@ class CaseOutcome:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """What several processes do beside the cases, by functions as "module:name".
+class ParallelTasks:
+    """Tasks of the worker processes besides the cases, as functions "module:name".
+
+    Only the worker processes import these functions.
 
     Attributes:
-        shared: Gives arguments for `prepare`, for each thing that many cases share.
-        prepare: Makes one of them ready, before the cases.
-        needs: Gives the keys of results that each drawing needs, by its name.
-        draw: Makes one, given its name and the folder of results, as soon as they are there. It
-            tells nothing: who draws all of them afterwards finds these done, or the fault again.
+        list_preparations: Return the arguments of each call of `prepare`.
+        prepare: Prepare something that many cases share; called before the cases.
+        list_needs: Return the keys of the results that each figure needs, by its name. Empty if no
+            figures are drawn.
+        draw: Draw a figure, given its name and the folder of results, as soon as the results that
+            it needs are stored. Errors are ignored: they occur again when all figures are drawn.
     """
 
-    shared: str
+    list_preparations: str
     prepare: str
-    needs: str
-    draw: str
+    list_needs: str = ""
+    draw: str = ""
 
 
 def states(cases: list[Case], results: Results) -> dict[str, Validity]:
@@ -113,7 +116,7 @@ def discard_others(section: Section, out: Path) -> None:
 
 
 def run(
-    cases: list[Case], out: Path, jobs: int, force: bool, beside: Beside | None = None
+    cases: list[Case], out: Path, jobs: int, force: bool, tasks: ParallelTasks | None = None
 ) -> list[str]:
     """Compute cases without a valid stored result; report on stderr each section that has ended.
 
@@ -124,7 +127,7 @@ def run(
         out: Folder of the results.
         jobs: Number of processes; if it is 1, the cases run in this one.
         force: Compute all cases, also those with a valid stored result.
-        beside: Further tasks if there are several processes.
+        tasks: Further tasks if there are several processes.
 
     Returns:
         Keys of the cases that did not finish. A stored result of theirs is kept if it is valid, and
@@ -159,7 +162,7 @@ def run(
         ended = _run_serially(to_run, out)
     else:
         ready = {case.key for case in cases} - {case.key for case, _ in to_run}
-        ended = _run_in_parallel(to_run, out, jobs, beside, ready)
+        ended = _run_in_parallel(to_run, out, jobs, tasks, ready)
     with closing(ended):  # ends the worker processes if this process is interrupted
         for case, outcome in ended:
             if outcome is None:
@@ -246,7 +249,7 @@ def _run_in_parallel(
     to_run: list[CaseToRun],
     out: Path,
     jobs: int,
-    beside: Beside | None,
+    tasks: ParallelTasks | None,
     ready: set[str],
 ) -> Generator[tuple[Case, CaseOutcome | None]]:
     """Yield cases as they end, with the outcome None if the worker process was killed."""
@@ -254,10 +257,10 @@ def _run_in_parallel(
         return
     pool = Pool(jobs)
     drawings = _PendingDrawings(ready)
-    if beside:
-        if len(to_run) > jobs:
-            pool.submit(Task(_SHARED, beside.shared, (), math.inf))
-        pool.submit(Task(_NEEDS, beside.needs, (), 1.0))
+    if tasks and len(to_run) > jobs:
+        pool.submit(Task(_PREPARATIONS, tasks.list_preparations, (), math.inf))
+    if tasks and tasks.list_needs:
+        pool.submit(Task(_NEEDS, tasks.list_needs, (), 1.0))
     cases = {case.key: case for case, _ in to_run}
     for case, fingerprint in to_run:
         pool.submit(Task(case.key, compute_case, (case, fingerprint, out)))
@@ -267,18 +270,18 @@ def _run_in_parallel(
             if case_outcome and not case_outcome.error:
                 ready.add(task.name)
             yield cases[task.name], case_outcome
-        elif beside and task.name == _SHARED and isinstance(outcome, list):
+        elif tasks and task.name == _PREPARATIONS and isinstance(outcome, list):
             for arguments in outcome:
-                pool.submit(Task("prepare", beside.prepare, arguments, math.inf))
+                pool.submit(Task("prepare", tasks.prepare, arguments, math.inf))
         elif task.name == _NEEDS and isinstance(outcome, dict):
             drawings.waiting = outcome
         for name in drawings.take_ready():
-            assert beside is not None
-            pool.submit(Task("draw", beside.draw, (name, out.resolve())))
+            assert tasks is not None
+            pool.submit(Task("draw", tasks.draw, (name, out.resolve())))
 
 
 # None of these names is the key of a case, which has a slash
-_SHARED, _NEEDS = "shared", "needs"
+_PREPARATIONS, _NEEDS = "preparations", "needs"
 
 
 class _PendingDrawings:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-import study.publish.command
 import study.publish.report
+from figures.__main__ import draw_all
 from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
 from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
-from tests.study.toystudy import claim, install, started
+from tests.study.toystudy import NO_FIGURES, claim, install, started
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,7 +53,8 @@ def run_study(results_folder):
     """Return a function that runs the study's command line and returns its exit status."""
 
     def run_and_return_status(*arguments, jobs=1):
-        return main([*arguments, "--jobs", str(jobs), "--out", str(results_folder)])
+        arguments = [*arguments, "--jobs", str(jobs), "--out", str(results_folder)]
+        return main(arguments, figures=NO_FIGURES)
 
     return run_and_return_status
 
@@ -407,20 +408,27 @@ def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_s
 
 
 @pytest.mark.usefixtures("real_report")
-def test_failing_figures_give_status_1_but_do_not_prevent_the_report(
-    run_study, results_folder, monkeypatch
-):
-    draw_figures = study.publish.command.draw_figures
-    monkeypatch.setattr(
-        study.publish.command, "draw_figures", lambda *arguments: not draw_figures(*arguments)
-    )
-    assert run_study("1") == 1
+def test_failing_figures_give_status_1_but_do_not_prevent_the_report(results_folder):
+    def fail_to_draw(folder, complete, jobs):
+        return not NO_FIGURES.draw_all(folder, complete, jobs)
+
+    arguments = ["1", "--jobs", "1", "--out", str(results_folder)]
+    assert main(arguments, NO_FIGURES._replace(draw_all=fail_to_draw)) == 1
     assert (results_folder / "report.html").exists()
+    assert main(arguments, NO_FIGURES) == 0
+
+
+def test_without_functions_that_draw_the_study_says_that_no_figures_are_drawn(
+    results_folder, capsys
+):
+    assert results_folder.parent.exists()
+    assert main(["1", "--jobs", "1", "--out", str(results_folder)]) == 0
+    assert "study: figures are not drawn; ./run study draws them" in capsys.readouterr().err
 
 
 def test_figures_are_drawn_in_the_results_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert study.publish.command.draw_figures(Path("some/results"), complete=False)
+    assert draw_all(Path("some/results"), complete=False)
     assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
 
 

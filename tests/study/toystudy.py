@@ -8,8 +8,8 @@ from types import ModuleType
 
 import pytest
 
-import study.publish.command
 from study.judge import claims, facts
+from study.publish.command import FigureDrawing
 from study.publish.report import build
 from study.run.cases import SECTIONS
 from study.run.store import Result, Results, save, write_json
@@ -135,7 +135,6 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], MEASURED))
-    monkeypatch.setattr(study.publish.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):
@@ -178,9 +177,13 @@ def started(folder):
     return len(log.read_text().split()) if log.exists() else 0
 
 
-def _draw_nothing(out):
+def _write_empty_index(out, *_):
     write_json(out / "figures" / "index.json", [])
     return True
+
+
+NO_FIGURES = FigureDrawing(list_needs="", draw="", draw_all=_write_empty_index)
+"""The toy study has no figures: drawing all writes an empty index."""
 
 
 if __name__ == "__main__":
