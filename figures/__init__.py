@@ -7,10 +7,10 @@ does.
 import sys
 from pathlib import Path
 
-_started = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
+_main_file = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
 _COMMANDS = {"__main__", "run_study"}
-if _started.absolute().parent == Path(__file__).parent and _started.stem not in _COMMANDS:
+if _main_file.absolute().parent == Path(__file__).parent and _main_file.stem not in _COMMANDS:
     from figures.__main__ import main
     from study.run.supervisor import run_supervised
 
-    run_supervised(lambda: main([_started.stem, *sys.argv[1:]]), "figures")
+    run_supervised(lambda: main([_main_file.stem, *sys.argv[1:]]), "figures")

@@ -15,16 +15,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from figures.drawing import (
-    Drawn,
-    Entry,
-    check_exports,
-    draw,
-    export,
+    DrawingOutcome,
+    FigureEntry,
+    check_export_paths,
+    draw_figure,
+    export_figure,
+    figure_title,
+    find_current_entry,
+    list_scripts,
     load_script,
     natural_sort_key,
-    scripts,
-    title,
-    up_to_date,
 )
 from study.judge.claims import Claim, judge, load_paper_claims
 from study.paper.items import ITEMS
@@ -38,7 +38,7 @@ CALLING_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run figure was called, if not in the project's folder."""
 
 MAX_LISTED_FIGURES = 3  # so many figures that are not drawn are named one by one
-SHORT = {"figure": "fig", "table": "tab"}
+KIND_ABBREVIATIONS = {"figure": "fig", "table": "tab"}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -63,40 +63,42 @@ def main(arguments: list[str] | None = None) -> int:
         help="default: figures, among the results",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
-    options = parser.parse_args(arguments)
-    shown = {name: what for name, (_, what) in list_figure_names().items()}
-    table = "".join(f"{name:25} {what}\n" for name, what in shown.items())
-    if not options.names:
+    parsed_arguments = parser.parse_args(arguments)
+    descriptions = {name: description for name, (_, description) in list_figure_names().items()}
+    table = "".join(f"{name:25} {what}\n" for name, what in descriptions.items())
+    if not parsed_arguments.names:
         print(table, end="")
         return 0
-    names = [normalise_name(name) for name in options.names]
-    for name, typed in zip(names, options.names, strict=True):
-        if name not in shown:
-            near = difflib.get_close_matches(name, shown, cutoff=0.5)
-            hint = f"; did you mean {' or '.join(near)}?" if near else "."
+    names = [normalise_name(name) for name in parsed_arguments.names]
+    for name, typed in zip(names, parsed_arguments.names, strict=True):
+        if name not in descriptions:
+            close_matches = difflib.get_close_matches(name, descriptions, cutoff=0.5)
+            hint = f"; did you mean {' or '.join(close_matches)}?" if close_matches else "."
             _print_message(f"there is no figure {typed}{hint} All names:\n{table.rstrip()}")
             return 2
-    results = _results_folder(options.results, options.out)
+    results = _results_folder(parsed_arguments.results, parsed_arguments.out)
     if results is None:
         _print_message(
             f"{ROOT / 'results'} cannot be written: name another folder by --results or --out"
         )
         return 2
-    found = {name: list_figure_names()[name][0] for name in names}
+    scripts_by_name = {name: list_figure_names()[name][0] for name in names}
     try:
-        for name in found if options.out else ():
-            check_exports(options.out / name)
+        for name in scripts_by_name if parsed_arguments.out else ():
+            check_export_paths(parsed_arguments.out / name)
     except OSError as error:
         _print_message(str(error))
         return 2
-    if not _compute_needed_results(list(dict.fromkeys(found.values())), results, options.jobs):
+    if not _compute_needed_results(
+        list(dict.fromkeys(scripts_by_name.values())), results, parsed_arguments.jobs
+    ):
         return 1
-    folder = options.out or results / "figures"
+    folder = parsed_arguments.out or results / "figures"
     try:
-        for name, script in found.items():
-            for path in export(script, Results(results), folder / name):
+        for name, script in scripts_by_name.items():
+            for path in export_figure(script, Results(results), folder / name):
                 print(path)
-            print(describe(name, script, Results(results)))
+            print(describe_figure(name, script, Results(results)))
     except (StudyError, OSError) as error:
         _print_message(str(error))
         return 1
@@ -114,7 +116,7 @@ def normalise_name(typed: str) -> str:
     return typed
 
 
-def describe(name: str, script: str, results: Results) -> str:
+def describe_figure(name: str, script: str, results: Results) -> str:
     """Return the caption of a figure, and a line for each statement of the paper that cites it."""
     lines = [load_script(script).caption(results)]
     claims = [claim for claim in load_paper_claims() if name in cited_figures(claim)]
@@ -122,11 +124,12 @@ def describe(name: str, script: str, results: Results) -> str:
         claim, judgement = verdict.claim, verdict.claim.judgement
         lines.append(f"{claim.id}: {claim.statement}")
         if judgement is not None:
-            kind = "printed" if claim.printed else "expected"
+            value_kind = "printed" if claim.printed else "expected"
             computed = "missing" if verdict.measured is None else f"{verdict.measured:.6g}"
             unit = f" {judgement.unit}" if judgement.unit else ""
             lines.append(
-                f"  {kind} {judgement.relation} {judgement.value:.6g} ± {judgement.tol:.3g}{unit}, "
+                f"  {value_kind} {judgement.relation} {judgement.value:.6g} ± "
+                f"{judgement.tol:.3g}{unit}, "
                 f"computed {computed}{unit}: {verdict.verdict} ({claim.grade})"
             )
         else:
@@ -139,9 +142,12 @@ def cited_figures(claim: Claim) -> set[str]:
     names = set()
     pattern = r"(Fig|Table)s?\.? (\d+(?:(?:, | and |, and |-|–)\d+)*)"
     for kind, numbers in re.findall(pattern, claim.source):
-        for part in re.split(r", and |, | and ", numbers):
-            first, *last = (int(number) for number in re.split("[-–]", part))
-            names |= {f"{kind.lower()[:3]}{n:02}" for n in range(first, (last or [first])[0] + 1)}
+        for number_range in re.split(r", and |, | and ", numbers):
+            first_number, *last_numbers = (int(number) for number in re.split("[-–]", number_range))
+            names |= {
+                f"{kind.lower()[:3]}{n:02}"
+                for n in range(first_number, (last_numbers or [first_number])[0] + 1)
+            }
     return names
 
 
@@ -150,16 +156,18 @@ def list_figure_names() -> dict[str, tuple[str, str]]:
 
     The paper's figures and tables come first, by their numbers.
     """
-    numbered = [
-        (f"{SHORT[item.kind]}{int(item.number):02}", Path(item.figure).stem, item)
+    paper_items = [
+        (f"{KIND_ABBREVIATIONS[item.kind]}{int(item.number):02}", Path(item.figure).stem, item)
         for item in ITEMS
         if item.figure
     ]
-    paper = {
+    paper_figures = {
         name: (script, f"{item.kind.capitalize()} {item.number}: {item.content}")
-        for name, script, item in numbered
+        for name, script, item in paper_items
     }
-    return paper | {name: (name, title(name)) for name in scripts() if name not in paper}
+    return paper_figures | {
+        name: (name, figure_title(name)) for name in list_scripts() if name not in paper_figures
+    }
 
 
 def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
@@ -173,32 +181,38 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
     Returns:
         Whether no script failed, and nothing is missing that may not.
     """
-    known, results = scripts(), Results(folder)
-    current = {name: up_to_date(name, results) for name in known}
-    index: dict[str, Entry] = {name: entry for name, entry in current.items() if entry}
-    failed, wanting = False, {}
-    for name, drawn in _draw_figures([name for name in known if name not in index], folder, jobs):
-        if drawn.entry:
-            index[name] = drawn.entry
-        elif drawn.missing:
-            wanting[name] = drawn.missing
+    script_names, results = list_scripts(), Results(folder)
+    current_entries = {name: find_current_entry(name, results) for name in script_names}
+    entries_by_name: dict[str, FigureEntry] = {
+        name: entry for name, entry in current_entries.items() if entry
+    }
+    any_failed, missing_by_figure = False, {}
+    for name, outcome in _draw_figures(
+        [name for name in script_names if name not in entries_by_name], folder, jobs
+    ):
+        if outcome.entry:
+            entries_by_name[name] = outcome.entry
+        elif outcome.missing:
+            missing_by_figure[name] = outcome.missing
         else:
-            _print_message(f"{name}: {drawn.error}")
-            failed = True
-    _report_missing_results(wanting, complete)
-    ordered = [index[name] for name in sorted(index, key=natural_sort_key)]
+            _print_message(f"{name}: {outcome.error}")
+            any_failed = True
+    _report_missing_results(missing_by_figure, complete)
+    ordered_entries = [
+        entries_by_name[name] for name in sorted(entries_by_name, key=natural_sort_key)
+    ]
     try:
-        write_json(folder / "figures" / "index.json", ordered)
+        write_json(folder / "figures" / "index.json", ordered_entries)
     except OSError as error:
         _print_message(f"the index of figures cannot be written: {error}")
         return False
-    return not (failed or (complete and wanting))
+    return not (any_failed or (complete and missing_by_figure))
 
 
-def _results_folder(stated: Path | None, out: Path | None) -> Path | None:
+def _results_folder(requested_folder: Path | None, out: Path | None) -> Path | None:
     """Return the folder of the results, absolute; None if there is none that can be written."""
-    if stated is not None:
-        return stated.absolute()
+    if requested_folder is not None:
+        return requested_folder.absolute()
     results = ROOT / "results"
     try:
         ensure_writable(results)
@@ -215,38 +229,45 @@ def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
 
 
-def _draw_figures(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Drawn]]:
+def _draw_figures(
+    names: list[str], folder: Path, jobs: int
+) -> Iterator[tuple[str, DrawingOutcome]]:
     """Draw figures, in processes of their own where that pays, and yield them in their order."""
     if jobs == 1 or len(names) <= MAX_LISTED_FIGURES:
-        yield from ((name, draw(name, folder)) for name in names)
+        yield from ((name, draw_figure(name, folder)) for name in names)
         return
     pool = Pool(min(jobs, len(names)))
     for name in names:
-        pool.submit(Task(name, draw, (name, folder)))
-    found = {task.name: outcome for task, outcome in pool}
+        pool.submit(Task(name, draw_figure, (name, folder)))
+    outcomes = {task.name: outcome for task, outcome in pool}
     for name in names:
-        outcome = found[name]
-        if isinstance(outcome, Drawn):
+        outcome = outcomes[name]
+        if isinstance(outcome, DrawingOutcome):
             yield name, outcome
         else:
-            why = outcome.message if isinstance(outcome, TaskFailure) else "its process was killed"
-            yield name, Drawn(None, [], why)
+            error = (
+                outcome.message if isinstance(outcome, TaskFailure) else "its process was killed"
+            )
+            yield name, DrawingOutcome(None, [], error)
 
 
-def _report_missing_results(wanting: dict[str, list[str]], each: bool) -> None:
+def _report_missing_results(missing_by_figure: dict[str, list[str]], list_all: bool) -> None:
     """Say which figures want results; not one by one if they are many and may want them."""
-    if each or len(wanting) <= MAX_LISTED_FIGURES:
-        for name, keys in wanting.items():
+    if list_all or len(missing_by_figure) <= MAX_LISTED_FIGURES:
+        for name, keys in missing_by_figure.items():
             _print_message(f"{name}: not drawn, for want of {', '.join(keys)}")
     else:
-        sections = dict.fromkeys(key.partition("/")[0] for keys in wanting.values() for key in keys)
+        sections = dict.fromkeys(
+            key.partition("/")[0] for keys in missing_by_figure.values() for key in keys
+        )
         _print_message(
-            f"{len(wanting)} not drawn, for want of results of sections {', '.join(sections)}"
+            f"{len(missing_by_figure)} not drawn, for want of results of sections "
+            f"{', '.join(sections)}"
         )
 
 
-def _print_message(line: str) -> None:
-    print(f"figures: {line}", file=sys.stderr)
+def _print_message(message: str) -> None:
+    print(f"figures: {message}", file=sys.stderr)
 
 
 if __name__ == "__main__":

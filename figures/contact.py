@@ -22,7 +22,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from figures.style import CLEAR, LOOK, MANY
+from figures.style import ELEMENT_LOOK, LABEL_BOX, MAX_VECTOR_ITEMS
 from study.model.vocabulary import ELEMENTS, OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import (
     DIAGONALS_LABEL,
@@ -35,14 +35,14 @@ from study.paper.bands import (
 )
 from study.run.store import Results
 
-DATA_BAND = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
+DATA_BAND_LOOK = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
 """Look of the band of data that are not printed."""
 
-RECONSTRUCTED = "Dimensions and loads are reconstructed."
+RECONSTRUCTED_NOTE = "Dimensions and loads are reconstructed."
 
-READINGS = {"_tributary": TRIBUTARY_READING.name, "": OWN_FUNCTION_READING.name}
+READING_NAMES = {"_tributary": TRIBUTARY_READING.name, "": OWN_FUNCTION_READING.name}
 """Names of the two stress readings, by the ending of their curves: the paper's first."""
-DEVIATION = (
+DEVIATION_NOTE = (
     "Percentages: root mean square deviation from the fine mesh's own-function stress, relative to "
     "that stress, without the end nodes"
 )
@@ -59,15 +59,15 @@ def stress_deviation(curves: Curves, reference: Curves, stress: str, reading: st
         curves: Curves over `x`.
         reference: Curves of the fine mesh; its own-function stress is compared with.
         stress: "pressure" or "shear".
-        reading: Ending of the curve's name, a key of `READINGS`.
+        reading: Ending of the curve's name, a key of `READING_NAMES`.
     """
-    inner = slice(1, -1)
-    exact = np.interp(curves["x"][inner], reference["x"], reference[stress])
-    difference = curves[stress + reading][inner] - exact
-    return float(np.linalg.norm(difference) / np.linalg.norm(exact))
+    inner_nodes = slice(1, -1)
+    reference_stress = np.interp(curves["x"][inner_nodes], reference["x"], reference[stress])
+    difference = curves[stress + reading][inner_nodes] - reference_stress
+    return float(np.linalg.norm(difference) / np.linalg.norm(reference_stress))
 
 
-def print_deviations(
+def annotate_deviations(
     ax: Axes,
     curves_by_element: Mapping[str, Curves],
     reference: Curves,
@@ -81,18 +81,18 @@ def print_deviations(
         name = ELEMENTS[element].name.partition(",")[0]
         deviation = 100 * stress_deviation(curves, reference, stress, reading)
         lines.append(f"{name}: {deviation:.2g} %")
-    look: dict[str, Any] = {
+    text_options: dict[str, Any] = {
         "fontsize": fontsize,
         "va": "top",
-        "bbox": CLEAR,
+        "bbox": LABEL_BOX,
         "transform": ax.transAxes,
     }
-    ax.text(0.03, 1.0, "\n".join(lines), **look)
+    ax.text(0.03, 1.0, "\n".join(lines), **text_options)
 
 
 def title_panel(ax: Axes, paper_figure: str, reading: str) -> None:
     """Write the reading above a panel, with the paper's figure if it is the paper's reading."""
-    name = READINGS[reading]
+    name = READING_NAMES[reading]
     title = f"{paper_figure}: {name}" if reading else name
     ax.set_title(title, loc="left", fontsize=7.5)
 
@@ -104,15 +104,19 @@ def load_case_family(results: Results, key: str, families: Mapping[str, Variants
 
 def diagonal_band_look(element: str) -> dict[str, Any]:
     """Return the look of the band over all diagonals of an element."""
-    stated = ELEMENTS[element]
-    return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_LABEL}"}
+    element_entry = ELEMENTS[element]
+    return {
+        "color": element_entry.colour,
+        "alpha": 0.45,
+        "label": f"{element_entry.name}, {DIAGONALS_LABEL}",
+    }
 
 
 def shade_band(
-    ax: Axes, lines: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
+    ax: Axes, family_curves: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
 ) -> None:
     """Shade the range from the least to the largest curve of several cases, times a scale."""
-    x, low, high = envelope([(curves["x"], curves[quantity]) for curves in lines])
+    x, low, high = envelope([(curves["x"], curves[quantity]) for curves in family_curves])
     ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
 
 
@@ -127,7 +131,7 @@ def shade_families(ax: Axes, results: Results, varied: str, cut: str, quantity: 
         quantity: Name of the curves.
     """
     unprinted_data = load_case_family(results, varied, UNPRINTED_DATA)
-    shade_band(ax, unprinted_data, quantity, 1.0, DATA_BAND)
+    shade_band(ax, unprinted_data, quantity, 1.0, DATA_BAND_LOOK)
     diagonals = load_case_family(results, cut, OTHER_DIAGONALS)
     shade_band(ax, diagonals, quantity, 1.0, diagonal_band_look("pw-T6"))
 
@@ -147,7 +151,7 @@ def plot_elements(
     for key in keys:
         curves = results.curves(key)
         element = results[key].parameters["element"]
-        look = {**LOOK[element], "linewidth": 0.9, "markersize": 3}
+        look = {**ELEMENT_LOOK[element], "linewidth": 0.9, "markersize": 3}
         if hollow in element:
             look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.5}
         ax.plot(curves["x"], scale * curves[quantity], **look)
@@ -155,43 +159,43 @@ def plot_elements(
 
 def cell_outlines(cells: np.ndarray) -> np.ndarray:
     """Return the nodes of cells (m, 6, 8 or 9) in order along their outlines, (m, 6 or 8)."""
-    around = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
-    return cells[:, around]
+    outline_order = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
+    return cells[:, outline_order]
 
 
 def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
     """Draw the deformed mesh; return the positions of its nodes."""
-    moved = curves["nodes"] + scale * curves["displacement"]
-    cells = PolyCollection(
-        moved[cell_outlines(curves["cells"])],
+    deformed_nodes = curves["nodes"] + scale * curves["displacement"]
+    cell_collection = PolyCollection(
+        deformed_nodes[cell_outlines(curves["cells"])],
         facecolor="#EEF3F7",
         edgecolor="#8A97A3",
         lw=0.4,
-        rasterized=len(curves["cells"]) > MANY,
+        rasterized=len(curves["cells"]) > MAX_VECTOR_ITEMS,
     )
-    ax.add_collection(cells)
+    ax.add_collection(cell_collection)
     ax.set_aspect("equal")
     ax.autoscale_view()
     ax.grid(visible=False)
-    ax.set_title(LOOK[element]["label"], loc="left")
-    return moved
+    ax.set_title(ELEMENT_LOOK[element]["label"], loc="left")
+    return deformed_nodes
 
 
 def draw_force_arrows(
-    ax: Axes, curves: Curves, moved: np.ndarray, side: float, length: float, element: str
+    ax: Axes, curves: Curves, deformed_nodes: np.ndarray, side: float, length: float, element: str
 ) -> None:
     """Draw nodal contact forces on the body; `side` is -1 for a surface below, 1 above.
 
     The largest normal force is drawn with the given length.
     """
-    line = np.column_stack([curves["x"], curves["y"]])
-    distance = np.linalg.norm(curves["nodes"][:, None] - line, axis=2)
+    contact_points = np.column_stack([curves["x"], curves["y"]])
+    distance = np.linalg.norm(curves["nodes"][:, None] - contact_points, axis=2)
     nodes = distance.argmin(axis=0)
     scale = length / curves["force_n"].max()
     for node, r_n, r_t in zip(nodes, curves["force_n"], curves["force_t"], strict=True):
         if r_n < 1e-9 * curves["force_n"].max():
             continue  # open
         force = scale * np.array([-r_t, -side * r_n])
-        style = {"arrowstyle": "-|>", "lw": 0.8, "color": LOOK[element]["color"]}
-        style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
-        ax.annotate("", moved[node], moved[node] - force, arrowprops=style)
+        arrow_style = {"arrowstyle": "-|>", "lw": 0.8, "color": ELEMENT_LOOK[element]["color"]}
+        arrow_style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
+        ax.annotate("", deformed_nodes[node], deformed_nodes[node] - force, arrowprops=arrow_style)

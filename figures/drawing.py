@@ -21,8 +21,8 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import figures
-from figures.narrow import narrowed
-from figures.style import MANY, style
+from figures.narrow import narrow_figure
+from figures.style import MAX_VECTOR_ITEMS, study_style
 from study.run import files
 from study.run.cases import SECTIONS, find_page_source
 from study.run.pages import list_figures
@@ -38,21 +38,21 @@ from study.run.store import (
     write_json,
 )
 
-FRAME = {"__main__", "beam", "column", "contact", "drawing", "narrow", "run_study", "style"}
+FRAME_MODULES = {"__main__", "beam", "column", "contact", "drawing", "narrow", "run_study", "style"}
 
-RASTER = 200  # dots per inch of what is an image within a drawing
-KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
-COLOURS = 128  # of such an image: lines and flat faces need few
+RASTER_DPI = 200  # dots per inch of what is an image within a drawing
+PICTURE_KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
+N_IMAGE_COLOURS = 128  # of such an image: lines and flat faces need few
 
-SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+SVG_NAMESPACE, XLINK_NAMESPACE = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
-MADE_BY = "figure of pw_elements"  # what files that are exported say of themselves
-METADATA = {"png": {"Software": MADE_BY}, "pdf": {"Creator": MADE_BY}}
+EXPORT_MARK = "figure of pw_elements"  # what files that are exported say of themselves
+EXPORT_METADATA = {"png": {"Software": EXPORT_MARK}, "pdf": {"Creator": EXPORT_MARK}}
 
-Entry = dict[str, Any]
+FigureEntry = dict[str, Any]
 
 
-class Script(NamedTuple):
+class FigureScript(NamedTuple):
     """What draws a figure: a script of this folder, or a function on the page of a section."""
 
     section: str
@@ -63,7 +63,7 @@ class Script(NamedTuple):
     alt: Callable[[Results], str]
 
 
-class Drawn(NamedTuple):
+class DrawingOutcome(NamedTuple):
     """What became of a figure.
 
     Attributes:
@@ -72,35 +72,37 @@ class Drawn(NamedTuple):
         error: Why it could not be drawn; empty if it could.
     """
 
-    entry: Entry | None
+    entry: FigureEntry | None
     missing: list[str]
     error: str
 
 
-def scripts() -> list[str]:
+def list_scripts() -> list[str]:
     """Return the names of all figures, of scripts and of pages, fig2 before fig10."""
     names = {module.name for module in pkgutil.iter_modules(figures.__path__)}
-    return sorted((names - FRAME) | page_figures().keys(), key=natural_sort_key)
+    return sorted((names - FRAME_MODULES) | page_figure_sections().keys(), key=natural_sort_key)
 
 
-def page_figures() -> dict[str, str]:
+def page_figure_sections() -> dict[str, str]:
     """Return the section of each figure that stands on the page of a section."""
-    return {name: one for one in SECTIONS for name in list_figures(find_page_source(one))}
+    return {
+        name: section for section in SECTIONS for name in list_figures(find_page_source(section))
+    }
 
 
-def load_script(name: str) -> Script:
+def load_script(name: str) -> FigureScript:
     """Import what draws a figure."""
-    section = page_figures().get(name)
+    section = page_figure_sections().get(name)
     if section is None:
         script = import_module(f"figures.{name}")
         title = _first_line(script.__doc__) or name
         needs = list(script.NEEDS)
-        return Script(script.SECTION, title, needs, script.draw, script.caption, script.alt)
+        return FigureScript(script.SECTION, title, needs, script.draw, script.caption, script.alt)
     page = import_module(SECTIONS[section])
-    (figure,) = (one for one in page.FIGURES if one.name == name)
+    (figure,) = (page_figure for page_figure in page.FIGURES if page_figure.name == name)
     title = _first_line(figure.draw.__doc__) or name
     texts = [_as_function(figure.caption), _as_function(figure.alt)]
-    return Script(section, title, list(figure.needs), figure.draw, *texts)
+    return FigureScript(section, title, list(figure.needs), figure.draw, *texts)
 
 
 def _as_function(text: str | Callable[[Results], str]) -> Callable[[Results], str]:
@@ -111,22 +113,22 @@ def _first_line(text: str | None) -> str:
     return (text or "").strip().partition("\n")[0].rstrip(".")
 
 
-def title(name: str) -> str:
+def figure_title(name: str) -> str:
     """Return what a figure shows, in one line."""
     return load_script(name).title
 
 
-def needs() -> dict[str, list[str]]:
+def list_needed_results() -> dict[str, list[str]]:
     """Return the keys of the results that each figure needs."""
-    return {name: load_script(name).needs for name in scripts()}
+    return {name: load_script(name).needs for name in list_scripts()}
 
 
-def draw(name: str, folder: Path) -> Drawn:
+def draw_figure(name: str, folder: Path) -> DrawingOutcome:
     """Draw one figure into `<folder>/figures`, with a note of what it was drawn from."""
-    return _attempt(name, _Inputs(folder))
+    return _try_to_draw(name, _DigestedResults(folder))
 
 
-def export(name: str, results: Results, path: Path) -> list[Path]:
+def export_figure(name: str, results: Results, path: Path) -> list[Path]:
     """Draw one figure as PNG and PDF beside each other; return their paths.
 
     Args:
@@ -138,62 +140,62 @@ def export(name: str, results: Results, path: Path) -> list[Path]:
         ForeignFileOrFolder: If a file is there that this has not drawn.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = exports(path)
-    ours = None if path.parent == results.folder / "figures" else _is_export
-    with style():
+    paths = export_paths(path)
+    is_replaceable = None if path.parent == results.folder / "figures" else _is_export
+    with study_style():
         figure = load_script(name).draw(results)
         _lay_out(figure)
         try:
-            for file in written:
+            for file in paths:
                 stream = io.BytesIO()
                 kind = file.suffix[1:]
-                figure.savefig(stream, format=kind, metadata=METADATA[kind])
-                files.replace_file_atomically(file, stream.getvalue(), ours)
+                figure.savefig(stream, format=kind, metadata=EXPORT_METADATA[kind])
+                files.replace_file_atomically(file, stream.getvalue(), is_replaceable)
         finally:
             plt.close("all")
-    return written
+    return paths
 
 
-def exports(path: Path) -> list[Path]:
+def export_paths(path: Path) -> list[Path]:
     """Return the files that an export makes."""
-    return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]
+    return [path.with_name(f"{path.name}.{kind}") for kind in EXPORT_METADATA]
 
 
-def check_exports(path: Path) -> None:
+def check_export_paths(path: Path) -> None:
     """Refuse to export to a place where files are that this has not drawn.
 
     Raises:
         ForeignFileOrFolder: Says which.
     """
-    for file in exports(path):
+    for file in export_paths(path):
         files.check_file_replaceable(file, _is_export)
 
 
 def _is_export(file: Path) -> bool:
-    return MADE_BY.encode() in file.read_bytes()
+    return EXPORT_MARK.encode() in file.read_bytes()
 
 
-def update(name: str, folder: Path) -> None:
+def update_figure(name: str, folder: Path) -> None:
     """Draw a figure from a folder of results, unless it is up to date."""
-    if not up_to_date(name, Results(folder)):
-        draw(name, folder)
+    if not find_current_entry(name, Results(folder)):
+        draw_figure(name, folder)
 
 
-def up_to_date(name: str, results: Results) -> Entry | None:
+def find_current_entry(name: str, results: Results) -> FigureEntry | None:
     """Return the entry of a figure that would be drawn again as it is; else None."""
     try:
-        note = json.loads(_note(results.folder, name).read_bytes())
+        note = json.loads(_note_path(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
-        pictures = [picture(results.folder, name, kind) for kind in KINDS]
-        digests = {key: _file_digest(results.folder, key) for key in note["keys"]}
-        names = {section: results.cases(section) for section in note["sections"]}
-        same = digest == _digest(name, digests, names)
-        return entry if same and all(path.is_file() for path in pictures) else None
+        pictures = [picture_path(results.folder, name, kind) for kind in PICTURE_KINDS]
+        file_digests = {key: _file_digest(results.folder, key) for key in note["keys"]}
+        case_names = {section: results.cases(section) for section in note["sections"]}
+        is_current = digest == _figure_digest(name, file_digests, case_names)
+        return entry if is_current and all(path.is_file() for path in pictures) else None
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 
 
-def picture(folder: Path, name: str, kind: str) -> Path:
+def picture_path(folder: Path, name: str, kind: str) -> Path:
     """Return the path of a drawing."""
     return folder / "figures" / f"{name}.{kind}"
 
@@ -204,7 +206,7 @@ def natural_sort_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
-class _Inputs(TrackedResults):
+class _DigestedResults(TrackedResults):
     """Results of which each file is digested just before it is read for the first time.
 
     Other processes store results while a figure is drawn. What they store after it was read must
@@ -214,33 +216,33 @@ class _Inputs(TrackedResults):
     def __init__(self, folder: Path) -> None:
         super().__init__(Results(folder))
         self.digests: dict[str, str] = {}
-        self.names: dict[str, list[str]] = {}
+        self.case_names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
-        self._digest(key)
+        self._digest_file(key)
         return super().__contains__(key)
 
     def __getitem__(self, key: str) -> StoredResult:
-        self._digest(key)
+        self._digest_file(key)
         return super().__getitem__(key)
 
     def cases(self, section: str) -> list[str]:
-        if section not in self.names:
-            self.names[section] = super().cases(section)
-        return self.names[section]
+        if section not in self.case_names:
+            self.case_names[section] = super().cases(section)
+        return self.case_names[section]
 
-    def _digest(self, key: str) -> None:
+    def _digest_file(self, key: str) -> None:
         if key not in self.digests:
             self.digests[key] = _file_digest(self.folder, key)
 
 
-def _attempt(name: str, results: _Inputs) -> Drawn:
+def _try_to_draw(name: str, results: _DigestedResults) -> DrawingOutcome:
     try:
         script = load_script(name)
         missing = [key for key in script.needs if not _is_readable(key, results)]
         if missing:
-            return Drawn(None, missing, "")
-        size, narrow = _draw(script, name, results)
+            return DrawingOutcome(None, missing, "")
+        size, narrow = _write_pictures(script, name, results)
         entry = {
             "name": name,
             "title": script.title,
@@ -251,15 +253,15 @@ def _attempt(name: str, results: _Inputs) -> Drawn:
             "height": size[1],
             "narrow": narrow,
         }
-        digest = _digest(name, results.digests, results.names)
-        keys, sections = sorted(results.digests), sorted(results.names)
+        digest = _figure_digest(name, results.digests, results.case_names)
+        keys, sections = sorted(results.digests), sorted(results.case_names)
         note = {"entry": entry, "digest": digest, "keys": keys, "sections": sections}
-        write_json(_note(results.folder, name), note)
+        write_json(_note_path(results.folder, name), note)
     except StudyError as error:
-        return Drawn(None, [], str(error))
+        return DrawingOutcome(None, [], str(error))
     except Exception as error:  # one bad script must not take the others' figures away
-        return Drawn(None, [], f"{type(error).__name__}: {error}")
-    return Drawn(entry, [], "")
+        return DrawingOutcome(None, [], f"{type(error).__name__}: {error}")
+    return DrawingOutcome(entry, [], "")
 
 
 def _is_readable(key: str, results: Results) -> bool:
@@ -269,23 +271,25 @@ def _is_readable(key: str, results: Results) -> bool:
         return False
 
 
-def _draw(script: Script, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:
+def _write_pictures(
+    script: FigureScript, name: str, results: Results
+) -> tuple[tuple[int, int], list[int]]:
     """Draw the pictures; return width and height in CSS pixels, and those of the narrow one."""
-    with style():
+    with study_style():
         figure = script.draw(results)
         try:
-            size = _pixels(figure)
+            size = _size_in_pixels(figure)
             _lay_out(figure)
-            write_atomically(picture(results.folder, name, "svg"), _svg(figure))
-            narrow = narrowed(script.draw(results))
+            write_atomically(picture_path(results.folder, name, "svg"), _render_svg(figure))
+            narrow = narrow_figure(script.draw(results))
             _lay_out(narrow)
-            write_atomically(picture(results.folder, name, "narrow.svg"), _svg(narrow))
-            return size, list(_pixels(narrow))
+            write_atomically(picture_path(results.folder, name, "narrow.svg"), _render_svg(narrow))
+            return size, list(_size_in_pixels(narrow))
         finally:
             plt.close("all")
 
 
-def _pixels(figure: Figure) -> tuple[int, int]:
+def _size_in_pixels(figure: Figure) -> tuple[int, int]:
     width, height = (round(96 * inches) for inches in figure.get_size_inches())
     return width, height
 
@@ -299,13 +303,13 @@ def _lay_out(figure: Figure) -> None:
     figure.set_layout_engine("none")
 
 
-def _svg(figure: Figure) -> bytes:
+def _render_svg(figure: Figure) -> bytes:
     for line in figure.findobj(Line2D):
-        if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MANY:
+        if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MAX_VECTOR_ITEMS:
             line.set_rasterized(True)
-    text = io.StringIO()
-    figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
-    return _shrink_svg(text.getvalue()).encode()
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", dpi=RASTER_DPI, metadata={"Date": None})
+    return _shrink_svg(stream.getvalue()).encode()
 
 
 def _shrink_svg(svg: str) -> str:
@@ -313,11 +317,11 @@ def _shrink_svg(svg: str) -> str:
 
     A hundredth of a point is enough for places; the page has dozens of drawings.
     """
-    without = r"<\?xml.*?\?>|<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>"
-    svg = re.sub(without, "", svg, flags=re.DOTALL)
+    removable_parts = r"<\?xml.*?\?>|<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>"
+    svg = re.sub(removable_parts, "", svg, flags=re.DOTALL)
     svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
     svg = re.sub(r"\bfont: ([^;\"]+)", _expand_font_shorthand, svg)
-    svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    svg = re.sub(r'="(?!data:)[^"]*"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), svg)
     svg = re.sub(r"(\.\d*?)0+(?=[ \"])", lambda m: m[1].rstrip("."), svg)
     svg = re.sub(r"data:image/png;base64,([^\"]+)", _reduce_image_colours, svg)
     return _strip_svg(svg)
@@ -325,45 +329,56 @@ def _shrink_svg(svg: str) -> str:
 
 def _strip_svg(svg: str) -> str:
     """Return a drawing without names that nothing refers to, and without what says nothing."""
-    ElementTree.register_namespace("", SVG)
-    ElementTree.register_namespace("xlink", XLINK)
+    ElementTree.register_namespace("", SVG_NAMESPACE)
+    ElementTree.register_namespace("xlink", XLINK_NAMESPACE)
     root = ElementTree.fromstring(svg)
-    used = dict.fromkeys(re.findall(r"(?:href=\"|url\()#([\w.-]+)", svg))
-    styles = {one.get("id"): one.get("style") for one in root.iter() if one.get("id") in used}
+    referenced_ids = dict.fromkeys(re.findall(r"(?:href=\"|url\()#([\w.-]+)", svg))
+    styles = {
+        element.get("id"): element.get("style")
+        for element in root.iter()
+        if element.get("id") in referenced_ids
+    }
     for parent in list(root.iter()):
-        if parent.get("id") not in used:
+        if parent.get("id") not in referenced_ids:
             parent.attrib.pop("id", None)
-        drawn = parent.get(f"{{{XLINK}}}href", "#").removeprefix("#")
-        if parent.tag == f"{{{SVG}}}use" and parent.get("style") == styles.get(drawn):
+        referenced_id = parent.get(f"{{{XLINK_NAMESPACE}}}href", "#").removeprefix("#")
+        if parent.tag == f"{{{SVG_NAMESPACE}}}use" and parent.get("style") == styles.get(
+            referenced_id
+        ):
             parent.attrib.pop("style", None)
         if path := parent.get("d"):
             parent.set("d", re.sub(r"\s*\n\s*|\s*([MLQCzZ])\s*", r"\1", path).strip())
-    for group in root.iter(f"{{{SVG}}}g"):
-        looks = {child.get("style") for child in group}
-        if len(group) > 1 and len(looks) == 1 and (look := looks.pop()) and not group.get("style"):
-            group.set("style", look)
+    for group in root.iter(f"{{{SVG_NAMESPACE}}}g"):
+        child_styles = {child.get("style") for child in group}
+        if (
+            len(group) > 1
+            and len(child_styles) == 1
+            and (style_text := child_styles.pop())
+            and not group.get("style")
+        ):
+            group.set("style", style_text)
             for child in group:
                 child.attrib.pop("style")
     for parent in reversed(list(root.iter())):
-        for place, child in reversed(list(enumerate(parent))):
-            if child.tag == f"{{{SVG}}}g" and not child.attrib:
-                parent[place : place + 1] = list(child)
-    for one in root.iter():
-        one.tail = None
-        one.text = one.text if one.text and one.text.strip() else None
-        if look := one.get("style"):
-            one.set("style", look.replace("; ", ";").replace(": ", ":"))
-    bare = ElementTree.tostring(root, encoding="unicode")
-    for number, name in enumerate(sorted(used, key=len, reverse=True)):
-        for before, after in (('id="', '"'), ('href="#', '"'), ("url(#", ")")):
-            bare = bare.replace(f"{before}{name}{after}", f"{before}n{number}{after}")
-    return bare.replace(" />", "/>")
+        for index, child in reversed(list(enumerate(parent))):
+            if child.tag == f"{{{SVG_NAMESPACE}}}g" and not child.attrib:
+                parent[index : index + 1] = list(child)
+    for element in root.iter():
+        element.tail = None
+        element.text = element.text if element.text and element.text.strip() else None
+        if style_text := element.get("style"):
+            element.set("style", style_text.replace("; ", ";").replace(": ", ":"))
+    text = ElementTree.tostring(root, encoding="unicode")
+    for number, element_id in enumerate(sorted(referenced_ids, key=len, reverse=True)):
+        for prefix, suffix in (('id="', '"'), ('href="#', '"'), ("url(#", ")")):
+            text = text.replace(f"{prefix}{element_id}{suffix}", f"{prefix}n{number}{suffix}")
+    return text.replace(" />", "/>")
 
 
 def _expand_font_shorthand(font: re.Match[str]) -> str:
     """Return a font by its single properties: WeasyPrint passes over the shorthand."""
-    before, size, families = re.fullmatch(r"(.*?)([\d.]+px) (.*)", font[1]).groups()  # type: ignore[union-attr]
-    words = before.split()
+    keywords, size, families = re.fullmatch(r"(.*?)([\d.]+px) (.*)", font[1]).groups()  # type: ignore[union-attr]
+    words = keywords.split()
     styles = [word for word in words if word in ("italic", "oblique")]
     weights = [word for word in words if word == "bold" or word.isdigit()]
     families = ", ".join(dict.fromkeys([*families.split(", "), "sans-serif"]))
@@ -374,28 +389,32 @@ def _expand_font_shorthand(font: re.Match[str]) -> str:
 
 def _reduce_image_colours(image: re.Match[str]) -> str:
     """Return an image within a drawing with a table of its colours."""
-    full = Image.open(io.BytesIO(base64.b64decode(image[1])))
+    image_file = Image.open(io.BytesIO(base64.b64decode(image[1])))
     stream = io.BytesIO()
-    full.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(stream, format="png", optimize=True)
+    image_file.quantize(N_IMAGE_COLOURS, Image.Quantize.FASTOCTREE).save(
+        stream, format="png", optimize=True
+    )
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
-def _digest(name: str, digests: dict[str, str], names: dict[str, list[str]]) -> str:
+def _figure_digest(
+    name: str, file_digests: dict[str, str], case_names: dict[str, list[str]]
+) -> str:
     """Digest of all that a figure depends on: sources, Matplotlib and results.
 
     Args:
         name: Its script.
-        digests: Of the files of results that it reads, by their keys.
-        names: Of all cases of the sections that it lists.
+        file_digests: Of the files of results that it reads, by their keys.
+        case_names: Of all cases of the sections that it lists.
     """
-    digest = hashlib.sha256(_sources())
-    if (section := page_figures().get(name)) is not None:
+    digest = hashlib.sha256(_shared_sources_digest())
+    if (section := page_figure_sections().get(name)) is not None:
         digest.update(json.dumps(digest_reached_sources(SECTIONS[section], "FIGURES")).encode())
     else:
-        for path in (Path(part, f"{name}.py") for part in figures.__path__):
+        for path in (Path(folder, f"{name}.py") for folder in figures.__path__):
             digest.update(path.name.encode())
             digest.update(path.read_bytes() if path.is_file() else b"missing")
-    digest.update(json.dumps([sorted(digests.items()), sorted(names.items())]).encode())
+    digest.update(json.dumps([sorted(file_digests.items()), sorted(case_names.items())]).encode())
     return digest.hexdigest()
 
 
@@ -407,24 +426,24 @@ def _file_digest(folder: Path, key: str) -> str:
 
 
 @cache
-def _sources() -> bytes:
+def _shared_sources_digest() -> bytes:
     """Digest of what all figures share."""
-    here = Path(__file__).parent
-    paths = {here / f"{name}.py" for name in FRAME} | set(_list_study_sources(here))
+    folder = Path(__file__).parent
+    paths = {folder / f"{name}.py" for name in FRAME_MODULES} | set(_list_study_sources(folder))
     digest = hashlib.sha256(matplotlib.__version__.encode())
     for path in sorted(paths):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.digest()
 
 
-def _list_study_sources(here: Path) -> Iterator[Path]:
+def _list_study_sources(folder: Path) -> Iterator[Path]:
     """Yield the sources of the study's modules that figures import."""
-    for script in here.glob("*.py"):
+    for script in folder.glob("*.py"):
         for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):
             yield from collect_imported_sources(module).values()
-    for path in here.parent.glob("study/judge/measures/*.py"):
+    for path in folder.parent.glob("study/judge/measures/*.py"):
         yield from collect_imported_sources(f"study.judge.measures.{path.stem}").values()
 
 
-def _note(folder: Path, name: str) -> Path:
+def _note_path(folder: Path, name: str) -> Path:
     return folder / "figures" / f"{name}.json"

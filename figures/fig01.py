@@ -4,21 +4,21 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import SIDE
+from figures.style import PAIR_NARROW_WIDTH
 from study.run.store import Results
 
 SECTION = "3"
 NEEDS = ["3/weights"]
-SHADES = ("#DCE9F5", "#E8F3E1", "#FBE9D9", "#F2F2F2")
+CELL_COLOURS = ("#DCE9F5", "#E8F3E1", "#FBE9D9", "#F2F2F2")
 
 
 def draw(results: Results) -> Figure:
     """Nodes by the paper's numbers and the four sub-elements."""
     curves = results.curves("3/weights")
     nodes, subelements = curves["nodes"], curves["subelements"]
-    fig, ax = plt.subplots(figsize=(SIDE, 2.3))
-    for number, (cell, shade) in enumerate(zip(subelements, SHADES, strict=True), start=1):
-        ax.fill(*nodes[cell].T, facecolor=shade, edgecolor="#777777", linewidth=0.8)
+    fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 2.3))
+    for number, (cell, colour) in enumerate(zip(subelements, CELL_COLOURS, strict=True), start=1):
+        ax.fill(*nodes[cell].T, facecolor=colour, edgecolor="#777777", linewidth=0.8)
         ax.annotate(f"$A_{number}$", nodes[cell].mean(axis=0), ha="center", va="center")
     ax.fill(*nodes[:3].T, facecolor="none", edgecolor="black", linewidth=1.4)
     ax.plot(*nodes.T, "o", color="black", clip_on=False)

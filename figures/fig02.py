@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
-from figures.style import FULL, LOOK
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "3"
@@ -15,14 +15,14 @@ def draw(results: Results) -> Figure:
     """Surfaces of two weight functions and of the quadratic shape functions beside them."""
     curves = results.curves("3/weights")
     (x, y), cells = curves["grid"].T, curves["grid_cells"]
-    fig = plt.figure(figsize=(FULL, 2.1))
-    rows = (("weights", "w", LOOK["pw-T6"]), ("shapes", "N", LOOK["galerkin-T6"]))
-    for row, (name, letter, look) in enumerate(rows):
+    fig = plt.figure(figsize=(PAGE_WIDTH, 2.1))
+    rows = (("weights", "w", ELEMENT_LOOK["pw-T6"]), ("shapes", "N", ELEMENT_LOOK["galerkin-T6"]))
+    for row, (name, letter, element_look) in enumerate(rows):
         for column, node in enumerate((1, 4)):
             ax: Axes3D = fig.add_subplot(1, 4, 2 * row + column + 1, projection="3d")
             z = curves[name][:, node - 1]
             surface = {
-                "color": look["color"],
+                "color": element_look["color"],
                 "edgecolor": "white",
                 "linewidth": 0.3,
                 "rasterized": True,

@@ -5,37 +5,37 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.style import BESIDE, LOOK
+from figures.style import ELEMENT_LOOK, PAIR_WIDE_WIDTH
 from study.run.store import Results
 
 SECTION = "5"
 NEEDS = ["5/element-pw-Q8"]
-SHADES = ("#DCE9F5", "#E8F3E1")
+CELL_COLOURS = ("#DCE9F5", "#E8F3E1")
 
 
 def draw(results: Results) -> Figure:
     """Nine nodes on the left, eight on the right."""
     curves = results.curves("5/element-pw-Q8")
-    nodes, cells, inner = curves["nodes"], curves["cells"], int(curves["inner"])
-    order = _numbered(nodes, cells, inner)
+    nodes, cells, inner_node = curves["nodes"], curves["cells"], int(curves["inner"])
+    order = _order_nodes(nodes, cells, inner_node)
     outline = nodes[order[:4]]
-    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.3), sharex=True, sharey=True)
-    for cell, shade in zip(cells, SHADES, strict=True):
-        axes[0].fill(*nodes[cell[:3]].T, facecolor=shade, edgecolor="#777777", linewidth=0.8)
-    axes[1].fill(*outline.T, facecolor=SHADES[0])
+    fig, axes = plt.subplots(1, 2, figsize=(PAIR_WIDE_WIDTH, 2.3), sharex=True, sharey=True)
+    for cell, colour in zip(cells, CELL_COLOURS, strict=True):
+        axes[0].fill(*nodes[cell[:3]].T, facecolor=colour, edgecolor="#777777", linewidth=0.8)
+    axes[1].fill(*outline.T, facecolor=CELL_COLOURS[0])
     titles = ("two 6-node triangles, 9 nodes", "8-node quadrilateral")
     for ax, title, count in zip(axes, titles, (9, 8), strict=True):
         ax.fill(*outline.T, facecolor="none", edgecolor="black", linewidth=1.4)
         ax.plot(*nodes[order[:8]].T, "o", color="black", clip_on=False)
-        _number(ax, nodes[order[:count]], outline.mean(axis=0))
+        _label_nodes(ax, nodes[order[:count]], outline.mean(axis=0))
         ax.set(title=title, aspect="equal")
         ax.margins(0.1)
         ax.set_axis_off()
-    look = LOOK["galerkin-T6"]
-    axes[0].plot(*nodes[inner], "o", color=look["color"], markersize=6)
+    look = ELEMENT_LOOK["galerkin-T6"]
+    axes[0].plot(*nodes[inner_node], "o", color=look["color"], markersize=6)
     axes[0].annotate(
         "inner node,\nto be condensed",
-        nodes[inner],
+        nodes[inner_node],
         (26, -30),
         textcoords="offset points",
         ha="center",
@@ -44,33 +44,33 @@ def draw(results: Results) -> Figure:
         color=look["color"],
         arrowprops={"arrowstyle": "-", "color": look["color"], "lw": 0.7, "shrinkB": 4},
     )
-    arrow = {"arrowstyle": "-|>", "color": "black", "lw": 1.2}
-    axes[1].annotate("", (-0.02, 0.5), (-0.12, 0.5), "axes fraction", arrowprops=arrow)
+    arrow_style = {"arrowstyle": "-|>", "color": "black", "lw": 1.2}
+    axes[1].annotate("", (-0.02, 0.5), (-0.12, 0.5), "axes fraction", arrowprops=arrow_style)
     return fig
 
 
-def _numbered(nodes: np.ndarray, cells: np.ndarray, inner: int) -> np.ndarray:
+def _order_nodes(nodes: np.ndarray, cells: np.ndarray, inner_node: int) -> np.ndarray:
     """Nodes in the usual order: corners counter-clockwise, mid-sides after them, the inner one."""
     corners = np.unique(cells[:, :3])
-    middles = np.setdiff1d(np.unique(cells), [*corners, inner])
+    middles = np.setdiff1d(np.unique(cells), [*corners, inner_node])
     centre = nodes[corners].mean(axis=0)
 
-    def around(group: np.ndarray) -> np.ndarray:
-        x, y = (nodes[group] - centre).T
+    def sort_counterclockwise(nodes_on_circle: np.ndarray) -> np.ndarray:
+        x, y = (nodes[nodes_on_circle] - centre).T
         # from the lower left, a little past the middle of the left side, which comes last
-        return group[np.argsort((np.arctan2(y, x) + 0.95 * np.pi) % (2 * np.pi))]
+        return nodes_on_circle[np.argsort((np.arctan2(y, x) + 0.95 * np.pi) % (2 * np.pi))]
 
-    return np.array([*around(corners), *around(middles), inner])
+    return np.array([*sort_counterclockwise(corners), *sort_counterclockwise(middles), inner_node])
 
 
-def _number(ax: Axes, places: np.ndarray, centre: np.ndarray) -> None:
-    for number, place in enumerate(places, start=1):
-        spoke = place - centre
-        length = np.linalg.norm(spoke)
+def _label_nodes(ax: Axes, points: np.ndarray, centre: np.ndarray) -> None:
+    for number, point in enumerate(points, start=1):
+        direction = point - centre
+        length = np.linalg.norm(direction)
         # the inner node's number goes beside the diagonal
-        x, y = 11 * spoke / length if number <= 8 else (-4.0, 11.0)
+        x, y = 11 * direction / length if number <= 8 else (-4.0, 11.0)
         ax.annotate(
-            str(number), place, (x, y), textcoords="offset points", ha="center", va="center"
+            str(number), point, (x, y), textcoords="offset points", ha="center", va="center"
         )
 
 

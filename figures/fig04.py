@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import SIDE, mesh_plot
-from study.publish.plots.symbols import load_arrows, roller
+from figures.style import PAIR_NARROW_WIDTH, plot_mesh
+from study.publish.plots.symbols import draw_load_arrows, draw_roller
 from study.run.store import Results
 
 SECTION = "7.1"
@@ -15,13 +15,13 @@ NEEDS = ["7.1/pw-T6"]
 def draw(results: Results) -> Figure:
     """Mesh, load and supports."""
     curves = results.curves("7.1/pw-T6")
-    fig, ax = plt.subplots(figsize=(SIDE, 2.3))
-    mesh_plot(ax, curves["nodes"], curves["cells"])
-    load_arrows(ax, np.linspace(0, 1, 9), 1.0, 0.16)
+    fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 2.3))
+    plot_mesh(ax, curves["nodes"], curves["cells"])
+    draw_load_arrows(ax, np.linspace(0, 1, 9), 1.0, 0.16)
     ax.annotate("$q = 1$", (0.5, 1.19), ha="center", va="bottom")
     for x in curves["x"]:
-        roller(ax, (x, 0.0), "down")
-    roller(ax, (0.0, 0.0), "left")
+        draw_roller(ax, (x, 0.0), "down")
+    draw_roller(ax, (0.0, 0.0), "left")
     ax.set(xlim=(-0.2, 1.12), ylim=(-0.2, 1.32))
     ax.set_axis_off()
     return fig

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import BESIDE, LOOK
+from figures.style import ELEMENT_LOOK, PAIR_WIDE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.1"
@@ -13,13 +13,13 @@ PANELS = ("pw-T6", "galerkin-T6")
 
 def draw(results: Results) -> Figure:
     """Reactions at the three lower nodes."""
-    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.3), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAIR_WIDE_WIDTH, 2.3), sharey=True)
     for ax, element in zip(axes, PANELS, strict=True):
         curves = results.curves(f"7.1/{element}")
-        bars = ax.bar(curves["x"], curves["reaction"], 0.06, color=LOOK[element]["color"])
+        bars = ax.bar(curves["x"], curves["reaction"], 0.06, color=ELEMENT_LOOK[element]["color"])
         ax.bar_label(bars, fmt="%.4f", padding=2, fontsize=8)
         ax.set(
-            title=LOOK[element]["label"],
+            title=ELEMENT_LOOK[element]["label"],
             xlabel="$x$",
             xticks=(0, 0.5, 1),
             ylim=(0, 0.8),

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.style import FULL, mesh_plot
-from study.publish.plots.symbols import INK, arrow, load_arrows
+from figures.style import PAGE_WIDTH, plot_mesh
+from study.publish.plots.symbols import LINE_COLOUR, draw_arrow, draw_load_arrows
 from study.run.store import Results
 
 SECTION = "7.2"
@@ -18,22 +18,26 @@ def draw(results: Results) -> Figure:
     """Mesh, loads, foundation and its smooth ends."""
     curves = results.curves(CASE)
     length, height = curves["nodes"].max(axis=0)
-    smooth = curves["x"][curves["friction"] > 0].min()
-    fig, ax = plt.subplots(figsize=(0.65 * FULL, 2.5))
-    mesh_plot(ax, curves["nodes"], curves["cells"], linewidth=0.4)
+    smooth_length = curves["x"][curves["friction"] > 0].min()
+    fig, ax = plt.subplots(figsize=(0.65 * PAGE_WIDTH, 2.5))
+    plot_mesh(ax, curves["nodes"], curves["cells"], linewidth=0.4)
     for line in ax.lines:
         line.set_markersize(1.4)
-    load_arrows(ax, np.linspace(0, length, 21), height, 0.25)
+    draw_load_arrows(ax, np.linspace(0, length, 21), height, 0.25)
     ax.annotate("$p$", (length / 2, height + 0.28), ha="center", va="bottom")
     for y in np.linspace(0.06, height - 0.06, 9):
-        arrow(ax, (length + 0.05, y), (length + 0.32, y))
+        draw_arrow(ax, (length + 0.05, y), (length + 0.32, y))
     ax.annotate("$t$", (length + 0.38, height / 2), va="center")
     ground = Rectangle((-0.4, -0.14), length + 0.8, 0.14, facecolor="#DDDDDD", edgecolor="none")
     ax.add_patch(ground)
-    ax.plot([-0.4, length + 0.4], [0, 0], color=INK, linewidth=1.2, zorder=0)
-    for x in (0.0, length - smooth):
+    ax.plot([-0.4, length + 0.4], [0, 0], color=LINE_COLOUR, linewidth=1.2, zorder=0)
+    for x in (0.0, length - smooth_length):
         ax.plot(
-            [x, x + smooth], [-0.05, -0.05], color="#D55E00", linewidth=3, solid_capstyle="butt"
+            [x, x + smooth_length],
+            [-0.05, -0.05],
+            color="#D55E00",
+            linewidth=3,
+            solid_capstyle="butt",
         )
     ax.annotate("smooth", (0.0, -0.2), va="top", color="#D55E00", fontsize=8)
     ax.annotate("smooth", (length, -0.2), va="top", ha="right", color="#D55E00", fontsize=8)

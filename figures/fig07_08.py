@@ -5,52 +5,56 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.contact import (
-    DATA_BAND,
-    DEVIATION,
-    READINGS,
+    DATA_BAND_LOOK,
+    DEVIATION_NOTE,
+    READING_NAMES,
+    annotate_deviations,
     diagonal_band_look,
     load_case_family,
-    print_deviations,
     shade_band,
     title_panel,
 )
-from figures.style import FULL, LOOK
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import ELEMENTS, OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
-from study.publish.plots.zones import zone_legend, zone_strip
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.store import Results
 
 SECTION = "7.2"
 FAMILIES = (("galerkin-T6", "pw-T6", "composite-T6"), ("galerkin-Q8", "pw-Q8", "pw-Q9"))
-FINE = "7.2/pw-T6-80x40"
-TRIANGLES = ("7.2/galerkin-T6", "7.2/pw-T6")
+FINE_CASE = "7.2/pw-T6-80x40"
+TRIANGLE_CASES = ("7.2/galerkin-T6", "7.2/pw-T6")
 NEEDS = [
     *(f"7.2/{element}" for family in FAMILIES for element in family),
-    FINE,
-    *(member for key in TRIANGLES for member in list_case_family(key, OTHER_DIAGONALS)[1:]),
-    *list_case_family(TRIANGLES[1], UNPRINTED_DATA)[1:],
+    FINE_CASE,
+    *(member for key in TRIANGLE_CASES for member in list_case_family(key, OTHER_DIAGONALS)[1:]),
+    *list_case_family(TRIANGLE_CASES[1], UNPRINTED_DATA)[1:],
 ]
-STRESSES = {"pressure": "normal pressure / $p$", "shear": "shear stress / $p$"}
-LIMITS = {"pressure": (0, 2.9), "shear": (-0.5, 1.1)}
+STRESS_LABELS = {"pressure": "normal pressure / $p$", "shear": "shear stress / $p$"}
+STRESS_LIMITS = {"pressure": (0, 2.9), "shear": (-0.5, 1.1)}
 
 
 def draw(results: Results) -> Figure:
     """Rows: triangles and quadrilaterals; columns: both readings of both stresses."""
-    fig, axes = plt.subplots(2, 4, figsize=(FULL, 4.9), sharex=True)
-    papers = ("Paper Fig. 7", "Paper Fig. 8")
-    columns = [(stress, reading) for stress in STRESSES for reading in READINGS]
-    for row, elements, paper in zip(axes, FAMILIES, papers, strict=True):
+    fig, axes = plt.subplots(2, 4, figsize=(PAGE_WIDTH, 4.9), sharex=True)
+    paper_figures = ("Paper Fig. 7", "Paper Fig. 8")
+    columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]
+    for row, elements, paper_figure in zip(axes, FAMILIES, paper_figures, strict=True):
         for ax, (stress, reading) in zip(row, columns, strict=True):
             _draw_panel(ax, results, elements, stress, reading)
-            ax.set(xlim=(-0.05, 4.05), xticks=range(5), ylim=LIMITS[stress])
-            title_panel(ax, paper, reading)
-            ax.set_ylabel(STRESSES[stress] if reading else "", fontsize=8)
+            ax.set(xlim=(-0.05, 4.05), xticks=range(5), ylim=STRESS_LIMITS[stress])
+            title_panel(ax, paper_figure, reading)
+            ax.set_ylabel(STRESS_LABELS[stress] if reading else "", fontsize=8)
             ax.tick_params(labelsize=7)
     for ax in axes[1]:
         ax.set_xlabel("$x$")
-    handles = {h.get_label(): h for ax in axes[:, 1] for h in ax.get_legend_handles_labels()[0]}
-    zones = zone_legend(results.curves("7.2/pw-T6"))
+    handles = {
+        handle.get_label(): handle
+        for ax in axes[:, 1]
+        for handle in ax.get_legend_handles_labels()[0]
+    }
+    zones = zone_legend_handles(results.curves("7.2/pw-T6"))
     fig.legend(handles=[*handles.values(), *zones], loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
@@ -59,29 +63,33 @@ def _draw_panel(
     ax: Axes, results: Results, elements: tuple[str, ...], stress: str, reading: str
 ) -> None:
     scale = 1 / BLOCK_PRESSURE
-    curve = stress + reading
+    curve_name = stress + reading
     if not reading:
         shade_band(
-            ax, load_case_family(results, TRIANGLES[1], UNPRINTED_DATA), curve, scale, DATA_BAND
+            ax,
+            load_case_family(results, TRIANGLE_CASES[1], UNPRINTED_DATA),
+            curve_name,
+            scale,
+            DATA_BAND_LOOK,
         )
-        for key in TRIANGLES if elements is FAMILIES[0] else ():
+        for key in TRIANGLE_CASES if elements is FAMILIES[0] else ():
             look = diagonal_band_look(key.partition("/")[2])
-            shade_band(ax, load_case_family(results, key, OTHER_DIAGONALS), curve, scale, look)
-    fine = results.curves(FINE)
+            shade_band(ax, load_case_family(results, key, OTHER_DIAGONALS), curve_name, scale, look)
+    fine = results.curves(FINE_CASE)
     ax.plot(fine["x"], scale * fine[stress], color="black", lw=0.9, label="new T6, 80 × 40")
     curves_by_element = {element: results.curves(f"7.2/{element}") for element in elements}
     for element, curves in curves_by_element.items():
-        look = {**LOOK[element], "linewidth": 0.8, "markersize": 2}
+        look = {**ELEMENT_LOOK[element], "linewidth": 0.8, "markersize": 2}
         if "composite" in element:  # coincides with the new element
             look |= {"markerfacecolor": "none", "markersize": 4.5, "markeredgewidth": 0.6}
-        ax.plot(curves["x"], scale * curves[curve], **look)
-    print_deviations(ax, curves_by_element, fine, stress, reading, 6.0)
-    zone_strip(ax, results.curves(f"7.2/{elements[1]}"))
+        ax.plot(curves["x"], scale * curves[curve_name], **look)
+    annotate_deviations(ax, curves_by_element, fine, stress, reading, 6.0)
+    draw_zone_strip(ax, results.curves(f"7.2/{elements[1]}"))
 
 
 def caption(results: Results) -> str:
     """Return the caption."""
-    saw = "; ".join(
+    sawtooth_ratios = "; ".join(
         f"{ELEMENTS[element].name} {results.scalar(f'7.2/{element}', 'sawtooth'):.3f}"
         for family in FAMILIES
         for element in family
@@ -89,8 +97,9 @@ def caption(results: Results) -> str:
     return (
         "Stresses along the contact area: triangles (the paper's Fig. 7) and quadrilaterals "
         f"(Fig. 8), {TRIBUTARY_READING.name} and {OWN_FUNCTION_READING.name}, "
-        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION}. Ratio "
-        f"of the normal force of a mid-side node to that of its corners: {saw}. Grey band: data "
+        f"{OWN_FUNCTION_READING.meaning}. {DEVIATION_NOTE}. Ratio "
+        f"of the normal force of a mid-side node to that of its corners: {sawtooth_ratios}. "
+        "Grey band: data "
         "that are not printed, new T6. Coloured bands: all diagonals. Strips: contact zones of the "
         "new elements."
     )

@@ -4,56 +4,56 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.contact import (
-    DEVIATION,
-    READINGS,
+    DEVIATION_NOTE,
+    READING_NAMES,
+    annotate_deviations,
     plot_elements,
-    print_deviations,
     shade_families,
     title_panel,
 )
-from figures.style import FULL
+from figures.style import PAGE_WIDTH
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
-from study.publish.plots.zones import zone_legend, zone_strip
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.store import Results
 
 SECTION = "7.4"
 ELEMENTS = ("galerkin-Q8", "pw-Q8")
-FINE = "7.4/pw-T6-fine"
-VARIED, CUT = "7.4/pw-Q8", "7.4/pw-T6"
-DRAWN = [f"7.4/{element}" for element in ELEMENTS]
+FINE_CASE = "7.4/pw-T6-fine"
+VARIED_CASE, DIAGONALS_CASE = "7.4/pw-Q8", "7.4/pw-T6"
+DRAWN_CASES = [f"7.4/{element}" for element in ELEMENTS]
 NEEDS = [
-    *DRAWN,
-    FINE,
-    *list_case_family(VARIED, UNPRINTED_DATA)[1:],
-    *list_case_family(CUT, OTHER_DIAGONALS),
+    *DRAWN_CASES,
+    FINE_CASE,
+    *list_case_family(VARIED_CASE, UNPRINTED_DATA)[1:],
+    *list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS),
 ]
 
 
-STRESSES = {"pressure": "normal pressure / (kN/m²)", "shear": "shear stress / (kN/m²)"}
-LIMITS = {"pressure": (0, 60), "shear": (-26, 40)}
+STRESS_LABELS = {"pressure": "normal pressure / (kN/m²)", "shear": "shear stress / (kN/m²)"}
+STRESS_LIMITS = {"pressure": (0, 60), "shear": (-26, 40)}
 
 
 def draw(results: Results) -> Figure:
     """Both readings of normal and shear stress over x, with a fine mesh's for comparison."""
-    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.9))
-    fine = results.curves(FINE)
-    columns = [(stress, reading) for stress in STRESSES for reading in READINGS]
+    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.9))
+    fine = results.curves(FINE_CASE)
+    columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]
     for ax, (stress, reading) in zip(axes, columns, strict=True):
-        curve = stress + reading
+        curve_name = stress + reading
         if not reading:
-            shade_families(ax, results, VARIED, CUT, curve)
+            shade_families(ax, results, VARIED_CASE, DIAGONALS_CASE, curve_name)
         ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, fine")
-        plot_elements(ax, results, DRAWN, curve)
+        plot_elements(ax, results, DRAWN_CASES, curve_name)
         curves_by_element = {element: results.curves(f"7.4/{element}") for element in ELEMENTS}
-        print_deviations(ax, curves_by_element, fine, stress, reading, 6.5)
-        zone_strip(ax, results.curves("7.4/pw-Q8"))
-        ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03), ylim=LIMITS[stress])
-        ax.set_ylabel(STRESSES[stress] if reading else "", fontsize=8)
+        annotate_deviations(ax, curves_by_element, fine, stress, reading, 6.5)
+        draw_zone_strip(ax, results.curves("7.4/pw-Q8"))
+        ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03), ylim=STRESS_LIMITS[stress])
+        ax.set_ylabel(STRESS_LABELS[stress] if reading else "", fontsize=8)
         title_panel(ax, "Paper Fig. 12", reading)
         ax.tick_params(labelsize=7)
     handles, _ = axes[1].get_legend_handles_labels()
-    zones = zone_legend(results.curves("7.4/pw-Q8"))
+    zones = zone_legend_handles(results.curves("7.4/pw-Q8"))
     fig.legend(handles=[*handles, *zones], loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
@@ -63,7 +63,7 @@ def caption(results: Results) -> str:
     angle = "friction angle 20 degrees, plane stress"
     return (
         f"Stresses below the plate ({angle}), {TRIBUTARY_READING.name} and "
-        f"{OWN_FUNCTION_READING.name}, {OWN_FUNCTION_READING.meaning}. {DEVIATION}. "
+        f"{OWN_FUNCTION_READING.name}, {OWN_FUNCTION_READING.meaning}. {DEVIATION_NOTE}. "
         "The singular values at both edges are cut off; unit length and thickness are taken as "
         "1 m. Grey band: bodies half and twice as wide and deep, and plane strain, new Q8. Blue "
         "band: the new T6, "

@@ -7,54 +7,63 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.contact import DATA_BAND, diagonal_band_look, load_case_family
-from figures.style import FULL, LOOK
+from figures.contact import DATA_BAND_LOOK, diagonal_band_look, load_case_family
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.model.vocabulary import ELEMENTS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
 from study.run.store import Results
 
 SECTION = "7.4"
 PANELS = ("galerkin-Q8", "pw-Q8")
-FINE = "7.4/pw-T6-fine"
-CUT = "7.4/pw-T6"
+FINE_CASE = "7.4/pw-T6-fine"
+DIAGONALS_CASE = "7.4/pw-T6"
 NEEDS = [
-    FINE,
+    FINE_CASE,
     *(
         member
         for element in PANELS
         for member in list_case_family(f"7.4/{element}", UNPRINTED_DATA)
     ),
 ]
-NEEDS += list_case_family(CUT, OTHER_DIAGONALS)
-COARSER = 4  # times as many elements in the fine mesh: its forces are as many times smaller
+NEEDS += list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS)
+REFINEMENT_FACTOR = (
+    4  # times as many elements in the fine mesh: its forces are as many times smaller
+)
 
 
 def draw(results: Results) -> Figure:
     """Normal nodal forces as bars, and the fine mesh's on the same scale."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.5), sharey=True)
-    fine = results.curves(FINE)
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
+    fine = results.curves(FINE_CASE)
     for ax, element, number in zip(axes, PANELS, (13, 14), strict=True):
         curves = results.curves(f"7.4/{element}")
-        ax.bar(curves["x"], curves["force_n"], 0.04, color=LOOK[element]["color"])
-        _ranges(
-            ax, results, f"7.4/{element}", UNPRINTED_DATA, 0.07, DATA_BAND | {"edgecolor": "black"}
+        ax.bar(curves["x"], curves["force_n"], 0.04, color=ELEMENT_LOOK[element]["color"])
+        _shade_force_ranges(
+            ax,
+            results,
+            f"7.4/{element}",
+            UNPRINTED_DATA,
+            0.07,
+            DATA_BAND_LOOK | {"edgecolor": "black"},
         )
-        label = f"new T6, {COARSER} times finer: force × {COARSER}"
-        ax.plot(fine["x"], COARSER * fine["force_n"], color="black", lw=0.9, label=label)
+        label = f"new T6, {REFINEMENT_FACTOR} times finer: force × {REFINEMENT_FACTOR}"
+        ax.plot(fine["x"], REFINEMENT_FACTOR * fine["force_n"], color="black", lw=0.9, label=label)
         ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6))
         ratio = results.scalar(f"7.4/{element}", "sawtooth")
-        title = f"Paper Fig. {number}: {LOOK[element]['label']}"
+        title = f"Paper Fig. {number}: {ELEMENT_LOOK[element]['label']}"
         ax.set_title(title, loc="left")
         ax.text(0.5, 0.58, f"mid-side / corner: {ratio:.2f}", ha="center", transform=ax.transAxes)
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
-    _ranges(axes[1], results, CUT, OTHER_DIAGONALS, 0.1, diagonal_band_look("pw-T6"))
+    _shade_force_ranges(
+        axes[1], results, DIAGONALS_CASE, OTHER_DIAGONALS, 0.1, diagonal_band_look("pw-T6")
+    )
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
     return fig
 
 
-def _ranges(
+def _shade_force_ranges(
     ax: Axes,
     results: Results,
     key: str,
@@ -63,19 +72,24 @@ def _ranges(
     look: Mapping[str, Any],
 ) -> None:
     """Shade the range of each node's force over a family."""
-    lines = [(c["x"], c["force_n"]) for c in load_case_family(results, key, families)]
-    x, low, high = envelope(lines)
+    force_lines = [
+        (curves["x"], curves["force_n"]) for curves in load_case_family(results, key, families)
+    ]
+    x, low, high = envelope(force_lines)
     ax.bar(x, high - low, width, bottom=low, linewidth=0.4, zorder=2.5, **look)
 
 
 def caption(results: Results) -> str:
     """Return the caption."""
-    (standard, new) = (results.scalar(f"7.4/{element}", "sawtooth") for element in PANELS)
+    (standard_ratio, new_ratio) = (
+        results.scalar(f"7.4/{element}", "sawtooth") for element in PANELS
+    )
     total = results.scalar("7.4/pw-Q8", "force_normal")
     return (
         f"Normal nodal forces below the plate: {ELEMENTS[PANELS[0]].name} (the paper's Fig. 13) "
         f"and {ELEMENTS[PANELS[1]].name} (Fig. 14). Both sum to {total:.3g} kN; the median ratio "
-        f"of mid-side to corner force is {standard:.2f} and {new:.2f}. Bands as in Fig. 12, grey "
+        f"of mid-side to corner force is {standard_ratio:.2f} and {new_ratio:.2f}. Bands as in "
+        "Fig. 12, grey "
         "for each of the two elements."
     )
 

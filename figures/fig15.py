@@ -6,43 +6,54 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.column import MM, SURFACES, SYNTHETIC, section_outline, select_surface_curves
-from figures.style import FULL, mesh_plot
-from study.publish.plots.symbols import INK, arrow, roller
+from figures.column import (
+    MM_PER_M,
+    SURFACES,
+    SYNTHETIC_NOTE,
+    section_outline,
+    select_surface_curves,
+)
+from figures.style import PAGE_WIDTH, plot_mesh
+from study.publish.plots.symbols import LINE_COLOUR, draw_arrow, draw_roller
 from study.run.store import Results
 
 SECTION = "7.5"
 CASE = "7.5/galerkin-Q8"
 NEEDS = [CASE]
-PLATE = 16.0  # drawn thickness of the rigid surfaces in mm
-OPENING = 40.0  # gaps are drawn so many times as wide
+PLATE_THICKNESS = 16.0  # drawn thickness of the rigid surfaces in mm
+GAP_SCALE = 40.0  # gaps are drawn so many times as wide
 
 
 def draw(results: Results) -> Figure:
     """Panels: the column in contact, and the mesh with the supports of Table 1."""
     curves = results.curves(CASE)
-    fig, (contact, vibration) = plt.subplots(1, 2, figsize=(FULL, 4.4), width_ratios=(1.6, 1))
-    corners = MM * section_outline(curves)
-    _draw_contact(
-        contact, curves, corners, [results.scalar(CASE, f"initial_gap_{k}") for k in (2, 3)]
+    fig, (contact_ax, vibration_ax) = plt.subplots(
+        1, 2, figsize=(PAGE_WIDTH, 4.4), width_ratios=(1.6, 1)
     )
-    contact.set_title("(a) contact: Figs 16–23", loc="left")
+    corners = MM_PER_M * section_outline(curves)
+    _draw_contact(
+        contact_ax,
+        curves,
+        corners,
+        [results.scalar(CASE, f"initial_gap_{surface}") for surface in (2, 3)],
+    )
+    contact_ax.set_title("(a) contact: Figs 16–23", loc="left")
 
-    mesh_plot(vibration, MM * curves["nodes"], curves["cells"], linewidth=0.5)
-    for line in vibration.lines:
+    plot_mesh(vibration_ax, MM_PER_M * curves["nodes"], curves["cells"], linewidth=0.5)
+    for line in vibration_ax.lines:
         line.set_markersize(0.7)
     top = corners[:, 1].max()
     for z in np.linspace(0.04, 0.96, 9) * top:
-        roller(vibration, (0.0, z), "left", 9.0)
+        draw_roller(vibration_ax, (0.0, z), "left", 9.0)
     base = select_surface_curves(curves, 1)
-    for r in MM * base["x"][1::5]:
-        roller(vibration, (r, 0.0), "down", 9.0)
-    vibration.set(xlim=(-30, corners[:, 0].max() + 12), ylim=(-45, top + 45), xlabel="$r$ / mm")
-    vibration.set_title("(b) vibration: Table 1", loc="left")
-    for ax in (contact, vibration):
+    for r in MM_PER_M * base["x"][1::5]:
+        draw_roller(vibration_ax, (r, 0.0), "down", 9.0)
+    vibration_ax.set(xlim=(-30, corners[:, 0].max() + 12), ylim=(-45, top + 45), xlabel="$r$ / mm")
+    vibration_ax.set_title("(b) vibration: Table 1", loc="left")
+    for ax in (contact_ax, vibration_ax):
         ax.set_aspect("equal")
         ax.grid(visible=False)
-    contact.set(xlabel="$r$ / mm", ylabel="$z$ / mm")
+    contact_ax.set(xlabel="$r$ / mm", ylabel="$z$ / mm")
     return fig
 
 
@@ -52,39 +63,46 @@ def _draw_contact(
     """The column with its mirror image, the rigid surfaces and their numbers."""
     for side in (1, -1):
         ax.fill(side * corners[:, 0], corners[:, 1], facecolor="#DCE6EE", edgecolor="none")
-        ax.plot(side * corners[:-1, 0], corners[:-1, 1], color=INK, lw=1.0)
-        ax.plot(side * corners[-2:, 0], corners[-2:, 1], color=INK, lw=1.0)
+        ax.plot(side * corners[:-1, 0], corners[:-1, 1], color=LINE_COLOUR, lw=1.0)
+        ax.plot(side * corners[-2:, 0], corners[-2:, 1], color=LINE_COLOUR, lw=1.0)
     low, high = corners[:, 1].min() - 50, corners[:, 1].max() + 50
-    ax.plot([0, 0], [low, high], color=INK, lw=0.7, ls=(0, (9, 3, 2, 3)))
+    ax.plot([0, 0], [low, high], color=LINE_COLOUR, lw=0.7, ls=(0, (9, 3, 2, 3)))
     ax.annotate("$a$", (-4, high), va="top", ha="right")
     ax.annotate("$b$", (-4, low), va="bottom", ha="right")
-    widest = corners[:, 0].max()
-    opened = [0.0, *(OPENING * MM * gap for gap in gaps), 0.0]
-    for k, gap in zip(SURFACES, opened, strict=True):
-        face = select_surface_curves(curves, k)
-        inner, outer, level = (MM * v for v in (face["x"][0], face["x"][-1], face["y"][0]))
-        down = -1.0 if k < 4 else 1.0
-        reach = outer + 12 if k != 2 else outer + 6
+    max_radius = corners[:, 0].max()
+    drawn_gaps = [0.0, *(GAP_SCALE * MM_PER_M * gap for gap in gaps), 0.0]
+    for surface, gap in zip(SURFACES, drawn_gaps, strict=True):
+        surface_curves = select_surface_curves(curves, surface)
+        inner_radius, outer_radius, level = (
+            MM_PER_M * length
+            for length in (surface_curves["x"][0], surface_curves["x"][-1], surface_curves["y"][0])
+        )
+        vertical_sign = -1.0 if surface < 4 else 1.0
+        plate_end = outer_radius + 12 if surface != 2 else outer_radius + 6
         for side in (1, -1):
-            left = min(side * inner, side * reach)
-            bottom = level - gap - PLATE if k < 4 else level
-            plate = Rectangle((left, bottom), reach - inner, PLATE, facecolor="white")
-            plate.set(edgecolor=INK, hatch="/////", linewidth=0.6)
+            left = min(side * inner_radius, side * plate_end)
+            bottom = level - gap - PLATE_THICKNESS if surface < 4 else level
+            plate = Rectangle(
+                (left, bottom), plate_end - inner_radius, PLATE_THICKNESS, facecolor="white"
+            )
+            plate.set(edgecolor=LINE_COLOUR, hatch="/////", linewidth=0.6)
             ax.add_patch(plate)
         ax.annotate(
-            f"{k}",
-            (-outer - 22, level + down * (PLATE / 2 + gap)),
+            f"{surface}",
+            (-outer_radius - 22, level + vertical_sign * (PLATE_THICKNESS / 2 + gap)),
             ha="right",
             va="center",
-            bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": INK, "lw": 0.7},
+            bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": LINE_COLOUR, "lw": 0.7},
         )
-        if k in (2, 3):
-            text = f"gap {MM * gaps[k - 2]:g} mm"
-            ax.annotate(text, (reach + 5, level - gap - PLATE / 2), va="center", fontsize=8)
-    top = corners[:, 1].max() + PLATE
-    arrow(ax, (0, top + 45), (0, top + 2), width=1.4)
+        if surface in (2, 3):
+            text = f"gap {MM_PER_M * gaps[surface - 2]:g} mm"
+            ax.annotate(
+                text, (plate_end + 5, level - gap - PLATE_THICKNESS / 2), va="center", fontsize=8
+            )
+    top = corners[:, 1].max() + PLATE_THICKNESS
+    draw_arrow(ax, (0, top + 45), (0, top + 2), width=1.4)
     ax.annotate("1 mm", (8, top + 26), fontsize=8)
-    ax.set(xlim=(-widest - 45, widest + 75), ylim=(low - 5, high + 30))
+    ax.set(xlim=(-max_radius - 45, max_radius + 75), ylim=(low - 5, high + 30))
 
 
 def caption(results: Results) -> str:
@@ -92,8 +110,8 @@ def caption(results: Results) -> str:
     cells = len(results.curves(CASE)["cells"])
     return (
         f"(a) Section of the column, its axis ab, the rigid surfaces 1 to 4 and their gaps (drawn "
-        f"{OPENING:g} times as wide). (b) Mesh of {cells} quadrilaterals and the supports behind "
-        f"Table 1. {SYNTHETIC}"
+        f"{GAP_SCALE:g} times as wide). (b) Mesh of {cells} quadrilaterals and the supports behind "
+        f"Table 1. {SYNTHETIC_NOTE}"
     )
 
 

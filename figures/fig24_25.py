@@ -4,26 +4,26 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.beam import MESH, NOTE, draw_half_beam
-from figures.style import FULL
-from study.publish.plots.symbols import roller
+from figures.beam import MESH_CASE, RECONSTRUCTION_NOTE, draw_half_beam
+from figures.style import PAGE_WIDTH
+from study.publish.plots.symbols import draw_roller
 from study.run.store import Results
 
 SECTION = "7.6"
-NEEDS = [MESH]
+NEEDS = [MESH_CASE]
 
 
 def draw(results: Results) -> Figure:
     """Mid-section held horizontally on the left, pinned at its centre on the right."""
-    fig, (symmetric, antisymmetric) = plt.subplots(1, 2, figsize=(FULL, 1.7))
-    length, height = draw_half_beam(symmetric, results)
+    fig, (symmetric_ax, antisymmetric_ax) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 1.7))
+    length, height = draw_half_beam(symmetric_ax, results)
     for y in np.linspace(-height / 2, height / 2, 9):
-        roller(symmetric, (length, y), "right", 0.1)
-    symmetric.set_title("mode 1: symmetric")
-    draw_half_beam(antisymmetric, results)
-    roller(antisymmetric, (length, 0.0), "down", 0.16)
-    roller(antisymmetric, (length, 0.0), "right", 0.16)
-    antisymmetric.set_title("mode 2: antisymmetric")
+        draw_roller(symmetric_ax, (length, y), "right", 0.1)
+    symmetric_ax.set_title("mode 1: symmetric")
+    draw_half_beam(antisymmetric_ax, results)
+    draw_roller(antisymmetric_ax, (length, 0.0), "down", 0.16)
+    draw_roller(antisymmetric_ax, (length, 0.0), "right", 0.16)
+    antisymmetric_ax.set_title("mode 2: antisymmetric")
     return fig
 
 
@@ -32,7 +32,7 @@ def caption(results: Results) -> str:
     return (
         "Half beam with v = 0 at the centre A of the end face, where P acts. Mode 1 (the paper's "
         "Fig. 24): u = 0 on the whole mid-section, the plane of symmetry. Mode 2 (Fig. 25): "
-        f"u = v = 0 at the centre of the mid-section, the inflection point. {NOTE}"
+        f"u = v = 0 at the centre of the mid-section, the inflection point. {RECONSTRUCTION_NOTE}"
     )
 
 

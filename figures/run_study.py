@@ -11,7 +11,11 @@ from study.run.supervisor import run_supervised
 def _run() -> int:
     from study.publish.command import FigureDrawing, main  # slow, and a signal may interrupt it
 
-    return main(figures=FigureDrawing("figures.drawing:needs", "figures.drawing:update", _draw_all))
+    return main(
+        figures=FigureDrawing(
+            "figures.drawing:list_needed_results", "figures.drawing:update_figure", _draw_all
+        )
+    )
 
 
 def _draw_all(folder: Path, complete: bool, jobs: int) -> bool:

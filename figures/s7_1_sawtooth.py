@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.1"
@@ -13,10 +13,10 @@ NEEDS = [f"7.1/{element}-row" for element in ELEMENTS]
 
 def draw(results: Results) -> Figure:
     """Nodal forces below a uniformly pressed row of squares."""
-    fig, ax = plt.subplots(figsize=(FULL, 2.6))
+    fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.6))
     for element in ELEMENTS:
         curves = results.curves(f"7.1/{element}-row")
-        ax.plot(curves["x"], curves["reaction"], **LOOK[element])
+        ax.plot(curves["x"], curves["reaction"], **ELEMENT_LOOK[element])
     ax.axhline(0.5, color="black", linewidth=0.8, linestyle=":", label="pressure × node distance")
     ax.set(xlabel="$x$ / side of a square", ylabel="force / load on a square", ylim=(0, 0.8))
     fig.legend(loc="outside lower center", ncols=3)

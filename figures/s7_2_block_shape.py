@@ -3,36 +3,37 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, draw_deformed_mesh, draw_force_arrows
-from figures.style import FULL
-from study.publish.plots.zones import zone_legend, zone_strip
+from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_force_arrows
+from figures.style import PAGE_WIDTH
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.store import Results
 
 SECTION = "7.2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"7.2/{element}" for element in ELEMENTS]
-SCALE = 0.5
+DISPLACEMENT_SCALE = 0.5
 
 
 def draw(results: Results) -> Figure:
     """Mesh, forces of the foundation on the block, zones."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.8), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.2/{element}")
-        moved = draw_deformed_mesh(ax, curves, SCALE, element)
-        draw_force_arrows(ax, curves, moved, -1.0, 0.7, element)
-        zone_strip(ax, curves)
+        deformed_nodes = draw_deformed_mesh(ax, curves, DISPLACEMENT_SCALE, element)
+        draw_force_arrows(ax, curves, deformed_nodes, -1.0, 0.7, element)
+        draw_zone_strip(ax, curves)
         ax.set(xlabel="$x$", ylim=(-0.95, 2.15), xlim=(-0.25, 4.6))
     axes[0].set_ylabel("$y$")
-    fig.legend(handles=zone_legend(curves), loc="outside lower center", ncols=3)
+    fig.legend(handles=zone_legend_handles(curves), loc="outside lower center", ncols=3)
     return fig
 
 
 def caption(results: Results) -> str:
     """Return the caption."""
     return (
-        f"The deformed block (displacements times {SCALE:g}) and the nodal forces that the "
-        f"foundation exerts on it, at the same scale for both elements. {RECONSTRUCTED}"
+        f"The deformed block (displacements times {DISPLACEMENT_SCALE:g}) and the nodal forces "
+        "that the "
+        f"foundation exerts on it, at the same scale for both elements. {RECONSTRUCTED_NOTE}"
     )
 
 

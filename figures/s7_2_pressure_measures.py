@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED
-from figures.style import FULL, LOOK
+from figures.contact import RECONSTRUCTED_NOTE
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.judge.measures.contact import BLOCK_PRESSURE
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.run.store import Results
@@ -21,14 +21,14 @@ PANELS = {
 
 def draw(results: Results) -> Figure:
     """One panel a measure."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 1.85), sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 1.85), sharey=True)
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:
             curves = results.curves(f"7.2/{element}")
             mean = BLOCK_PRESSURE
             if name == "force_n":
                 mean = curves["force_n"].sum() / (len(curves["x"]) - 1)
-            ax.plot(curves["x"], curves[name] / mean, **LOOK[element])
+            ax.plot(curves["x"], curves[name] / mean, **ELEMENT_LOOK[element])
         ax.set(xlabel="$x$", title=label, ylim=(0, 2.3), xlim=(-0.1, 4.1))
     axes[1].legend(loc="lower center", fontsize=7)
     return fig
@@ -43,7 +43,7 @@ def caption(results: Results) -> str:
         "the standard element's sawtooth disappears. "
         f"(c) {TRIBUTARY_READING.name.capitalize()} pressure, {TRIBUTARY_READING.meaning} it: "
         f"the sawtooth is "
-        f"back. {RECONSTRUCTED}"
+        f"back. {RECONSTRUCTED_NOTE}"
     )
 
 

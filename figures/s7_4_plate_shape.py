@@ -3,23 +3,23 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, draw_deformed_mesh, draw_force_arrows
-from figures.style import FULL
+from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_force_arrows
+from figures.style import PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.4"
 ELEMENTS = ("galerkin-Q8", "pw-Q8")
 NEEDS = [f"7.4/{element}" for element in ELEMENTS]
-SCALE = 4e5
+DISPLACEMENT_SCALE = 4e5
 
 
 def draw(results: Results) -> Figure:
     """Deformed mesh around the plate, forces of the plate on the body, zones."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.4/{element}")
-        moved = draw_deformed_mesh(ax, curves, SCALE, element)
-        draw_force_arrows(ax, curves, moved, 1.0, 1.2, element)
+        deformed_nodes = draw_deformed_mesh(ax, curves, DISPLACEMENT_SCALE, element)
+        draw_force_arrows(ax, curves, deformed_nodes, 1.0, 1.2, element)
         ax.set(xlabel="$x/b$", xlim=(-2.1, 2.1), ylim=(-2.4, 1.3))
     axes[0].set_ylabel("$y/b$")
     return fig
@@ -28,8 +28,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """Return the caption."""
     return (
-        f"The body around the plate, displacements times {SCALE:g}, and the nodal forces of the "
-        f"plate on it, to one scale. {RECONSTRUCTED}"
+        f"The body around the plate, displacements times {DISPLACEMENT_SCALE:g}, and the nodal "
+        "forces of the "
+        f"plate on it, to one scale. {RECONSTRUCTED_NOTE}"
     )
 
 

@@ -6,42 +6,47 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from figures import contact
-from figures.column import MM, SYNTHETIC, section_outline
-from figures.style import FULL, LOOK
+from figures.column import MM_PER_M, SYNTHETIC_NOTE, section_outline
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.5"
 ELEMENT = "pw-T6"
 CASE = f"7.5/{ELEMENT}"
 NEEDS = [CASE]
-LARGEST = 40.0  # largest displacement drawn, in mm
+LARGEST_DISPLACEMENT = 40.0  # largest displacement drawn, in mm
 
 
 def draw(results: Results) -> Figure:
     """Deformed sections with their mirror images."""
     curves = results.curves(CASE)
-    nodes, cells = MM * curves["nodes"], contact.cell_outlines(curves["cells"])
-    corners = MM * section_outline(curves)
-    rim = _rim(curves["cells"])
-    fig, axes = plt.subplots(1, 6, figsize=(FULL, 2.45), sharey=True)
+    nodes, cells = MM_PER_M * curves["nodes"], contact.cell_outlines(curves["cells"])
+    corners = MM_PER_M * section_outline(curves)
+    boundary_nodes = _boundary_nodes(curves["cells"])
+    fig, axes = plt.subplots(1, 6, figsize=(PAGE_WIDTH, 2.45), sharey=True)
     for mode, ax in enumerate(axes, start=1):
         shape = curves[f"shape_{mode}"]
-        moved = nodes + LARGEST * shape / np.linalg.norm(shape, axis=1).max()
+        deformed_nodes = nodes + LARGEST_DISPLACEMENT * shape / np.linalg.norm(shape, axis=1).max()
         for side in (1, -1):
             mirror = np.array([side, 1])
             ax.add_collection(
                 PolyCollection(
-                    (moved * mirror)[cells],
+                    (deformed_nodes * mirror)[cells],
                     facecolor="#D8E8F4",
                     edgecolor="#D8E8F4",
                     lw=0.3,
                     rasterized=True,  # thousands of cells
                 )
             )
-            ax.plot(*(moved[rim] * mirror).T, ".", ms=0.7, color=LOOK[ELEMENT]["color"])
+            ax.plot(
+                *(deformed_nodes[boundary_nodes] * mirror).T,
+                ".",
+                ms=0.7,
+                color=ELEMENT_LOOK[ELEMENT]["color"],
+            )
             ax.plot(*(corners * mirror).T, color="#777777", lw=0.6)
-        value = results.scalar(CASE, f"omega2_{mode}")
-        ax.set_title(rf"$\lambda_{mode} = {value / 1e6:.4f}$", fontsize=8)
+        eigenvalue = results.scalar(CASE, f"omega2_{mode}")
+        ax.set_title(rf"$\lambda_{mode} = {eigenvalue / 1e6:.4f}$", fontsize=8)
         ax.set(aspect="equal", xlim=(-192, 192), ylim=(-15, 645), xticks=(-100, 0, 100))
         ax.set_xlabel("$r$ / mm", fontsize=8)
         ax.tick_params(labelsize=7)
@@ -50,13 +55,13 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _rim(cells: np.ndarray) -> np.ndarray:
+def _boundary_nodes(cells: np.ndarray) -> np.ndarray:
     """Nodes on sides that belong to one cell only."""
-    around = contact.cell_outlines(cells)
-    sides = np.stack([around[:, 0::2], around[:, 1::2], np.roll(around[:, 0::2], -1, 1)], -1)
+    outlines = contact.cell_outlines(cells)
+    sides = np.stack([outlines[:, 0::2], outlines[:, 1::2], np.roll(outlines[:, 0::2], -1, 1)], -1)
     sides = sides.reshape(-1, 3)
-    _, first, count = np.unique(sides[:, 1], return_index=True, return_counts=True)
-    return np.unique(sides[first[count == 1]])
+    _, first_index, count = np.unique(sides[:, 1], return_index=True, return_counts=True)
+    return np.unique(sides[first_index[count == 1]])
 
 
 def caption(results: Results) -> str:
@@ -64,7 +69,7 @@ def caption(results: Results) -> str:
     return (
         "Mode shapes 1 to 6 computed with the new triangle, and their eigenvalues λ = ω² in "
         "millions of the paper's unit (1000/s² if E and ρ are taken as printed); outlines at rest "
-        f"in grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
+        f"in grey, largest displacement drawn as {LARGEST_DISPLACEMENT:g} mm. {SYNTHETIC_NOTE}"
     )
 
 

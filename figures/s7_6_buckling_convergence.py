@@ -4,13 +4,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import CLEAR, FULL, LOOK
+from figures.style import ELEMENT_LOOK, LABEL_BOX, PAGE_WIDTH
 from study.judge import measures
 from study.run.store import Results
 
 SECTION = "7.6"
 # Cases under the paper's load, whose element and form are drawn under the uniform one
-FORMS = {
+CASES_BY_FORM = {
     "G": ("galerkin-T6", "pw-T6", "galerkin-Q8", "pwsym-T6-static-unsymmetric", "pwsym-T6"),
     "J": ("galerkin-T6-J", "pw-T6-J", "galerkin-Q8-J", "pwsym-T6-J"),
 }
@@ -19,29 +19,39 @@ NEEDS = [
     "7.6/exact",
     "7.6/galerkin-T6-uniform-64x16",
     "7.6/pwsym-T6-uniform-128x32",
-    *(f"7.6/{case}" for cases in FORMS.values() for case in cases),
+    *(f"7.6/{case}" for cases in CASES_BY_FORM.values() for case in cases),
 ]
 
 
 def draw(results: Results) -> Figure:
     """Relative error over divisions of the height, one panel a form."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
-    for ax, (form, cases) in zip(axes, FORMS.items(), strict=True):
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
+    for ax, (form, cases) in zip(axes, CASES_BY_FORM.items(), strict=True):
         for case in cases:
             parameters = results[f"7.6/{case}"].parameters
-            look = dict(LOOK[parameters["element"]])
+            look = dict(ELEMENT_LOOK[parameters["element"]])
             if not parameters["prestress_symmetrised"]:
                 look |= {"linestyle": "--", "label": "symmetrised, eigenvalue step only"}
             elif parameters["element"] == "pw-T6":  # on top of the standard element's
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
-            height = [ny for _, ny in measures.uniform_meshes(results, case)]
-            errors = np.abs(measures.uniform_errors(results, case, MODE))
-            ax.loglog(height, errors, **look)
-        slope = np.array([2.0, 16.0])
+            height_divisions = [ny for _, ny in measures.uniform_load_divisions(results, case)]
+            errors = np.abs(measures.uniform_load_errors(results, case, MODE))
+            ax.loglog(height_divisions, errors, **look)
+        slope_divisions = np.array([2.0, 16.0])
         for order, start in ((4, 3e-4), (2, 4e-2)):
-            ax.loglog(slope, start * (slope / 2) ** -order, color="#777777", linewidth=0.8)
-            end, beside = (16, start * 8.0**-order), {"textcoords": "offset points", "va": "center"}
-            ax.annotate(f"order {order}", end, (4, 0), fontsize=7, bbox=CLEAR, **beside)
+            ax.loglog(
+                slope_divisions,
+                start * (slope_divisions / 2) ** -order,
+                color="#777777",
+                linewidth=0.8,
+            )
+            last_point, text_options = (
+                (16, start * 8.0**-order),
+                {"textcoords": "offset points", "va": "center"},
+            )
+            ax.annotate(
+                f"order {order}", last_point, (4, 0), fontsize=7, bbox=LABEL_BOX, **text_options
+            )
         letter = "a" if form == "G" else "b"
         ax.set(title=f"({letter}) geometric stiffness, form {form}")
         ax.set_xlabel("squares over the height")
@@ -55,7 +65,7 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """Return the caption."""
     orders = ", ".join(
-        f"{LOOK[case]['label']} {measures.order(results, case, MODE):.2f}"
+        f"{ELEMENT_LOOK[case]['label']} {measures.convergence_order(results, case, MODE):.2f}"
         for case in ("galerkin-T6", "pw-T6", "galerkin-Q8")
     )
     return (

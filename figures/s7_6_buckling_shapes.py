@@ -5,47 +5,47 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.6"
 ELEMENT = "pw-T6"
 CASE = f"7.6/{ELEMENT}-uniform-16x4"
 NEEDS = [CASE]
-SCALE = 0.6  # largest displacement over the height
-AROUND = [0, 5, 1, 3, 2, 4]  # Basix' nodes of a triangle, going round
+DISPLACEMENT_SCALE = 0.6  # largest displacement over the height
+OUTLINE_ORDER = [0, 5, 1, 3, 2, 4]  # Basix' nodes of a triangle, going round
 
 
 def draw(results: Results) -> Figure:
     """Deformed half beam and its mirror image."""
     curves = results.curves(CASE)
-    nodes, cells = curves["nodes"], curves["cells"][:, AROUND]
-    middle = nodes[:, 0].max()
-    fig, axes = plt.subplots(2, 1, figsize=(FULL, 3.2), sharex=True)
+    nodes, cells = curves["nodes"], curves["cells"][:, OUTLINE_ORDER]
+    mirror_x = nodes[:, 0].max()
+    fig, axes = plt.subplots(2, 1, figsize=(PAGE_WIDTH, 3.2), sharex=True)
     for mode, ax in enumerate(axes, start=1):
         shape = curves[f"shape_{mode}"]
         if shape[np.abs(shape[:, 1]).argmax(), 1] < 0:
             shape = -shape
-        mirrored = np.array([-1.0, 1.0]) if mode == 1 else np.array([1.0, -1.0])
-        halves = [(nodes, shape), (nodes * [-1, 1] + [2 * middle, 0], shape * mirrored)]
+        mirror_signs = np.array([-1.0, 1.0]) if mode == 1 else np.array([1.0, -1.0])
+        halves = [(nodes, shape), (nodes * [-1, 1] + [2 * mirror_x, 0], shape * mirror_signs)]
         for x, u in halves:
             outline = np.array([[x[:, 0].min(), -0.5], [x[:, 0].max(), 0.5]])
             ax.plot(
                 outline[[0, 1, 1, 0, 0], 0], outline[[0, 0, 1, 1, 0], 1], color="#BBBBBB", lw=0.6
             )
-            deformed = x + SCALE * u
+            deformed = x + DISPLACEMENT_SCALE * u
             ax.add_collection(
                 PolyCollection(
                     deformed[cells],
                     facecolor="#D8E8F4",
-                    edgecolor=LOOK[ELEMENT]["color"],
+                    edgecolor=ELEMENT_LOOK[ELEMENT]["color"],
                     lw=0.4,
                     rasterized=True,
                 )
             )
         stress = results.scalar(CASE, f"sigma_cr_{mode}")
         ax.set_title(f"mode {mode}: {stress / 1e9:.4f} GPa", loc="left")
-        ax.set(aspect="equal", ylabel="$y/h$", xlim=(-0.3, 2 * middle + 0.3), ylim=(-1.25, 1.25))
+        ax.set(aspect="equal", ylabel="$y/h$", xlim=(-0.3, 2 * mirror_x + 0.3), ylim=(-1.25, 1.25))
         ax.grid(visible=False)
     axes[-1].set_xlabel("$x/h$")
     return fig
@@ -55,7 +55,8 @@ def caption(results: Results) -> str:
     """Return the caption."""
     return (
         "Buckling shapes under uniform load by the new element with form G, half models of 16 x 4 "
-        f"squares and their mirror images; the largest displacement is drawn as {SCALE:g} h."
+        "squares and their mirror images; the largest displacement is drawn as "
+        f"{DISPLACEMENT_SCALE:g} h."
     )
 
 

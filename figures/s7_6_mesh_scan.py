@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from figures.style import CLEAR, FULL
+from figures.style import LABEL_BOX, PAGE_WIDTH
 from study.run.store import Results
 
 SECTION = "7.6"
@@ -25,48 +25,55 @@ GROUP_LOOK: dict[str, dict[str, Any]] = {
     "A a mid-side node": {"color": "#E69F00"},
     "A a corner": {"color": "#0072B2"},
 }
-EVIDENCE = "#CC79A7"
-WINDOW, ZOOMS = 15.0, {"cps6": 0.6, "user": 0.1}
+EVIDENCE_COLOUR = "#CC79A7"
+PLOT_HALF_WIDTH, ZOOM_HALF_WIDTHS = 15.0, {"cps6": 0.6, "user": 0.1}
 """Half widths of the plots and of their enlarged middles, in per cent."""
-ODDS_SHARE = 1 / 21
+ODDS_20_TO_1_SHARE = 1 / 21
 """Share of random rows at odds of 20 to 1 against chance."""
 
 
 def draw(results: Results) -> Figure:
     """Deviations of all models from the print; share of random rows that are met as closely."""
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.9))
-    for (whole, middle), (row, title) in zip(axes.T, ROW_TITLES.items(), strict=False):
-        for ax, window, size in ((whole, WINDOW, 1.2), (middle, ZOOMS[row], 5)):
-            _draw_deviations(ax, results, row, size)
+    fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 4.9))
+    for (whole_ax, zoom_ax), (row, title) in zip(axes.T, ROW_TITLES.items(), strict=False):
+        for ax, half_width, marker_size in (
+            (whole_ax, PLOT_HALF_WIDTH, 1.2),
+            (zoom_ax, ZOOM_HALF_WIDTHS[row], 5),
+        ):
+            _draw_deviations(ax, results, row, marker_size)
             ax.plot(0, 0, "+", color="black", ms=8, zorder=4, label="print")
-            ax.set(xlabel="mode 1: deviation / %", xlim=(-window, window), ylim=(-window, window))
+            ax.set(
+                xlabel="mode 1: deviation / %",
+                xlim=(-half_width, half_width),
+                ylim=(-half_width, half_width),
+            )
             ax.locator_params(axis="x", nbins=3)
             ax.locator_params(axis="y", nbins=5)
-        whole.set_title(title)
-        middle.set_title(f"the middle, {WINDOW / ZOOMS[row]:.0f} times larger")
-        _draw_random_rows(whole, results, row)
-        _draw_distances(middle, results, row)
+        whole_ax.set_title(title)
+        zoom_ax.set_title(f"the middle, {PLOT_HALF_WIDTH / ZOOM_HALF_WIDTHS[row]:.0f} times larger")
+        _draw_random_rows(whole_ax, results, row)
+        _draw_distances(zoom_ax, results, row)
     for ax in axes[:, 0]:
         ax.set_ylabel("mode 2: deviation / %")
-    _draw_chance(axes[0, 2], results)
+    _draw_chance_curves(axes[0, 2], results)
     _draw_legend(axes[1, 2], *axes[:, 0])
     return fig
 
 
-def _draw_deviations(ax: Axes, results: Results, row: str, size: float) -> None:
+def _draw_deviations(ax: Axes, results: Results, row: str, marker_size: float) -> None:
     curves = results.curves(CASE)
     is_corner = curves[f"{row}_corner"]
-    for (label, look), chosen in zip(GROUP_LOOK.items(), (~is_corner, is_corner), strict=True):
-        points = curves[f"{row}_deviation"][chosen]
-        points = points[np.abs(points).max(axis=1) < WINDOW]
-        ax.plot(*points.T, ".", ms=size, mew=0, rasterized=True, label=label, **look)
+    for (label, look), is_in_group in zip(GROUP_LOOK.items(), (~is_corner, is_corner), strict=True):
+        points = curves[f"{row}_deviation"][is_in_group]
+        points = points[np.abs(points).max(axis=1) < PLOT_HALF_WIDTH]
+        ax.plot(*points.T, ".", ms=marker_size, mew=0, rasterized=True, label=label, **look)
 
 
 def _draw_random_rows(ax: Axes, results: Results, row: str) -> None:
     """Draw the ellipse of one standard deviation of the random rows around the print."""
-    squares, directions = np.linalg.eigh(results.curves(CASE)[f"{row}_covariance"])
+    variances, directions = np.linalg.eigh(results.curves(CASE)[f"{row}_covariance"])
     angle = np.degrees(np.arctan2(*directions[::-1, 1]))
-    width, height = 2 * np.sqrt(squares[::-1])
+    width, height = 2 * np.sqrt(variances[::-1])
     label = "random rows: one standard deviation"
     style = {"fill": False, "color": "black", "linewidth": 1, "label": label}
     ax.add_patch(Ellipse((0, 0), width, height, angle=angle, **style))
@@ -82,15 +89,17 @@ def _draw_distances(ax: Axes, results: Results, row: str) -> None:
             "label": "as near as the best model",
         },
         "critical_distance": {
-            "facecolor": EVIDENCE,
-            "edgecolor": EVIDENCE,
+            "facecolor": EVIDENCE_COLOUR,
+            "edgecolor": EVIDENCE_COLOUR,
             "alpha": 0.5,
             "label": "as near as evidence would be\n(20 to 1 against chance)",
         },
     }
     for name, style in squares.items():
-        half = results.scalar(CASE, f"{row}_all_{name}")
-        ax.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, zorder=1, **style))
+        half_side = results.scalar(CASE, f"{row}_all_{name}")
+        ax.add_patch(
+            Rectangle((-half_side, -half_side), 2 * half_side, 2 * half_side, zorder=1, **style)
+        )
 
 
 def _draw_legend(ax: Axes, *plots: Axes) -> None:
@@ -102,25 +111,25 @@ def _draw_legend(ax: Axes, *plots: Axes) -> None:
     ax.legend(labelled.values(), labelled.keys(), loc="center left", fontsize=7)
 
 
-def _draw_chance(ax: Axes, results: Results) -> None:
+def _draw_chance_curves(ax: Axes, results: Results) -> None:
     """Draw the share of random rows with a model within a distance, and the best models."""
     curves = results.curves(CASE)
     for row, look in ROW_LOOK.items():
         ax.semilogx(curves[f"{row}_nearest"], curves["share"], **look)
-        best = results.scalar(CASE, f"{row}_all_distance")
-        share = np.interp(best, curves[f"{row}_nearest"], curves["share"])
-        ax.plot(best, share, "o", color=look["color"], ms=5)
-    ax.axhline(ODDS_SHARE, color=EVIDENCE, linewidth=1.2)
+        best_distance = results.scalar(CASE, f"{row}_all_distance")
+        share = np.interp(best_distance, curves[f"{row}_nearest"], curves["share"])
+        ax.plot(best_distance, share, "o", color=look["color"], ms=5)
+    ax.axhline(ODDS_20_TO_1_SHARE, color=EVIDENCE_COLOUR, linewidth=1.2)
     ax.annotate(
         "20 to 1",
-        (0.98, ODDS_SHARE),
+        (0.98, ODDS_20_TO_1_SHARE),
         xycoords=("axes fraction", "data"),
         xytext=(0, 2),
         textcoords="offset points",
         ha="right",
         va="bottom",
         fontsize=7,
-        bbox=CLEAR,
+        bbox=LABEL_BOX,
     )
     ax.set(title="random rows", xlabel="distance of nearest model / %")
     ax.set(ylabel="share that is met", xlim=(1e-3, 5), ylim=(0, 1))

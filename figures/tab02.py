@@ -3,12 +3,12 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.paper.items import TABLE_2
 from study.run.store import Results
 
 SECTION = "7.6"
-COMPUTED = {
+COMPUTED_LABELS = {
     "galerkin-T6-J": "standard T6, form J",
     "galerkin-T6": "standard T6, form G",
     "pw-T6": "new T6, form G",
@@ -18,36 +18,44 @@ COMPUTED = {
     "composite-T6-J": "composite T6, form J",
     "composite-T6": "composite T6, form G",
 }
-EXACT = {"J": "exact, form J", "G": "exact, form G", "engesser": "Engesser", "euler": "Euler"}
-NEEDS = ["7.6/exact", *(f"7.6/{case}" for case in COMPUTED)]
+EXACT_LABELS = {
+    "J": "exact, form J",
+    "G": "exact, form G",
+    "engesser": "Engesser",
+    "euler": "Euler",
+}
+NEEDS = ["7.6/exact", *(f"7.6/{case}" for case in COMPUTED_LABELS)]
 
 
 def draw(results: Results) -> Figure:
     """One row a value, one panel a mode."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.3), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.3), sharey=True)
     labels: list[str] = []
     for mode, ax in enumerate(axes, start=1):
-        rows = [(f"printed: {name}", v[mode - 1], "black", "*") for name, v in TABLE_2.items()]
-        for case, label in COMPUTED.items():
-            look = LOOK[results[f"7.6/{case}"].parameters["element"]]
+        rows = [
+            (f"printed: {name}", stresses[mode - 1], "black", "*")
+            for name, stresses in TABLE_2.items()
+        ]
+        for case, label in COMPUTED_LABELS.items():
+            look = ELEMENT_LOOK[results[f"7.6/{case}"].parameters["element"]]
             value = results.scalar(f"7.6/{case}", f"sigma_cr_{mode}")
             rows.append((label, value, look["color"], look["marker"]))
-        for name, label in EXACT.items():
+        for name, label in EXACT_LABELS.items():
             rows.append((label, results.scalar("7.6/exact", f"{name}_{mode}"), "black", "|"))
-        for place, (_, value, color, marker) in enumerate(rows):
+        for row_number, (_, value, color, marker) in enumerate(rows):
             size = 9 if marker == "|" else 7 if marker == "*" else 5
-            ax.plot(value / 1e9, place, marker, color=color, markersize=size)
+            ax.plot(value / 1e9, row_number, marker, color=color, markersize=size)
             ax.annotate(
                 f"{value / 1e9:.4f}",
-                (1.01, place),
+                (1.01, row_number),
                 xycoords=("axes fraction", "data"),
                 va="center",
                 fontsize=7,
             )
         labels = [row[0] for row in rows]
         ax.set(title=f"mode {mode}", xlabel="critical stress / GPa")
-        for border in (len(TABLE_2), len(TABLE_2) + len(COMPUTED)):
-            ax.axhline(border - 0.5, color="#999999", linewidth=0.6)
+        for border_row in (len(TABLE_2), len(TABLE_2) + len(COMPUTED_LABELS)):
+            ax.axhline(border_row - 0.5, color="#999999", linewidth=0.6)
     axes[0].set_yticks(range(len(labels)), labels)
     axes[0].invert_yaxis()
     return fig

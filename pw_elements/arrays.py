@@ -60,6 +60,6 @@ AutoDiffOperand: TypeAlias = AutoDiffArray | Array | float
 
 
 def stack_values_and_derivatives(numbers: Sequence[AutoDiffArray]) -> tuple[Array, Array]:
-    """Stack j arrays (q,) with derivatives (q, k); return values (q, j), derivatives (q, j, k)."""
+    """Stack j arrays (q,) and their derivatives (q, k) to values (q, j), derivatives (q, j, k)."""
     parts = ([v.value for v in numbers], [v.derivative for v in numbers])
     return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)

@@ -1,12 +1,13 @@
-"""Atomic replacement of files and folders; nothing that the library did not write is deleted.
+"""Atomic replacement of files and folders.
 
-The library and the study create, replace and delete files through this module only.
+The library and the study create, replace and delete files only through this module.
 
 - A file is written under a temporary name in the same folder and then renamed. At any moment the
-  path holds either the old or the new file. After an error it holds the old file.
-- A folder is written under a temporary name, too, and then exchanged with the old folder. An
+  path holds either the old or the new file. After an error it holds the old file. The caller may
+  restrict which existing files are replaced.
+- A folder is also written under a temporary name and then exchanged with the old folder. An
   existing folder is replaced only if its mark, a file named ".pw-elements", lists its whole
-  content.
+  content. Files that the library did not write are therefore never deleted with a folder.
 - Unfinished files and folders have names that end in ".pw-elements-unfinished". The process that
   writes an unfinished file or folder holds a lock on it, which ends with the process. The next
   process that writes in the same folder removes unfinished files and folders without a lock. Those
@@ -166,7 +167,7 @@ class FolderReplacement:
         self.abandon()
 
     def _exchange_with_target(self) -> None:
-        """Exchange the new with the old folder; undo this if the old one must not be replaced."""
+        """Exchange the new folder and the old one; undo this if the old one must be kept."""
         replaced = self.folder
         if not _exchange_folders(self.folder, self.path):
             replaced = self.folder.with_name(_REPLACED_FOLDER_NAME)
@@ -276,7 +277,7 @@ def create_or_claim_folder(
         path: Path of the folder. Missing parent folders are created.
         kind: Description of the folder, which is stored in its mark.
         may_mark_existing: Function that returns whether an existing folder without a mark may be
-            marked. Empty folders always are.
+            marked. Empty folders are always marked.
 
     Raises:
         ForeignFileOrFolder: If the path holds something else.
@@ -295,9 +296,9 @@ def create_or_claim_folder(
 
 
 def remove_files_of_killed_processes(folder: Path) -> None:
-    """Remove unfinished files and folders of killed processes from a folder.
+    """Remove files and folders that killed processes have left unfinished in a folder.
 
-    If a process was killed while it replaced a folder, the old folder is restored. Files that
+    If a process was killed while it was replacing a folder, the old folder is restored. Files that
     cannot be removed, or that belong to another user, are kept.
     """
     try:
@@ -363,7 +364,7 @@ def _create_locked_temporary_file(folder: Path) -> tuple[Path, int]:
 
 
 def _create_locked_temporary_folder(final_path: Path) -> tuple[Path, int]:
-    """Make an unfinished folder beside a path; return its path and its mark's locked descriptor."""
+    """Create an unfinished folder beside a path; return it and its mark's locked descriptor."""
     for _ in range(_MAX_CREATION_ATTEMPTS):
         container = final_path.with_name(f".{secrets.token_hex(8)}{_UNFINISHED_SUFFIX}")
         os.mkdir(container)
@@ -467,9 +468,9 @@ def _restore_replaced_folder(temporary_folder: Path) -> None:
 
 
 def _remove_temporary_folder(temporary_folder: Path) -> None:
-    """Remove an unfinished folder and the folder in it that is being written.
+    """Remove an unfinished folder and the folders in it.
 
-    Of a marked folder, only the entries that the mark lists are removed.
+    If a folder in it has a mark that lists entries, only these entries of that folder are removed.
     """
     with os.scandir(temporary_folder) as entries:
         paths = [Path(entry.path) for entry in entries if entry.name != FOLDER_MARK_FILE_NAME]
@@ -533,7 +534,8 @@ def _write_folder_mark(folder: Path, kind: str, entries: list[str]) -> None:
 def _read_folder_mark(folder: Path) -> dict[str, Any]:
     """Return the mark of a folder as a mapping.
 
-    It is empty if the folder has no mark. Its "kind" is None if the library did not write it.
+    The mapping is empty if the folder has no mark. If the library did not write the mark, "kind" is
+    the only key, with the value None.
     """
     try:
         mark = json.loads((folder / FOLDER_MARK_FILE_NAME).read_bytes())

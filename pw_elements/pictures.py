@@ -54,7 +54,7 @@ _OUTLINE_NODES_BY_NODE_COUNT = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 
 _DRAWN_PARTS_PER_FACET_EDGE = 4
 _BODY_COLOUR_WITHOUT_VALUES = (0.78, 0.82, 0.86)
 _MAX_DRAWN_COORDINATE = 1e150  # areas of faces with larger coordinates overflow
-# Smallest component towards the eye that the unit normal of a visible triangle has
+# A triangle is visible if the component of its unit normal towards the eye is larger than this
 _MIN_NORMAL_COMPONENT_TOWARDS_EYE = 1e-9
 # Direction to the light (right, up, towards the eye), and brightness of surfaces in shadow
 _LIGHT_DIRECTION = np.array([0.35, 0.5, 0.79])
@@ -62,7 +62,7 @@ _SHADOW_BRIGHTNESS = 0.55
 
 
 class _DrawnFaces(NamedTuple):
-    """Visible faces of all processes, with k nodes each in the order of Basix."""
+    """Faces to be drawn, gathered from all processes, each with k nodes in Basix' order."""
 
     x: Array  # deformed positions (f, k, dim) of the nodes
     values: Array  # values (f, k) of the field at the nodes, zero if no field is drawn
@@ -92,14 +92,14 @@ def draw(
 
     Args:
         mesh: mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
-        values: scalar field to be shown, a function or UFL expression; by default the body is grey.
-        displacement: displacement field; by default the body is drawn undeformed.
+        values: scalar field to be shown, a function or UFL expression; None for a grey body.
+        displacement: displacement field; None for the undeformed body.
         scale: factor by which displacements are multiplied.
-        axes: Matplotlib's axes to draw in; by default the axes of a new figure.
+        axes: Matplotlib's axes to draw in; None for the axes of a new figure.
         label: label of the colour bar; without a label, no colour bar is drawn.
         colours: name of a colour map of Matplotlib.
-        limits: lower and upper limit of the colour range, by default the range of the values.
-            Limits are useful for unbounded stresses at sharp corners.
+        limits: lower and upper limit of the colour range; None for the range of the values. Limits
+            are useful if stresses are unbounded at sharp corners.
         view: direction of the view of a solid body: elevation of the eye above the xy plane and
             azimuth in this plane, in degrees. The z axis points up.
         edges: whether the edges of the cells are drawn.
@@ -136,7 +136,7 @@ def draw(
     palette = (
         ListedColormap([_BODY_COLOUR_WITHOUT_VALUES]) if values is None else plt.get_cmap(colours)
     )
-    # thin lines if there are many cells
+    # thinner lines if there are more faces
     line_width = float(np.clip(25 / np.sqrt(len(faces.x)), 0.1, 0.6)) if edges else 0.0
     colour_range = (
         Normalize(*limits) if limits else Normalize(np.min(faces.values), np.max(faces.values))
@@ -189,9 +189,10 @@ def _check_fields(mesh: Mesh, values: Expr | None, displacement: fem.Function | 
 def _collect_faces(
     mesh: Mesh, values: Expr | None, displacement: fem.Function | None, scale: float
 ) -> _DrawnFaces:
-    """Return the cells of a plane body, or the exterior facets of a solid body.
+    """Return the cells of a plane body, or the exterior facets of a solid body, to be drawn.
 
-    Collective: every process returns the faces of all processes.
+    Collective: every process returns the faces of all processes. Values that are not finite are
+    replaced by the mean of the other values in the cell.
     """
     dim = mesh.geometry.dim
     position = ufl.SpatialCoordinate(mesh)

@@ -22,18 +22,19 @@ from mpi4py import MPI
 
 logger = logging.getLogger("pw_elements")
 
-# Current activities, the outermost first; minimum number of seconds between two reports; time of
-# the last report, or of the import of this module before the first report
+# Current activities, the outermost first
 _current_activities: list[str] = []
 _MIN_SECONDS_BETWEEN_REPORTS = 10.0
+# Time of the last report; before the first report, time at which this module was imported
 _last_report_time = perf_counter()
 
 
 @contextmanager
 def report_activity(comm: MPI.Comm, activity: str) -> Iterator[None]:
-    """Name the activity of a `with` block, after those of enclosing blocks, on stderr.
+    """Report the activity of a `with` block, and the activities of enclosing blocks, on stderr.
 
-    Nothing is printed within ten seconds after the last report.
+    Only process 0 reports. Nothing is printed within ten seconds after the last report, or if the
+    library's logger logs messages of the level INFO, has a handler or a level above INFO.
     """
     global _last_report_time
     logs_info = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()

@@ -31,14 +31,18 @@ def _limit_mortar_candidates(monkeypatch):
     """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
     if (overlap := sys.modules.get("pw_elements.contact.interface.overlap")) is None:
         return
-    candidates = overlap._find_sub_facet_pairs_with_intersecting_boxes
+    find_candidate_pairs = overlap._find_sub_facet_pairs_with_intersecting_boxes
 
-    def count_candidates(slave, master, along):
-        pairs = candidates(slave, master, along)
-        assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(len(slave), len(master))
+    def find_and_count_candidate_pairs(slave_sub_facets, master_sub_facets, projection_directions):
+        pairs = find_candidate_pairs(slave_sub_facets, master_sub_facets, projection_directions)
+        assert len(pairs[0]) <= MAX_CANDIDATES_PER_FACET * max(
+            len(slave_sub_facets), len(master_sub_facets)
+        )
         return pairs
 
-    monkeypatch.setattr(overlap, "_find_sub_facet_pairs_with_intersecting_boxes", count_candidates)
+    monkeypatch.setattr(
+        overlap, "_find_sub_facet_pairs_with_intersecting_boxes", find_and_count_candidate_pairs
+    )
 
 
 def pytest_addoption(parser):
@@ -58,10 +62,18 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     import tests.parallel  # noqa: F401  extends DOLFINx's time limit; starts MPI, hence not at the top
 
-    slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
-    common = {"deadline": None, "database": None, "suppress_health_check": slow}
-    settings.register_profile("suite", max_examples=25, derandomize=True, **common)
-    settings.register_profile("nightly", max_examples=5000, print_blob=True, **common)
+    suppressed_checks = [
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+        HealthCheck.filter_too_much,
+    ]
+    common_settings = {
+        "deadline": None,
+        "database": None,
+        "suppress_health_check": suppressed_checks,
+    }
+    settings.register_profile("suite", max_examples=25, derandomize=True, **common_settings)
+    settings.register_profile("nightly", max_examples=5000, print_blob=True, **common_settings)
     settings.load_profile("nightly" if config.getoption("--nightly") else "suite")
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(DurationReporter(config))
@@ -72,39 +84,48 @@ class DurationReporter:
 
     def __init__(self, config):
         self.config, self.cache = config, getattr(config, "cache", None)
-        self.means = self.cache.get("pw_elements/seconds", {}) if self.cache else {}
-        self.seconds, self.counts, self.printed = Counter(), Counter(), False
+        self.mean_seconds = self.cache.get("pw_elements/seconds", {}) if self.cache else {}
+        self.total_seconds, self.n_tests, self.is_printed = Counter(), Counter(), False
 
     def summarise(self, ids):
         """Return the number of tests and their expected duration as one line."""
-        processes = getattr(self.config.option, "numprocesses", None) or 1
-        total = (
-            sum(self.means.get(test_id.split("::")[0], ASSUMED_TEST_SECONDS) for test_id in ids)
-            / processes
+        n_processes = getattr(self.config.option, "numprocesses", None) or 1
+        expected_seconds = (
+            sum(
+                self.mean_seconds.get(test_id.split("::")[0], ASSUMED_TEST_SECONDS)
+                for test_id in ids
+            )
+            / n_processes
         )
-        duration = f"{total / 60:.0f} min" if total > 90 else f"{total:.0f} s"
-        all_measured = all(test_id.split("::")[0] in self.means for test_id in ids)
+        duration = (
+            f"{expected_seconds / 60:.0f} min"
+            if expected_seconds > 90
+            else f"{expected_seconds:.0f} s"
+        )
+        all_measured = all(test_id.split("::")[0] in self.mean_seconds for test_id in ids)
         basis = "as they last ran here" if all_measured else "not all have run here yet"
-        return f"{len(ids)} tests, about {duration} by {processes} at a time ({basis})"
+        return f"{len(ids)} tests, about {duration} by {n_processes} at a time ({basis})"
 
     def pytest_report_collectionfinish(self, items):
         return self.summarise([item.nodeid for item in items])
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids):
-        if not self.printed:  # printed for the first worker; all workers collect the same tests
+        if not self.is_printed:  # printed for the first worker; all workers collect the same tests
             self.config.get_terminal_writer().line(self.summarise(ids))
-        self.printed = True
+        self.is_printed = True
 
     def pytest_runtest_logreport(self, report):
         file = report.nodeid.split("::")[0]
-        self.seconds[file] += report.duration
-        self.counts[file] += report.when == "setup"
+        self.total_seconds[file] += report.duration
+        self.n_tests[file] += report.when == "setup"
 
     def pytest_sessionfinish(self):
-        if self.cache and self.counts:
-            new = {file: self.seconds[file] / count for file, count in self.counts.items()}
-            self.cache.set("pw_elements/seconds", self.means | new)
+        if self.cache and self.n_tests:
+            new_mean_seconds = {
+                file: self.total_seconds[file] / count for file, count in self.n_tests.items()
+            }
+            self.cache.set("pw_elements/seconds", self.mean_seconds | new_mean_seconds)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,6 @@
 """Operations on files with a failure, or a kill of the process, at each of their system calls.
 
-`run_with_failure(operation, number, error)` makes the system call with a number fail.
+`run_with_failing_call(operation, number, error)` makes the system call with a number fail.
 `python3 -m tests.faults` kills a process before and after each system call of the cases below, and
 checks the files that are left.
 """
@@ -38,18 +38,23 @@ OLD_CONTENT, NEW_CONTENT = b"old" * 5000, b"new" * 6000
 class CallCounter:
     """Counter of the system calls of a block; it replaces the call with a given number."""
 
-    def __init__(self, number, instead):
-        self.number, self.instead, self.calls, self.names = number, instead, 0, []
+    def __init__(self, call_number, replacement_call):
+        self.call_number, self.replacement_call, self.n_calls, self.called_names = (
+            call_number,
+            replacement_call,
+            0,
+            [],
+        )
 
     def __call__(self, function):
-        def call_counted(*args, **kwargs):
-            self.calls += 1
-            self.names.append(function.__name__)
-            if self.calls == self.number:
-                return self.instead(lambda: function(*args, **kwargs))
+        def count_and_call(*args, **kwargs):
+            self.n_calls += 1
+            self.called_names.append(function.__name__)
+            if self.n_calls == self.call_number:
+                return self.replacement_call(lambda: function(*args, **kwargs))
             return function(*args, **kwargs)
 
-        return call_counted
+        return count_and_call
 
     @contextmanager
     def count_calls(self):
@@ -72,9 +77,9 @@ class CallCounter:
 class CountingStream:
     """File whose writes and flushes count as system calls."""
 
-    def __init__(self, stream, watched):
+    def __init__(self, stream, counter):
         self._stream = stream
-        self.write, self.flush = watched(stream.write), watched(stream.flush)
+        self.write, self.flush = counter(stream.write), counter(stream.flush)
 
     def __getattr__(self, name):
         return getattr(self._stream, name)
@@ -86,26 +91,30 @@ class CountingStream:
         self._stream.close()
 
 
-def run_with_failure(operation, number, error):
-    """Run an operation whose call `number` fails; return whether it was reached, and the error."""
+def run_with_failing_call(operation, call_number, error_number):
+    """Run an operation whose call `call_number` fails.
+
+    Returns:
+        Whether the call was reached, and the error of the operation.
+    """
 
     def raise_error(call):
-        if counter.names[-1] == "close":  # a failing close() still closes
+        if counter.called_names[-1] == "close":  # a failing close() still closes
             call()
-        raise OSError(error, os.strerror(error))
+        raise OSError(error_number, os.strerror(error_number))
 
     error_raised = None
-    counter = CallCounter(number, raise_error)
+    counter = CallCounter(call_number, raise_error)
     with counter.count_calls():
         try:
             operation()
-        except Exception as caught:
-            error_raised = caught
-    return counter.calls >= number, error_raised
+        except Exception as exception:
+            error_raised = exception
+    return counter.n_calls >= call_number, error_raised
 
 
-def run_with_kill(operation, number, after_call):
-    """Run an operation in a child process, killed at call `number`; return whether it was."""
+def run_and_kill_at_call(operation, call_number, after_call):
+    """Run an operation in a child process, killed at call `call_number`; return whether it was."""
 
     def kill(call):
         with suppress(OSError):
@@ -116,7 +125,7 @@ def run_with_kill(operation, number, after_call):
     process = os.fork()
     if not process:
         try:
-            with CallCounter(number, kill).count_calls():
+            with CallCounter(call_number, kill).count_calls():
                 operation()
             os._exit(0)
         except BaseException:
@@ -128,7 +137,7 @@ def run_with_kill(operation, number, after_call):
     return exit_code == 9
 
 
-class FileCase:
+class FileReplacementCase:
     """Replacement of a file."""
 
     def prepare(self, folder):
@@ -141,10 +150,10 @@ class FileCase:
         return {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(folder / "data").read_bytes()]
 
 
-class FolderCase:
+class FolderReplacementCase:
     """Replacement of a folder."""
 
-    def fill(self, folder, content):
+    def write_folder(self, folder, content):
         with open_folder_replacement(folder / "made", FOLDER_KIND) as replacement:
             (replacement.scratch / "more").write_text("not kept")
             (replacement.folder / "one").write_bytes(content)
@@ -152,10 +161,10 @@ class FolderCase:
             (replacement.folder / content[:3].decode() / "deep").write_bytes(content)
 
     def prepare(self, folder):
-        self.fill(folder, OLD_CONTENT)
+        self.write_folder(folder, OLD_CONTENT)
 
     def replace(self, folder):
-        self.fill(folder, NEW_CONTENT)
+        self.write_folder(folder, NEW_CONTENT)
 
     def inspect_state(self, folder):
         target = folder / "made"
@@ -168,14 +177,14 @@ class FolderCase:
         return state
 
 
-class FirstFolderCase(FolderCase):
+class FolderCreationCase(FolderReplacementCase):
     """Creation of a folder."""
 
     def prepare(self, folder):
         pass
 
 
-class EmptyFolderCase(FolderCase):
+class EmptyFolderReplacementCase(FolderReplacementCase):
     """Replacement of an empty folder of the user."""
 
     def prepare(self, folder):
@@ -186,7 +195,7 @@ class EmptyFolderCase(FolderCase):
         return "missing" if is_empty else super().inspect_state(folder)
 
 
-class FolderWithoutExchangeCase(FolderCase):
+class FolderWithoutExchangeCase(FolderReplacementCase):
     """Replacement of a folder on a system without renameat2."""
 
     def replace(self, folder):
@@ -194,7 +203,7 @@ class FolderWithoutExchangeCase(FolderCase):
             super().replace(folder)
 
 
-class ClaimCase:
+class FolderClaimCase:
     """Claim of a folder whose files are replaced one by one."""
 
     def prepare(self, folder):
@@ -211,11 +220,11 @@ class ClaimCase:
         return "new" if names == [files.FOLDER_MARK_FILE_NAME] else "missing"
 
 
-class ResultCase:
+class ResultReplacementCase:
     """Replacement of a result of the study, with numbers and curves in two files."""
 
-    def save_result(self, folder, number):
-        result = Result({"y": number}, {"y": "1"}, {"x": np.full(300, number)})
+    def save_result(self, folder, value):
+        result = Result({"y": value}, {"y": "1"}, {"x": np.full(300, value)})
         save(folder / "made", "7.1", "pw-T6", result, {"problem": "toy"}, {})
 
     def prepare(self, folder):
@@ -237,16 +246,16 @@ class ResultCase:
         return {1.0: "old", 2.0: "new"}[stored.scalars["y"]]
 
 
-CASES = {
+REPLACEMENT_CASES = {
     case.__name__: case()
     for case in (
-        FileCase,
-        FolderCase,
-        FirstFolderCase,
-        EmptyFolderCase,
+        FileReplacementCase,
+        FolderReplacementCase,
+        FolderCreationCase,
+        EmptyFolderReplacementCase,
         FolderWithoutExchangeCase,
-        ClaimCase,
-        ResultCase,
+        FolderClaimCase,
+        ResultReplacementCase,
     )
 }
 # Allowed states besides old and new content (without renameat2, only until the next call)
@@ -261,19 +270,22 @@ RESTORED_CASES = {"FolderWithoutExchangeCase"}
 
 
 @contextmanager
-def user_folder():
+def folder_with_user_files():
     """Yield a folder with files of the user, and check that all of these are unchanged."""
-    with tempfile.TemporaryDirectory() as name:
-        outside_folder, folder = Path(name) / "outside", Path(name) / "folder"
+    with tempfile.TemporaryDirectory() as temporary_folder:
+        outside_folder, folder = (
+            Path(temporary_folder) / "outside",
+            Path(temporary_folder) / "folder",
+        )
         for path in (outside_folder / "file", folder / "notes.txt", folder / "other.bp" / "md.idx"):
             path.parent.mkdir(exist_ok=True)
             path.write_text("mine")
         (folder / ".0123456789abcdef.pw-elements-unfinished.txt").write_text("mine")
         (folder / "link").symlink_to(outside_folder)
         (folder / ".aaaaaaaaaaaaaaaa.pw-elements-unfinished").symlink_to(outside_folder)
-        content_before = folder_content(Path(name))
+        content_before = folder_content(Path(temporary_folder))
         yield folder
-        content_after = folder_content(Path(name))
+        content_after = folder_content(Path(temporary_folder))
         assert {path: content_after.get(path) for path in content_before} == content_before
         new_entries = {path.split("/")[1] for path in content_after.keys() - content_before.keys()}
         assert new_entries <= {"made", "data"}, new_entries
@@ -303,19 +315,23 @@ def check_recovery(case, folder, error_raised=None):
 
 def kill_at_each_call(case):
     """Kill a case at each system call; return the number of kills and the states after them."""
-    states, number, was_killed = [], 0, True
+    states, call_number, was_killed = [], 0, True
     while was_killed:
-        number += 1
+        call_number += 1
         for after_call in (False, True):
-            with user_folder() as folder:
+            with folder_with_user_files() as folder:
                 case.prepare(folder)
-                was_killed = run_with_kill(lambda at=folder: case.replace(at), number, after_call)
+                was_killed = run_and_kill_at_call(
+                    lambda target_folder=folder: case.replace(target_folder),
+                    call_number,
+                    after_call,
+                )
                 if was_killed:
                     states.append(check_recovery(case, folder))
     return len(states), {*states}
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or CASES:
-        times, states = kill_at_each_call(CASES[name])
-        print(f"{name}: killed {times} times, then {', '.join(sorted(states))}")
+    for name in sys.argv[1:] or REPLACEMENT_CASES:
+        n_kills, states = kill_at_each_call(REPLACEMENT_CASES[name])
+        print(f"{name}: killed {n_kills} times, then {', '.join(sorted(states))}")

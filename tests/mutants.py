@@ -78,27 +78,29 @@ def find_mutants(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
     tree = ast.parse(module.read_text(encoding="utf-8"))
     counts: dict[tuple[str, str], int] = {}
 
-    def walk(node: ast.AST, name: str) -> Iterator[tuple[Mutant, ast.expr]]:
+    def walk_expressions(node: ast.AST, function_name: str) -> Iterator[tuple[Mutant, ast.expr]]:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.FunctionDef | ast.ClassDef):
                 body = child.body
-                inner = f"{name}.{child.name}".lstrip(".")
+                inner_name = f"{function_name}.{child.name}".lstrip(".")
                 for statement in body:
-                    yield from walk(ast.Module([statement], []), inner)
+                    yield from walk_expressions(ast.Module([statement], []), inner_name)
                 continue
             if isinstance(child, ast.arguments | ast.Raise | ast.JoinedStr | ast.AnnAssign):
                 continue  # messages and annotations
             if isinstance(child, ast.expr) and (change := mutate_expression(child)):
                 kind, mutated = change
-                index = counts[kind, name] = counts.get((kind, name), -1) + 1
+                index = counts[kind, function_name] = counts.get((kind, function_name), -1) + 1
                 path = str(module.relative_to(ROOT))
                 yield (
-                    Mutant(kind, path, name, index, ast.unparse(child), ast.unparse(mutated)),
+                    Mutant(
+                        kind, path, function_name, index, ast.unparse(child), ast.unparse(mutated)
+                    ),
                     child,
                 )
-            yield from walk(child, name)
+            yield from walk_expressions(child, function_name)
 
-    yield from walk(tree, "")
+    yield from walk_expressions(tree, "")
 
 
 def draw_mutants() -> list[Mutant]:
@@ -110,11 +112,11 @@ def draw_mutants() -> list[Mutant]:
         # tolerances at the top of a module are named constants
         if mutant.function or mutant.kind == "tolerance"
     ]
-    dice = random.Random(SEED)
+    rng = random.Random(SEED)
     return [
         mutant
         for kind in KINDS
-        for mutant in dice.sample(
+        for mutant in rng.sample(
             [mutant for mutant in candidates if mutant.kind == kind], MUTANTS_PER_KIND
         )
     ]
@@ -172,15 +174,15 @@ def find_covering_tests(mutant: Mutant, lines: set[int]) -> list[str]:
     """Return the tests that execute one of the lines, the fastest first."""
     from coverage.numbits import numbits_to_nums
 
-    with sqlite3.connect(COVERAGE_FILE) as base:
-        rows = base.execute(
+    with sqlite3.connect(COVERAGE_FILE) as database:
+        rows = database.execute(
             "select context.context, line_bits.numbits from line_bits"
             " join context on context.id = line_bits.context_id"
             " join file on file.id = line_bits.file_id where file.path like ?",
             (f"%/{mutant.module}",),
         ).fetchall()
-    hit = [name for name, bits in rows if lines & set(numbits_to_nums(bits))]
-    tests = {name.split("|")[0] for name in hit if name}
+    contexts = [name for name, bits in rows if lines & set(numbits_to_nums(bits))]
+    tests = {context.split("|")[0] for context in contexts if context}
     seconds = read_test_durations()
     return sorted(tests, key=lambda test: (seconds.get(test.split("::")[-1], 0.0), test))
 
@@ -196,9 +198,9 @@ def judge_mutant(mutant: Mutant, folder: Path) -> dict[str, object]:
         return {**mutant._asdict(), "verdict": "not covered", "tests": 0}
     module = folder / mutant.module
     module.write_text(text, encoding="utf-8")
-    chosen = folder / "chosen"  # a file, because a command line may be too short for all names
-    chosen.write_text("\n".join(tests), encoding="utf-8")
-    options = ["-x", "-n", "0", "-rfE", "-p", "no:cacheprovider", f"@{chosen}"]
+    tests_file = folder / "chosen"  # a file, because a command line may be too short for all names
+    tests_file.write_text("\n".join(tests), encoding="utf-8")
+    options = ["-x", "-n", "0", "-rfE", "-p", "no:cacheprovider", f"@{tests_file}"]
     start_times = os.times()
     process = subprocess.run(
         [sys.executable, "-m", "pytest", *options],
@@ -212,14 +214,15 @@ def judge_mutant(mutant: Mutant, folder: Path) -> dict[str, object]:
     if "not found:" in process.stderr:
         raise SystemExit(process.stderr)
     code = process.returncode  # 2 if the mutant cannot be imported
-    outcome = "timed out" if code < 0 else "survived" if code == 0 else "caught"
+    verdict = "timed out" if code < 0 else "survived" if code == 0 else "caught"
     return {
         **mutant._asdict(),
-        "verdict": outcome,
+        "verdict": verdict,
         "tests": len(tests),
         "seconds": round(sum(end_times[2:4]) - sum(start_times[2:4]), 1),
         "by": next(
-            (x for x in process.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), ""
+            (line for line in process.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))),
+            "",
         ),
     }
 
@@ -244,18 +247,18 @@ def run_mutants(out: Path | None) -> None:
     mutants = [Mutant(**row) for row in json.loads(MUTANTS_FILE.read_text())["mutants"]]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "tree"
-        ignored = {"results", ".git", ".cache"}  # ignored only at the top of the project
+        excluded_names = {"results", ".git", ".cache"}  # ignored only at the top of the project
         shutil.copytree(
             ROOT,
             folder,
-            ignore=lambda folder_name, _: ignored if Path(folder_name) == ROOT else set(),
+            ignore=lambda folder_name, _: excluded_names if Path(folder_name) == ROOT else set(),
         )
         results = []
         for number, mutant in enumerate(mutants, start=1):
             results.append(judge_mutant(mutant, folder))
             change = f"{mutant.module}: {mutant.function}: {mutant.old} -> {mutant.new}"
-            head = f"[{number:2}/{len(mutants)}] {results[-1]['verdict']:11}"
-            print(f"{head} {mutant.kind:10} {change}", flush=True)
+            verdict_column = f"[{number:2}/{len(mutants)}] {results[-1]['verdict']:11}"
+            print(f"{verdict_column} {mutant.kind:10} {change}", flush=True)
             if out:
                 out.write_text(json.dumps(results, indent=1) + "\n")
 

@@ -1,4 +1,4 @@
-"""Reader of meshes and sets in Abaqus' input files, a format that CalculiX and Gmsh also use.
+"""Reader for meshes and sets in Abaqus input files, a format that CalculiX and Gmsh also use.
 
 The module `lines` reads text and numbers, `deck` collects tables of nodes, elements and sets,
 `types` lists the element types, and `mesh` creates arrays of cells and tagged facets.

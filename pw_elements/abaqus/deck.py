@@ -42,18 +42,18 @@ RELEVANT_KEYWORDS = (
     | ACCEPTED_PARAMETERS_BY_KEYWORD.keys()
     | {"PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "STEP"}
 )
-# Factor of keys: the key of a node or element is its number plus this factor times the part number
+# The key of a node or element is its number plus this factor times the number of its part
 KEY_OFFSET_PER_PART = 2**32
 MAX_ELEMENT_TYPES = 1000
-# Limit of the total number of members of all sets, and of keys compared with ranges: the first
-# number plus the second number times the number of nodes and elements
+# Limit of the total number of members of all sets, in which keys compared with ranges are counted
+# too: the first constant, plus the second constant times the number of nodes and elements
 BASE_LIMIT_OF_TOTAL_SET_MEMBERS, TOTAL_SET_MEMBER_LIMIT_PER_NODE_OR_ELEMENT = 2_000_000, 20
 
 PartNumberAndSetName = tuple[int, str]  # number of the part, and name of the set in the part
 
 
 class SetReference(NamedTuple):
-    """Reference to a set in a row of another set; in surfaces, with a face of the elements."""
+    """Reference to a set in the definition of another set or, with a face, of a surface."""
 
     set_kind: str
     name: PartNumberAndSetName
@@ -68,7 +68,7 @@ class SetDefinition(NamedTuple):
         location: file, line and keyword of the block, used in error messages.
         set_kind: "NSET" if the members are nodes, "ELSET" if they are elements.
         keys: keys (n,) of members that are listed one by one.
-        faces: for a surface of elements, name of a face for each key, or "".
+        faces: name of a face for each key; "" if no face is named, as in sets.
         ranges: first key, last key and step of each range of members.
         references: other sets that are part of the set.
     """
@@ -83,9 +83,10 @@ class SetDefinition(NamedTuple):
 
 
 class SurfaceMembers(NamedTuple):
-    """Positions of nodes (kind "NSET") or of elements with a face (kind "ELSET") of a surface.
+    """Part of a surface: positions of nodes (kind "NSET"), or of elements and a face ("ELSET").
 
-    The face is "" for nodes, and if all free faces of the elements belong to the surface.
+    The face is "" for nodes. It is also "" for elements of which all free faces belong to the
+    surface.
     """
 
     set_kind: str
@@ -109,8 +110,8 @@ class AbaqusDeck:
         nodes: for each type, the keys (elements of the type, nodes) of the elements' nodes.
         sets: for "NSET" and "ELSET", a mapping from the name of each set to the positions of its
             nodes or elements in ascending order.
-        surfaces: parts of each surface.
-        instance_names: for each part with an instance, the name of the instance.
+        surfaces: parts of each surface by its name.
+        instance_names: name of the instance of each part that has one, by the part's number.
         notes: messages about data that were left out or changed.
     """
 
@@ -256,10 +257,11 @@ class AbaqusDeck:
     def _parse_element_rows(
         self, rows: Iterator[str], element_type: AbaqusElementType
     ) -> Iterator[list[int]]:
-        """Yield the number and the nodes of each element.
+        """Yield, for each element, a list of its number followed by its nodes.
 
-        An element may have several lines. For element types with an unknown number of nodes, only
-        the number of the element is yielded. Node numbers may be 0 in unsupported element types.
+        An element may extend over several lines. If the element type has an unknown number of
+        nodes, the list contains only the number of the element. Node numbers may be 0 in
+        unsupported element types.
         """
         minimum = 1 if element_type.dim else 0
         for text in rows:
@@ -343,7 +345,7 @@ class AbaqusDeck:
     def _add_set_member(
         self, definition: SetDefinition, number_or_set: str, part_number: int, face: str = ""
     ) -> None:
-        """Add the number of a node or element, or the name of a set, possibly after "INSTANCE."."""
+        """Add the number of a node or element, or a set's name; "INSTANCE." may precede both."""
         if not is_unsigned_integer(number_or_set):
             name = normalize_name(number_or_set, definition.location)
             instance, _, set_name = name.rpartition(".")
@@ -361,7 +363,7 @@ class AbaqusDeck:
         definition.faces.append(face)
 
     def _find_part_number_of_instance(self, instance: str) -> int:
-        """Return the number of the part that an instance places in the model."""
+        """Return the number of the part to which an instance refers."""
         if instance in self._part_of_instance:
             return self._part_of_instance[instance]
         if self.instance_names or len(self._part_numbers) > 1:
@@ -439,14 +441,14 @@ class AbaqusDeck:
             )
 
     def format_instance_and_number(self, key: int) -> str:
-        """Return the number of a node or element, such as "7", or "INSTANCE.7" in an instance."""
+        """Return a label of a node or element: "7", or "INSTANCE.7" if its part has an instance."""
         part, number = divmod(int(key), KEY_OFFSET_PER_PART)
         return (
             f"{self.instance_names[part]}.{number}" if part in self.instance_names else str(number)
         )
 
     def _spend_set_member_budget(self, n_new_members: int, location: str) -> None:
-        """Add to the count of members of all sets; raise ValueError if the count is too large."""
+        """Count new members of sets; raise ValueError if all sets together have too many."""
         self._members_left -= n_new_members
         if self._members_left < 0:
             raise ValueError(
@@ -527,7 +529,7 @@ class AbaqusDeck:
                 yield block, position[of_block]
 
     def _find_members_in_ranges(self, definition: SetDefinition) -> Indices:
-        """Return positions of nodes or elements in a block's ranges; record gaps in ranges."""
+        """Return the positions of nodes or elements in a block's ranges; record sets with gaps."""
         existing_keys = self.node_keys if definition.set_kind == "NSET" else self.element_keys
         chunks = [np.empty(0, dtype=np.int64)]
         if not definition.ranges:
@@ -565,10 +567,10 @@ class AbaqusDeck:
         return self.find_node_indices(np.unique(np.concatenate(keys)))
 
     def find_node_indices(self, node_keys: Indices) -> Indices:
-        """Return the positions of nodes that elements refer to by their keys.
+        """Return the positions of nodes, given the keys by which elements refer to them.
 
         Raises:
-            ValueError: if a node does not exist; the message names the first one.
+            ValueError: if a node does not exist; the message names the one with the lowest key.
         """
         position = np.searchsorted(self.node_keys, node_keys)
         exists = position < len(self.node_keys)
@@ -594,7 +596,7 @@ class AbaqusDeck:
 
     @property
     def used_part_numbers(self) -> Indices:
-        """Numbers of the parts that are used; 0 stands for nodes and elements outside of parts."""
+        """Numbers of the parts in use, and 0 for nodes and elements outside of parts."""
         if self.instance_names:
             return np.array([0, *self.instance_names])
         used_parts = np.unique(self.node_keys // KEY_OFFSET_PER_PART)

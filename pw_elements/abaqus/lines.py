@@ -1,6 +1,6 @@
-"""Stream reader of Abaqus' input files: lines, keywords with their parameters, and numbers.
+"""Stream reader for Abaqus input files: lines, keywords with their parameters, and numbers.
 
-The rules of the syntax are in the "Abaqus Analysis User's Guide", Input Syntax Rules, and in
+The syntax rules are given in the "Abaqus Analysis User's Guide", Input Syntax Rules, and in
 G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20, section 7. Outside of quoted names,
 blanks are ignored and the letters a to z are converted to upper case, except in file names. Text
 that is not valid UTF-8 is decoded as Latin-1.
@@ -18,12 +18,12 @@ MAX_INCLUDE_DEPTH = 9
 MAX_INCLUDED_FILES = 10_000
 # Largest number of characters of a line
 MAX_CHARACTERS_PER_LINE = 1_000_000
-# Limit of the text that is read if files are included repeatedly: the first number times the sizes
-# of all files, plus the second number of characters
+# Limit of the number of characters that are read if files are included repeatedly: the first
+# constant times the total size of all files, plus the second constant
 MAX_CHARACTERS_READ_OVER_FILE_SIZES, MAX_EXTRA_CHARACTERS_READ_BY_INCLUDES = 3, 1_000_000
 # Largest number of a node or element: the limit of CalculiX, which is higher than that of Abaqus
 MAX_NODE_OR_ELEMENT_NUMBER = 2**31 - 1
-# Parameters without a value
+# Parameters without a value: only these, or entries with "=", continue a keyword line
 PARAMETERS_WITHOUT_VALUE = ("GENERATE", "INTERNAL", "UNSORTED", "DLOAD")
 
 _ASCII_TO_UPPER_CASE_TABLE = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
@@ -56,7 +56,7 @@ class KeywordBlock(NamedTuple):
 
 
 def read_keyword_blocks(path: Path, keywords: Set[str]) -> Iterator[KeywordBlock]:
-    """Yield the blocks of a file, and of the files that it includes, that have given keywords.
+    """Yield the blocks with given keywords in a file and in the files that it includes.
 
     Args:
         path: path of the file.
@@ -110,8 +110,8 @@ def _parse_keyword_line(
 ) -> tuple[str, dict[str, str]]:
     """Return the keyword of a line and its parameters.
 
-    If the line ends with a comma and the next line has a parameter, the next line is a continuation
-    and its parameters are included.
+    If the line ends with a comma and the next line begins with a parameter, the next line is a
+    continuation and its parameters are included.
     """
     if "," not in first_line:
         return normalize_name(first_line[1:], source.file_and_line), {}
@@ -313,7 +313,7 @@ def to_upper_ascii(text: str) -> str:
 
 
 def is_unsigned_integer(text: str) -> bool:
-    """Return whether an entry is the number of a node or an element, not a name."""
+    """Return whether an entry is the number of a node or element rather than a name."""
     return text.isdigit() and text.isascii()
 
 

@@ -1,8 +1,8 @@
 """Arrays of cells and tagged facets of an Abaqus input file, from which DOLFINx creates a mesh.
 
 Quadrilaterals with 8 nodes and hexahedra with 20 nodes become Lagrange cells with 9 and 27 nodes.
-The additional nodes in the middle of faces and cells get the positions that the shape functions of
-the 8 or 20 nodes define, at which the shape of the cells does not change.
+The additional nodes lie at the centres of faces and cells. Their positions are computed with the
+shape functions of the 8 or 20 nodes, which keeps the shape of the cells unchanged.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from pw_elements.abaqus.lines import to_upper_ascii
 from pw_elements.abaqus.types import ABAQUS_EDGE_CORNERS, ABAQUS_FACE_CORNERS, AbaqusElementType
 from pw_elements.arrays import Array, Indices, Mask
 
-# Abaqus' numbers of the corners, in DOLFINx' order
+# Abaqus' numbers of the corners, listed in DOLFINx' order
 ABAQUS_CORNERS_IN_DOLFINX_ORDER = {
     "triangle": (0, 1, 2),
     "quadrilateral": (0, 1, 3, 2),
@@ -36,7 +36,7 @@ ABAQUS_CORNERS_IN_DOLFINX_ORDER = {
 SHELL_SIDE_NAMES = ("SPOS", "SNEG", "S1", "S2")
 # Largest distance of nodes from their plane, relative to the extent of the nodes
 FLATNESS_TOLERANCE_OVER_EXTENT = 1e-9
-# Largest number of pairs of a node in a set and a facet at this node that are in memory at once
+# Largest number of pairs (node of a set, facet at this node) that are held in memory at once
 MAX_NODE_FACET_PAIRS_IN_MEMORY = 2_000_000
 
 TagsBySetName = dict[str, tuple[int, ...]]  # tags of each set by its name
@@ -50,9 +50,9 @@ class AbaqusMeshArrays(NamedTuple):
         degree: degree of the geometry.
         x: coordinates (k, dim) of the nodes.
         cells: indices (n, nodes per cell) of the cells' nodes in DOLFINx' order.
-        tags: tags of "cells" (n, 1), and tags of the "facets" (n, facets per cell) of each cell; 0
-            for cells and facets without a tag.
-        names: tags of each named set of "cells" and of "facets".
+        tags: under the key "cells", the tags (n, 1) of the cells; under the key "facets", the tags
+            (n, facets per cell) of each cell's facets; 0 for cells and facets without a tag.
+        names: under the keys "cells" and "facets", the tags of each named set.
         notes: messages about data that were left out or changed.
     """
 
@@ -70,8 +70,8 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
 
     Args:
         path: path of the file.
-        cell_sets: names of the ELSETs whose elements become cells; by default all elements of the
-            highest dimension.
+        cell_sets: names of the ELSETs whose elements become cells. If None, all elements of the
+            highest dimension become cells.
 
     Raises:
         FileNotFoundError: if the file, or a file that it includes, does not exist.
@@ -135,7 +135,7 @@ def _select_elements(
     set_labels: dict[str, dict[PartNumberAndSetName, str]],
     cell_sets: Sequence[str] | None,
 ) -> Mask:
-    """Return a mask of the elements in the ELSETs `cell_sets`, or by default of all used parts."""
+    """Return a mask of the elements in the ELSETs `cell_sets`; if None, in all used parts."""
     if cell_sets is None:
         return np.isin(deck.element_keys // KEY_OFFSET_PER_PART, deck.used_part_numbers)
     is_selected = np.zeros(len(deck.element_keys), dtype=bool)
@@ -171,8 +171,9 @@ class _AbaqusCellTable:
         nodes: nodes (n, corners and mid-side nodes) of each cell, as row numbers of `x`; -1 for a
             missing node.
         row_of_node: row number in `x` of each node of the file, -1 for unused nodes.
-        cell_of_element: number of the cell for each element of the file, -1 for other elements.
-        element_of_cell: position (n,) in the `AbaqusDeck` of the element of each cell.
+        cell_of_element: cell number of each element of the file, -1 for elements that are not
+            cells.
+        element_of_cell: position (n,) in the `AbaqusDeck` of the element that is the cell.
         element_types: element type of each cell.
     """
 
@@ -265,7 +266,7 @@ class _AbaqusCellTable:
         return self.deck.format_instance_and_number(self._keys[node])
 
     def _check_connectivity(self) -> None:
-        """Raise ValueError for repeated nodes or cells, or different mid-side nodes of an edge."""
+        """Raise ValueError for repeated nodes or cells, or inconsistent mid-side nodes."""
         path, corners = self.deck.path, len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell])
         rows = np.sort(self.nodes, axis=1)
         cell, column = np.nonzero((np.diff(rows, axis=1) == 0) & (rows[:, 1:] >= 0))
@@ -318,7 +319,7 @@ class _AbaqusCellTable:
             raise ValueError(f"{path}: node {node} is in the middle of two edges")
 
     def _choose_coordinate_axes(self, x: Array) -> list[int]:
-        """Return the indices of the coordinate axes (0, 1, 2) that the mesh keeps."""
+        """Return the indices (0, 1 or 2) of the file's coordinate axes that the mesh keeps."""
         if self.dim == 3:
             return [0, 1, 2]
         extent = np.ptp(x, axis=0)
@@ -341,7 +342,7 @@ class _AbaqusCellTable:
     def add_face_and_cell_centre_nodes(
         self, facets: "_FacetTable", notes: list[str]
     ) -> tuple[Array, Indices]:
-        """Add nodes in the middle of faces and cells; return coordinates and nodes of all cells."""
+        """Add nodes at the centres of faces and cells; return coordinates and the cells' nodes."""
         x, nodes = self.x, self.nodes
         if self.degree == 1 or len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[self.cell]) == self.dim + 1:
             return x, nodes
@@ -376,7 +377,7 @@ class _AbaqusCellTable:
         )
 
     def _serendipity_face_centres(self, corner_nodes: Indices, mid_side_nodes: Indices) -> Array:
-        """Return the centres (n, dim) of faces with 8 nodes, according to their shape functions."""
+        """Return the centres (n, dim) of faces with 8 nodes, by means of their shape functions."""
         return self.x[mid_side_nodes].sum(axis=1) / 2 - self.x[corner_nodes].sum(axis=1) / 4
 
 
@@ -388,9 +389,9 @@ class _FacetTable:
         nodes: all nodes (m, nodes of a facet) of each facet.
         facets_of_cell: facets (n, facets of a cell) of each cell in the order S1, S2 ...
         is_outer: mask (m,) of the facets that belong to one cell only.
-        first_cell: a cell (m,) with the facet.
-        first_side: number (m,) of the side of `first_cell` that is the facet.
-        facet_of_element: facet that is equal to each element of the file, or -1.
+        first_cell: first cell (m,) to which each facet belongs.
+        first_side: local number (m,) of each facet in its `first_cell`.
+        facet_of_element: facet that coincides with each element of the file, or -1.
     """
 
     def __init__(self, cells: _AbaqusCellTable) -> None:
@@ -419,7 +420,7 @@ class _FacetTable:
         self.facet_of_element = np.full(len(cells.deck.element_keys), -1, dtype=np.int64)
 
     def match_elements_to_facets(self, is_in_used_part: Mask) -> None:
-        """Set `facet_of_element` for placed elements of one dimension less than the cells."""
+        """Set `facet_of_element` for elements in used parts that have the facets' dimension."""
         cells, deck = self._cells, self._cells.deck
         is_corner = np.zeros(len(cells.x) + 1, dtype=bool)
         is_corner[cells.nodes[:, : len(ABAQUS_CORNERS_IN_DOLFINX_ORDER[cells.cell])]] = True
@@ -452,7 +453,7 @@ class _FacetTable:
             self.facet_of_element[elements] = np.where(has_same_nodes & (facet >= 0), facet, -1)
 
     def find_outer_facets_in_node_sets(self, node_sets: list[Indices]) -> list[Indices]:
-        """Return, for each set of nodes, the outer facets with all nodes in the set."""
+        """Return, for each set of nodes, the outer facets that have all their nodes in the set."""
         outer_facets = np.flatnonzero(self.is_outer)
         n_nodes = self.nodes.shape[1]
         columns = np.repeat(np.arange(len(outer_facets)), n_nodes)
@@ -485,7 +486,7 @@ class _NamedCellAndFacetSets:
         cells: cells of each set.
         facets: facets of each set. If sets have the same name, a SURFACE takes precedence over an
             ELSET, and an ELSET takes precedence over an NSET.
-        notes: messages about sides of shells in surfaces, which are not facets.
+        notes: messages about surfaces that contain sides of shells, which are not facets.
     """
 
     def __init__(
@@ -544,9 +545,10 @@ class _NamedCellAndFacetSets:
     def _find_facets_of_surface_members(
         self, surface_members: SurfaceMembers, label: str
     ) -> Indices:
-        """Return the facets of a part of a surface.
+        """Return the facets that a part of a surface contains.
 
-        They are the elements of the part that are facets, and the given face of each cell.
+        An element of the part may be a facet itself. If it is a cell, its facet is the face that
+        the part names; all its outer faces are returned if the part names no face.
         """
         facets, cell_numbers = self._facets, self._cells.cell_of_element[surface_members.members]
         chunks = [facets.facet_of_element[surface_members.members]]
@@ -572,7 +574,7 @@ class _NamedCellAndFacetSets:
 
 
 def _face_number_by_name(cell_type: str, is_shell: bool) -> dict[str, int]:
-    """Return the number of each face of a cell by its name; edges of shells have two names."""
+    """Return a mapping from face names to face numbers; edges of shells have two names."""
     count = len(ABAQUS_FACE_CORNERS[cell_type])
     if not is_shell:
         return {f"S{k + 1}": k for k in range(count)}
@@ -604,7 +606,7 @@ def _abaqus_nodes_and_facets_in_dolfinx_order(
 def _assign_tags_to_set_combinations(
     members_of_set: dict[str, Indices], n_entities: int
 ) -> tuple[Indices, TagsBySetName]:
-    """Give a tag to each combination of sets to which an entity belongs.
+    """Assign a distinct tag to each combination of sets that occurs among the entities.
 
     Args:
         members_of_set: entities of each set.

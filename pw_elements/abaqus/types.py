@@ -1,4 +1,4 @@
-"""Element types of Abaqus and CalculiX, and the cells of DOLFINx that correspond to them.
+"""Element types of Abaqus and CalculiX, and the corresponding cells of DOLFINx.
 
 Nodes and faces are numbered as in the "Abaqus Analysis User's Guide", part VI, and in G. Dhondt,
 "CalculiX CrunchiX User's Manual", version 2.20, section 6.2. In each element, the corners come
@@ -34,8 +34,8 @@ class AbaqusElementType(NamedTuple):
         cell: DOLFINx' name of the cell type.
         degree: degree of the geometry.
         is_shell: whether the type is a shell or membrane, which may lie in any coordinate plane.
-        is_optional: whether elements of this type may be left out, because they are not part of a
-            solid body, such as springs and masses.
+        is_optional: whether elements of this type may be left out because they are not part of a
+            solid body (springs, masses ...).
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Natural frequencies and buckling factors of unsymmetric matrix pairs, by SLEPc.
 
-Harmonic motion, Eq. (13), leads to the eigenvalue problem of vibration, Eq. (14). The eigenvalue
-problem of buckling is Eq. (24). The critical time step follows from the largest eigenvalue, see the
-guide's page on theory ("The symmetric sibling").
+Harmonic motion, Eq. (13) of the paper that `pw_elements` cites, leads to the eigenvalue problem of
+vibration, Eq. (14). The eigenvalue problem of buckling is Eq. (24). The critical time step follows
+from the largest eigenvalue, see the guide's page on theory ("The symmetric sibling").
 """
 
 import logging
@@ -57,33 +57,35 @@ _EIGENSOLVER_RELATIVE_TOLERANCE = 1e-12
 _MAX_EIGENSOLVER_ITERATIONS = 500
 # Number of eigenvalues that have to converge in addition to those requested, except if a single
 # buckling factor is requested. The iteration finds further copies of a multiple eigenvalue late,
-# since they arise from round-off alone. A free body has six rigid modes. The search space has room
-# for all of them in any case: without it, the iteration fails if the load pulls
+# since they arise only from round-off. A free body has six rigid modes. The search space has room
+# for the additional eigenvalues in any case: without this room, the iteration would fail if the
+# load pulls
 _N_EXTRA_CONVERGED_EIGENVALUES = 6
-# Size of the negative shift, relative to the estimated lowest elastic eigenvalue of a compact body.
-# It is so close to zero that each copy of a multiple rigid mode outgrows the elastic modes within a
-# few steps
+# Magnitude of the negative shift, relative to the estimated lowest elastic eigenvalue of a compact
+# body. The shift is so close to zero that each copy of a multiple rigid mode outgrows the elastic
+# modes within a few steps
 _SHIFT_OVER_LOWEST_ELASTIC_EIGENVALUE = 1e-2
-# Ratio of the lowest eigenvalue to the shift below which the body is slender. Copies of multiple
-# eigenvalues may then be missed, and the shift is reduced to this eigenvalue
+# A body is slender if the ratio of its lowest eigenvalue to the shift is below this value. Copies
+# of multiple eigenvalues may then be missed, and the shift is reduced to the lowest eigenvalue
 _MAX_EIGENVALUE_OVER_SHIFT_OF_SLENDER_BODY = 1e-3
-# Eigenvalue, relative to that of a mode as short as an element, below which a mode is rigid. Rigid
-# modes of free bars, even slender ones, are below 1e-16. The first elastic mode of a clamped bar
-# that is 500 times as long as high, with elements as long as high, is at 7e-13
+# A mode is rigid if its eigenvalue, relative to that of a mode as short as an element, is smaller.
+# For rigid modes of free bars, even slender ones, the ratio is below 1e-16. It is 7e-13 for the
+# first elastic mode of a clamped bar that is 500 times as long as high, with elements as long as
+# high
 _MAX_RIGID_OVER_ELEMENT_EIGENVALUE = 2e-15
-# Asymmetry |x.A y - y.A x| / (|A y| |x|) of a matrix A, with random vectors x and y. First, the
-# value below which LDL^T factorises a matrix as accurately as LU does. Second, the value below
-# which the asymmetry is round-off of the assembly
+# Largest asymmetries |x.A y - y.A x| / (|A y| |x|) of a matrix A, with random vectors x and y. Up
+# to the first, LDL^T factorises A as accurately as LU does; up to the second, the asymmetry may be
+# due to round-off of the assembly
 _MAX_RELATIVE_ASYMMETRY_FOR_LDL = 1e-14
 _MAX_RELATIVE_ASYMMETRY_FROM_ASSEMBLY = 1e-10
 # Largest residual of a mode computed with an iterative solver
 _MAX_RELATIVE_RESIDUAL_OF_ITERATIVE_MODES = 1e-8
-# Eigenvalue mu of the buckling problem below which the initial stress does not act on a mode
+# The initial stress does not act on a mode if the eigenvalue mu of the buckling problem is smaller
 _MIN_SCALED_RECIPROCAL_BUCKLING_FACTOR = 1e-10
 # Values of `BucklingModes.prestress_ratios` above which a factor is refused, and above which a
-# warning is logged. No body buckles at prestresses nearly as large as the stiffness. Such factors
-# belong to a few cells around a clamp, and exist even if the load pulls. Columns as wide as high
-# have a ratio of 0.1, and their fourth modes have ratios up to 0.3
+# warning is logged. No body buckles at a prestress nearly as large as the stiffness. Factors with
+# such a ratio belong to a few cells around a clamp, and exist even if the load pulls. Columns as
+# wide as high have a ratio of 0.1, and their fourth modes have ratios up to 0.3
 MAX_PRESTRESS_OVER_STIFFNESS = 0.6
 WARNING_PRESTRESS_OVER_STIFFNESS = 0.4
 
@@ -92,12 +94,12 @@ _LARGEST_EIGENVALUE_RELATIVE_TOLERANCE = 1e-8
 _MAX_LANCZOS_STEPS = 1000
 # Tolerance of the smallest eigenvalue, relative to the norm of the matrix
 _SMALLEST_EIGENVALUE_TOLERANCE_OVER_NORM = 1e-3
-# Size of a negative eigenvalue, relative to the largest eigenvalue, that counts as round-off
+# Magnitude of a negative eigenvalue, relative to the largest one, that may be due to round-off
 _NEGATIVE_EIGENVALUE_ROUND_OFF_OVER_LARGEST = 1e-9
 
 
 class TooFewModes(RuntimeError):
-    """An eigenvalue problem has fewer modes than requested, or some modes did not converge."""
+    """Error raised if there are fewer modes than requested, or if some did not converge."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,9 @@ class BucklingModes:
     Args:
         factors: buckling factors (n,), multiples of the load that causes the prestress.
         prestress_ratios: ratios (n,) of critical prestress to stiffness. A ratio is the sum of
-            factor |row of K_sigma| d^2 divided by the sum of |K_ii| d^2, where each displacement
-            in d has its row of K_sigma and its diagonal entry K_ii. It is about the strain at which
-            the body buckles, which has to be small in linear theory.
+            factor |row i of K_sigma| d_i^2 divided by the sum of |K_ii| d_i^2, both over all
+            displacements d_i. It approximates the strain at which the body buckles, which has to be
+            small in linear theory.
         shapes: n modes d, as vectors in the trial space's numbering, with largest entry 1.
         residuals: relative residuals (n,), |K d + factor K_sigma d| / |K d|.
         imaginary_ratio: largest ratio |Im| / |Re| of the eigenvalues; 0 if all are real.
@@ -134,7 +136,7 @@ class VibrationModes:
     Each mode d satisfies (K - eigenvalue M) d = 0, with the stiffness K and the mass M.
 
     Args:
-        eigenvalues: squares (n,) of the angular frequencies; those of rigid modes are round-off.
+        eigenvalues: squares (n,) of the angular frequencies; zero up to round-off for rigid modes.
         shapes: n modes d, as vectors in the trial space's numbering, with largest entry 1.
         residuals: relative residuals (n,), |K d - eigenvalue M d| / |(K - shift M) d|, with the
             small negative shift of the eigenvalue solver.
@@ -170,16 +172,16 @@ def vibration_modes(
         M: mass (n, n), assembled without supports.
         reduction: supports, and static condensation.
         count: number of eigenvalues, including those of rigid modes.
-        symmetrised: whether to replace both matrices by their symmetric parts, as a symmetric
-            eigenvalue solver does with an unsymmetric element.
-        solver: solver of systems with K - shift M, for a small negative shift. It is `Direct()`,
-            which uses LDL^T for symmetric matrices; `Iterative()`; or "auto", the default. As in
-            `solve`, "auto" chooses between them: in three dimensions it takes `Iterative()` from
-            200 000 unknowns on. Symmetrised matrices need `Direct()`.
+        symmetrised: whether to replace both matrices by their symmetric parts, which a symmetric
+            eigenvalue solver would use for an unsymmetric element.
+        solver: solver of systems with K - shift M, for a small negative shift: `Direct()`, which
+            uses LDL^T for symmetric matrices; `Iterative()`; or "auto" (also if None), which
+            chooses between them as in `solve`, but uses `Iterative()` only in three dimensions with
+            200 000 unknowns or more. Symmetrised matrices need `Direct()`.
 
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite, for
-            matrices whose diagonals add up to less than zero, and for a `count` out of range.
+            matrices whose diagonals have a negative sum, and for a `count` less than one.
         NotConverged: if an iterative solver does not reach its tolerance.
         TooFewModes: if fewer than `count` eigenvalues lie above the shift, or some did not
             converge; for symmetrised matrices, if an eigenvalue lies below the shift.
@@ -200,15 +202,15 @@ def _compute_vibration_modes(
     solver: LinearSolver,
     lowest_eigenvalue_of_first_attempt: float | None = None,
 ) -> VibrationModes:
-    """Return vibration modes of a checked request.
+    """Compute vibration modes for a request that has been checked.
 
     Args:
         K: stiffness (n, n).
         M: mass (n, n).
         request: supports, number of modes, and whether the matrices are symmetrised.
         solver: linear solver.
-        lowest_eigenvalue_of_first_attempt: lowest eigenvalue, if it is known from an earlier
-            attempt.
+        lowest_eigenvalue_of_first_attempt: lowest elastic eigenvalue found by a first attempt;
+            None in the first attempt.
     """
     A, B, reduction = request.reduce_matrix_pair(M, K, solver)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
@@ -222,7 +224,8 @@ def _compute_vibration_modes(
         else -lowest_eigenvalue_of_first_attempt
     )
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest
-    # eigenvalue. `axpy` would lose the record of B, but never free the record and its mesh
+    # eigenvalue. B gets an empty record, because `axpy` would lose the record of B without ever
+    # freeing it and its mesh
     AssemblyRecord().attach(B)
     mass_matrix = M if has_separate_supports(solver) else A
     B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -271,18 +274,18 @@ def buckling(
             body buckles under the factor times this load.
         reduction: supports; prescribed displacements are zero in a mode.
         count: number of factors.
-        symmetrised: whether to replace both matrices by their symmetric parts, as a symmetric
-            eigenvalue solver does with an unsymmetric element.
+        symmetrised: whether to replace both matrices by their symmetric parts, which a symmetric
+            eigenvalue solver would use for an unsymmetric element.
         solver: solver of the systems with K, as in `vibration_modes`.
 
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite, for a
-            stiffness whose diagonal adds up to less than zero, and for a `count` out of range.
+            stiffness whose diagonal has a negative sum, and for a `count` less than one.
         SingularSystem: if the supports leave a rigid motion of the body free.
         NotConverged: if an iterative solver does not reach its tolerance.
-        TooFewModes: if fewer than `count` factors are positive and belong to buckling, which is the
-            case up to a prestress of 0.6 times the stiffness (`BucklingModes.prestress_ratios`); or
-            if some factors did not converge.
+        TooFewModes: if fewer than `count` factors are positive and represent buckling, or if some
+            factors did not converge. A factor represents buckling only if its ratio of prestress to
+            stiffness is at most 0.6 (see `BucklingModes.prestress_ratios`).
     """
     request = _EigenmodeRequest(reduction, count, symmetrised, solver)
     request.check_eigenproblem(K, "the initial stress", K_sigma)
@@ -300,7 +303,7 @@ def _compute_buckling_modes(
     if not 0 < size < np.inf:
         raise TooFewModes("the initial stress matrix is zero or not finite: there is no prestress")
     # -scale K_sigma d = mu K d with mu = scale/factor: the largest mu belongs to the smallest
-    # positive factor, and the scale brings mu to order one whatever the units of the load
+    # positive factor, and the scale makes mu of the order of one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
     mu, shapes, residuals, report = _compute_modes_of_largest_eigenvalues(
@@ -327,7 +330,7 @@ def _prestress_over_stiffness_at_unit_factor(
     mode_shapes: Sequence[PETSc.Vec],
     space: fem.FunctionSpace | None,
 ) -> Array:
-    """Return the ratio of prestress to stiffness of each mode for a factor of one.
+    """Return the ratios (n,) of prestress to stiffness of n modes for a factor of one.
 
     `BucklingModes.prestress_ratios` defines the ratio.
     """
@@ -381,7 +384,7 @@ class _EigenmodeRequest:
     solver: SolverOrAuto
 
     def check_eigenproblem(self, K: PETSc.Mat, other_name: str, other_matrix: PETSc.Mat) -> None:
-        """Raise an error for arguments that make no eigenvalue problem.
+        """Raise an error if the arguments do not define an eigenvalue problem.
 
         Args:
             K: stiffness.
@@ -397,7 +400,10 @@ class _EigenmodeRequest:
     def compute_with_chosen_solver_or_direct_fallback(
         self, compute_modes: Callable[[LinearSolver], BucklingOrVibrationModes]
     ) -> BucklingOrVibrationModes:
-        """Return `modes(solver)` with the requested solver, or with the one that "auto" chooses."""
+        """Return `compute_modes(solver)` for the requested solver or the choice of "auto".
+
+        If the choice of "auto" fails, `Direct()` is used instead.
+        """
         reason = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
         space, supports = self.reduction.space, self.reduction.supports
         if self.symmetrised and space is not None and is_hybrid(space):
@@ -412,8 +418,8 @@ class _EigenmodeRequest:
     ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction]:
         """Return the matrices A and B of A d = mu B d under the supports, and their reduction.
 
-        For a matrix-free solver, A keeps its size and has zeros for prescribed unknowns, and B is a
-        copy without supports.
+        For a matrix-free solver, A keeps its size and is zero in the rows and columns of prescribed
+        unknowns, and B is a copy without supports.
         """
         reduction = scale_pressures_to_displacements(self.reduction, B)
         if has_separate_supports(solver):
@@ -441,13 +447,13 @@ def _compute_modes_of_largest_eigenvalues(
         reduction: reduction of both matrices.
         request: number of modes, and whether the matrices are symmetrised.
         solver: solver of systems with B.
-        is_B_shifted: whether B contains a shift, so that it is regular even if rigid motions are
+        is_B_shifted: whether B contains a shift, which makes it regular even if rigid motions are
             free.
 
     Returns:
         The eigenvalues mu (count,); the modes d as vectors of all unknowns; the relative residuals
-        (count,); and the solver's report. A complex pair of eigenvalues has the real and the
-        imaginary part of one eigenvector as its modes.
+        (count,); and the solver's report. For a complex pair of eigenvalues, the modes are the real
+        and the imaginary part of one eigenvector.
     """
     count = request.count
     if count > A.getSize()[0]:
@@ -566,7 +572,7 @@ def _expand_and_normalise_mode(reduction: Reduction, reduced_mode: PETSc.Vec) ->
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Return the largest stable time step of central differences.
 
-    This is 2 divided by the highest angular frequency.
+    It is 2 divided by the highest angular frequency.
 
     Args:
         K: symmetric stiffness (n, n), assembled without supports.
@@ -602,7 +608,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     if eigensolver.getConverged() < 1:
         raise TooFewModes("the highest frequency, and with it the critical step, was not found")
     largest = eigensolver.getEigenvalue(0).real
-    # a rough smallest eigenvalue suffices: a Ritz value is never below the exact one
+    # a rough estimate of the smallest eigenvalue suffices: a Ritz value is never below it
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
     eigensolver.setTolerances(_SMALLEST_EIGENVALUE_TOLERANCE_OVER_NORM, _MAX_LANCZOS_STEPS)
     eigensolver.setConvergenceTest(SLEPc.EPS.Conv.NORM)

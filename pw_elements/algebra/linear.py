@@ -53,9 +53,10 @@ def solve(
         K: stiffness (n, n), assembled without conditions.
         f: load (n,).
         reduction: supports, and static condensation.
-        solver: `Direct()`, `Iterative()` or, by default, "auto". In three dimensions "auto" takes
-            `Iterative()` from 15 000 unknowns on, and `Direct()` below. If `Iterative()` fails and
-            there is enough memory, "auto" uses `Direct()` instead and logs this.
+        solver: `Direct()`, `Iterative()` or "auto" (also if None). "auto" uses `Iterative()` in
+            three dimensions with 15 000 unknowns or more, and `Direct()` otherwise. If
+            `Iterative()` fails and there is enough memory, "auto" uses `Direct()` instead and logs
+            this.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
@@ -123,11 +124,11 @@ def has_free_constant_pressure(
 ) -> bool:
     """Return whether a reduced matrix maps a constant pressure to zero.
 
-    Such a matrix is singular: the pressure of a hybrid body is determined up to a constant.
+    Such a matrix is singular: the pressure of a hybrid body is determined only up to a constant.
 
     Args:
-        reduced_matrix: reduced matrix (n_r, n_r), or a larger one that starts with the n_r
-            unknowns.
+        reduced_matrix: reduced matrix (n_r, n_r), or a larger one in which the n_r unknowns come
+            first on each process.
         reduction: reduction of the matrix.
         ignored_rows: local numbers of rows that need not be zero.
     """
@@ -138,7 +139,8 @@ def has_free_constant_pressure(
     constant.setArray(pressure.embed(np.ones(len(pressure.owned_unknowns))))
     unknown = reduced_matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
-    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # some pressures share one
+    # pressures of several cells at a vertex may share one unknown
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))
     effect = reduced_matrix * unknown
     if ignored_rows is not None:
         effect.array[ignored_rows] = 0.0
@@ -150,7 +152,11 @@ def has_free_constant_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return (A + A^T) / 2 of the matrix (n, n) A, the part that a symmetric solver would use."""
+    """Return the symmetric part (A + A^T) / 2 of a matrix A.
+
+    Args:
+        matrix: square matrix A (n, n).
+    """
     part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return read_record(matrix).attach(part)
@@ -162,13 +168,13 @@ def factorise(
     solver: LinearSolver | None = None,
     reduction: Reduction | None = None,
 ) -> PreparedSolver:
-    """Return a solver that has been prepared for a matrix, with the matrix factorised.
+    """Return a solver that has been prepared for a matrix and has factorised it.
 
     Args:
         matrix: regular matrix (n, n).
         symmetric: whether the matrix is symmetric.
-        solver: linear solver, by default `Direct()`.
-        reduction: reduction of the matrix, from which the error message explains why the matrix is
+        solver: linear solver; None for `Direct()`.
+        reduction: reduction of the matrix, used to explain in the error message why the matrix is
             singular.
 
     Raises:

@@ -1,9 +1,9 @@
 """Problems that are defined by a UFL residual, with piecewise-linear weight functions.
 
 If test and trial space differ, DOLFINx's `LinearProblem` and `NonlinearProblem` remove the
-prescribed columns of a matrix, but no rows. As a result, the first one returns `inf`, and the
-second one fails. Here PETSc's SNES performs Newton's method, and Dirichlet conditions are
-additional equations, see the guide's page on theory ("Large strains").
+prescribed columns of a matrix, but not the corresponding rows. As a result, the former returns
+`inf`, and the latter fails. Here PETSc's SNES performs Newton's method, and Dirichlet conditions
+are equations of the system, see the guide's page on theory ("Large strains").
 """
 
 import logging
@@ -51,16 +51,16 @@ from pw_elements.spaces import (
     pressure_equilibration_scales,
 )
 
-# Correction, relative to the largest value of u, at which Newton's method has converged. Since
-# convergence is quadratic, the next correction would be round-off
+# Newton's method has converged if the correction, relative to the largest value of u, is at most
+# this. Since convergence is quadratic, the next correction would be round-off
 _NEWTON_RELATIVE_CORRECTION_TOLERANCE = 1e-8
-# Largest residual of a solution, relative to the norm of the tangent times that of u; and residual
-# below which a line search counts as successful even if it finds no better point
+# Largest residual of a solution, relative to the norm of the tangent times that of u; and largest
+# residual at which a point is accepted although the line search finds no better one
 _RESIDUAL_TOLERANCE_OVER_TANGENT_TIMES_U = 1e-10
 _RESIDUAL_ROUND_OFF_OVER_TANGENT_TIMES_U = 1e-14
 _MAX_NEWTON_ITERATIONS = 25
 
-# Values of PETSc's SNESConvergedReason, one of which has different names in different versions
+# Values of PETSc's SNESConvergedReason; one of them has different names in different versions
 _SNES_REASON_LINE_SEARCH_FAILED = -6
 _RESIDUAL_NOT_FINITE_MESSAGE = "the residual is not finite"
 _FAILURE_MESSAGE_BY_SNES_REASON = {
@@ -73,13 +73,13 @@ _FAILURE_MESSAGE_BY_SNES_REASON = {
 
 LoadSetterOrConstants: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
-# Largest number of parts into which an increment is divided
+# Largest number of substeps into which an increment is divided
 _MAX_SUBSTEPS_PER_INCREMENT = 16
 
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """Load and convergence of a solved increment, or of a part of an increment.
+    """Load and convergence of an increment, or of a substep of an increment, that was solved.
 
     Args:
         load_factor: fraction of the load that is applied at the end of the increment, in (0, 1].
@@ -92,7 +92,7 @@ class SolvedIncrement:
 
 
 class ResidualSystem:
-    """Compiled residual and tangent, which are assembled at the present values of the unknown u."""
+    """Compiled residual and tangent, which are assembled at the current values of the unknown u."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual_form, self._tangent_form = u, residual, tangent
@@ -121,13 +121,13 @@ class ResidualSystem:
 
 
 class NewtonSolver:
-    """Newton's method, for one solution of a system.
+    """Newton's method for a single solution of a system.
 
     Args:
         system: compiled residual and tangent. The unknown u of the system contains the initial
             guess, and is replaced by the solution.
         fixed: local numbers (k,) of the prescribed unknowns that this process owns.
-        prescribed: vector (n,) with the prescribed values at these unknowns.
+        prescribed: vector (n,) that contains the prescribed values of these unknowns.
         is_linear: whether the residual is linear in u.
         solver: solver of the linear systems with the tangent.
     """
@@ -167,7 +167,7 @@ class NewtonSolver:
         self._prepared = solver.prepare(system.tangent)
 
     def solve(self) -> None:
-        """Solve for the system's u, whose values are undefined after an error.
+        """Solve for the unknown u of the system; its values are undefined after an error.
 
         Raises:
             NotConverged: if the iteration does not converge.
@@ -261,15 +261,15 @@ class NewtonSolver:
 
 
 def _max_norm_or_nan(x: PETSc.Vec) -> float:
-    """Return the largest absolute value of a vector.
+    """Return the largest absolute value of a vector, or NaN if a value is not finite.
 
-    The result is NaN if a value is not finite, which PETSc's maximum norm may miss.
+    PETSc's maximum norm may miss such values.
     """
     return float(x.norm(PETSc.NormType.INFINITY)) if is_finite(x) else np.nan
 
 
 class PetrovGalerkinProblem:
-    """Linear or nonlinear problem F(u; v) = 0 for all weights v, under Dirichlet conditions.
+    """Linear or nonlinear problem F(u; v) = 0 for all weights v, with Dirichlet conditions.
 
     PETSc performs Newton's method with its backtracking line search. The tangent is UFL's
     derivative of the residual, integrated at the residual's quadrature points. An example is
@@ -297,11 +297,11 @@ class PetrovGalerkinProblem:
             replaced by the solution.
         conditions: Dirichlet conditions on the space of u. The values of constants and functions in
             them may change between solutions.
-        solver: solver of the linear systems, by default `Direct()`. `Iterative()` cannot be used.
+        solver: solver of the linear systems; None for `Direct()`. `Iterative()` cannot be used.
 
     Attributes:
         u: the unknown function.
-        increments: `SolvedIncrement`s of the last `solve`.
+        increments: a `SolvedIncrement` for each increment or substep of the last `solve`.
         form: the residual, with a quadrature degree for each of its measures.
         system: the compiled residual and tangent.
 
@@ -364,13 +364,14 @@ class PetrovGalerkinProblem:
 
     @check_same_arguments_on_all_processes
     def solve(self, load: LoadSetterOrConstants | None = None, increments: int = 1) -> fem.Function:
-        """Solve for u, starting from the present values of u.
+        """Solve for u, starting from the current values of u.
 
         Args:
             load: one or several `fem.Constant`s of the residual or the conditions. Over the
                 increments, they change linearly from their values after the last `solve`, or from 0
-                in the first call, to their present values. Alternatively, a function that sets the
-                load for a load factor in (0, 1] without communication between processes.
+                in the first call, to their current values. Alternatively, a function that sets the
+                load for a given load factor (0 without load, 1 for the full load) and does not
+                communicate. None for a load that is applied at once.
             increments: number of equal increments. An increment is divided if Newton's method
                 fails.
 
@@ -378,9 +379,11 @@ class PetrovGalerkinProblem:
             The problem's unknown function u.
 
         Raises:
-            NotConverged: if no solution is found, even if increments are divided into small parts.
-                The unknown u and the load's constants are reset to those of the last solution.
-            SingularSystem: if the tangent is singular; u and the constants are reset likewise.
+            NotConverged: if no solution is found, even if increments are divided into small
+                substeps. The unknown u and the load's constants are reset to those of the last
+                solution.
+            SingularSystem: if the tangent is singular; u and the constants are reset in the same
+                way.
             TypeError, ValueError: for an invalid load, or for conditions that contradict each
                 other or are not finite.
         """
@@ -423,15 +426,16 @@ class PetrovGalerkinProblem:
 
     @check_same_arguments_on_all_processes
     def reactions(self) -> PETSc.Vec:
-        """Return the residual (n,), which has the supports' forces on the body at prescribed nodes.
+        """Return the residual (n,); at prescribed nodes it is the force of supports on the body.
 
         If the residual is linear, this is K a - f for the stiffness K, the solution a and the load
         f, as computed by the function `reactions`.
 
-        The sum of reactions and loads is zero. The sum of their moments about deformed nodes is
-        exactly zero with standard elements only. With piecewise-linear weights and a smooth
-        deformation, it vanishes to third order in the size of cells if the moment of a load is that
-        of its density, and to second order if nodal loads act at deformed nodes.
+        The sum of reactions and loads is zero. The sum of their moments, with nodal forces acting
+        at deformed nodes, is exactly zero only with standard elements. With piecewise-linear weight
+        functions and a smooth deformation, it decreases with the third power of the cell size if
+        the moments of loads are computed from their densities, and with the second power if they
+        are computed from nodal loads that act at deformed nodes.
         """
         return self.system.assemble_residual()
 
@@ -464,7 +468,7 @@ class PetrovGalerkinProblem:
         self._solved_loads |= {constant: np.array(constant.value) for constant in constants}
 
     def _solve_increment(self, load_factor: float) -> None:
-        """Solve for u under the present load; values of u are undefined after an error."""
+        """Solve for u under the current load; values of u are undefined after an error."""
         free, values = free_dofs_and_prescribed_values(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = NewtonSolver(self.system, fixed, values, self._is_linear, self._solver)
@@ -497,8 +501,8 @@ def _increment_failure_message(
     """Return the error message for an increment that fails and cannot be divided further.
 
     Args:
-        error: error of the increment.
-        load: load of the user.
+        error: error that the increment raised.
+        load: load that the user has given.
         load_factor_range: load factors at the start and at the end of the increment.
         has_pressure: whether the trial space has pressure unknowns.
     """

@@ -1,8 +1,8 @@
 """Checks of a problem's matrices, vectors and settings, made once before any computation.
 
 Matrices and vectors from `assemble_matrix` and `assemble_vector` carry a record of the spaces of
-their form (see `AssemblyRecord`). They are refused if meshes or weight functions differ. Matrices
-and vectors that were created otherwise carry no record, and only their sizes are checked.
+their form (see `AssemblyRecord`). They are refused if their meshes or weight functions differ.
+Matrices and vectors that were created in other ways have no record; only their sizes are checked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
 _STIFFNESS_NAME_IN_MESSAGES = "the stiffness"
 _FROBENIUS_NORM_TYPE, _INFINITY_NORM_TYPE = PETSc.NormType.FROBENIUS, PETSc.NormType.INFINITY
-# Row sum of a matrix above which its sum of squares may overflow although all entries are finite
+# If a row sum of a matrix is larger, the sum of squares of its finite entries may overflow
 _ROW_SUM_WHOSE_SQUARE_MAY_OVERFLOW = 1e100
 
 
@@ -77,7 +77,7 @@ def check_problem(
         for name, tensor in {**matrices, **loads}.items():
             _check_same_weights_and_stress_state(name, read_record(tensor), K_record)
     for name, matrix in matrices.items():
-        # a sum of squares is NaN if any process has NaN; a largest value may lose it
+        # a sum of squares is NaN if any process has a NaN, which a maximum may lose
         frobenius, largest_sum = (
             matrix.norm(kind) for kind in (_FROBENIUS_NORM_TYPE, _INFINITY_NORM_TYPE)
         )
@@ -125,7 +125,7 @@ def _check_same_mesh(name: str, mesh: Any, K_record: AssemblyRecord) -> None:  #
 def _check_same_weights_and_stress_state(
     name: str, record: AssemblyRecord, K_record: AssemblyRecord
 ) -> None:
-    """Raise ValueError, on this process, if weight functions or state of stress differ from K's."""
+    """Raise ValueError on this process if weight functions or stress states differ from K's."""
     states, K_states = record.stress_states, K_record.stress_states
     if states and K_states and states != K_states:
         state_names, K_state_names = (" and ".join(sorted(names)) for names in (states, K_states))
@@ -190,7 +190,7 @@ def check_solver_type(solver: object) -> None:
 
 
 def is_finite(vector: PETSc.Vec) -> bool:
-    """Return whether all entries on all processes are finite. A maximum norm might miss NaN."""
+    """Return whether a vector is finite on all processes; its maximum norm might miss NaN."""
     is_local_part_finite = bool(np.isfinite(vector.array_r).all())
     return bool(vector.comm.tompi4py().allreduce(is_local_part_finite, MPI.LAND))
 
@@ -198,15 +198,15 @@ def is_finite(vector: PETSc.Vec) -> bool:
 def refuse_negative_displacement_block_trace(
     name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None
 ) -> None:
-    """Raise ValueError if the diagonal entries of the displacements have a negative sum.
+    """Raise ValueError if the sum of the displacements' diagonal entries is negative.
 
-    For a symmetric matrix, this sum is that of all eigenvalues.
+    The sum is the trace of the displacement block, that is, the sum of its eigenvalues.
 
     Args:
         name: name of the matrix in the error message.
         matrix: square matrix (n, n).
-        space: trial space, which tells displacements from pressures; None if there are no
-            pressures.
+        space: trial space, by which displacements are distinguished from pressures; None if there
+            are no pressures.
     """
     diagonal = matrix.getDiagonal()
     if space is not None:

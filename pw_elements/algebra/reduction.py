@@ -1,8 +1,8 @@
-"""Supports and static condensation, as the reduction of a system without conditions.
+"""Supports and static condensation, applied as a reduction of a system without conditions.
 
 A stiffness K is reduced to L^T K R, with the matrices L and R of `Reduction`. Inner nodes that are
-condensed must not be coupled to each other, and each needs a stiffness. Dirichlet conditions that
-overlap have to prescribe the same values.
+condensed must not be coupled to each other, and each of them needs a stiffness. Dirichlet
+conditions that overlap have to prescribe the same values.
 """
 
 from collections.abc import Sequence
@@ -49,19 +49,19 @@ from pw_elements.spaces import (
 )
 
 # Difference between values prescribed at one degree of freedom, relative to the largest prescribed
-# value, that counts as round-off
+# value, that may be due to round-off
 _PRESCRIBED_VALUE_TOLERANCE_OVER_LARGEST = 1e-9
 
-# Size of a matrix entry, relative to the largest entry, that counts as round-off
+# Magnitude of a matrix entry, relative to the largest entry, that may be due to round-off
 _ROUND_OFF_OVER_LARGEST_ENTRY = 1e-13
 
 
 def free_dofs_and_prescribed_values(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[Mask, PETSc.Vec]:
-    """Return the mask of this process' free degrees of freedom, and the prescribed values (n,).
+    """Return a mask (owned dofs,) of free degrees of freedom, and the prescribed values (n,).
 
-    The values are zero where nothing is prescribed.
+    The prescribed values are zero at free degrees of freedom.
 
     Args:
         space: trial space.
@@ -178,22 +178,22 @@ class Reduction:
     f_r = L^T (f - K a_0).
 
     Dirichlet conditions and static condensation are such reductions. In static condensation,
-    unknowns are either inner (i) or remaining (e). For an unsymmetric K,
+    unknowns are either inner (i) or remaining (e). For a K that may be unsymmetric,
 
         L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
 
     A load f on inner nodes causes displacements Q f with Q = [0, 0; 0, K_ii^-1], which
-    `with_offset_for_load` adds to a_0. Reduced loads are not changed by this, since L^T K Q = 0.
-    For Guyan's reduction, apply the method `matrix` to the mass matrix as well.
+    `with_offset_for_load` adds to a_0. This does not change reduced loads, since L^T K Q = 0. For
+    Guyan's reduction, apply the method `matrix` to the mass matrix as well.
 
     Args:
         left: matrix L (n, n_r); for Dirichlet conditions the same object as `right`.
         right: matrix R (n, n_r), whose rows for remaining unknowns are rows of the identity.
         offset: vector a_0 (n,) of prescribed values.
-        inner_flexibility: matrix Q (n, n) of a condensation; None otherwise.
+        inner_flexibility: matrix Q (n, n) of a condensation; None for other reductions.
         space: trial space whose degrees of freedom are reduced, if it is known.
         supports: free degrees of freedom of a reduction made by `dirichlet`, which an iterative
-            solver needs; None otherwise.
+            solver needs; None for other reductions, and if a split pressure is made continuous.
 
     Raises:
         TypeError: for anything but matrices and vectors.
@@ -234,14 +234,14 @@ class Reduction:
         """Return the reduction that eliminates prescribed degrees of freedom.
 
         Args:
-            space: trial space, or a `Spaces` pair. With a `Spaces` pair, a split pressure is made
-                continuous within each part of a body, see `Spaces.hybrid`.
+            space: trial space, or a `Spaces` object. Given `Spaces` with `parts`, the reduction
+                makes the pressure continuous within each part of a body, see `Spaces.hybrid`.
             conditions: Dirichlet conditions on the space, one or a sequence.
 
         Raises:
             TypeError: for anything but a space and conditions.
-            ValueError: if conditions leave nothing free or contradict each other, a prescribed
-                value is not finite, or a condition was made on another space.
+            ValueError: if the conditions leave no degree of freedom free or contradict each other,
+                a prescribed value is not finite, or a condition was made on another space.
         """
         parts = None
         if isinstance(space, Spaces):
@@ -276,9 +276,9 @@ class Reduction:
         Raises:
             TypeError: for anything but a matrix, a space and conditions.
             ValueError: if K does not belong to the space, is not finite or couples inner nodes; if
-                an inner node does not exist or has a condition; or if conditions were made on
-                another space, contradict each other, leave nothing free, or prescribe a value that
-                is not finite.
+                the space is hybrid; if an inner node does not exist or has a condition; or if
+                conditions were made on another space, contradict each other, leave no degree of
+                freedom free, or prescribe a value that is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
         arguments.check_function_space(space)
@@ -307,9 +307,9 @@ class Reduction:
 
     @check_same_arguments_on_all_processes
     def with_offset_for_load(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
-        """Return the reduction for a load f (n,), which may act on inner nodes.
+        """Return the reduction whose offset includes displacements due to a load on inner nodes.
 
-        The displacements that the load causes at inner nodes are added to the offset.
+        Displacements of inner nodes due to prescribed values are included as well.
 
         Args:
             K: stiffness (n, n).
@@ -384,7 +384,7 @@ def reduce_matrix(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
 def reduce_load_and_update_offset(
     reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec
 ) -> tuple[Reduction, PETSc.Vec]:
-    """Return the reduction for a load, and the reduced load (n_r,), without checks.
+    """Return the reduction with the offset for a load, and the reduced load (n_r,), unchecked.
 
     Args:
         reduction: the reduction.
@@ -396,7 +396,7 @@ def reduce_load_and_update_offset(
 
 
 def _update_offset_for_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> Reduction:
-    """Return the reduction for a load f, whose offset includes displacements of inner nodes."""
+    """Return a reduction whose offset includes the displacements of inner nodes under a load f."""
     if reduction.inner_flexibility is None:
         return reduction
     a = reduction.offset
@@ -410,15 +410,15 @@ def _reduced_load(reduction: Reduction, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec
 
 
 def full_size_masking_reduction(reduction: Reduction) -> Reduction:
-    """Return a reduction to n unknowns, of which the prescribed ones are zero.
+    """Return a reduction that keeps all n unknowns and sets the prescribed ones to zero.
 
     Raises:
-        ValueError: unless the reduction is one of `Reduction.dirichlet`.
+        ValueError: if the reduction has no `supports`.
     """
     if reduction.supports is None:
         raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
     unknowns, free = reduction.right.getSize()
-    if free == unknowns:  # nothing is prescribed, and contact alone holds the body
+    if free == unknowns:  # nothing is prescribed
         return reduction
     mask = identity_with_free_columns(
         reduction.supports.free, reduction.offset, drop_other_columns=False
@@ -427,12 +427,12 @@ def full_size_masking_reduction(reduction: Reduction) -> Reduction:
 
 
 def matrix_free_constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
-    """Return the operator of a matrix K (n, n) under supports, without assembling it.
+    """Return a matrix-free operator (n, n) that acts as the matrix K under supports.
 
     The rows of prescribed unknowns are those of the identity.
 
     Raises:
-        ValueError: unless the reduction is one of `Reduction.dirichlet`.
+        ValueError: if the reduction has no `supports`.
     """
     if reduction.supports is None:
         raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
@@ -447,11 +447,11 @@ def matrix_free_constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETS
 
 
 def scale_pressures_to_displacements(reduction: Reduction, K: PETSc.Mat) -> Reduction:
-    """Return a reduction whose reduced pressures are scaled to the size of displacements.
+    """Return a reduction whose reduced pressures are scaled to the magnitude of displacements.
 
-    Only hybrid spaces have pressures. In consistent units, displacement and pressure may differ by
-    15 orders of magnitude, and factorisations and Krylov methods would lose one of the two. The
-    method `expand` returns unscaled pressures as before.
+    The reduction of a space without pressures is returned unchanged. In consistent units,
+    displacements and pressures may differ by 15 orders of magnitude, and factorisations and Krylov
+    methods would lose one of the two. The method `expand` still returns unscaled pressures.
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return reduction

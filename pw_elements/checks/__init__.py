@@ -1,4 +1,4 @@
-"""Checks of users' arguments, functions and meshes, with errors on all processes together.
+"""Checks of users' arguments, functions and meshes; errors are raised on all processes.
 
 Public functions make these checks once, before any computation.
 """

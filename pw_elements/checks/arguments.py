@@ -1,8 +1,9 @@
 """Checks of users' arguments: numbers, arrays, meshes, spaces, matrices and coefficients.
 
 A wrong type raises TypeError, a wrong value raises ValueError. The parameter `name` of a check is
-the name of the user's argument, with which error messages begin. Numbers of any type are accepted
-if they are real, finite and in the range from `MIN_ARGUMENT_MAGNITUDE` to `MAX_ARGUMENT_MAGNITUDE`.
+the name of the user's argument; error messages begin with it. Numbers of any type are accepted if
+they are real and finite. Most checks also refuse magnitudes above `MAX_ARGUMENT_MAGNITUDE`, and
+checks of positive numbers refuse those below `MIN_ARGUMENT_MAGNITUDE`.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -26,8 +27,8 @@ from pw_elements.checks.guard import find_largest_communicator, raise_errors_on_
 
 LocalAndGlobalSize = tuple[int, int]  # local and global size of a distributed vector
 
-# Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside of it,
-# norms become zero or infinite, and results lose digits without a warning
+# Range of magnitudes in which squares of quotients neither underflow nor overflow. Outside this
+# range, norms become zero or infinite, and results lose digits without a warning
 MIN_ARGUMENT_MAGNITUDE, MAX_ARGUMENT_MAGNITUDE = 1e-75, 1e75
 
 
@@ -45,7 +46,7 @@ def as_list(value: object) -> list[Any]:
 
 
 def is_one_of(value: object, names: Collection[str]) -> TypeGuard[str]:
-    """Return whether a value is one of the strings `names`; values of other types never are."""
+    """Return whether a value is a string that is in `names`; False for values of other types."""
     return isinstance(value, str) and value in names
 
 
@@ -59,10 +60,10 @@ def is_real_number(value: Any) -> bool:  # noqa: ANN401
 
 
 def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
-    """Return whether a value is a function of the user.
+    """Return whether a value is a user's function.
 
-    UFL expressions and forms, PETSc matrices and classes are callable, but they are not functions
-    of the user.
+    UFL expressions and forms, PETSc matrices and classes are callable, but they are not users'
+    functions.
     """
     other_callables = Expr | BaseForm | Measure | PETSc.Object | type
     return callable(value) and not isinstance(value, other_callables)
@@ -71,7 +72,7 @@ def is_user_function(value: object) -> TypeGuard[Callable[..., Any]]:
 def check_magnitude(
     name: str, magnitude: float, min_nonzero: float = MIN_ARGUMENT_MAGNITUDE
 ) -> None:
-    """Raise ValueError unless a magnitude is zero or within `min_nonzero` and the largest one."""
+    """Raise ValueError unless a magnitude is zero or between `min_nonzero` and the maximum."""
     if magnitude > MAX_ARGUMENT_MAGNITUDE or 0 < magnitude < min_nonzero:
         raise ValueError(
             f"{name} is of the size {magnitude:.3g}, out of the range {MIN_ARGUMENT_MAGNITUDE:g} "
@@ -106,7 +107,7 @@ def check_integer(name: str, value: Any, minimum: int) -> int:  # noqa: ANN401
 def check_vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
     """Return finite components (length,) as floats; raise ValueError for other values.
 
-    Without `length`, any number of components except zero is accepted.
+    If `length` is None, any number of components except zero is accepted.
     """
     is_sequence = isinstance(values, Iterable) and not isinstance(values, PETSc.Object)
     components = as_list(values) if is_sequence else []
@@ -122,11 +123,12 @@ def check_vector(name: str, values: Any, length: int | None = None) -> Array:  #
 
 
 def check_real_array(name: str, values: Any, shape: tuple[int, ...]) -> Array:  # noqa: ANN401
-    """Return an array of the given shape as floats; raise ValueError for other values.
+    """Return an array of real finite numbers with a given shape as floats.
 
-    All numbers in the array have to be real and finite.
+    Raises:
+        ValueError: for other values.
     """
-    try:  # NumPy's conversion of an empty PETSc vector ends the process
+    try:  # converting an empty PETSc vector by NumPy would crash the process
         array = np.asarray(None if isinstance(values, PETSc.Object) else values)
     except ValueError:  # rows of different lengths
         array = np.empty(0, dtype=object)
@@ -212,8 +214,8 @@ def check_assembled_square_matrix(
     Args:
         name: name of the matrix, used in error messages.
         value: object to be checked.
-        other_name: name of the object with the sizes `required_size`, used in error messages.
-        required_size: required local and global number of rows; by default any size is accepted.
+        other_name: name of the object that has `required_size`, used in error messages.
+        required_size: required local and global number of rows; None accepts any size.
     """
     check_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
@@ -238,9 +240,10 @@ def check_petsc_vector(
     Args:
         name: name of the vector, used in error messages.
         value: object to be checked.
-        other_name: name of `required_space_or_size`, used in error messages.
-        required_space_or_size: function space to which the vector has to belong, or its required
-            local and global size; by default any size is accepted.
+        other_name: name of the required space or of the object with the required size, used in
+            error messages.
+        required_space_or_size: function space to which the vector has to belong, or required local
+            and global size; None accepts any size.
     """
     check_type(
         name, value, PETSc.Vec, "assemble_vector(form) makes one; float(s) * vector scales it"
@@ -268,15 +271,15 @@ def check_coefficient(
     """Check a coefficient; return a number as a float, or a scalar UFL expression unchanged.
 
     The values of numbers, `fem.Constant`s and Lagrange functions are checked; the values of other
-    expressions are not available. Errors are raised on all processes of the coefficient's mesh. If
-    the coefficient has no mesh, they are raised on all processes of `comm`.
+    expressions are not available. Errors are raised on all processes of the coefficient's mesh, or
+    on all processes of `comm` if the coefficient has no mesh.
 
     Args:
         name: name of the coefficient, used in error messages.
         value: number or scalar expression.
-        is_valid: function from values (n,) to a mask (n,) of the valid values.
-        requirement: requirement on the values, used in the error message, such as "has to be
-            positive".
+        is_valid: function that takes values (n,) and returns a mask (n,) of the valid ones.
+        requirement: requirement on the values (for example "has to be positive"), used in the error
+            message.
         comm: communicator for coefficients without a mesh.
 
     Raises:
@@ -321,7 +324,7 @@ def coefficient_values_if_available(value: float | Expr) -> Array:
 
 
 def check_vector_or_expression(name: str, value: object, n_components: int) -> Expr | Array:
-    """Return a vector with `n_components` components, which are numbers or a UFL expression.
+    """Return a vector with `n_components` components, given as numbers or as a UFL expression.
 
     Raises:
         ValueError: for any other value.

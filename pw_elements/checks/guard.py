@@ -1,15 +1,15 @@
 """Raise errors on all processes if one process meets an error or has different arguments.
 
-If an error were raised on one process only, or if processes had different arguments, they would
-wait for each other forever in their next communication. Therefore public functions that communicate
-are decorated with `check_same_arguments_on_all_processes`, and users' functions are called in a
-block
+If an error were raised on one process only, or if processes had different arguments, the processes
+could wait for each other forever in their next communication. Therefore public functions that
+communicate are decorated with `check_same_arguments_on_all_processes`, and users' functions are
+called in a block
 
     with raise_errors_on_all_processes(mesh.comm):
         marked = call_user_function(mesh.comm, "the marker", where, x)
 
-The block itself must not communicate. Errors raised outside such blocks, or within PETSc, are
-raised on their own process only; `python -m mpi4py` then ends all processes.
+The block itself must not communicate. Errors that occur outside such blocks, or within PETSc, are
+raised only on the process on which they occur; `python -m mpi4py` then ends all processes.
 """
 
 import inspect
@@ -62,10 +62,10 @@ _nested_errors_by_open_block: list[list[tuple[BaseException, int]]] = []
 _DEFERRED_ERROR_ATTRIBUTE = "_refusal"
 # Largest relative difference of values on two processes that may be due to round-off
 MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS = 1e-8
-# Largest numbers of points at which a function is compared: on each process, and in total
+# Largest number of points at which a function is compared: from each process, and in total
 _MAX_FUNCTION_SAMPLE_POINTS_PER_PROCESS, _MAX_FUNCTION_SAMPLE_POINTS_IN_TOTAL = 64, 2**15
-# Stack of flags, one for each open call: whether arguments have been compared already. Within
-# users' functions the last flag is False
+# Stack of flags, one for each open call: whether arguments have already been compared. The last
+# flag is False while a user's function is running
 _has_compared_arguments_by_open_call = [False]
 # Names of attributes that are searched for a communicator
 _ATTRIBUTE_NAMES_SEARCHED_FOR_COMMUNICATOR = (
@@ -77,9 +77,9 @@ _ATTRIBUTE_NAMES_SEARCHED_FOR_COMMUNICATOR = (
 def raise_errors_on_all_processes(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     """Raise an exception on all processes if the block raises one on any process.
 
-    If several processes raise an exception, the one of lowest rank is used. All processes get its
-    message, and its own process also gets the traceback. The block itself must not communicate,
-    except in nested blocks of `raise_errors_on_all_processes`.
+    If several processes raise exceptions, the exception of the lowest rank is used. All processes
+    get its message; the process that raised it also keeps its traceback. The block itself must not
+    communicate, except in nested blocks of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes that execute the block.
@@ -145,8 +145,8 @@ def _make_rank_difference_error(name: str, other_rank: int, comm: MPI.Comm) -> B
 def max_relative_difference(values: Array, reference: Array, min_scale: float = 0.0) -> float:
     """Return max |values - reference| divided by the largest finite |reference|.
 
-    The result is infinite if the shapes differ, or if the arrays are not infinite or NaN at the
-    same entries.
+    The result is infinite if the shapes differ, or if an entry is infinite or NaN in one of the
+    arrays and differs in the other.
 
     Args:
         values: array of any shape.
@@ -170,15 +170,15 @@ def check_same_function(
 ) -> None:
     """Raise ValueError on all processes if a user's function differs between them; collective.
 
-    All processes evaluate the function at the same points, which are a sample from each process. A
-    function that raises an error or returns another number of values is not compared, because it
-    may be valid only at the points of its own process.
+    All processes evaluate the function at the same points, which are samples of the points of all
+    processes. A function that raises an error or returns another number of values is not compared,
+    because on each process it may be valid only at the points of this process.
 
     Args:
         comm: communicator of the processes.
         name: name of the function, used in the error message.
         function: function of points (n, dim) that returns n values or rows.
-        *points: arrays (n, dim) of points of this process, of which a sample is used.
+        *points: arrays (n, dim) of points of this process, from which samples are taken.
     """
     if comm.size == 1:
         return
@@ -212,7 +212,7 @@ def check_same_values(
 
     Args:
         comm: communicator of the processes.
-        arrays: arrays by name, with the same names on all processes. Error messages use the names.
+        arrays: arrays by name, with the same names on all processes; used in error messages.
         relative_tolerance: largest accepted difference, relative to the largest entry of the array.
     """
     if comm.size == 1:
@@ -229,10 +229,10 @@ def check_same_values(
 
 
 def check_same_arguments_on_all_processes(function: DecoratedFunction) -> DecoratedFunction:
-    """Decorate a collective function to compare its arguments on all processes before each call.
+    """Decorate a collective function to compare its arguments between processes at each call.
 
-    A ValueError names an argument that differs. When the function calls other decorated functions,
-    their arguments are not compared.
+    If an argument differs, a ValueError that names it is raised on all processes. The arguments of
+    decorated functions that are called within the function are not compared again.
     """
     signature = inspect.signature(function)
 
@@ -262,10 +262,10 @@ def check_same_arguments_on_all_processes(function: DecoratedFunction) -> Decora
 
 
 def defer_errors_if_parallel(check: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Decorate the `__post_init__` of a dataclass to defer its errors on several processes.
+    """Decorate the `__post_init__` of a dataclass to defer its errors in parallel runs.
 
     Materials, motions and contact pairs are created on each process separately. An error might be
-    raised on one process only, for which the other processes would wait. Instead, the object keeps
+    raised on one process only, and the other processes would wait for it. Instead, the object keeps
     the error, and the first collective function with this object as an argument raises the error on
     all processes.
 
@@ -304,8 +304,8 @@ def _temporarily_set_arguments_compared(is_compared: bool) -> Iterator[None]:
 def find_largest_communicator(*objects: object) -> MPI.Comm:
     """Return the largest communicator of the objects, or COMM_WORLD if no object has one.
 
-    A process with None instead of a mesh gets COMM_WORLD and can thus take part in the checks of
-    the other processes.
+    A process that passes None instead of a mesh gets COMM_WORLD and can therefore take part in the
+    checks of the other processes.
     """
     communicators = [comm for comm in map(_communicator_of, objects) if comm is not None]
     largest = max(communicators, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
@@ -332,7 +332,7 @@ def _communicator_of(obj: Any) -> MPI.Comm | None:  # noqa: ANN401
 
 
 def _make_picklable(error: BaseException | None) -> BaseException | None:
-    """Return the error if it can be pickled, or else a RuntimeError with the same message."""
+    """Return a copy of the error that can be pickled, or else a RuntimeError with its message."""
     if error is None:
         return None
     for args in (error.args, (str(error),)):
@@ -352,9 +352,9 @@ def call_user_function(
     *args: UserFunctionParameters.args,
     **kwargs: UserFunctionParameters.kwargs,
 ) -> UserFunctionResult:
-    """Call a user's function and return its result; any error of the function becomes ValueError.
+    """Call a user's function and return its result; turn any error in it into a ValueError.
 
-    Call it in a block of `raise_errors_on_all_processes`.
+    To be called in a block of `raise_errors_on_all_processes`.
 
     Args:
         comm: communicator of the processes. The error message contains the rank of this process.
@@ -373,9 +373,10 @@ def call_user_function(
 
 
 def _compute_digest(value: object) -> bytes:
-    """Return a digest of a value that is equal on all processes for equal values.
+    """Return a digest of a value; equal values have equal digests on all processes.
 
-    The digest of a distributed object contains only its type and global size.
+    For distributed objects (vectors, matrices ...), only data that do not depend on the
+    distribution, such as type and global size, enter the digest.
     """
     digest = blake2b(digest_size=16)
     for part in _split_into_digest_parts(value):

@@ -1,12 +1,13 @@
 """Checks of the cells and the boundary of a mesh, made when a body is created.
 
-The following defects are errors: flat cells; cells that are partly inside out, including curved
-cells and non-convex quadrilaterals; two neighbours on the same side of a facet (folds); facets with
-more than two cells; overlapping parts; and hanging nodes. Facets that coincide without common nodes
-are a crack or two bodies in contact. Both are legitimate and are only logged, a crack as a warning.
+The following defects are errors: flat cells; cells that are partly inside out (curved cells and
+quadrilaterals that are not convex may be); two neighbours on the same side of a facet (folds);
+facets with more than two cells; overlapping parts; and hanging nodes. Facets that coincide without
+having common nodes are a crack, or the contact surfaces of two bodies. Both are legitimate and are
+only logged, a crack as a warning.
 
 The outward area vectors of the two cells at an inner facet have to cancel. If they do, the volumes
-of the cells add up to the boundary integral of x·n / dim (position x, outward normal n), so this
+of the cells add up to the boundary integral of x·n / dim (position x, outward normal n), and this
 sum need not be checked.
 
 The guide's page on meshes lists defects that these checks cannot detect.
@@ -31,16 +32,16 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.progress import log_on_root
 
-# Largest coordinate with which volumes do not overflow
+# Largest coordinate for which volumes do not overflow
 MAX_COORDINATE = 1e100
 # Smallest Jacobian determinant, relative to the dim-th power of the cell's size
 _MIN_JACOBIAN_DETERMINANT_OVER_SIZE_POW_DIM = 1e-10
 # Largest length of the sum of an inner facet's two area vectors, relative to the sum of their
 # lengths. The ratio is 0, except for round-off, in valid meshes and 1 at a fold
 _MAX_FACET_AREA_VECTOR_SUM_OVER_AREA_SUM = 1e-6
-# Largest distance of points that count as coinciding, relative to the size of a facet
+# Points whose distance is smaller than this multiple of a facet's size are regarded as coinciding
 _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE = 1e-6
-# Number of cells whose Jacobians are in memory at once
+# Number of cells whose Jacobians are held in memory at once
 _CELLS_PER_BATCH = 20_000
 # Arbitrary matrix. A ray along an axis of its orthonormal basis hardly ever hits an edge exactly
 _ARBITRARY_MATRIX_FOR_RAY_AXES = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
@@ -54,10 +55,7 @@ class DegenerateMesh(ValueError):
 
 
 def format_points(points: Array) -> str:
-    """Return a text that lists points (m, dim), sorted and rounded to four digits.
-
-    Only the first six points are listed.
-    """
+    """Format points (m, dim) as a text: sorted, with four digits, and only the first six points."""
     points = np.round(points, 12) + 0.0
     points = points[np.lexsort(np.round(points, 9).T[::-1])]
     formatted = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:6]]
@@ -66,7 +64,7 @@ def format_points(points: Array) -> str:
 
 
 def check_mesh(mesh: Mesh) -> None:
-    """Check the cells and boundary of a mesh, unless they are unchanged since the last check.
+    """Check the cells and boundary of a mesh, unless it has not changed since it was checked.
 
     Raises:
         DegenerateMesh: if there is a defect; the message names the centres of the cells or facets.
@@ -113,11 +111,11 @@ class _CellChecks:
 
     Attributes:
         vertices: geometry nodes (n, corners) of the cells' corners.
-        centres: mean of the corners (n, dim) of each cell.
-        facets: facets (sides, n) of the cells.
-        area: outward area vectors (dim, sides, n) of the facets. Their lengths are the areas, or
-            twice the areas for triangular facets.
-        exterior: mask (sides, n) of the facets that belong to one cell only.
+        centres: mean (n, dim) of each cell's corners.
+        facets: local numbers (sides, n) of the cells' facets.
+        area: outward area vectors (dim, sides, n) of the facets. Their length is the area of the
+            facet, or twice the area if the facet is a triangle.
+        exterior: mask (sides, n) of the facets that belong to only one cell.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -164,7 +162,9 @@ class _CellChecks:
             )
 
     def _set_facet_areas_and_check_folds(self, side_cofactors: Array) -> None:
-        """Check that there are no folds and no facets with more than two cells; collective.
+        """Set `facets`, `area` and `exterior`; check facets for folds and for more than two cells.
+
+        Collective.
 
         Args:
             side_cofactors: cofactor matrices (dim, dim, sides, n) of the Jacobians at the midpoints
@@ -216,14 +216,14 @@ class _CellChecks:
 class _MeshBoundaryChecks:
     """Checks of the boundary of a mesh, distributed over the processes.
 
-    Each process has its own exterior facets and those of other processes that are near its cells,
-    or above or below them. "Above" refers to the last axis of a rotated coordinate system, to which
-    hardly any facet is parallel.
+    Each process holds its own exterior facets, and those of other processes that are near, above or
+    below its cells at the boundary. "Above" refers to the last axis of a rotated coordinate system,
+    to which hardly any facet is parallel.
 
     Attributes:
         corner: coordinates (m, corners, dim) of the corners of the facets.
-        vertex: global numbers (m, corners) of the corners.
-        area: outward area vectors (m, dim).
+        vertex: global node numbers (m, corners) of the corners.
+        area: outward area vectors (m, dim) of the facets.
     """
 
     def __init__(self, cells: _CellChecks) -> None:
@@ -271,11 +271,11 @@ class _MeshBoundaryChecks:
         return np.concatenate(self._comm.allgather(values))
 
     def check_hanging_nodes(self) -> None:
-        """Raise DegenerateMesh if nodes are hanging.
+        """Raise DegenerateMesh if the mesh has hanging nodes.
 
-        Nodes are hanging where smaller facets lie on a larger one and share its vertices. Bodies in
-        contact with non-matching meshes share no vertices and are accepted. Curved facets are not
-        checked.
+        Hanging nodes occur where smaller facets lie on a larger one and share its vertices. Two
+        bodies in contact whose meshes do not match share no vertices and are accepted. Curved
+        facets are not checked.
         """
         if len(
             centres := self._gather_from_all_processes(
@@ -288,9 +288,9 @@ class _MeshBoundaryChecks:
             )
 
     def _find_facets_with_hanging_nodes(self) -> Indices:
-        """Return the facets of this process on which smaller facets of its neighbours lie.
+        """Return the facets of this process on which smaller facets of neighbouring cells lie.
 
-        All corners of the larger facet are also corners of the smaller facets.
+        Each corner of such a larger facet is also a corner of one of the smaller facets.
         """
         vertex, first_row = np.unique(self.vertex, return_index=True)
         x, is_owned = (
@@ -324,7 +324,7 @@ class _MeshBoundaryChecks:
         return suspects[np.diff(shared_corners.tocsr().indptr) == self.vertex.shape[1]]
 
     def _are_points_on_facets(self, facets: Indices, points: Array) -> Mask:
-        """Return whether points x (n, dim) lie on facets (n,), including their edges."""
+        """Return a mask (n,) of the points (n, dim) that lie on facets (n,) or on their edges."""
         centres, double_area = (
             self._facet_centres[facets],
             np.linalg.norm(self.area[facets], axis=1),
@@ -347,9 +347,9 @@ class _MeshBoundaryChecks:
     def check_overlapping_cells(self) -> None:
         """Raise DegenerateMesh if the centre of a cell at the boundary also lies in another cell.
 
-        In a valid mesh, an upward ray from the centre of a cell leaves the body once more often
-        than it enters the body. For centres with more exits, the cells that contain the centre are
-        searched for and counted.
+        In a valid mesh, an upward ray from the centre of a cell leaves the body exactly once more
+        than it enters it. Where a ray leaves the body more often, the cells that contain the centre
+        are searched for and counted.
         """
         cells, mesh, rotation, cell_centres = (
             self._cells,
@@ -399,7 +399,7 @@ class _MeshBoundaryChecks:
             )
 
     def log_coincident_facets(self) -> None:
-        """Log facets that coincide without common nodes, at cracks and between touching bodies."""
+        """Log facets that coincide but have no common nodes (cracks or touching bodies)."""
         min_radius = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
         pairs = cKDTree(self._facet_centres).query_pairs(
             _COINCIDENCE_TOLERANCE_OVER_FACET_SIZE * min_radius, output_type="ndarray"
@@ -449,7 +449,7 @@ def label_connected_components(
         cells: local nodes (n, k) of the cells of this process.
 
     Returns:
-        Number of the component of each local node, including ghosts; and the number of components.
+        Component number of each local node (including ghosts), and the number of components.
     """
     n_nodes = index_map.size_local + index_map.num_ghosts
     other_nodes = cells[:, 1:]  # a cell links its first node with the others
@@ -458,7 +458,7 @@ def label_connected_components(
     )
     local_component += sum(comm.allgather(int(local_component.max(initial=-1)) + 1)[: comm.rank])
     # components of two processes belong together if they share a node: link the component of each
-    # node with the component on the process that owns the node
+    # node on this process with its component on the process that owns the node
     owner_component = la.vector(index_map, 1)
     owner_component.array[:] = local_component
     owner_component.scatter_forward()
@@ -476,7 +476,7 @@ def _label_graph_components(n_nodes: int, edge_starts: Indices, edge_ends: Indic
 
 
 def _find_points_in_balls(tree: cKDTree, centres: Array, radii: Array) -> tuple[Indices, Indices]:
-    """Return all pairs of a ball and a point of the tree inside this ball.
+    """Find all pairs of a ball and a point of the tree that lies in the ball.
 
     Args:
         tree: tree of the points.

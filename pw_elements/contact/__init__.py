@@ -1,6 +1,6 @@
-"""Unilateral contact with Coulomb friction of a body with rigid surfaces, or of two bodies.
+"""Unilateral contact with friction between a body and rigid surfaces, or between two bodies.
 
-A block is pressed on a rough floor, then a punch is pushed into its top by a force of 40:
+A block is pressed onto a floor with friction; then a punch is pushed into its top by a force of 40:
 
     floor = ContactPair(lambda x: np.isclose(x[1], 0), Plane((0, 0), (0, 1)), friction=0.3)
     punch = ContactPair(
@@ -16,7 +16,7 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     write("punch.bp", states, body)  # for ParaView
     plot(states[-1], body, pair=1)
 
-A body at large strains, defined by its residual F, that may slide far along a surface:
+Large strains and large sliding of a body that is defined by its residual F:
 
     problem = ContactProblem.of_residual(F, u, conditions, ContactPair(top, Sphere((0, 1), 1.0)))
     pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))

@@ -1,11 +1,12 @@
 """Isotropic linear elasticity as UFL forms, with different trial and test spaces.
 
-The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0, with stress sigma, body force b,
+Equations are numbered as in the paper of Klisiński, Luo and Postek that `pw_elements` cites. The
+equations of motion, Eq. (1), are div sigma + b - rho u'' = 0, with stress sigma, body force b,
 density rho and displacement u. The paper misprints the sign of the last term in Eq. (1); the sign
-is right in Eq. (2), the weak form. Discretised they are M a'' + K a = f, Eq. (9), with nodal
-displacements a and the mass M, stiffness K and load f that the forms of `Body` define. The
-accelerations have the same trial functions as the displacements, Eq. (4). UFL's gradients take the
-place of the paper's strain matrices B, Eq. (8).
+is correct in the weak form, Eq. (2). The discretised equations are M a'' + K a = f, Eq. (9), with
+nodal displacements a, and with the mass M, stiffness K and load f that the forms of `Body` define.
+The accelerations have the same trial functions as the displacements, Eq. (4). UFL's gradients
+replace the paper's strain matrices B, Eq. (8).
 
 The units are the user's choice but have to be consistent, for example N, m, Pa and kg/m³.
 """
@@ -54,8 +55,8 @@ from pw_elements.spaces import (
 VectorCoefficient: TypeAlias = Sequence[float] | Array | Expr
 
 # Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
-# modulus). Its effect on natural frequencies is less than 1e-4 of the discretisation error, see
-# section V8 of the study
+# modulus). The error of natural frequencies due to this quadrature is less than 1e-4 of the
+# discretisation error (section V8 of the validation study, study/benchmarks)
 _NON_POLYNOMIAL_QUADRATURE_DEGREE = 8
 # Poisson's ratio above which `Body.from_mesh` adds a pressure, and above which a warning is logged
 _MIN_POISSONS_RATIO_FOR_HYBRID_SPACES = 0.48
@@ -70,14 +71,14 @@ _CONTINUOUS_PRESSURE_WARNING_MESSAGE = (
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
 
-# Values up to these are round-off: a row sum of the mass matrix, relative to the diagonal entry; a
-# negative radius, relative to the largest radius
+# Magnitudes up to which a value may be due to round-off: for a row sum of the mass matrix, relative
+# to the diagonal entry; for a negative radius, relative to the largest radius
 _LUMPED_MASS_ROUND_OFF_OVER_DIAGONAL = 1e-12
 _NEGATIVE_RADIUS_ROUND_OFF_OVER_MAX_RADIUS = 1e-12
 
 
 class StressState(Enum):
-    """State of stress and strain of a body; functions also accept the value as a string."""
+    """State of stress and strain of a body; `Body` also accepts the value as a string."""
 
     PLANE_STRESS = "plane stress"
     PLANE_STRAIN = "plane strain"
@@ -87,7 +88,7 @@ class StressState(Enum):
 
 @dataclass(frozen=True)
 class Body:
-    """Elastic body, with spaces, material and state of stress, and the forms of its equations.
+    """Elastic body: its spaces, material and state of stress, and the forms of its equations.
 
     With the spaces of `Spaces.hybrid`, the unknowns are displacements u and a pressure p. For all
     weight functions w of u and q of p they satisfy
@@ -95,8 +96,8 @@ class Body:
         int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
 
     with strain eps, Poisson's ratio nu, shear modulus mu and Lamé's constant lambda. The quotient
-    1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `strain` and
-    `stress` then has to contain both fields, such as a function of the mixed space.
+    1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. The argument `u` of `stress` then has to
+    contain both fields, as a function of the mixed space does.
 
     Args:
         spaces: trial and test space of the displacements, or of displacements and pressure.
@@ -104,10 +105,10 @@ class Body:
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
         thickness: thickness of a plane body, a number or a UFL expression.
-        quadrature_degree: degree of quadrature of all integrals over cells. By default integrals
-            over straight simplices, parallelograms and parallelepipeds with constant data are
-            exact. The default degree is 5 (3 points in each direction) for other straight
-            quadrilaterals and hexahedra, and 8 for curved cells, axisymmetry and varying data.
+        quadrature_degree: degree of quadrature of all integrals over cells. If None, the degree
+            makes integrals exact over straight simplices, parallelograms and parallelepipeds with
+            constant data; it is 5 (3 points in each direction) for other straight quadrilaterals
+            and hexahedra, and 8 for curved cells, axisymmetry and varying data.
 
     Raises:
         ValueError: if the state does not suit the dimension; if the mesh is a surface in space or
@@ -192,7 +193,7 @@ class Body:
         """Create a body with the element that its material needs.
 
         If Poisson's ratio exceeds 0.48 anywhere and the state is not plane stress, the body gets
-        the spaces of `Spaces.hybrid`, which is logged. Otherwise it gets the spaces of
+        the spaces of `Spaces.hybrid`, and the log says so. Otherwise it gets the spaces of
         `Spaces.petrov_galerkin`.
 
             body = Body.from_mesh(mesh, Material(1e6, 0.499), "axisymmetric")
@@ -202,8 +203,8 @@ class Body:
             mesh: mesh of the body.
             material: elastic constants and density.
             state: state of stress, as in `Body`.
-            parts: tags of all cells, one tag for each material. Only a hybrid body uses them, see
-                `Spaces.hybrid`.
+            parts: tags of all cells, one tag for each material. They are used only if the spaces
+                are hybrid, see `Spaces.hybrid`.
 
         Raises:
             TypeError: for arguments of the wrong type.
@@ -240,8 +241,8 @@ class Body:
         In axisymmetry it is 3 x 3 and contains the hoop strain u_r / r.
 
         Args:
-            u: displacement, a function or an argument of a form. In hybrid spaces it contains both
-                displacement and pressure.
+            u: displacement, a function or an argument of a form. In hybrid spaces it may contain
+                both displacement and pressure.
 
         Raises:
             TypeError: if `u` is not a UFL expression.
@@ -375,9 +376,10 @@ class Body:
         Args:
             stress: tensor S of the prestress, such as `body.stress(u)`. It has the shape of the
                 strain tensor.
-            form: integrand, with displacement u, weight function v and strain eps. "G" is that of
-                the paper, grad(v) : grad(u) S. "J" subtracts 2 S : (eps(v) eps(u)) from it, which
-                corresponds to continuum elements with an objective stress rate.
+            form: choice of the integrand. "G" is the paper's integrand grad(v) : grad(u) S, with
+                displacement u and weight function v. "J" subtracts 2 S : (eps(v) eps(u)) from it,
+                with the strain eps, and corresponds to continuum elements with an objective stress
+                rate.
 
         Raises:
             ValueError: if the form is unknown or the tensor has the wrong shape.
@@ -399,7 +401,7 @@ class Body:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
 
     def _split_displacement_and_pressure(self, u: Expr) -> tuple[Expr, Expr]:
-        """Split `u` into displacement and pressure; return None as pressure if `u` has none."""
+        """Split `u` into displacement and pressure; the pressure is None if `u` has none."""
         dimension = self.spaces.mesh.geometry.dim
         if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
             return u, None
@@ -423,7 +425,7 @@ class Body:
         )
 
     def _out_of_plane_depth(self) -> ScalarCoefficient:
-        """Return the volume per area of a plane mesh (thickness or 2 pi r), or 1 for a solid."""
+        """Return the volume per area of a plane mesh (thickness or 2 pi r); 1 for a solid."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * ufl.SpatialCoordinate(self.spaces.mesh)[0]
         if self.state is StressState.SOLID:
@@ -486,7 +488,7 @@ class Body:
         return parallelepiped_degree if has_only_parallelepiped_cells(self.spaces.mesh) else 5
 
     def _as_constant(self, value: ScalarCoefficient) -> Expr:
-        """Turn a number into a `fem.Constant`, so that other numbers need no new compiled form."""
+        """Turn a number into a `fem.Constant`: a form is not compiled again for other numbers."""
         if not arguments.is_real_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
@@ -509,7 +511,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     In explicit dynamics, combine the lumped mass with a symmetric stiffness, preferably that of
     `Sibling`, whose mass matrix has positive row sums, too. With the unsymmetric stiffness of
     piecewise-linear weight functions the upper eigenvalues are complex, and undamped vibrations
-    grow for any time step (section V9 of the study).
+    grow for any time step (section V9 of the validation study, study/benchmarks).
 
     Args:
         M: mass matrix (n, n) without boundary conditions.

@@ -30,7 +30,7 @@ def boundary_measure(mesh: Mesh, where: EntitySelection, quadrature_degree: int 
         mesh: mesh of the body.
         where: part of the boundary, given in one of three ways: a marker, a function of points
             (3, n) that returns a mask (n,) and has to hold at every vertex of a facet; local
-            numbers of facets, such as `MeshTags.find` returns; or a mask of all local facets.
+            numbers of facets, as returned by `MeshTags.find`; or a mask of all local facets.
         quadrature_degree: degree of quadrature on the facets.
 
     Raises:
@@ -62,17 +62,17 @@ def prescribe(
 ) -> fem.DirichletBC:
     """Prescribe one component of the displacement at all nodes of a part of the body.
 
-    Mid-side nodes are included. A marker may hold at interior nodes as well.
+    Mid-side nodes are included. A marker may also select interior nodes.
 
         held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
         held = Reduction.dirichlet(U, [prescribe(U, k, facet_tags.find(BASE)) for k in (0, 1)])
 
     Args:
         space: trial space.
-        component: number of the component, from 0; or "pressure" to prescribe the pressure of a
-            hybrid space, which has values at vertices.
+        component: number of the component, counted from 0; or "pressure" to prescribe the pressure
+            of a hybrid space, which has values at vertices.
         where: marker, a function of points (3, n) that returns a mask (n,); or local numbers of
-            facets, such as `MeshTags.find` returns; or a mask of all local facets.
+            facets, as returned by `MeshTags.find`; or a mask of all local facets.
         value: prescribed value. If it is a `fem.Constant`, its value may be changed later.
 
     Raises:
@@ -94,8 +94,8 @@ def prescribe(
     if arguments.is_user_function(where):
         nodes = require_nodes(field.space, "the prescribed nodes", where)
     else:
-        # refuse interior facets: numbers of nodes, passed by mistake, are hardly ever all numbers
-        # of exterior facets
+        # refuse interior facets: if numbers of nodes are passed by mistake, some of them will most
+        # likely be numbers of interior facets
         facets = locate_exterior_facets(space.mesh, where, skip_interior=False)
         if space.mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
             raise ValueError("the prescribed part has no facet")
@@ -112,7 +112,7 @@ def prescribe(
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Create the load vector (n,) of a concentrated force at each node that a marker selects.
 
-    The vector suits any test space whose weight functions are 1 at their nodes.
+    The vector is valid for any test space whose weight functions are 1 at their nodes.
 
     Args:
         space: trial space.

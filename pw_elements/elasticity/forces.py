@@ -4,8 +4,8 @@ Three measures of contact pressure (and shear) must not be mixed:
 
 1. the nodal force itself;
 2. the nodal force divided by the surface integral of the node's test function;
-3. the nodal force divided by the geometric tributary area of the node: the edges of facets are
-   halved, and the area of each sub-facet is divided equally between its corners.
+3. the nodal force divided by the geometric tributary area of the node: each facet is divided at the
+   midpoints of its edges, and the area of each sub-facet is distributed equally to its corners.
 
 The guide's page on theory shows for which element each measure is even, and why reactions are
 fluxes ("Reactions and fluxes").
@@ -50,10 +50,12 @@ from pw_elements.spaces import (
     scalar_component_space,
 )
 
-# Parts of a mid-side node's force (standard element) that T leaves there and gives to each vertex
+# Fractions of a mid-side node's force (standard element): T leaves the first fraction at the node
+# and moves the second one to each vertex
 _MIDSIDE_FORCE_FRACTION_KEPT = 3 / 4
 _MIDSIDE_FORCE_FRACTION_TO_VERTEX = 1 / 8
-# Integral of a node's weight function, divided by the tributary area, below which it counts as zero
+# The integral of a node's weight function is regarded as zero if it is smaller than this fraction
+# of the node's tributary area
 _WEIGHT_AREA_ROUND_OFF_OVER_TRIBUTARY_AREA = 1e-9
 
 NodalAreaKind = Literal["geometric", "weight"]
@@ -65,14 +67,14 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
     Three quarters of a mid-side node's force stay at the node and an eighth goes to each vertex. On
     quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Below, K_G and
-    f_G are stiffness and load of the standard (Galerkin) element, K_PW and f_PW those with
-    piecewise-linear weight functions. Under uniform tractions on straight sides, T f_G = f_PW for
-    every type of cell.
+    f_G are the stiffness and load of the standard (Galerkin) element; K_PW and f_PW are the
+    stiffness and load with piecewise-linear weight functions. Under uniform tractions on straight
+    sides, T f_G = f_PW for every type of cell.
 
     On straight-sided triangles with constant elasticity and thickness, in plane stress or strain,
-    K_PW = T K_G holds as well; the guide's page on theory has the proof. On other cells T K_G
+    K_PW = T K_G holds as well; the guide's page on theory contains the proof. On other cells T K_G
     differs from K_PW, though both make forces even. Quadratic mortar methods construct dual
-    multipliers by a transformation of this form, with 1/5 in place of 1/8 (A. Popp et al.,
+    multipliers by a transformation of this form, with 1/5 instead of 1/8 (A. Popp et al.,
     https://doi.org/10.1137/110848190).
 
         even = force_transfer(U) * reactions(K, a, f)  # reactions of the standard element
@@ -81,14 +83,14 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
         space: quadratic Lagrange trial space, on any type of cell.
 
     Raises:
-        ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
-            each face and cell of quadrilaterals and hexahedra).
+        ValueError: for any other space. Quadratic Lagrange spaces have a node in the middle of each
+            edge and, on quadrilaterals and hexahedra, of each face and cell.
     """
     return transposed_force_transfer(space).transpose()
 
 
 def transposed_force_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
-    """Assemble the transposed (n, n) of the matrix T of `force_transfer`, or its inverse T^-T."""
+    """Assemble the transpose T^T, (n, n), of the matrix of `force_transfer`, or its inverse."""
     arguments.check_function_space(space)
     basix_element, element = space.element.basix_element, space.ufl_element()
     cell = space.mesh.topology.cell_name()
@@ -120,13 +122,13 @@ def _force_transfer_of_cell(
 ) -> Array:
     """Return the force transfer matrix (nodes, nodes) of one cell.
 
-    Column j contains the parts of node j's force that each node gets.
+    Column j contains the fractions of node j's force that go to each node.
 
     Args:
         element: quadratic Lagrange element.
-        midside_fraction_kept: on an interval, part of the middle node's force that stays at this
-            node.
-        midside_fraction_to_vertex: on an interval, part of the middle node's force that goes to
+        midside_fraction_kept: on an interval, fraction of the middle node's force that stays at
+            this node.
+        midside_fraction_to_vertex: on an interval, fraction of the middle node's force that goes to
             each vertex.
     """
     counts = [len(np.ravel(dofs)) for dofs in element.entity_dofs]
@@ -163,7 +165,7 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
         held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
         axes.plot(held.position[:, 1], held.force)
 
-    The result contains the nodes of all processes and is the same on each.
+    The result contains the nodes of all processes and is the same on all of them.
 
     Args:
         space: trial space.
@@ -188,15 +190,15 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
 class SurfaceNodes:
     """Nodes of a part of the boundary, sorted by position; the same on every process.
 
-    The area of a line in the plane is its length times the thickness. In axisymmetry it is the area
-    of the surface of revolution.
+    In the plane, the area of a boundary line is its length times the thickness. In axisymmetry it
+    is the area of the surface of revolution.
 
     Args:
         position: coordinates (m, dim) of the nodes.
         weight_area: surface integral (m,) of each node's test (weight) function.
         tributary_area: surface integral (m,) of each node's piecewise-linear function.
         edges: indices (e, 3) of the mid-side node and both corners of each edge of the surface.
-        rim: mask (m,) of nodes at the ends of a line or on the border of a face.
+        rim: mask (m,) of the nodes at the ends of a line or on the border of a surface.
         node: global numbers (m,) of the nodes in the space, which depend on the number of
             processes.
         facets: indices (f, k) of the nodes of each facet in Basix' order, corners first.
@@ -218,16 +220,15 @@ class SurfaceNodes:
         """Collect the nodes of a part of a body's boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marked part ends at vertices
-        (of a solid body, at whole edges) of the mesh.
+        of the mesh (for a solid body, at whole edges).
 
         Args:
-            body: body with the boundary.
+            body: body to which the boundary belongs.
             where: part of the boundary, given in one of three ways: a marker, a function of points
                 (3, n) that returns a mask (n,) and has to hold at every vertex of a facet; local
-                numbers of facets, such as `MeshTags.find` returns; or a mask of all local facets.
-            area_stretch: ratio of deformed to undeformed area, from `SurfaceNodes.area_stretch`, if
-                the areas are to be those of the deformed boundary; by default they are undeformed
-                areas.
+                numbers of facets, as returned by `MeshTags.find`; or a mask of all local facets.
+            area_stretch: ratio of deformed to undeformed area, from `SurfaceNodes.area_stretch`, to
+                get the areas of the deformed boundary. If None, areas are undeformed.
 
         Raises:
             ValueError: if no facet is selected, the marker raises an error or does not return truth
@@ -346,12 +347,12 @@ class SurfaceNodes:
         """Compute the median ratio of a mid-side node's force to the mean of both corners' forces.
 
         For uniform pressure in the plane, the ratio is 2 with the standard element. It is 1 for
-        even forces, and NaN if there is no edge to be evaluated.
+        even forces, and NaN if no edge remains.
 
         Args:
             force: normal nodal forces (m,).
             closed: mask (m,) of the nodes in contact. Edges with a rim node or with a node that is
-                not in contact are left out.
+                not in contact are left out. If None, all nodes are taken to be in contact.
 
         Raises:
             ValueError: if there is not one value for each node.
@@ -363,14 +364,14 @@ class SurfaceNodes:
     def unevenness(self, values: Array, closed: Mask | None = None) -> float:
         """Compute the median second difference along edges, divided by the median value.
 
-        The second difference is the value at the mid-side node less the mean of both corners'
-        values. It is zero for forces or pressures that vary linearly. The result is NaN if there is
-        no edge to be evaluated.
+        The second difference is the value at the mid-side node minus the mean of both corners'
+        values. It is zero for forces or pressures that vary linearly. Medians are taken of absolute
+        values. The result is NaN if no edge remains.
 
         Args:
             values: forces or pressures (m,) at the nodes.
             closed: mask (m,) of the nodes in contact. Edges with a rim node or with a node that is
-                not in contact are left out.
+                not in contact are left out. If None, all nodes are taken to be in contact.
 
         Raises:
             ValueError: if there is not one value for each node.
@@ -383,9 +384,9 @@ class SurfaceNodes:
     def _midside_values_and_corner_means(
         self, values: Array, closed: Mask | None
     ) -> tuple[Array, Array]:
-        """Return values at mid-side nodes, and means of both corners' values, of closed edges.
+        """Return the values at mid-side nodes, and the means of both corners' values, of edges.
 
-        Edges with a rim node are left out.
+        Edges with a rim node, or with a node that is not in contact, are left out.
         """
         values = self._check_nodal_values(values, only_scalars=True)
         counts = ~self.rim
@@ -420,8 +421,8 @@ class SurfaceNodes:
 def order_by_position(position: Array, tie_break: Array | None = None) -> npt.NDArray[np.intp]:
     """Return indices (m,) that sort nodes by their first coordinate, then by the next ones.
 
-    The order does not depend on the partition of the mesh, although the round-off of positions of
-    mid-side nodes does.
+    The order does not depend on the partition of the mesh. The round-off in positions of mid-side
+    nodes depends on it, and coordinates are therefore rounded before they are compared.
 
     Args:
         position: coordinates (m, dim) of the nodes.
@@ -441,9 +442,9 @@ def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
 def locate_facet_nodes_in_cells(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, LocalIndices]:
-    """Return the cell (f,) of each exterior facet, and the facet's nodes (f, k) in the cell.
+    """Return the cell (f,) of each exterior facet, and local indices (f, k) of the facet's nodes.
 
-    The nodes are given by their positions in the list of the cell's nodes.
+    A local index is the position of the node in the list of the cell's nodes.
     """
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
@@ -461,7 +462,7 @@ def locate_facet_nodes_in_cells(
 
 
 def exterior_facets_with_all_nodes(space: fem.FunctionSpace, global_nodes: Indices) -> LocalIndices:
-    """Return the local numbers of the exterior facets whose nodes are all among given nodes.
+    """Return the local numbers of the exterior facets all of whose nodes are in a given set.
 
     Args:
         space: space of the nodes.
@@ -519,7 +520,7 @@ def _gather_nodes_sorted_by_position(
 def _gather_facets_as_indices_into_nodes(
     space: fem.FunctionSpace, where: EntitySelection, global_nodes: Indices
 ) -> Indices:
-    """Gather the facets of all processes.
+    """Gather the facets of a part of the boundary from all processes.
 
     Returns:
         Indices (f, k) of the facets' nodes in the array `global_nodes` (m,) of global numbers.
@@ -534,7 +535,7 @@ def _gather_facets_as_indices_into_nodes(
 def _find_edges_and_rim_nodes(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
     """Return the edges (e, 3) of facets (mid-side node, then corners), and the nodes on the rim.
 
-    The rim consists of the edges (in the plane, of the end nodes) that belong to one facet only.
+    The rim consists of the edges that belong to only one facet; in the plane, of such end nodes.
     """
     dim = mesh.topology.dim
     facet_type = basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0]
@@ -573,16 +574,16 @@ def nodal_flux(
     area: NodalAreaKind = "geometric",
     depth: ScalarCoefficient = 1.0,
 ) -> NodalFlux:
-    """Compute the flux into a body at the nodes of a boundary where its field is prescribed.
+    """Compute the flux into a body at the nodes of a boundary on which the field is prescribed.
 
         K, f = assemble_matrix(k * inner(grad(u), grad(v)) * dx), assemble_vector(q * v * dx)
         a = solve(K, f, Reduction.dirichlet(spaces.trial, conditions))
         heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
         heat.surface.position, heat.flux
 
-    With a standard quadratic element, reactions divided by geometric areas oscillate between
-    vertices and mid-side nodes. Multiply its reactions by `force_transfer(space)` to make them
-    even.
+    With the standard quadratic element, reactions divided by geometric areas oscillate between
+    vertices and mid-side nodes. To make them even, multiply the reactions by
+    `force_transfer(space)`.
 
     If the part of the boundary is adjacent to another part with prescribed values, the reactions at
     the nodes between them belong to both parts. Leave these nodes out (`surface.rim`), or treat
@@ -621,7 +622,7 @@ def nodal_flux(
 
 
 def _scalar_component_spaces(spaces: Spaces) -> Spaces:
-    """Return the scalar spaces of one component, with the same numbering of nodes."""
+    """Return the scalar spaces of one component; nodes are numbered as in `spaces`."""
     if not spaces.trial.num_sub_spaces:
         return spaces
     trial = scalar_component_space(spaces.trial)

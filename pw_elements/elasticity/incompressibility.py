@@ -1,11 +1,11 @@
-"""Largest ratios of bulk to shear stiffness for which elements without pressure are safe.
+"""Largest ratios of bulk to shear stiffness at which elements without a pressure are safe.
 
 With piecewise-linear weight functions and without a pressure, the stiffness matrix may become
 singular, or its determinant may change sign, if the bulk modulus is large compared with the shear
 modulus. On straight triangles and quadrilaterals and on parallelepipeds this never happens, because
-the stiffness is equal or close to that of the standard element, multiplied by the matrix of
-`force_transfer`. On other cells it happens above the limits in this module. The script
-`tests/library/near_incompressible.py` measures them; see the guide's page on theory, "Nearly
+the stiffness is equal or close to the product of the matrix of `force_transfer` and the stiffness
+of the standard element. On other cells it may happen above the limits in this module, which the
+script `tests/library/near_incompressible.py` determines; see the guide's page on theory, "Nearly
 incompressible bodies".
 """
 
@@ -26,9 +26,9 @@ from pw_elements.checks import format_points
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import compile_form
 
-# Ratio of bulk to shear modulus up to which the stiffness K is far from singular. In brackets:
-# Poisson's ratio. "Relative singular value" is the least singular value of K divided by that of the
-# standard element's stiffness.
+# Ratio of bulk to shear modulus up to which the stiffness K is far from singular. The corresponding
+# Poisson's ratio is given in brackets. The "relative singular value" is the least singular value of
+# K divided by that of the standard element's stiffness.
 # Curved cells: limit 50 (0.49), where the relative singular value is 0.13; det K < 0 occurs from
 # 140 (0.4965).
 # Straight tetrahedra, and hexahedra other than parallelepipeds: limit 250 (0.498), where the
@@ -36,9 +36,9 @@ from pw_elements.spaces import compile_form
 # (0.4999).
 MAX_BULK_OVER_SHEAR_CURVED_CELLS = 50.0
 MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS = 250.0
-# Largest distance of a node from its position in a cell with straight edges, relative to the
-# largest extent of a cell; and of a corner from its position in a parallelepiped, relative to the
-# largest component of an edge vector
+# Largest deviation of a node from its position in a cell with straight edges, relative to the
+# largest extent of a cell; and largest deviation of a corner from its position in a parallelepiped,
+# relative to the largest component of an edge vector
 STRAIGHT_CELL_TOLERANCE_OVER_EXTENT = 1e-8
 PARALLELEPIPED_TOLERANCE_OVER_EDGE = 1e-12
 
@@ -57,8 +57,9 @@ def bulk_over_shear(nu: float) -> float:
 def max_bulk_over_shear_without_pressure(mesh: Mesh) -> float:
     """Return the largest ratio of bulk to shear modulus at which no pressure is needed on a mesh.
 
-    Up to this ratio, the stiffness of displacements alone with piecewise-linear weight functions is
-    far from singular. It is infinite for types of cells on which the stiffness never is singular.
+    Up to this ratio, the stiffness of displacements without a pressure, with piecewise-linear
+    weight functions, is far from singular. The ratio is infinite for types of cells on which the
+    stiffness is never singular.
     """
     if not has_only_straight_cells(mesh):
         return MAX_BULK_OVER_SHEAR_CURVED_CELLS
@@ -101,19 +102,20 @@ def has_only_parallelepiped_cells(mesh: Mesh) -> bool:
 
 
 class TangentBulkShearRatio:
-    """Ratio of bulk to shear stiffness in each cell, for the tangent of a residual at present u.
+    """Ratio of bulk to shear stiffness of a residual's tangent in each cell, at the current u.
 
-    Let F be the deformation gradient and H a symmetric matrix, constant in a cell with the deformed
-    midpoint c. The change H F of the deformation gradient belongs to the displacement
-    w(H) = H (x + u - c) at the point x. If the deformation gradient is exp(t H) F, the second
-    derivative of the cell's work with respect to t is, at t = 0,
+    Let F be the deformation gradient and H a symmetric matrix, which is constant in a cell with the
+    deformed midpoint c. The displacement w(H) = H (x + u - c) at the point x changes the
+    deformation gradient by H F. If the deformation gradient is exp(t H) F, the second derivative of
+    the cell's work with respect to t is, at t = 0,
 
         m(H) = dR(w(H); w(H)) + R(w(H^2)),
 
     where R is the residual integrated over the cell and dR is its derivative with respect to u. The
-    second term ensures that a pressure makes motions that preserve the volume neither stiff nor
-    soft. The bulk stiffness is m of the unit matrix, the shear stiffness is the mean of m over
-    matrices H without trace. In linear elasticity the ratio is that of bulk to shear modulus.
+    second term ensures that a pressure contributes nothing to m if the motion preserves the volume.
+    The bulk stiffness is computed from m of the unit matrix; the shear stiffness is the mean of m
+    over matrices H with zero trace. In linear elasticity, the ratio equals that of the bulk modulus
+    to the shear modulus.
 
     Args:
         form: residual, a linear form of displacements alone.
@@ -145,7 +147,7 @@ class TangentBulkShearRatio:
         self._numbers = self._work.function_spaces[0].dofmap.map().ravel()[self._cells]
 
     def compute_in_cells(self) -> Array:
-        """Return the ratio (cells,) for each owned cell; 0 if its shear stiffness is not positive.
+        """Return the ratio (cells,) in each owned cell; 0 where shear stiffness is not positive.
 
         Collective.
         """
@@ -175,7 +177,7 @@ class TangentBulkShearRatio:
 
 
 class TangentBulkShearMonitor:
-    """Monitor of a tangent that warns once if its bulk stiffness is too large for the element.
+    """Monitor that warns once if the bulk stiffness of a tangent is too large for the element.
 
     Args:
         form: residual of displacements alone, with piecewise-linear weight functions.
@@ -194,9 +196,9 @@ class TangentBulkShearMonitor:
                 log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
-        """Return whether the bulk stiffness of the tangent is too large at the present u.
+        """Return whether the bulk stiffness of the tangent is too large at the current u.
 
-        Collective. A warning is logged the first time that this is so.
+        Collective. A warning is logged the first time that it is too large.
         """
         if self._ratio is None:
             return False

@@ -19,7 +19,7 @@ ScalarCoefficient: TypeAlias = float | Expr
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material, with constants that are numbers or vary in space.
+    """Isotropic elastic material, whose constants are numbers or vary in space.
 
         steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
 
@@ -29,8 +29,8 @@ class Material:
 
     Args:
         youngs_modulus: Young's modulus, a positive stress.
-        poissons_ratio: Poisson's ratio, above -1 and at most 1/2. The value 1/2 is possible in
-            plane stress and in hybrid spaces.
+        poissons_ratio: Poisson's ratio, greater than -1 and at most 1/2. The value 1/2 is allowed
+            only in plane stress and in hybrid spaces.
         density: mass per volume, positive.
 
     Raises:
@@ -60,7 +60,7 @@ class Material:
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
-        """Create a material that equals, in each cell, the given material of the cell's tag.
+        """Create a material that in each cell equals the material given for the cell's tag.
 
             material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
 

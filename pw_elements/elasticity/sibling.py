@@ -1,7 +1,7 @@
 """Symmetric sibling: the standard quadratic element in a basis that makes nodal forces even.
 
 Let N be the shape functions of the standard element and T the matrix of `force_transfer`. The basis
-functions of the sibling are T N. Its unknowns are coefficients a, with nodal displacements
+functions of the sibling are T N. Its unknowns are coefficients a; the nodal displacements are
 u = T^T a. See the guide's page on theory, "The symmetric sibling".
 """
 
@@ -25,7 +25,7 @@ from pw_elements.elasticity.forces import transposed_force_transfer
 from pw_elements.solvers import to_aij
 from pw_elements.spaces import read_record
 
-# Largest round-off in the sum of the weights with which unprescribed nodes enter a coefficient
+# Largest sum of the weights of unprescribed nodes in a coefficient that may be due to round-off
 _MAX_ROUND_OFF_OF_FREE_NODE_WEIGHT_SUM = 1e-9
 
 
@@ -42,21 +42,21 @@ class Sibling:
         u = sibling.displacement(a)
         M = lumped_mass(sibling.matrix(M_standard), U)
 
-    For the mass matrix M_standard, `lumped_mass` computes the row sums of T M_standard T^T. They
+    Given the transformed mass matrix T M_standard T^T, `lumped_mass` computes its row sums, which
     are the integrals of density times basis function. For density 1, they are A/12 at vertices and
     A/4 at mid-side nodes of a triangle of area A, and V/40 at vertices and 3V/20 at mid-side nodes
-    of a tetrahedron of volume V. A uniform body force therefore accelerates all nodes alike.
+    of a tetrahedron of volume V. A uniform body force therefore accelerates all nodes equally.
 
-    Contact functions recognise a stiffness that `matrix` returned. `solve_contact`,
+    Contact functions recognise a stiffness that `matrix` has returned. `solve_contact`,
     `ContactProblem` and `solve_impact` then apply the contact law to the coefficients, with the
-    gaps T^-T g in place of the nodal gaps g. The nodes of closed edges thereby lie exactly on the
-    opposite surface. Displacements in the resulting states are coefficients.
+    gaps T^-T g instead of the nodal gaps g. As a result, the nodes of closed edges lie exactly on
+    the opposite surface. The displacements in the resulting states are coefficients.
 
     Args:
         space: quadratic Lagrange trial space, on any type of cell.
         basis: transposed transfer matrix T^T, (n, n).
-        inverse: its inverse T^-T, (n, n). The coefficient of a mid-side node is 4/3 of the node's
-            displacement less 1/6 of the displacement of each vertex.
+        inverse: inverse T^-T, (n, n), of `basis`. The coefficient of a mid-side node is 4/3 of the
+            node's displacement minus 1/6 of the displacement of each vertex.
     """
 
     space: fem.FunctionSpace
@@ -88,8 +88,8 @@ class Sibling:
             standard_matrix: stiffness or mass matrix A (n, n) of the standard element.
 
         Raises:
-            TypeError, ValueError: if A is not a matrix of the space, or was assembled with other
-                test functions than those of the standard element.
+            TypeError, ValueError: if A is not a matrix of the space, or was not assembled with the
+                test functions of the standard element.
         """
         with raise_errors_on_all_processes(self.space.mesh.comm):
             arguments.check_assembled_square_matrix(
@@ -101,16 +101,16 @@ class Sibling:
 
     @check_same_arguments_on_all_processes
     def load(self, standard_load: PETSc.Vec) -> PETSc.Vec:
-        """Transform the load vector f (or other nodal forces) of the standard element to T f.
+        """Transform a load vector f, assembled with the standard element, to T f.
 
-        T is the matrix of `force_transfer`.
+        T is the matrix of `force_transfer`. Other nodal forces are transformed in the same way.
 
         Args:
             standard_load: load vector or nodal forces f (n,) of the standard element.
 
         Raises:
-            TypeError, ValueError: if f is not a finite vector of the space, or was assembled with
-                other test functions than those of the standard element.
+            TypeError, ValueError: if f is not a finite vector of the space, or was not assembled
+                with the test functions of the standard element.
         """
         self._check_finite_vector_of_standard_element("the load", standard_load)
         load = self.basis.createVecRight()
@@ -119,7 +119,7 @@ class Sibling:
 
     @check_same_arguments_on_all_processes
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
-        """Compute the nodal displacements u = T^T a, (n,), of coefficients a.
+        """Compute the nodal displacements u = T^T a, (n,), from coefficients a.
 
         T is the matrix of `force_transfer`.
 
@@ -134,7 +134,7 @@ class Sibling:
 
     @check_same_arguments_on_all_processes
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
-        """Compute the coefficients a = T^-T u, (n,), of nodal displacements or velocities u.
+        """Compute the coefficients a = T^-T u, (n,), from nodal displacements or velocities u.
 
         T is the matrix of `force_transfer`.
 
@@ -149,15 +149,15 @@ class Sibling:
 
     @check_same_arguments_on_all_processes
     def dirichlet(self, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]) -> Reduction:
-        """Create the reduction that prescribes coefficients in place of displacements.
+        """Create the reduction that prescribes coefficients instead of displacements.
 
         Args:
             conditions: boundary conditions on displacements of the space.
 
         Raises:
             TypeError, ValueError: in the same cases as `Reduction.dirichlet`, and if the
-                displacement of a node is prescribed, but its coefficient depends on another node
-                without a prescribed displacement.
+                displacement of a node is prescribed but its coefficient also depends on a node
+                whose displacement is not prescribed.
         """
         standard = Reduction.dirichlet(self.space, conditions)
         free = standard.right.getRowSum()
@@ -185,7 +185,7 @@ class Sibling:
             raise ValueError(f"{name} is not finite")
 
     def _check_made_by_standard_element(self, name: str, tensor: PETSc.Mat | PETSc.Vec) -> None:
-        """Raise ValueError on this process unless an object belongs to the standard element.
+        """Raise ValueError on this process if an object does not belong to the standard element.
 
         Args:
             name: name of the object, used in error messages.

@@ -1,4 +1,4 @@
-"""Check that neighbouring cells agree in their common nodes, and find facets among their sides.
+"""Check that neighbouring cells have consistent nodes, and find the sides of cells that are facets.
 
 DOLFINx does not check the nodes of cells. A missing node crashes the process. If two cells have
 different mid-side nodes on the same edge, DOLFINx drops one of these nodes silently.
@@ -97,8 +97,9 @@ def match_cell_sides_to_facets(
         facet_corners: indices (m, c) of the facets' corners, in any order.
 
     Returns:
-        Three arrays with an entry for each side in the list: index of the cell, number of the side
-        in this cell, and index of the facet. If facets are repeated, the first index is returned.
+        Three arrays with one entry for each side that is in the list: index of the cell, number of
+        the side in this cell, and index of the facet. If a facet is repeated in the list, the index
+        is that of its first occurrence.
     """
     dim = basix.cell.geometry(basix.CellType[cell_type]).shape[1]
     corners = np.array(basix.topology(basix.CellType[cell_type])[dim - 1])

@@ -1,4 +1,4 @@
-"""Table of Gmsh's element types, with cell type, degree of the geometry and number of nodes."""
+"""Table of Gmsh's element types: dimension, cell type, degree of geometry and number of nodes."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Read meshes and named sets from files of Gmsh and Abaqus, and from Gmsh's model in memory."""
+"""Read meshes and named sets from Gmsh and Abaqus files, and from Gmsh's model in memory."""
 
 import logging
 from collections.abc import Sequence
@@ -37,8 +37,8 @@ def from_file(
     Supported elements of `.inp` files are C3D4, C3D8, C3D10, C3D20, and plane elements, shells and
     membranes with 3, 4, 6 or 8 nodes, such as CPS6, CPE8, CAX6 or S8R. Plane elements have to lie
     in a plane z = constant; shells may also lie in a plane x = constant or y = constant. Plane
-    elements with 8 nodes and C3D20 get additional nodes in the middle of faces and cells, at which
-    their shape does not change. Elements of the highest dimension become cells, elements of one
+    elements with 8 nodes and C3D20 get additional nodes at the centres of faces and cells, which do
+    not change their shape. Elements of the highest dimension become cells, elements of one
     dimension less become facets. A warning in the log lists all other elements.
 
     ELSETs are sets of cells or facets, SURFACEs are sets of facets. An NSET becomes the set of all
@@ -51,13 +51,13 @@ def from_file(
     Args:
         path: path of the file.
         comm: communicator of the mesh.
-        cells: for an `.inp` file, names of the ELSETs whose elements become cells; by default
-            all elements of the highest dimension.
+        cells: for an `.inp` file, names of the ELSETs whose elements become cells. If None, all
+            elements of the highest dimension become cells.
 
     Raises:
         FileNotFoundError: if the file, or a file that it includes, does not exist.
-        ValueError: if the file has another format or no supported mesh. The message names the line
-            and the reason, such as elements C3D15, for which DOLFINx has no cells.
+        ValueError: if the file has another format or no supported mesh. The message gives the
+            reason and, where possible, the line.
     """
     arguments.check_communicator(comm)
     arguments.check_type("path", path, (str, Path), "it has to be the path of a file")
@@ -83,15 +83,16 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
         mesh, cell_tags, facet_tags, names = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 
     The degree of the geometry is the order of Gmsh's mesh: after `gmsh.model.mesh.setOrder(2)` the
-    sides of the cells are curved. The number of coordinates of the mesh is the dimension of its
-    cells. Only cells in physical groups are read, and the log reports how many other cells there
-    are. If no cell is in a group, all elements of the highest dimension become cells.
+    sides of the cells are curved. The mesh has as many coordinates as its cells have dimensions.
+    Only cells in physical groups are read, and the log reports how many other cells there are. If
+    no cell is in a group, all elements of the highest dimension become cells.
 
     The tag of a cell or facet is the number of its group. Cells and facets in several groups have
-    tags that are larger than the numbers of all groups; `names` lists the tags of each group.
+    tags that are larger than all group numbers; `names` lists the tags of each named group.
 
     The library itself parses files of the formats 2 to 2.2, 4.0 and 4.1, text or binary. Gmsh need
-    not be installed and does not open the files, because it would run a script under any file name.
+    not be installed. It is not used to open files, because it would run a script whatever the name
+    of the file.
 
     Args:
         comm: communicator of the mesh.
@@ -108,7 +109,7 @@ def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     path = Path(source) if isinstance(source, str | Path) else None
     arrays, notes = None, list[str]()
     with raise_errors_on_all_processes(comm) as shared:
-        shared["source"] = path  # a model exists on process 0 alone
+        shared["source"] = path  # a model exists on process 0 only
         if comm.rank == 0:
             arrays, notes = _read_gmsh_model_or_file(source, path)
     for note in notes:

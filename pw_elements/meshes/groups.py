@@ -76,9 +76,9 @@ class GmshMesh:
         )
 
     def find_or_add_group_combination(self, groups: Iterable[int]) -> int:
-        """Return the index of a combination of physical groups of one dimension.
+        """Return the index of a combination of physical groups, which have the same dimension.
 
-        A combination that does not exist yet is added.
+        If the combination does not exist yet, it is added.
         """
         combination = tuple(sorted(groups))
         if len(combination) > _MAX_GROUPS_PER_ELEMENT:
@@ -105,7 +105,7 @@ class GmshMesh:
         them is in a group, all elements of the highest dimension become cells.
 
         Raises:
-            ValueError: if numbers contradict each other, or DOLFINx does not support the mesh.
+            ValueError: if numbers contradict each other, or the mesh is not supported.
         """
         numbers, x = self._join_and_sort_nodes()
         elements = self._join_element_blocks_by_type(numbers)
@@ -113,7 +113,9 @@ class GmshMesh:
         if dim < 2:
             raise ValueError("it has no mesh of plane or solid cells: mesh it in Gmsh first")
         notes: list[str] = []
-        type_number, elements_of_cells = self._choose_elements_of_cells(elements, dim, notes)
+        type_number, elements_of_cells = self._select_grouped_cells_of_one_type(
+            elements, dim, notes
+        )
         _, cell, degree, n_nodes = gmsh_element_type(type_number)
         dolfinx_order = cell_perm_gmsh(CellType[cell], n_nodes)
         used_nodes, node_index = np.unique(
@@ -153,7 +155,7 @@ class GmshMesh:
     def _join_element_blocks_by_type(
         self, sorted_node_numbers: Indices
     ) -> dict[int, _ElementsOfOneType]:
-        """Return the elements by type number, with their nodes given by index.
+        """Return the elements by type number, with indices instead of numbers of their nodes.
 
         Args:
             sorted_node_numbers: numbers (n,) of all nodes in ascending order.
@@ -177,7 +179,7 @@ class GmshMesh:
             raise ValueError(f"it has element {element_numbers[:-1][is_repeated][0]} twice")
         return elements
 
-    def _choose_elements_of_cells(
+    def _select_grouped_cells_of_one_type(
         self, elements_by_type: dict[int, _ElementsOfOneType], dim: int, notes: list[str]
     ) -> tuple[int, _ElementsOfOneType]:
         """Return the type number of the cells, and the cells sorted by their lowest group number.
@@ -227,7 +229,11 @@ class GmshMesh:
         return type_number, self._join_repeated_cells(selected)
 
     def _join_repeated_cells(self, cells: _ElementsOfOneType) -> _ElementsOfOneType:
-        """Join repeated cells: files of format 2 list a cell once for each of its groups."""
+        """Merge cells with equal nodes: files of format 2 list a cell once for each of its groups.
+
+        Raises:
+            ValueError: if cells with equal nodes have a group in common, or no group.
+        """
         code = encode_rows_ignoring_order(cells.nodes)
         first_row, combinations = self._join_groups_of_equal_elements(code, cells.combinations)
         n_groups = np.array([max(1, len(groups)) for groups in self._combinations])
@@ -279,10 +285,16 @@ class GmshMesh:
     def _assign_tags_to_group_combinations(
         self, dim: int, group_combinations: Indices, entity_kind: str, notes: list[str]
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
-        """Return the tag (n,) of each combination of groups, and the tags of each group name.
+        """Return the tags (n,) of cells or facets, and the tags of each group by its name.
 
-        Entities in no group have tag 0; entities in one group have the group's number. Combinations
-        of several groups get tags larger than any group number.
+        Entities in no group have tag 0; the tag of entities in one group is the group's number.
+        Combinations of several groups get tags that are larger than the groups' numbers.
+
+        Args:
+            dim: dimension of the entities.
+            group_combinations: index (n,) of each entity's combination of groups.
+            entity_kind: "cells" or "facets".
+            notes: list to which messages for the log are added.
         """
         used_combinations, combination_index, n_entities = np.unique(
             group_combinations, return_inverse=True, return_counts=True
@@ -323,7 +335,15 @@ class GmshMesh:
         used_nodes: Indices,
         notes: list[str],
     ) -> tuple[LocalIndices, dict[str, tuple[int, ...]]]:
-        """Return tags (cells, sides) of the cells' facets, and the tags of each group name."""
+        """Return tags (cells, sides) of the cells' facets, and the tags of each group by its name.
+
+        Args:
+            elements_by_type: elements by type number.
+            cells: indices (cells, k) of the cells' nodes in `used_nodes`, in DOLFINx' order.
+            cell_type: type of the cells, such as "triangle".
+            used_nodes: indices of the nodes of cells, in ascending order.
+            notes: list to which messages for the log are added.
+        """
         topology = basix.topology(basix.CellType[cell_type])
         dim, n_corners = len(topology) - 1, len(topology[-2][0])
         tags = np.zeros((len(cells), len(topology[-2])), dtype=np.int32)

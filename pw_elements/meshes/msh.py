@@ -1,8 +1,8 @@
 """Parser of Gmsh's mesh files (`.msh`): formats 2 to 4.1, text and binary.
 
-Gmsh runs a script under any file name, reads options from the user's folders, and does not check
-the numbers of a mesh. This parser therefore does not use Gmsh: it reads and checks all numbers
-itself.
+When Gmsh opens a file, it runs a script whatever the file's name, reads options from the user's
+folders, and does not check the numbers of a mesh. This parser therefore does not use Gmsh: it reads
+and checks all numbers itself.
 
 The formats are described in the "Gmsh Reference Manual", version 4.13, chapter "Gmsh file formats".
 Only the sections of nodes, elements, entities and names are read.
@@ -69,9 +69,10 @@ def read_msh(path: Path) -> GmshMesh:
 
 
 def _split_sections(data: bytes) -> dict[str, bytes]:
-    """Return the content of each section by its name.
+    """Return the content of each section by its name; it is empty for sections that are not used.
 
-    The content of sections that are not read is empty.
+    Raises:
+        ValueError: if a section is incomplete, repeated or missing.
     """
     sections: dict[str, bytes] = {}
     position = 0
@@ -109,7 +110,7 @@ def _decode_utf8_or_latin1(line: bytes) -> str:
 
 
 class _MshReader:
-    """Reader of a file, which creates a `GmshMesh` from the sections of the file."""
+    """Reader that creates a `GmshMesh` from the sections of a file."""
 
     def __init__(self, data: bytes) -> None:
         self._sections = _split_sections(data)
@@ -160,9 +161,9 @@ class _MshReader:
 
     @contextmanager
     def _open_section(self, name: str) -> Iterator[SectionRowReader]:
-        """Yield the rows of a section, and check at the end of the block that all were read.
+        """Yield a reader of a section; at the end of the block, check that all rows were read.
 
-        Errors raised in the block get the name of the section.
+        The messages of ValueErrors raised in the block are prefixed with the section's name.
         """
         try:
             section = self._sections[name]

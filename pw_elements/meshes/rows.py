@@ -25,7 +25,7 @@ class SectionRowReader(Protocol):
     """Sequential reader of the rows of a section."""
 
     def read_count(self) -> int:
-        """Read a row that contains a single count; in binary files, too, this row is text."""
+        """Read a row that contains a single count; this row is text, even in binary files."""
 
     def read_integers(self, format_letters: str) -> list[int]:
         """Read a row of integers, one for each format letter."""
@@ -56,7 +56,7 @@ class SectionRowReader(Protocol):
         """
 
     def read_format_2_elements_by_type(self, n_elements: int) -> Iterator[tuple[int, int, Indices]]:
-        """Yield the elements of a file of format 2 in groups of the same type.
+        """Yield the elements of a file of format 2 in blocks of one type and number of tags.
 
         Yields:
             Number of the element type; number of tags of each element; and rows that contain the
@@ -68,7 +68,7 @@ class SectionRowReader(Protocol):
 
 
 class TextRowReader:
-    """Reader of rows that are lines of text, with the methods of `SectionRowReader`."""
+    """Reader of rows that are lines of text; implements `SectionRowReader`."""
 
     def __init__(self, section: bytes) -> None:
         try:
@@ -143,7 +143,7 @@ class TextRowReader:
 
 
 class BinaryRowReader:
-    """Reader of binary rows, with the methods of `SectionRowReader`.
+    """Reader of binary rows; implements `SectionRowReader`.
 
     Args:
         section: content of the section.
@@ -279,7 +279,7 @@ def _parse_rows(lines: list[str], n_integers: int, n_floats: int) -> tuple[Indic
 
 
 def _describe_first_wrong_word(lines: list[str], n_integers: int) -> str:
-    """Return an error message that names the first word that is not a number or not an integer."""
+    """Return an error message that names the first word that is not the number it has to be."""
     for line in lines:
         for column, word in enumerate(line.split()):
             pattern = r"[+-]?\d+" if column < n_integers else r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?"

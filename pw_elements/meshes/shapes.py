@@ -124,7 +124,7 @@ def curved_mesh(mesh: Mesh, point_map: PointMap) -> Mesh:
 
 
 def _evaluate_point_map(mesh: Mesh, point_map: PointMap, x: Array) -> Array:
-    """Return the new positions (n, dim) of points x (n, 3), checked on all processes."""
+    """Return the new positions (n, dim) of points x (n, 3); raise errors on all processes."""
     dim = mesh.geometry.dim
     with raise_errors_on_all_processes(mesh.comm):
         if callable(point_map) and not arguments.is_user_function(point_map):

@@ -28,7 +28,7 @@ class TaggedMesh(NamedTuple):
         mesh: mesh with these cells and facets.
         cell_tags: tags of cells; `cell_tags.find(1)` returns the local cells with tag 1.
         facet_tags: tags of facets; `facet_tags.find(1)` returns the local facets with tag 1.
-        names: tags of each named set of "cells" and of "facets", such as
+        names: under the keys "cells" and "facets", the tags of each named set; for example
             {"cells": {"STEEL": (1,)}, "facets": {"BASE": (1, 3)}}.
     """
 
@@ -49,7 +49,7 @@ class TaggedMesh(NamedTuple):
         return self._find_entities_of_set("cells", self.cell_tags, name)
 
     def facets(self, name: str) -> LocalIndices:
-        """Return the local numbers of the facets in a named set, as `boundary_measure` takes them.
+        """Return the local numbers of the facets in a named set, for use in `boundary_measure`.
 
         Args:
             name: name of the set. In sets of Abaqus' files, upper and lower case are equivalent.
@@ -79,9 +79,9 @@ class MeshArrays(NamedTuple):
         cell_and_degree: type of the cells, such as "triangle", and degree of the geometry.
         x: coordinates (k, dim) of the nodes.
         cells: indices (n, nodes per cell) of the cells' nodes in DOLFINx' order.
-        tags: tags of "cells" (n, 1), and tags of the "facets" (n, facets per cell) of each cell; 0
-            for cells and facets without a tag.
-        names: tags of each named set of "cells" and of "facets".
+        tags: under the key "cells", the tags (n, 1) of the cells; under the key "facets", the tags
+            (n, facets per cell) of each cell's facets; 0 for cells and facets without a tag.
+        names: under the keys "cells" and "facets", the tags of each named set.
     """
 
     cell_and_degree: tuple[str, int]
@@ -125,7 +125,7 @@ def create_tagged_mesh(comm: MPI.Comm, arrays: MeshArrays | None) -> TaggedMesh:
 
 
 def check_constant_z(source_name: str, node_coordinates: Array) -> None:
-    """Raise ValueError unless nodes x (n, 3) lie in one plane z = constant.
+    """Raise ValueError unless all nodes lie in one plane z = constant.
 
     Args:
         source_name: name of the file or model, used in the error message.

@@ -1,8 +1,8 @@
 """The solver "auto", which chooses between a factorisation and a Krylov method.
 
-A factorisation works for every body, if the factors fit into memory. A Krylov method needs little
-memory, but may fail if supports or contact hardly hold the body. The computation is then repeated
-with a factorisation, if the factors fit into memory.
+A factorisation works for every body whose factors fit into memory. A Krylov method needs little
+memory but may fail if supports or contact hardly hold the body. The computation is then repeated
+with a factorisation, provided that the factors fit into memory.
 """
 
 import logging
@@ -26,14 +26,14 @@ SolverOrAuto: TypeAlias = LinearSolver | Literal["auto"] | None
 
 T = TypeVar("T")
 
-# Numbers of unknowns in three dimensions from which on "auto" takes the Krylov method: for one
-# solution, and for modes. Modes need some 50 solutions, and the Krylov method is slower than
-# factors until these take several gigabytes
+# Smallest numbers of unknowns for which "auto" uses the Krylov method in three dimensions: for one
+# solution, and for modes. Modes need about 50 solutions, and the Krylov method is slower than
+# factors unless these take several gigabytes
 _MIN_KRYLOV_DOFS = 15_000
 _MIN_KRYLOV_DOFS_FOR_MODES = 200_000
-# The same number if contact alone holds a component, which needs more iterations. For a lap joint
-# with 14 310 unknowns, factors took 2.7 s and the Krylov method 4.2 s of CPU time; with 46 242
-# unknowns, they took 16.5 s and 12.2 s
+# The same for one solution if a component is held only by contact, which needs more iterations. For
+# a lap joint with 14 310 unknowns, factors took 2.7 s and the Krylov method 4.2 s of CPU time; with
+# 46 242 unknowns, they took 16.5 s and 12.2 s
 _MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT = 30_000
 # Free memory that is required for factors, relative to their estimated size
 _MIN_FREE_MEMORY_OVER_FACTOR_MEMORY = 2.0
@@ -42,7 +42,7 @@ _MIN_FREE_MEMORY_OVER_FACTOR_MEMORY = 2.0
 def total_free_memory_in_bytes(comm: MPI.Comm) -> float:
     """Return the total free memory in bytes on the machines of all processes; collective."""
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    # one process of each machine reports the least value of all processes on this machine, since
+    # one process of each machine reports the smallest value of all processes on this machine, since
     # the memory of a group of processes may be limited
     free = machine.allreduce(_machine_free_memory_in_bytes(), MPI.MIN)
     total = comm.allreduce(free if machine.rank == 0 else 0.0, MPI.SUM)
@@ -51,7 +51,7 @@ def total_free_memory_in_bytes(comm: MPI.Comm) -> float:
 
 
 def _machine_free_memory_in_bytes() -> float:
-    """Return the free memory in bytes of this machine, or of a container or job that limits it."""
+    """Return the free memory of this machine, or of its container or job if less, in bytes."""
     try:
         fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
         free = 1024.0 * int(fields["MemAvailable"].split()[0])
@@ -77,12 +77,12 @@ def choose_solver(
 
     Args:
         requested_solver: solver given by the user; None means "auto".
-        supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for another
+        supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for any other
             reduction.
         direct_only_reason: reason why only a factorisation can be used, or "" if there is none.
         for_modes: whether eigenvalues are computed.
-        contact_stiffness: stiffness (n, n) of a body in contact, which its supports alone may not
-            hold; None without contact.
+        contact_stiffness: stiffness (n, n) of a body in contact, whose supports alone may not hold
+            it; None without contact.
 
     Raises:
         ValueError: for a solver that is neither an object nor "auto".
@@ -119,16 +119,17 @@ def compute_with_direct_fallback(
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """Return `compute(choice)`, or `compute(Direct())` if the choice of "auto" fails.
+    """Return `compute(chosen_solver)`, or `compute(Direct())` if a choice of "auto" fails.
 
     Args:
         chosen_solver: solver to use, as returned by `choose_solver`.
         requested_solver: solver given by the user.
-        supports: free unknowns of the problem, or None.
+        supports: free unknowns of the problem; None if the reduction was not made by
+            `Reduction.dirichlet`.
         compute: function that computes the result with a solver.
 
     Raises:
-        NotConverged: if the solver fails and was named by the user, or if the factors do not fit
+        NotConverged: if a solver fails that "auto" did not choose, or if the factors do not fit
             into memory.
     """
     try:

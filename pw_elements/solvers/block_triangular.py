@@ -1,7 +1,7 @@
 """Block-triangular preconditioner for hybrid bodies.
 
-Displacements are preconditioned by multigrid, pressures by their mass matrix. The guide's page on
-theory defines the blocks ("Large systems").
+Displacements are preconditioned by multigrid and pressures by their mass matrix. The guide's page
+on theory defines the blocks ("Large systems").
 """
 
 from petsc4py import PETSc
@@ -27,7 +27,7 @@ from pw_elements.spaces import (
     pressure_equilibration_scales,
 )
 
-# For each cell type: least and largest eigenvalue of the P1 or Q1 mass matrix scaled to a unit
+# For each cell type: bounds of the eigenvalues of the P1 or Q1 mass matrix after scaling to a unit
 # diagonal, and degree of the Chebyshev polynomial that approximates the inverse of this matrix
 _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE_BY_CELL = {
     "triangle": (0.5, 2.0, 6),
@@ -38,7 +38,7 @@ _MASS_SPECTRUM_AND_CHEBYSHEV_DEGREE_BY_CELL = {
 
 
 class BlockTriangularPreconditioner:
-    """Preconditioner for one matrix of a hybrid space, used in place of a `Multigrid`.
+    """Preconditioner for a matrix of a hybrid space, used instead of a `Multigrid`.
 
     The diagonal matrix s of `pressure_equilibration_scales` scales pressures to lengths, and the
     projection Pi sets prescribed unknowns to zero.
@@ -52,8 +52,7 @@ class BlockTriangularPreconditioner:
         operator: the matrix under supports, Pi s K s Pi + (1 - Pi).
         displacement_block: stiffness A of the displacements, stored in blocks, and its supports.
         multigrid: multigrid preconditioner for A.
-        displacement_pc: preconditioner for A, which is `multigrid`, or `SpringPreconditioner` in
-            contact.
+        displacement_pc: preconditioner for A: `multigrid` or, in contact, `SpringPreconditioner`.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -109,7 +108,7 @@ class BlockTriangularPreconditioner:
         return reused_displacement_block
 
     def update_for_changed_matrix(self) -> None:
-        """Extract the blocks of K after K has changed, and have the multigrid set up again."""
+        """Extract the blocks again after K has changed, and update the multigrid."""
         self._extract_blocks_and_set_pressure_solver(self.displacement_block[0])
         self.multigrid.update_for_changed_matrix()
 
@@ -139,7 +138,7 @@ class BlockTriangularPreconditioner:
         """Return whether an operator maps a constant pressure to zero.
 
         Args:
-            operator: matrix (n, n), or a larger one that starts with the n unknowns on each
+            operator: matrix (n, n), or a larger one in which the n unknowns come first on each
                 process.
         """
         constant, effect = operator.createVecs()
@@ -173,16 +172,17 @@ def _pressure_mass_over_twice_shear_modulus(
 ) -> PETSc.Mat:
     """Return the mass matrix of pressures, divided by twice the shear modulus.
 
-    The modulus at each vertex is the ratio of P^T A P to the stiffness of linear elements with a
-    unit modulus, where P interpolates linear functions at all nodes. The thickness of plane bodies,
-    or the radius of axisymmetric ones, is the ratio of B times the displacements of a unit strain
-    to the integrals of the vertex functions.
+    The modulus, multiplied by the thickness, is estimated at each vertex by the ratio of the
+    diagonals of P^T A P and of the stiffness of linear elements with a unit modulus, where P
+    interpolates linear functions at all nodes. The thickness of plane bodies (in axisymmetry, the
+    circumference) is the ratio of B u to the integrals of the vertex functions, where u are the
+    displacements of a unit strain.
 
     Args:
         displacement_space: space of the displacements.
         pressure_space: space of the pressures.
-        displacement_stiffness: stiffness of the displacements.
-        volume_change_matrix: matrix that takes displacements to integrals of the volume change.
+        displacement_stiffness: stiffness A of the displacements.
+        volume_change_matrix: matrix B that maps displacements to integrals of the volume change.
     """
     mesh = displacement_space.mesh
     linear, _, P = linear_space_vertex_nodes_and_interpolation(displacement_space)

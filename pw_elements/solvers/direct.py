@@ -1,9 +1,9 @@
 """Interfaces of linear solvers, and the direct solver.
 
 The functions `solve`, `solve_contact`, `vibration_modes` and `buckling` take a `LinearSolver` as
-the argument `solver`. A `LinearSolver` only has settings, for example
-`Direct({"mat_mumps_icntl_14": 50})`. Its method `prepare` returns a solver for a given matrix. An
-object of any class can be used if it has the methods of the protocols.
+the argument `solver`. A `LinearSolver` only holds settings, for example
+`Direct({"mat_mumps_icntl_14": 50})`. Its method `prepare` returns a solver for a given matrix.
+Objects of any class can be used if they have the methods of these protocols.
 """
 
 import logging
@@ -31,29 +31,30 @@ from pw_elements.progress import log_on_root
 
 PetscOptions: TypeAlias = Mapping[str, str | int | float | bool]
 
-# Relative error with which factors reproduce a known solution, about the condition number times
-# round-off. Above this error, fewer than four digits of a solution would be right
+# Largest accepted relative error with which factors reproduce a known solution. The error is about
+# the condition number times round-off; fewer than four digits of a solution would be correct above
+# this limit
 _MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION = 1e-4
 # Correction of factors for changed rows: largest condition number of the correction's small dense
-# matrix; residual relative to |A| |x| + |b| that counts as round-off in the solution of A x = b;
-# and largest number of steps of iterative refinement
+# matrix; largest residual of A x = b, relative to |A| |x| + |b|, that may be due to round-off; and
+# largest number of steps of iterative refinement
 _MAX_CONDITION_OF_ROW_CORRECTION = 1e8
 _RELATIVE_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_ITERATIVE_REFINEMENT_STEPS = 4
-# Options that limit repetitions; PETSc takes -3 as no limit
+# Options that limit numbers of iterations; PETSc interprets -3 as no limit
 _ITERATION_LIMIT_OPTION_PATTERN = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
-# Those of these options that belong to the outermost method, which ends when it has converged
+# Options among these that limit the outermost method, which also ends when it has converged
 _OUTERMOST_ITERATION_LIMIT_OPTIONS = ("ksp_max_it", "ksp_gmres_restart")
-# Largest value of the other options that limit repetitions
+# Largest value of the other options that limit numbers of iterations
 _MAX_INNER_ITERATION_LIMIT = 1000
 
 
 class SingularSystem(RuntimeError):
-    """The system has no unique solution, usually because supports are missing."""
+    """Error raised if a system has no unique solution, usually because supports are missing."""
 
 
 class FreeConstantPressure(SingularSystem):
-    """The pressure of an incompressible body is determined only up to a constant.
+    """Error raised if an incompressible body's pressure is determined only up to a constant.
 
     This happens if the whole boundary of the body is held.
     """
@@ -67,7 +68,7 @@ class FreeConstantPressure(SingularSystem):
 
 
 class NotConverged(RuntimeError):
-    """Newton's method or an iterative linear solver has not reached its tolerance."""
+    """Error raised if Newton's method or an iterative solver has not reached its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,8 @@ class SolverReport:
     Args:
         method: name of the method, such as "LU by mumps".
         factorisations: number of factorised matrices.
-        krylov_iterations: number of iterations of an iterative solver. For a direct solver, the
-            number of solutions that were needed to correct factors for changed rows.
+        krylov_iterations: number of iterations of an iterative solver; for a direct solver, number
+            of solutions that were needed to correct factors for changed rows.
     """
 
     method: str
@@ -111,11 +112,11 @@ class PreparedSolver(Protocol):
 
     @property
     def report(self) -> SolverReport:
-        """Method of the solver, and cost of all its solutions so far."""
+        """Report of the solver's method and of the cost of all its solutions so far."""
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants of all matrices so far, in order.
+        """Signs of the determinants of all matrices solved with so far, in order.
 
         The tuple is empty if the solver computes no determinants.
         """
@@ -125,14 +126,14 @@ class PreparedSolver(Protocol):
         """Number of negative eigenvalues of a symmetric matrix, or None if it is not known."""
 
     def set_up(self) -> None:
-        """Prepare `ksp` for the present entries of the matrix.
+        """Prepare `ksp` for the current entries of the matrix.
 
         Raises:
             SingularSystem: if the matrix is singular.
         """
 
     def solve(self, rhs: PETSc.Vec) -> PETSc.Vec:
-        """Return the solution (n,) for the present entries of the matrix.
+        """Return the solution (n,) for the current entries of the matrix.
 
         Args:
             rhs: right-hand side (n,).
@@ -171,16 +172,16 @@ class SeparateSupportsSolver(Protocol):
     """A `LinearSolver` that takes a matrix without supports, and the supports separately.
 
     Other solvers take a matrix that has been reduced by the supports. Here right-hand sides and
-    solutions have all unknowns, and are zero where displacements are prescribed.
+    solutions contain all unknowns, and are zero where displacements are prescribed.
 
-    Contact changes the matrix in each iteration, and uses nothing but the solver's Krylov method.
-    For this purpose, the object that `prepare` returns needs a method
+    Contact changes the matrix in each iteration and uses only the solver's Krylov method. For this
+    purpose, the object that `prepare` returns needs a method
 
         iterate(product, precondition, rhs, max_residual)
 
-    in place of `solve_with_changed_rows`. The functions `product` (the matrix) and `precondition`
-    (multigrid) map arrays of this process' unknowns to such arrays. The method returns an array x
-    with |rhs - product(x)| <= max_residual, or raises NotConverged.
+    instead of `solve_with_changed_rows`. The functions `product` (product with the matrix) and
+    `precondition` (multigrid) take and return an array of this process' unknowns. The method
+    returns an array x with |rhs - product(x)| <= max_residual, or raises NotConverged.
     """
 
     matrix_free: ClassVar[bool]  # true
@@ -191,7 +192,7 @@ class SeparateSupportsSolver(Protocol):
         Args:
             matrix: matrix (n, n) without supports.
             symmetric: whether an eigenvalue problem needs a symmetric solver.
-            supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for another
+            supports: free unknowns of a reduction made by `Reduction.dirichlet`; None for any other
                 reduction.
         """
 
@@ -210,9 +211,8 @@ class Direct:
     Args:
         options: PETSc options of the solver without prefix and hyphen, such as
             `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`.
-            Packages other than MUMPS report no zero pivots, but singular matrices are recognised
-            all the same. They report no determinants either; contact then does not check whether
-            the solution is unique.
+            Packages other than MUMPS report neither zero pivots nor determinants. Singular matrices
+            are recognised nevertheless, but contact does not check whether the solution is unique.
 
     Raises:
         TypeError, ValueError: for invalid options; at the first solution, for unused options.
@@ -244,7 +244,7 @@ class Direct:
 class FactorisedSolver:
     """Solver that keeps the factors of a matrix.
 
-    After changes of the matrix the factors are computed again, or corrected if only a few rows have
+    When the matrix changes, the factors are computed again, or corrected if only a few rows have
     changed. The guide's page on theory describes the correction ("Large systems").
     """
 
@@ -278,7 +278,7 @@ class FactorisedSolver:
         self._preconditioner.setFactorSetUpSolverType()
         if self._uses_mumps:
             factor = self._preconditioner.getFactorMatrix()
-            factor.setMumpsIcntl(24, 1)  # count null pivots in place of dividing by them
+            factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
             factor.setMumpsIcntl(33, 1)  # compute the determinant
 
     @property
@@ -287,7 +287,7 @@ class FactorisedSolver:
 
     @property
     def determinant_signs(self) -> tuple[int, ...]:
-        """Signs of the determinants of all matrices so far, in order; empty without MUMPS."""
+        """Signs of the determinants of all matrices solved with so far; empty without MUMPS."""
         return tuple(self._determinant_signs)
 
     @property
@@ -298,10 +298,11 @@ class FactorisedSolver:
         return int(self._preconditioner.getFactorMatrix().getInertia()[0])
 
     def set_up(self) -> None:
-        """Factorise the matrix with its present entries.
+        """Factorise the matrix with its current entries.
 
         Raises:
-            SingularSystem: if the factors do not reproduce a known solution.
+            SingularSystem: if there are zero pivots, or the factors do not reproduce a known
+                solution.
         """
         if self._has_failed:  # PETSc keeps the error of an analysis that failed because of NaN
             self.set_matrix(self._matrix)
@@ -393,7 +394,7 @@ class FactorisedSolver:
         return None
 
     def _compute_columns_of_inverse(self, columns: Indices) -> PETSc.Mat:
-        """Return k columns (n, k) of the inverse of the factorised matrix.
+        """Compute k columns (n, k) of the inverse of the factorised matrix.
 
         Args:
             columns: global numbers (k,) of the columns, the same on all processes.
@@ -447,7 +448,7 @@ def check_petsc_options(options: object) -> None:
 
 
 def _refuse_endless_iteration_limit(name: str, value: str | float) -> None:
-    """Raise ValueError if a number of repetitions would make PETSc loop endlessly."""
+    """Raise ValueError if an iteration limit would make PETSc iterate endlessly."""
     is_outer = name.lstrip("-") in _OUTERMOST_ITERATION_LIMIT_OPTIONS
     try:
         count = arguments.check_integer(name, int(value) if isinstance(value, str) else value, 1)
@@ -484,7 +485,7 @@ def refuse_unused_options(ksp: PETSc.KSP, options: PetscOptions) -> None:
 
 
 def set_options(ksp: PETSc.KSP, options: PetscOptions) -> None:
-    """Set the options of a solver, with a prefix that is the same for equal options."""
+    """Set the options of a solver, under a prefix that depends only on the options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"
     database = PETSc.Options(prefix)

@@ -1,4 +1,4 @@
-"""Krylov method with two-level p-multigrid.
+"""Krylov method with two-level p-multigrid as the preconditioner.
 
 For hybrid bodies, multigrid is part of a block-triangular preconditioner.
 """
@@ -37,7 +37,7 @@ from pw_elements.solvers.rigid_components import has_free_rigid_motion
 from pw_elements.spaces import is_hybrid
 
 _ArrayToArrayFunction: TypeAlias = Callable[[Array], Array]
-# (product, precondition, rhs, max_residual) -> x with |rhs - product(x)| <= max_residual
+# Takes (product, precondition, rhs, max_residual), returns x: |rhs - product(x)| <= max_residual
 _UserKrylovSolveFunction: TypeAlias = Callable[
     [_ArrayToArrayFunction, _ArrayToArrayFunction, Array, float], Array
 ]
@@ -47,14 +47,15 @@ ITERATIVE_NEEDS_SUPPORTS_MESSAGE = (
     "other reductions, and a pressure that is split, need Direct()"
 )
 
-# Options that would replace the two levels
+# Options that would replace the two levels, and are therefore refused
 _LEVEL_REPLACING_OPTIONS_PATTERN = re.compile(
     r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))"
 )
 _MAX_KRYLOV_ITERATIONS = 1000
 # Vectors that GMRES keeps until it restarts
 _GMRES_RESTART = 100
-# Orthogonality of the vectors is refined, since it is lost if stiffnesses differ by more than 1e5
+# The vectors are orthogonalised again if needed: orthogonality is lost if stiffnesses differ by a
+# factor of more than 1e5
 _GMRES_OPTIONS: PetscOptions = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
@@ -63,9 +64,9 @@ _GMRES_OPTIONS: PetscOptions = {
 _MAX_TRUE_OVER_UPDATED_RESIDUAL = 10
 _MACHINE_EPSILON = float(np.finfo(float).eps)
 
-# Bytes of MUMPS' LU factors and work space in three dimensions: a coefficient times a power of the
-# number of unknowns. Both are fitted to numbers that MUMPS reports for blocks of tetrahedra and
-# hexahedra with 8 000 to 92 000 unknowns
+# Memory of MUMPS' LU factors and work space in three dimensions: a coefficient times a power of the
+# number of unknowns. Coefficient and exponent are fitted to the memory that MUMPS reports for
+# blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
 _FACTOR_MEMORY_COEFFICIENT_IN_BYTES = 160.0
 _FACTOR_MEMORY_EXPONENT_OF_DOFS = 1.42
 
@@ -78,14 +79,14 @@ class Iterative:
     interpolates linear functions at all nodes. It is solved approximately by one cycle of algebraic
     multigrid that knows the rigid motions. The smoother treats the unknowns of a node as a block.
 
-    At a Poisson's ratio of 0.3, ten digits take some 25 iterations for any size of the mesh. Near
-    1/2 they take several times as many; in hybrid spaces some 50 iterations are enough at any
+    At a Poisson's ratio of 0.3, ten digits take about 25 iterations for any size of the mesh. Near
+    1/2 they take several times as many; in hybrid spaces about 50 iterations are enough at any
     ratio. The solver accepts the supports of `Reduction.dirichlet`, but no condensation. It
-    computes no determinants.
+    does not compute determinants.
 
     Args:
         tolerance: largest Euclidean norm of the residual, relative to that of the load. In contact,
-            it is relative to the largest nodal contact force, and at most 1e-10, which is a tenth
+            the tolerance is relative to the largest nodal contact force and at most 1e-10, a tenth
             of the tolerance of the contact law.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`. The option
@@ -146,9 +147,9 @@ class Iterative:
 class KrylovSolver:
     """Iterative solver of systems with one matrix (n, n) under supports.
 
-    Right-hand sides and solutions have all n unknowns, including prescribed ones. The attribute
-    `displacement_block` has the stiffness of the displacements, without supports, and their
-    supports.
+    Right-hand sides and solutions contain all n unknowns, including prescribed ones. The attribute
+    `displacement_block` contains the stiffness of the displacements, assembled without supports,
+    and the supports.
     """
 
     determinant_signs: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are unknown
@@ -188,8 +189,8 @@ class KrylovSolver:
 
         Args:
             operator: matrix of the system.
-            preconditioner: Python context of the preconditioner; None takes this solver's
-                multigrid.
+            preconditioner: Python context of the preconditioner. If None, the preconditioner of
+                this solver is used.
         """
         ksp = self._create_ksp(operator, "fgmres")
         if preconditioner is None:
@@ -217,7 +218,7 @@ class KrylovSolver:
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         ksp.setTolerances(rtol=self.tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
         ksp.setComputeEigenvalues(True)
-        counted = self._counted  # `self` would make a reference cycle that is never freed
+        counted = self._counted  # `self` would create a reference cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # PETSc raises no error; `solve` checks the residual instead
         set_options(ksp, {**_GMRES_OPTIONS, **self.options})
@@ -242,11 +243,15 @@ class KrylovSolver:
 
         Args:
             rhs: right-hand side (n,), zero where values are prescribed.
+
+        Raises:
+            SingularSystem: if supports and stiffness leave a rigid motion free.
+            NotConverged: if the residual remains too large.
         """
         self.set_up()
         solution, correction = rhs.duplicate(), rhs.duplicate()
         residual, load_norm = rhs.copy(), rhs.norm()
-        # round-off makes the residual that GMRES updates drift away from the true one
+        # because of round-off, the residual that GMRES updates drifts away from the true residual
         for _ in range(2):
             solve_with_ksp(self.ksp, residual, correction, self.options)
             solution.axpy(1.0, correction)
@@ -291,7 +296,7 @@ class KrylovSolver:
 
 
 class _ExternalKrylovMethod:
-    """Krylov method of a user's solver, as the Python context of a `PETSc.KSP`."""
+    """Wrapper by which a `PETSc.KSP` calls the Krylov method of a user's solver."""
 
     def __init__(self, iterate: _UserKrylovSolveFunction) -> None:
         self._iterate = iterate
@@ -331,13 +336,13 @@ class _ExternalKrylovMethod:
 def solve_with_ksp(
     ksp: PETSc.KSP, rhs: PETSc.Vec, solution: PETSc.Vec, options: PetscOptions
 ) -> None:
-    """Solve with a method of PETSc or of a user, and raise an error of the user's method.
+    """Solve with PETSc's or a user's Krylov method; raise errors that the user's method has met.
 
     Args:
         ksp: solver, with its matrix and preconditioner.
         rhs: right-hand side (n,).
         solution: vector (n,) that is set to the solution.
-        options: options of the solver, which error messages name.
+        options: options of the solver, named in error messages.
     """
     with name_options_in_errors(options):
         ksp.solve(rhs, solution)
@@ -354,10 +359,10 @@ def _check_local_vector_values(values: Array, vector: PETSc.Vec) -> Array:
 
 
 def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> KrylovSolver:
-    """Return a `KrylovSolver` that solves by the method of a matrix-free solver.
+    """Return a `KrylovSolver` that uses the Krylov method of a matrix-free solver.
 
     A solver prepared by `Iterative` is returned unchanged. For a user's solver, a new
-    `KrylovSolver` uses its method `iterate`.
+    `KrylovSolver` is created that calls the solver's method `iterate`.
 
     Args:
         solver: solver that a matrix-free `LinearSolver` has prepared.
@@ -381,7 +386,7 @@ def as_krylov_solver(solver: PreparedSolver, matrix: PETSc.Mat, supports: Suppor
 def estimate_factor_memory_in_bytes(n_dofs: int) -> float:
     """Return the estimated memory of LU factors in three dimensions, in bytes.
 
-    The estimate is right within a factor of two.
+    The estimate is accurate to within a factor of two.
 
     Args:
         n_dofs: number of unknowns.

@@ -1,8 +1,8 @@
 """Matrix formats and products that petsc4py lacks, null spaces, and constraints without assembly.
 
 Supports and contact constrain directions at nodes. A projection removes the constrained components
-from vectors, so that the stiffness K is neither changed nor copied. Springs between nodes form a
-matrix B, and the operator then has K + B in place of K.
+from vectors; the stiffness K is neither changed nor copied. Springs between nodes form a matrix B,
+and K + B then replaces K in the operator.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import read_record
 
-# Number of rows of a blocked matrix that are converted at once, to save memory; it is a multiple of
-# any block size. And largest number of parts to convert, since their products have to be added
+# A blocked matrix is converted in parts, to save memory: smallest number of rows of a part, a
+# multiple of any block size; and largest number of parts, since their products have to be added
 _MIN_ROWS_PER_AIJ_CONVERSION = 12_000
 _MAX_AIJ_CONVERSIONS_PER_PRODUCT = 32
-# Number of rows of a dense QR factorisation, limited to save memory
+# Largest number of rows that are added to a dense QR factorisation at once, to save memory
 _MAX_ROWS_PER_DENSE_QR = 20_000
 # Largest number of modes for which dense algebra is used, where it is faster than sparse algebra
 _MAX_DENSE_MODES = 60
-# Size of displacements and forces, in a mode of unit size, that counts as round-off
+# Displacements and forces in a mode of unit size are regarded as round-off if they are smaller
 _ENTRY_ROUND_OFF_OVER_MODE_SIZE = 1e-13
 
 
@@ -41,12 +41,12 @@ def is_stored_in_blocks(matrix: PETSc.Mat) -> bool:
 def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, rows_in_K: Indices | None = None) -> PETSc.Mat:
     """Return the product P^T K P (m, m).
 
-    PETSc has no such product of blocked matrices, which are therefore converted part by part.
+    PETSc does not have this product for blocked matrices, which are therefore converted in parts.
 
     Args:
         K: matrix (n, n), blocked or not.
-        P: matrix (n, m). If `rows_in_K` is given, P is a matrix (k, m) with these rows only.
-        rows_in_K: global row numbers (k,) in K that belong to this process' rows of P.
+        P: matrix (n, m); if `rows_in_K` is given, only some of its rows, as a matrix (k, m).
+        rows_in_K: global row numbers in K that correspond to this process' rows of P.
     """
     if not is_stored_in_blocks(K) and rows_in_K is None:
         product = K.ptap(P)
@@ -109,10 +109,10 @@ def add_scaled(
 
 
 def destroy_objects(*objects: PETSc.Object) -> None:
-    """Destroy PETSc objects, which Python alone does not free on several processes.
+    """Destroy PETSc objects, which Python by itself does not free in parallel runs.
 
-    A PETSc object may contain a Python object. It keeps the Python object, and everything that the
-    Python object refers to, until it is destroyed here; `collect_garbage` does not free them.
+    A PETSc object may contain a Python object. It keeps this object, and everything that the object
+    refers to, in memory until it is destroyed here; `collect_garbage` does not free them.
     """
     for petsc_object in objects:
         petsc_object.destroy()
@@ -121,7 +121,7 @@ def destroy_objects(*objects: PETSc.Object) -> None:
 def collect_garbage(object_of_communicator: PETSc.Object) -> None:
     """Free unused PETSc objects of a communicator; collective.
 
-    On several processes petsc4py defers the destruction of unused objects, since Python may drop
+    In parallel runs, petsc4py defers the destruction of unused objects, since Python may delete
     them in a different order on each process.
 
     Args:
@@ -130,12 +130,14 @@ def collect_garbage(object_of_communicator: PETSc.Object) -> None:
     PETSc.garbage_cleanup(object_of_communicator.comm)
 
 
-def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
+def block_diagonal_matrix(
+    blocks: Array, local_and_global_size: tuple[int, int], comm: PETSc.Comm
+) -> PETSc.Mat:
     """Return a block-diagonal matrix.
 
     Args:
         blocks: blocks (nodes, b, b) on the diagonal at this process' nodes.
-        sizes: local and global number of rows.
+        local_and_global_size: local and global number of rows.
         comm: communicator of the matrix.
     """
     n, b = blocks.shape[:2]
@@ -143,18 +145,18 @@ def block_diagonal_matrix(blocks: Array, sizes: tuple[int, int], comm: PETSc.Com
     indptr = b * np.arange(n * b + 1, dtype=PETSc.IntType)
     columns = np.arange(offset * b, (offset + n) * b).reshape(n, 1, b).repeat(b, axis=1)
     csr = (indptr, columns.ravel().astype(PETSc.IntType), blocks.ravel())
-    return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
+    return PETSc.Mat().createAIJ((local_and_global_size, local_and_global_size), csr=csr, comm=comm)
 
 
 def identity_with_free_columns(
     free: Mask, row_layout: PETSc.Vec, drop_other_columns: bool = True
 ) -> PETSc.Mat:
-    """Return the identity matrix with the columns of free rows only.
+    """Return the columns of the identity matrix that belong to free rows.
 
     Args:
         free: mask (owned rows,) of the free rows.
         row_layout: vector with the parallel layout of the rows.
-        drop_other_columns: whether columns of other rows are left out; otherwise they are zero.
+        drop_other_columns: whether the columns of other rows are left out; if not, they are zero.
     """
     comm = row_layout.comm.tompi4py()
     count = int(free.sum()) if drop_other_columns else len(free)
@@ -174,9 +176,9 @@ def matrix_from_python_context(
 
 
 def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return the matrix itself, or, if it is blocked, a copy in PETSc's AIJ format.
+    """Return a matrix in PETSc's AIJ format, for which PETSc has more products.
 
-    PETSc has more products for the AIJ format.
+    The matrix itself is returned unless it is blocked.
     """
     if not is_stored_in_blocks(matrix):
         return matrix
@@ -184,14 +186,15 @@ def to_aij(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
-    """Return the triangular matrix R of a QR factorisation of rows of all processes; collective.
+    """Return the triangular matrix R of a QR factorisation of the rows of all processes.
 
-    Many modes are split into groups that share no rows, and each group is factorised separately.
-    The product R^T R would lose small entries.
+    Collective. If there are many modes, they are split into groups that share no rows, and each
+    group is factorised separately. R preserves small entries, which the product of the transposed
+    rows with the rows would lose.
 
     Args:
         rows: rows (n, modes) of this process.
-        comm: communicator.
+        comm: communicator of the processes.
     """
     if isinstance(rows, np.ndarray) or rows.shape[1] <= _MAX_DENSE_MODES:
         return _dense_qr_triangle(rows, comm)
@@ -228,12 +231,12 @@ def _to_dense(rows: sp.csr_array | Array) -> Array:
 def null_space_basis(
     parts: Sequence[sp.csr_array | Array], singular_value_tolerance: float
 ) -> Array:
-    """Return an orthonormal basis (k, modes) of the common null space of some matrices.
+    """Return an orthonormal basis (k, modes) of the common null space of several matrices.
 
     Args:
         parts: matrices (n, modes), all dense or all sparse, whose entries are of the order of one.
-        singular_value_tolerance: singular value, divided by the square root of the number of modes,
-            below which it counts as zero.
+        singular_value_tolerance: limit below which a singular value is regarded as zero, divided by
+            the square root of the number of modes.
     """
     are_dense = isinstance(parts[0], np.ndarray)
     rows = np.vstack(parts) if are_dense else sp.vstack(parts, "csr")
@@ -262,14 +265,14 @@ def group_connected_nodes(adjacency_matrix: npt.ArrayLike) -> list[Indices]:
 
 
 def diagonal_blocks(matrix: PETSc.Mat, block_size: int) -> tuple[Indices, Array]:
-    """Return the nodes (k,) that have a diagonal block, and these blocks (k, block, block).
+    """Return the nodes at which a matrix has diagonal blocks, and these blocks.
 
     Args:
         matrix: square matrix.
         block_size: number of unknowns of a node.
 
     Returns:
-        Local numbers of the nodes, and the blocks.
+        Local numbers (k,) of the nodes, and the blocks (k, block_size, block_size).
     """
     indptr, column, value = matrix.getValuesCSR()
     row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
@@ -284,7 +287,7 @@ def diagonal_blocks(matrix: PETSc.Mat, block_size: int) -> tuple[Indices, Array]
 
 @dataclass(frozen=True)
 class Supports:
-    """Supports of a space, which prescribe all degrees of freedom that are not free.
+    """Supports of a space; they prescribe all degrees of freedom that are not free.
 
     Args:
         space: trial space.
@@ -298,10 +301,9 @@ class Supports:
 class ConstraintProjection:
     """Projection that removes constrained components from vectors.
 
-    Prescribed unknowns are always constrained. In addition, `set_constrained_directions` sets
-    constrained directions at some nodes. Each constrained direction has a stiffness, which is one
-    for prescribed unknowns. The method `add_constrained_components_times_stiffness` multiplies by
-    it.
+    Prescribed unknowns are always constrained. In addition, `set_constrained_directions` constrains
+    directions at some nodes. Each constrained direction has a stiffness, which is one for
+    prescribed unknowns, and by which `add_constrained_components_times_stiffness` multiplies.
 
     Args:
         free: mask (owned dofs,) of the unknowns that are not prescribed.
@@ -321,7 +323,7 @@ class ConstraintProjection:
     ) -> None:
         """Constrain directions at nodes, in addition to the prescribed unknowns.
 
-        Directions of an earlier call are replaced.
+        The directions of an earlier call are replaced.
 
         Args:
             nodes: local numbers (m,) of the nodes.
@@ -339,7 +341,7 @@ class ConstraintProjection:
             vectors[self._nodes] -= np.einsum("nij,nj->ni", self._free_part, vectors[self._nodes])
 
     def add_constrained_components_times_stiffness(self, values: Array, source: Array) -> None:
-        """Add the constrained components of `source`, times their stiffness, to a vector.
+        """Add the constrained components of `source`, times their stiffnesses, to a vector.
 
         Args:
             values: vector (owned dofs,) that is changed in place.
@@ -354,7 +356,7 @@ class ConstraintProjection:
     def constrained_nodes_free_projectors_and_stiffness(
         self, extra_nodes: Sequence[int] | Indices = ()
     ) -> tuple[Indices, Array, Array]:
-        """Return all nodes with a constraint, together with their projectors.
+        """Return all nodes with a constraint, and projectors at these nodes.
 
         Args:
             extra_nodes: local numbers of further nodes to include.
@@ -392,8 +394,8 @@ class ConstrainedOperator:
 
     Args:
         K: matrix (n, n) without supports.
-        projection: projection Pi that removes constrained components. Constrained directions with a
-            stiffness other than one have this stiffness in place of 1 - Pi.
+        projection: projection Pi that removes constrained components. In constrained directions
+            whose stiffness is not one, this stiffness replaces 1 - Pi.
         scales: diagonal (n,) of the scaling s; None for no scaling.
         springs: matrix B (n, n) of springs between nodes; None for no springs.
     """

@@ -1,9 +1,9 @@
 """Two-level p-multigrid, with quadratic functions on the fine level and linear ones on the coarse.
 
 If P interpolates vertex values at all nodes, P^T K P is the stiffness of linear elements. This
-holds for the stiffness K of standard and of new elements. Supports and contact neither change nor
-copy K: a projection Pi removes constrained components from vectors, and the operator is
-Pi K Pi + (1 - Pi). Springs between nodes are added to K.
+holds for the stiffness K of standard and of new elements. K is neither changed nor copied for
+supports and contact: a projection Pi removes constrained components from vectors, and the operator
+is Pi K Pi + (1 - Pi). Springs between nodes are added to K.
 """
 
 from mpi4py import MPI
@@ -32,26 +32,28 @@ from pw_elements.solvers.matrices import (
 )
 from pw_elements.spaces import scalar_component_space
 
-# Fraction of the constrained nodes that has to change before a new coarse matrix is worthwhile; and
-# fraction from which on the aggregates of algebraic multigrid are chosen again
+# If a larger fraction of the constrained nodes than the first number has changed, the coarse matrix
+# is assembled again; if larger than the second number, the aggregates of algebraic multigrid are
+# chosen again
 _CHANGED_NODE_FRACTION_TO_REBUILD_COARSE = 0.1
 _CHANGED_NODE_FRACTION_TO_REAGGREGATE = 0.5
-# Least change of a node's projector that counts as a change; if a node closes, it changes by one
+# Smaller changes of a node's projector are not counted; if a node closes, its projector changes by
+# one
 _MIN_COUNTED_PROJECTOR_CHANGE = 0.3
 
 
 def linear_space_vertex_nodes_and_interpolation(
     space: fem.FunctionSpace,
 ) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
-    """Return the space of linear functions on the same mesh, and their interpolation.
+    """Return the space of linear functions on the same mesh, and their interpolation matrix.
 
     Args:
         space: quadratic space.
 
     Returns:
         The linear space; the local node number in `space` of each vertex that this process owns;
-        and the matrix P (n, n_linear) that takes vertex values of linear functions to their values
-        at the nodes of `space`.
+        and the matrix P (n, n_linear) that maps the vertex values of linear functions to their
+        values at the nodes of `space`.
     """
     mesh, cells, block = space.mesh, space.dofmap.list, space.dofmap.index_map_bs
     shape = tuple(space.ufl_element().reference_value_shape)
@@ -66,7 +68,7 @@ def linear_space_vertex_nodes_and_interpolation(
     indptr, indices, data = scalar_P.getValuesCSR()
     shape = len(indptr) - 1, index_map.size_global
     rows = sp.csr_array((np.round(data, 12), indices, indptr), shape)
-    rows.eliminate_zeros()  # of vertices whose function is zero at the node
+    rows.eliminate_zeros()  # entries of vertices whose function is zero at the node
     rows = sp.kron(rows, sp.eye_array(block), "csr")
     csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
     P = PETSc.Mat().createAIJ(
@@ -79,10 +81,10 @@ def linear_space_vertex_nodes_and_interpolation(
 
 
 def rigid_body_null_space(linear_space: fem.FunctionSpace) -> PETSc.NullSpace | None:
-    """Return the rigid motions of a space of linear displacements.
+    """Return the rigid motions of a space of linear displacements, as a null space.
 
-    The result is None for a field that is no displacement: it has constants in place of rigid
-    motions.
+    The result is None in one dimension, and for fields other than displacements (for example
+    temperatures), which have constants instead of rigid motions.
     """
     block, dim = linear_space.dofmap.index_map_bs, linear_space.mesh.geometry.dim
     if block != dim or dim == 1:
@@ -99,8 +101,8 @@ class LinearCoarseLevel:
     Let P interpolate vertex values at all nodes. The projection Pi removes constrained components
     at nodes, and Pi_c at vertices. The interpolation is Pi P Pi_c, and the coarse matrix is
     Pi_c P^T Pi K Pi P Pi_c, with a mean stiffness on the diagonal in the directions that Pi_c
-    removes. The matrix is assembled once. Later, only its part near nodes that contact may
-    constrain is replaced.
+    removes. The matrix is assembled only once; after that, only its part near nodes that contact
+    may constrain is replaced.
 
     Args:
         K: stiffness (n, n) without supports.
@@ -130,9 +132,7 @@ class LinearCoarseLevel:
         self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
 
     def set_contact_nodes_once(self, nodes: Indices) -> None:
-        """Set the nodes that contact may constrain.
-
-        Only the first call has an effect.
+        """Set the nodes that contact may constrain; only the first call has an effect.
 
         Args:
             nodes: local numbers of the nodes.
@@ -147,7 +147,7 @@ class LinearCoarseLevel:
     def set_constrained_directions(
         self, nodes: Indices, projectors: Array, stiffnesses: Array
     ) -> None:
-        """Constrain directions at the vertices among m nodes.
+        """Constrain directions at those of m nodes that are vertices.
 
         Args:
             nodes: local numbers (m,) of the nodes, the same in each call.
@@ -160,9 +160,9 @@ class LinearCoarseLevel:
         self._coarse.set_constrained_directions(vertex, projectors[index], stiffnesses[index])
 
     def update_matrix(self) -> PETSc.Mat:
-        """Return the coarse matrix for the present constraints.
+        """Return the coarse matrix for the current constraints.
 
-        The same object is updated and returned until `discard_matrix` is called.
+        Until `discard_matrix` is called, the same matrix object is updated and returned.
         """
         contact, comm, columns = self._contact_rows, self._K.comm, self._P.getSizes()[1]
         has_pattern = self._matrix is not None  # with entries for the replaceable part
@@ -279,7 +279,7 @@ class _InterpolationNearContact:
 
 
 class _NodeBlockJacobiSmoother:
-    """Smoother that inverts the diagonal blocks of an operator, as the context of a `PETSc.PC`.
+    """Smoother that inverts the operator's diagonal blocks; Python context of a `PETSc.PC`.
 
     The operator is Pi (K + B) Pi + (1 - Pi), with the projection Pi that removes constrained
     components and the matrix B of springs between nodes.
@@ -329,13 +329,13 @@ class _NodeBlockJacobiSmoother:
 
 
 class Multigrid:
-    """Two-level multigrid preconditioner for one matrix under supports and contact constraints.
+    """Two-level multigrid preconditioner for a matrix under supports and contact constraints.
 
     The operator is Pi (K + B) Pi + (1 - Pi). The projection Pi removes components that supports or
-    `set_constrained_directions` constrain, and B has the springs of `set_constrained_directions`.
-    The smoother is a Chebyshev polynomial of degree 2 with the inverse diagonal blocks of nodes.
-    The coarse level uses one cycle of algebraic multigrid that knows the rigid motions. Products
-    are twice as fast if K is stored in blocks.
+    `set_constrained_directions` constrain; B contains the springs that `set_constrained_directions`
+    has received. The smoother is a Chebyshev polynomial of degree 2 with the inverse diagonal
+    blocks of nodes. The coarse level uses one cycle of algebraic multigrid that knows the rigid
+    motions. Products with K are computed in the blocked format, which makes them twice as fast.
 
     Args:
         K: matrix (n, n) without supports.
@@ -380,19 +380,19 @@ class Multigrid:
             for operator in operators:
                 operator.stateIncrease()  # otherwise PETSc keeps the old eigenvalues
             smoother.setUp()
-            # without a reset, PETSc would keep the vectors of the eigenvalue estimate
+            # without a reset, PETSc would keep the vectors of the eigenvalue estimate in memory
             smoother.reset()
             smoother.setOperators(*operators)
             self._has_eigenvalues = True
 
     def update_for_changed_matrix(self) -> None:
-        """Have everything that depends on K computed again, after K has changed."""
+        """Discard all that depends on K after K has changed; it is computed again when needed."""
         self._linear.discard_matrix()
         self._has_eigenvalues = False
         self._discard_coarse_matrix(with_aggregates=True)
 
     def re_estimate_smoother_eigenvalues(self) -> None:
-        """Estimate the smoother's eigenvalues again, for the present constraints."""
+        """Estimate the smoother's eigenvalues again, for the current constraints."""
         self._has_eigenvalues = False
         self.set_up_levels()
 
@@ -420,15 +420,15 @@ class Multigrid:
     ) -> None:
         """Constrain directions at contact nodes, in addition to the supports.
 
-        The directions are constrained by the projection, or by springs if these are given. The
-        coarse matrix is assembled again if the projectors have changed at more than a tenth of the
-        constrained nodes.
+        The directions are constrained by the projection or, if `springs` are given, by the springs.
+        The coarse matrix is assembled again if the projectors have changed at more than a tenth of
+        the constrained nodes.
 
         Args:
             nodes: local numbers (m,) of the nodes, the same in each call.
             projectors: projectors (m, dim, dim) onto the constrained directions.
             stiffnesses: stiffnesses (m,) of the constrained directions.
-            springs: matrix (n, n) of springs that constrain the directions in place of the
+            springs: matrix (n, n) of springs that constrain the directions instead of the
                 projection. It must be given in all calls or in none.
         """
         self._constrained.springs = springs
@@ -466,7 +466,7 @@ class Multigrid:
         destroy_objects(self.operator, self._linear.interpolation)
 
     def _discard_coarse_matrix(self, with_aggregates: bool) -> None:
-        """Discard the coarse matrix, so that it is assembled again when it is needed.
+        """Discard the coarse matrix; it is assembled again when it is needed.
 
         Args:
             with_aggregates: whether the aggregates of algebraic multigrid are chosen again.

@@ -15,10 +15,10 @@ from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import label_connected_components
 from pw_elements.solvers.matrices import Supports, null_space_basis, qr_triangle
 
-# Force of one component on another, relative to the largest stiffness, above which it is more than
-# round-off
+# Smallest force of one component on another that is not due to round-off, relative to the largest
+# stiffness
 _MIN_COUPLING_FORCE_OVER_MAX_STIFFNESS = 1e-11
-# Stiffness of a rigid motion, relative to that of an arbitrary motion, below which it is free
+# A rigid motion is free if its stiffness, relative to that of an arbitrary motion, is smaller
 _MAX_FREE_OVER_ARBITRARY_MOTION_STIFFNESS = 1e-8
 
 
@@ -27,13 +27,13 @@ class ComponentRigidModes:
     """Connected components of a mesh, sorted by their centres, and rigid motions of their nodes.
 
     The k modes of a component are its translations and its rotations about its centre. Rotations
-    are divided by the component's length, so that displacements are about as large as in
-    translations. For a field that is no displacement, the modes are constants.
+    are divided by the component's length; their displacements are then about as large as those of
+    translations. For fields other than displacements, the modes are constants.
     """
 
     component_of_node: Indices  # (nodes,), including ghosts
     centre: Array  # (components, dim), mean position of each component's nodes
-    length: Array  # (components,), radius of gyration of their nodes
+    length: Array  # (components,), radius of gyration of each component's nodes
     modes: Array  # (owned nodes, block, k), displacement of each node in its component's modes
     comm: MPI.Comm
 
@@ -76,7 +76,7 @@ class ComponentRigidModes:
             n_empty_columns: number of empty columns to append.
 
         Returns:
-            Matrix (owned dofs, k components + n_other_modes).
+            Matrix (owned dofs, k components + n_empty_columns).
         """
         n, block, k = values_in_modes.shape
         mode = np.broadcast_to(
@@ -97,9 +97,9 @@ class ComponentRigidModes:
     ) -> sp.csr_array:
         """Return a matrix that shows how supports and stiffness resist each rigid mode.
 
-        The column of a mode has its displacements at prescribed unknowns. At free unknowns it has
-        the forces that the mode causes, which are the stiffness times the displacements of free
-        unknowns, divided by the largest diagonal entry of the stiffness.
+        The column of a mode contains the mode's displacements at prescribed unknowns. At free
+        unknowns it contains the forces that the mode causes: the stiffness times the displacements
+        of free unknowns, divided by the largest diagonal entry of the stiffness.
 
         Args:
             K: stiffness (n, n).
@@ -110,7 +110,7 @@ class ComponentRigidModes:
             n_empty_columns: number of empty columns to append.
 
         Returns:
-            Matrix (owned dofs, modes + n_other_modes).
+            Matrix (owned dofs, modes + n_empty_columns).
         """
         rows_in_K = np.arange(len(free), dtype=np.int32) if rows_in_K is None else rows_in_K
         multiply = K.multTranspose if transposed else K.mult
@@ -149,11 +149,12 @@ class ComponentRigidModes:
     ) -> bool:
         """Return whether components exert forces on each other, for example through springs.
 
-        The forces of such components cannot be computed for all components in one product with the
-        stiffness.
+        If they do, one product with the stiffness cannot give the forces of the modes of all
+        components at once.
 
         Args:
-            compute_forces: function that returns the forces of displacements (owned nodes, block).
+            compute_forces: function that takes displacements (owned nodes, block) and returns the
+                forces that they cause.
             max_stiffness: largest diagonal entry of the stiffness.
         """
         if len(self.centre) == 1:
@@ -171,9 +172,9 @@ class ComponentRigidModes:
 
 
 def has_free_rigid_motion(K: PETSc.Mat, supports: Supports) -> bool:
-    """Return whether a rigid motion exists that neither supports nor stiffness resist.
+    """Return whether there is a rigid motion that neither supports nor stiffness resist.
 
-    Rigid motions are those of the connected components of the mesh.
+    Rigid motions of the connected components of the mesh are considered.
 
     Args:
         K: stiffness (n, n) without supports.

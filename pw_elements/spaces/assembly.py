@@ -1,11 +1,11 @@
 """Assembly of forms without boundary conditions, with suitable quadrature rules.
 
 Weight functions on tetrahedra are linear on twelve sub-cells, which FFCx does not know. Their
-integrals need a quadrature rule with points in each sub-cell. Stiffnesses of straight cells need
-four points instead of twelve: stresses of quadratic displacements are linear, and a rule with the
-vertices as points and the mean slopes of the weight functions there is exact. For all other
-elements, and on the faces of tetrahedra, FFCx chooses the right rule itself: the rule of the halved
-cell wherever a test or trial function is piecewise linear.
+integrals need a quadrature rule with points in each sub-cell. The stiffness of straight cells needs
+only four points instead of twelve: stresses of quadratic displacements are linear, and a rule with
+the vertices as points, at which the mean slopes of the weight functions are used, is exact. For all
+other elements, and on the faces of tetrahedra, FFCx itself chooses a suitable rule: wherever a test
+or trial function is piecewise linear, the rule for the cell with halved edges.
 """
 
 from collections.abc import Callable
@@ -56,9 +56,11 @@ class AssemblyRecord:
 
     Args:
         form: compiled form; None if the matrix or vector was not assembled by this library.
-        sibling: the `Sibling` that has transformed the matrix or vector; None without a transform.
+        sibling: the `Sibling` that has transformed the matrix or vector; None if it was not
+            transformed.
         stress_states: states of stress of the bodies in the form, if they are known.
-        lumped: whether the object is a diagonal mass matrix, which suits any weight functions.
+        lumped: whether the object is a diagonal mass matrix, which is valid for any weight
+            functions.
     """
 
     form: fem.Form | None = None
@@ -74,7 +76,7 @@ class AssemblyRecord:
         return cls(compiled_form, stress_states=frozenset(stress_states - {None}))
 
     def attach(self, tensor: MatOrVec) -> MatOrVec:
-        """Attach the record, which contains the form, to a matrix or vector, and return it."""
+        """Attach the record, which contains the form, to a matrix or vector; return the latter."""
         tensor.setAttr("assembled", self)
         return tensor
 
@@ -108,8 +110,8 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         form: bilinear form, with a trial and a test function.
         blocked: whether the matrix of a vector field is stored in nodal blocks (PETSc's format
             BAIJ), which needs 0.7 of the memory. `Iterative` uses this format and copies matrices
-            of other formats into it; all other functions convert a blocked matrix. The option has
-            no effect for scalar and hybrid spaces.
+            of other formats into it; all other functions convert a blocked matrix to the usual
+            format. The option has no effect for scalar and hybrid spaces.
 
     Raises:
         TypeError: if the argument is not a UFL form.
@@ -171,7 +173,7 @@ def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
     Args:
         form: form to be compiled.
         rank: required number of test and trial functions of the form.
-        result_name: name of the assembled object, used in error messages, such as "a matrix".
+        result_name: name of the assembled object (for example "a matrix"), used in error messages.
 
     Raises:
         TypeError: if `form` is not a UFL form.
@@ -219,7 +221,7 @@ def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
 def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
     """Create a cell measure dx with a quadrature rule that suits the test functions of a space.
 
-    Unlike an ordinary measure, it may be used with DOLFINx's own assembly functions:
+    Unlike an ordinary measure, it can be used with DOLFINx's own assembly functions:
 
         dx = cell_measure(W, 2)
         load = fem.assemble_vector(fem.form(f * ufl.TestFunction(W) * dx))
@@ -237,16 +239,16 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 
 def add_sub_cell_quadrature_rules(form: ufl.Form) -> ufl.Form:
-    """Return a form with quadrature points on sub-cells of tetrahedra where integrals need them."""
+    """Return a form whose integrals have quadrature points in sub-cells of tetrahedra if needed."""
     return _replace_metadata(form, _metadata_with_sub_cell_rule)
 
 
 def add_estimated_quadrature_degrees(form: ufl.Form) -> ufl.Form:
     """Return a form in which all measures have a quadrature degree.
 
-    A measure without a degree gets the degree that UFL estimates. A derivative of the returned form
-    then has the same quadrature points as the form itself, which Newton's method needs for
-    quadratic convergence.
+    A measure without a degree gets the degree that UFL estimates. Derivatives of the returned form
+    then have the same quadrature points as the form itself. Newton's method needs this in order to
+    converge quadratically.
     """
 
     def metadata_with_degree(part: ufl.Integral) -> dict[str, Any]:
@@ -285,10 +287,10 @@ def _metadata_with_sub_cell_rule(integral: ufl.Integral) -> dict[str, Any]:
 
 
 def _is_exact_by_vertex_rule(integral: ufl.Integral) -> bool:
-    """Return whether `tetrahedron_vertex_quadrature` integrates exactly.
+    """Return whether `tetrahedron_vertex_quadrature` is exact for an integral.
 
     The integrand has to be a linear function times the slopes of a single weight function of
-    `TwelveCellTetrahedron`, which must not occur without derivative.
+    `TwelveCellTetrahedron`; the weight function itself must not occur in it.
     """
     functions = [*extract_arguments(integral), *extract_coefficients(integral)]
     weights = [f for f in functions if _find_piecewise_linear_tetrahedra(f.ufl_element())]

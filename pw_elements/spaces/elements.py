@@ -1,10 +1,10 @@
 """Finite elements of the quadratic trial functions and the piecewise-linear weight functions.
 
-Weight functions follow the four principles of section 3 of the paper: a weight function 1) is zero
-outside the sub-cells around its node, 2) is linear on each sub-cell, 3) is continuous, 4) is 1 at
-its node and 0 at all other nodes. Principles 2 and 3 define a function space, Basix's macro
-polynomials of degree 1. Principle 4 defines the basis of this space, dual to point evaluation at
-the nodes of the quadratic element. Principle 1 then follows.
+Weight functions obey the four principles in section 3 of the paper that `pw_elements` cites: a
+weight function 1) is zero outside the sub-cells around its node, 2) is linear on each sub-cell,
+3) is continuous, 4) is 1 at its node and 0 at all other nodes. Principles 2 and 3 define a function
+space, Basix's macro polynomials of degree 1. Principle 4 defines the basis of this space: it is
+dual to point evaluation at the nodes of the quadratic element. Principle 1 then follows.
 
 Halving the edges of a tetrahedron leaves an octahedron in its middle, which can be cut into four
 sub-cells in three ways. The weight functions are the mean over these three cuts and are linear on
@@ -31,7 +31,7 @@ from basix import (
 from pw_elements.arrays import Array, Mask
 
 _TETRAHEDRON = CellType.tetrahedron
-# Distance from a side, in the reference cell, below which a point counts as lying on the side
+# Points of the reference cell whose distance from a side is smaller are regarded as lying on it
 _SIDE_TOLERANCE_IN_REFERENCE_CELL = 1e-10
 
 SUPPORTED_CELL_NAMES = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -41,8 +41,8 @@ def tetrahedron_twelve_cell_quadrature(degree: int) -> tuple[Array, Array]:
     """Return quadrature points (12 n, 3) and weights (12 n,) on the reference tetrahedron.
 
     The rule has n points in the interior of each of the twelve sub-cells. Basix's default rules of
-    degree 4, 5 and 7 have points on sides, where slopes have two values. They are replaced by
-    another scheme.
+    degree 4, 5 and 7 have points on sides, where slopes have two values; rules of another scheme
+    are used instead.
 
     Args:
         degree: degree up to which polynomials are integrated exactly on each sub-cell.
@@ -70,7 +70,8 @@ def tetrahedron_vertex_quadrature() -> tuple[Array, Array]:
 class TwelveCellTetrahedron(basix.ufl._BasixElement):
     """Piecewise-linear element on tetrahedra: the mean of the elements of three cuts of the cell.
 
-    Points of FFCx's own quadrature rules are refused, because these rules suit a single cut only.
+    Points of FFCx's own quadrature rules are refused, because these rules do not have equally many
+    points in each of the twelve sub-cells.
     """
 
     def __repr__(self) -> str:
@@ -92,7 +93,7 @@ class TwelveCellTetrahedron(basix.ufl._BasixElement):
             Values and derivatives (derivatives, n, 10).
 
         Raises:
-            ValueError: if the sub-cells do not contain equal numbers of quadrature points.
+            ValueError: if the sub-cells do not contain equally many quadrature points.
         """
         _, inverse, nodal = _twelve_cell_geometry_and_weight_functions()
         barycentric = np.einsum(
@@ -125,8 +126,8 @@ def _refuse_points_unequally_many_in_sub_cells(
             sub-cell.
     """
     is_inside = _is_inside_reference_tetrahedron(points)
-    # values may be tabulated at any points, for interpolation for example, except at the points of
-    # FFCx's rules for the whole tetrahedron and for a single cut
+    # values may be tabulated at any points (for interpolation, for example), except at the points
+    # of FFCx's rules for the whole tetrahedron and for a single cut
     rules = [] if derivative_order else _ffcx_tetrahedron_points_by_count().get(len(points), [])
     is_rule = any(
         np.allclose(points, rule, atol=_SIDE_TOLERANCE_IN_REFERENCE_CELL) for rule in rules
@@ -145,7 +146,7 @@ def _refuse_points_unequally_many_in_sub_cells(
 
 
 def _is_inside_reference_tetrahedron(points: Array) -> Mask:
-    """Return whether points (n, 3) lie in the interior of the reference tetrahedron."""
+    """Return a mask (n,) of points (n, 3) that lie in the interior of the reference tetrahedron."""
     return (
         np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _SIDE_TOLERANCE_IN_REFERENCE_CELL
     )
@@ -155,7 +156,7 @@ def _is_inside_reference_tetrahedron(points: Array) -> Mask:
 def _ffcx_tetrahedron_points_by_count() -> dict[int, list[Array]]:
     """Return the points (n, 3) of FFCx's quadrature rules on tetrahedra, keyed by the value of n.
 
-    They are the rules for the whole tetrahedron and for the tetrahedron with a single cut.
+    The rules for the whole tetrahedron and for the tetrahedron with a single cut are included.
     """
     rules: dict[int, list[Array]] = {}
     schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
@@ -198,20 +199,20 @@ def piecewise_linear_sub_cell_element(
     quadrilaterals and hexahedra they are bilinear or trilinear. The nodes have the order of the
     quadratic Lagrange element.
 
-    On tetrahedra the functions are the mean over the three ways to cut the octahedron that remains
-    in the middle. They are linear on twelve sub-cells and do not depend on the order of the
+    On tetrahedra the functions are the mean over the three ways of cutting the octahedron that
+    remains in the middle. They are linear on twelve sub-cells and do not depend on the order of the
     vertices. Integrals of these functions need a special quadrature rule, which `assemble_matrix`
     and `assemble_vector` choose. DOLFINx's own assembly functions need the measure `cell_measure`
-    and raise an error without it. `Function.eval` and DOLFINx's interpolation use the element of a
-    single cut, which has the same values at nodes and on faces.
+    and raise an error without it. `Function.eval` and DOLFINx's interpolation use the element with
+    a single cut, which has the same values at nodes and on faces.
 
     Args:
         cell: DOLFINx' name of the cell type, such as "triangle".
         value_shape: shape of the function values, () or (d,).
 
     Raises:
-        ValueError: for any other cell than intervals, triangles, quadrilaterals, tetrahedra and
-            hexahedra.
+        ValueError: if the cell is not an interval, triangle, quadrilateral, tetrahedron or
+            hexahedron.
     """
     kind = _supported_cell_type(cell)
     quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
@@ -240,11 +241,11 @@ class _TensorHatFunctionElement(basix.ufl._BasixElement):
 
     FFCx tabulates through this class, because Basix 0.9 computes wrong derivatives of macro
     elements on these cells: in each upper half it subtracts in unsigned arithmetic, and a slope of
-    -6 becomes 1e20. Basix' values, and its derivatives on simplices, are right.
+    -6 becomes 1e20. The values that Basix computes, and its derivatives on simplices, are correct.
     """
 
     def __repr__(self) -> str:
-        # part of a form's signature, so that cached forms with Basix' wrong slopes are not reused
+        # it is part of a form's signature: cached forms with Basix's wrong slopes are not reused
         return f"{super().__repr__()}, by sub-cells"
 
     def tabulate(self, nderivs: int, points: Array) -> Array:

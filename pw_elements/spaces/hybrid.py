@@ -20,7 +20,7 @@ from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import count_local_and_global_dofs, raise_errors_on_all_processes
 
-# Effect of a constant pressure, relative to the largest stiffness, below which it is round-off
+# Effect of a constant pressure, relative to the norm of the stiffness, that may be due to round-off
 CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS = 1e-10
 
 
@@ -41,7 +41,7 @@ def displacement_pressure_element(
 
 
 def is_hybrid(space: fem.FunctionSpace) -> bool:
-    """Return whether the functions of a space are pairs of a displacement and a pressure."""
+    """Return whether each function of a space consists of a displacement and a pressure."""
     element = space.ufl_element()
     if not isinstance(element, basix.ufl._MixedElement) or element.num_sub_elements != 2:
         return False
@@ -110,10 +110,10 @@ class SubSpace:
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
     def extract(self, all_values: PETSc.Vec) -> PETSc.Vec:
-        """Return the vector of the field's entries in a vector of all unknowns.
+        """Extract the vector of the field's entries from a vector of all unknowns.
 
-        Both vectors hold a reference to the space: copies of a PETSc vector need the communicator
-        of the mesh, which must not be freed while they exist.
+        Both vectors get a reference to the space. It keeps the communicator of the mesh alive,
+        which copies of the PETSc vectors need.
         """
         part = all_values
         if not self.is_whole_space:
@@ -130,7 +130,7 @@ class SubSpace:
         return full
 
     def global_numbers(self) -> PETSc.IS:
-        """Return the global numbers of the field's unknowns on this process among all unknowns."""
+        """Return the global numbers, in the mixed space, of the field's owned unknowns."""
         comm = self.space.mesh.comm
         offset = comm.scan(self.full_sizes[0]) - self.full_sizes[0]
         numbers = (self.owned_unknowns.ravel() + offset).astype(PETSc.IntType)
@@ -148,11 +148,11 @@ class SubSpace:
 
 
 def pressure_equilibration_scales(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
-    """Return scales (n,) of the unknowns: 1 for displacements, a modulus for pressures.
+    """Return scales (n,) of the unknowns: 1 for displacements and a modulus for pressures.
 
-    The modulus is the largest diagonal entry of the stiffness of displacements, divided by the norm
-    of the coupling of pressures and displacements. A pressure divided by it has the size of a
-    displacement.
+    The modulus is the largest diagonal entry of the displacements' stiffness, divided by the norm
+    of the block that couples pressures and displacements. A pressure divided by the modulus has the
+    magnitude of a displacement.
 
     Args:
         space: hybrid space; for any other space, all scales are 1.
@@ -173,7 +173,7 @@ def pressure_equilibration_scales(space: fem.FunctionSpace, K: PETSc.Mat) -> PET
 
 
 def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
-    """Return displacements and pressure of a hybrid space, or the single field of another space."""
+    """Return the sub-spaces of displacements and, if the space is hybrid, of pressures."""
     fields = [SubSpace.displacements(space)]
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
@@ -181,11 +181,11 @@ def list_fields(space: fem.FunctionSpace) -> list[SubSpace]:
 def pressure_continuity_matrix(
     space: fem.FunctionSpace, parts: MeshTags | None, free: Mask
 ) -> PETSc.Mat:
-    """Assemble the matrix (n, n_r) that makes a split pressure continuous within each part.
+    """Assemble the matrix (n, n_r) that makes a discontinuous pressure continuous within each part.
 
-    The columns belong to the free displacements, and to one pressure for each pair of a vertex and
-    a part with cells at this vertex. If the pressure at the vertex is prescribed in one of these
-    cells, the pair has no column.
+    There is a column for each free displacement, and a column for each pair of a vertex and a part
+    that has cells at this vertex. A pair has no column if the pressure at the vertex is prescribed
+    in one of these cells.
 
     Args:
         space: hybrid space with a pressure that is discontinuous between cells.
@@ -213,8 +213,8 @@ def pressure_continuity_matrix(
     field, vertices = SubSpace.pressure(space), fem.functionspace(mesh, ("Lagrange", 1)).dofmap
     rows = field.unknowns[field.space.dofmap.list[:owned], 0]
     corners = vertices.list[:owned]
-    # for each vertex and part: number of cells, and number of cells that prescribe the pressure
-    # of the vertex
+    # for each vertex and part: number of cells, and number of cells in which the pressure at the
+    # vertex is prescribed
     counts = la.vector(vertices.index_map, 2 * len(tags))
     counts.array[:] = 0.0
     by_part = counts.array.reshape(-1, len(tags), 2)

@@ -34,7 +34,7 @@ def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask
     Args:
         comm: communicator of the processes. Error messages contain the rank of this process.
         name: name of the marker, used in error messages.
-        marker: the user's function, from points (3, n) to a mask (n,).
+        marker: the user's function, which takes points (3, n) and returns a mask (n,).
         x: points (3, n), one in each column.
 
     Raises:
@@ -68,13 +68,14 @@ def selected_local_numbers(
     Args:
         comm: communicator of the processes. Error messages contain the rank of this process.
         entity_name: name of the entities, used in error messages.
-        selection: local numbers (m,) of the selected entities, or a mask (count,) of all local
+        selection: local numbers (m,) of the selected entities, or a mask (n_entities,) of all local
             entities.
         n_entities: number of local entities, including ghosts.
 
     Raises:
         TypeError: if the selection is of the type `MeshTags`.
-        ValueError: if the selection is neither local numbers nor a mask of all local entities.
+        ValueError: if the selection consists neither of local numbers nor of a mask of all local
+            entities.
     """
     if isinstance(selection, MeshTags):
         raise TypeError(f"{entity_name} are tags: give the tagged ones, tags.find(value)")
@@ -112,8 +113,8 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) ->
     Mid-side nodes and ghosts are included.
 
     Args:
-        space: space of the nodes. If it is hybrid, the nodes of the displacements are returned;
-            numbers in `where` are then numbers of unknowns, and a mask selects unknowns or nodes.
+        space: space of the nodes. If it is hybrid, the nodes of the displacements are returned; in
+            this case local numbers in `where` refer to unknowns, and a mask to unknowns or nodes.
         name: name of the nodes, used in error messages.
         where: marker, local numbers or mask of the nodes.
     """
@@ -127,9 +128,9 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) ->
 def _locate_nodes_without_communication(
     space: fem.FunctionSpace, name: str, where: EntitySelection, recorder: "_MarkerRecorder"
 ) -> LocalIndices:
-    """Return the local numbers of the nodes in a part without communication.
+    """Return the local numbers of the nodes in a part of the body.
 
-    Call it in a block of `raise_errors_on_all_processes`.
+    The function does not communicate; call it in a block of `raise_errors_on_all_processes`.
     """
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x, index_map = field.space.tabulate_dof_coordinates(), space.dofmap.index_map
@@ -152,7 +153,7 @@ def _locate_nodes_without_communication(
 
 
 def require_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) -> LocalIndices:
-    """Return the local numbers of a space's nodes in a part that must not be empty; collective.
+    """Return the local numbers of a space's nodes in a part, which must have nodes; collective.
 
     The arguments are those of `locate_nodes`.
 
@@ -174,8 +175,8 @@ def locate_exterior_facets(
         mesh: mesh of the body.
         where: marker, which has to hold at all vertices of a facet; or local numbers or a mask of
             facets.
-        skip_interior: whether interior facets in `where` are left out; otherwise they raise an
-            error.
+        skip_interior: whether interior facets in `where` are left out; if not, a ValueError is
+            raised for them.
     """
     topology, dimension = mesh.topology, mesh.topology.dim - 1
     topology.create_connectivity(dimension, topology.dim)
@@ -199,7 +200,7 @@ def locate_exterior_facets(
 
 
 class _MarkerRecorder:
-    """Evaluation of a user's marker, with a record of its values for comparison among processes.
+    """Evaluator of a user's marker that records its values for a comparison between processes.
 
     Args:
         comm: communicator of the processes.
@@ -251,8 +252,8 @@ def piecewise_constants_by_tag(
         List of k functions.
 
     Raises:
-        ValueError: if the tags belong to other entities than cells or to another mesh, a cell has
-            no tag, a tag has no values, or no cell has a tag for which values are given.
+        ValueError: if the tags are not tags of cells or belong to another mesh, a cell has no tag,
+            a tag has no values, or no cell has a tag for which values are given.
     """
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)

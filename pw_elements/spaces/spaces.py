@@ -32,7 +32,7 @@ from pw_elements.spaces.hybrid import (
 
 
 class DifferentNodeNumbering(RuntimeError):
-    """The trial space and the test space number their nodes differently."""
+    """Error raised if the trial space and the test space number their nodes differently."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,10 @@ class Spaces:
         u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
 
     Args:
-        trial: space of the unknowns, which are displacements, displacements and a pressure, or a
-            scalar.
-        test: space of the weight functions; in Galerkin's method the trial space itself.
+        trial: space of the unknowns: displacements, displacements and a pressure, or a scalar.
+        test: space of the weight functions; in Galerkin's method it is the trial space itself.
         parts: for hybrid spaces, tags of all cells. The pressure may jump between cells with
-            different tags.
+            different tags. If None, the pressure is continuous.
 
     Raises:
         DifferentNodeNumbering: if the two spaces number their nodes differently.
@@ -125,7 +124,7 @@ class Spaces:
 
     @property
     def displacements(self) -> "Spaces":
-        """Spaces of the displacements alone. If there is no pressure, this object itself."""
+        """Spaces of the displacements without the pressure; this object if there is no pressure."""
         if not self.is_hybrid:
             return self
         trial = SubSpace.displacements(self.trial).space
@@ -144,8 +143,8 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Create the piecewise-linear test space of a quadratic Lagrange space.
 
     Use `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; row i of an
-    assembled matrix then belongs to the same node as column i. For tetrahedra see
-    `piecewise_linear_sub_cell_element`. For a mixed space of displacements and a pressure (Taylor
+    assembled matrix then belongs to the same node as column i. For tetrahedra, see
+    `piecewise_linear_sub_cell_element`. In a mixed space of displacements and a pressure (Taylor
     and Hood's), only the displacements get piecewise-linear test functions.
 
     Args:
@@ -197,8 +196,8 @@ def as_function(
         space: space of the function.
         values: vector (n,) in the numbering of the space.
         name: name of the new function.
-        out: existing function of the space to be filled; it keeps its name. By default a new
-            function is created.
+        out: existing function of the space to be filled; it keeps its name. If None, a new function
+            is created.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -223,7 +222,7 @@ def split(
     space: fem.FunctionSpace,
     values: PETSc.Vec | Any,  # noqa: ANN401
 ) -> tuple[fem.Function, fem.Function]:
-    """Extract displacement and pressure, as functions, from a vector or state of a hybrid body.
+    """Extract the displacement and pressure functions from a vector or state of a hybrid body.
 
     The pressure is -lambda div u, with Lamé's constant lambda. It is positive in compression.
 
@@ -232,7 +231,7 @@ def split(
 
     Args:
         space: trial space of `Spaces.hybrid`.
-        values: vector (n,) of all unknowns, or a `ContactState`, of which `unknowns` is used.
+        values: vector (n,) of all unknowns, or a `ContactState`, whose `unknowns` are used.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -301,14 +300,14 @@ def _quadratic_trial_element(mesh: Mesh, components: int | None = None) -> basix
 def _check_same_numbering(
     trial: fem.FunctionSpace, test: fem.FunctionSpace, compare_components: bool = True
 ) -> None:
-    """Raise DifferentNodeNumbering unless both spaces number their nodes alike.
+    """Raise DifferentNodeNumbering unless both spaces number their nodes in the same way.
 
-    DOLFINx does not guarantee equal numbering, so the library checks all its spaces.
+    DOLFINx does not guarantee equal numbering, and the library therefore checks all its spaces.
 
     Args:
         trial: trial space.
         test: test space.
-        compare_components: whether both spaces need the same number of components.
+        compare_components: whether both spaces have to have the same number of components.
     """
     a, b = trial.dofmap, test.dofmap
     same = (

@@ -41,7 +41,7 @@ from study.meshes.distortion import smooth_distortion
 from study.model.discretisation import spaces
 from study.model.elements import composite_spaces
 from study.model.units import dimensionless
-from study.publish.plots.style import FULL
+from study.publish.plots.style import PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -484,7 +484,7 @@ def draw_differences(results: Results) -> Figure:
     Bars show the relative difference of both sides, one row for each quantity.
     """
     heights = (len(PLOTTED_QUANTITIES), len(PLOTTED_COMPOSITE_QUANTITIES))
-    fig, axes = plt.subplots(2, 1, figsize=(FULL, 3.6), sharex=True, height_ratios=heights)
+    fig, axes = plt.subplots(2, 1, figsize=(PAGE_WIDTH, 3.6), sharex=True, height_ratios=heights)
     _draw_difference_bars(axes[0], results, PLOTTED_QUANTITIES, "")
     _draw_difference_bars(axes[1], results, PLOTTED_COMPOSITE_QUANTITIES, "composite-")
     axes[0].set_title(r"(a) new: $\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}$")

@@ -12,7 +12,7 @@ from study.judge.checks import check
 from study.judge.measures.general import largest, smallest
 from study.model.units import UNSTATED_UNITS, units_of
 from study.publish.plots import convergence
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -167,27 +167,32 @@ DETAILS = r"""
 
 def draw_quartic(results: Results) -> Figure:
     """Pressure under quartic indenters, and its error."""
-    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.4))
+    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.4))
     for (kind, (exact, _)), pressure_axis, error_axis in zip(
         EXACT_SOLUTIONS.items(), axes[::2], axes[1::2], strict=True
     ):
         for element in ("galerkin-T6", "pw-T6"):
             curves = results.curves(f"V18/{kind}-{element}")
             middle = exact.pressure(np.zeros(1))
-            pressure_axis.plot(curves["x"], curves["pressure_tributary"] / middle, **LOOK[element])
+            pressure_axis.plot(
+                curves["x"], curves["pressure_tributary"] / middle, **ELEMENT_LOOK[element]
+            )
         x = np.linspace(0, 1, 401)
         pressure_axis.plot(
-            x, exact.pressure(x) / exact.pressure(np.zeros(1)), **LOOK["exact"], linestyle="--"
+            x,
+            exact.pressure(x) / exact.pressure(np.zeros(1)),
+            **ELEMENT_LOOK["exact"],
+            linestyle="--",
         )
         pressure_axis.set(xlim=(-0.02, 1.2), xlabel="$x/a$" if kind == "line" else "$r/a$")
         pressure_axis.set_title(f"{kind}: tributary pressure", fontsize=8)
         keys = {element: f"V18/{kind}-{element}" for element in ELEMENTS}
-        convergence.prepare(error_axis, results, keys["pw-T6"])
-        convergence.errors(error_axis, results, keys, "error_pressure_own")
+        convergence.prepare_axes(error_axis, results, keys["pw-T6"])
+        convergence.plot_errors(error_axis, results, keys, "error_pressure_own")
         error_axis.set(xlabel="elements over $a$")
         error_axis.set_title(f"{kind}: error, own function", fontsize=8)
     axes[0].set_ylabel("pressure / middle")
-    convergence.legend(fig, axes[1])
+    convergence.add_element_legend(fig, axes[1])
     return fig
 
 

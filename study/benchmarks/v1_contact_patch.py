@@ -20,8 +20,8 @@ from study.model.contact_result import CONTACT_QUANTITIES
 from study.model.discretisation import discretise, mesh_nodes_and_cells
 from study.model.units import units_of
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
-from study.publish.plots.style import FULL, LOOK, mesh_plot
-from study.publish.plots.symbols import load_arrows
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, plot_mesh
+from study.publish.plots.symbols import draw_load_arrows
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -223,11 +223,11 @@ def draw_patch_test(results: Results) -> Figure:
 
     Panels: mesh and load; own-function pressure; tributary pressure.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3), width_ratios=(1.3, 1, 1))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3), width_ratios=(1.3, 1, 1))
     curves = results.curves(DRAWN_CASE_KEYS["galerkin-T6"])
-    mesh_plot(axes[0], curves["nodes"], curves["cells"])
+    plot_mesh(axes[0], curves["nodes"], curves["cells"])
     length, height = curves["nodes"].max(axis=0)
-    load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
+    draw_load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
     axes[0].axhspan(-0.12, 0, color="#CCCCCC", lw=0)
     axes[0].set(title="(a) mesh and load", xlabel="$x$", ylabel="$y$")
     axes[0].grid(visible=False)
@@ -238,7 +238,7 @@ def draw_patch_test(results: Results) -> Figure:
     for ax, (name, title) in zip(axes[1:], measures.items(), strict=True):
         for element, key in DRAWN_CASE_KEYS.items():
             curves = results.curves(key)
-            look = dict(LOOK[element])
+            look = dict(ELEMENT_LOOK[element])
             if element == "pw-T6":
                 look |= {"markerfacecolor": "none", "markersize": 7}
             applied = results.scalar(key, "applied_pressure")

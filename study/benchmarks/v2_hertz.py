@@ -14,7 +14,7 @@ from study.judge.measures.general import largest, ratio, smallest
 from study.model.units import N_MM_UNITS, units_of
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.publish.plots import convergence
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -204,7 +204,7 @@ def draw_pressure(results: Results) -> Figure:
 
     Two panels for the cylinder and two for the sphere, one for each measure.
     """
-    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.3), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.3), sharex=True, sharey=True)
     measures = {"pressure": OWN_FUNCTION_READING.name, "pressure_tributary": TRIBUTARY_READING.name}
     for pair, (kind, title) in zip((axes[:2], axes[2:]), INDENTER_TITLES.items(), strict=True):
         for ax, (name, label) in zip(pair, measures.items(), strict=True):
@@ -212,9 +212,9 @@ def draw_pressure(results: Results) -> Figure:
                 key = f"V2/{kind}-{element}"
                 curves = results.curves(key)
                 a, p0 = (results.scalar(key, name) for name in ("exact_radius", "exact_peak"))
-                ax.plot(curves["x"] / a, curves[name] / p0, **LOOK[element])
+                ax.plot(curves["x"] / a, curves[name] / p0, **ELEMENT_LOOK[element])
             s = np.linspace(0, 1, 201)
-            ax.plot(s, np.sqrt(1 - s**2), **LOOK["exact"], linestyle="--", zorder=3)
+            ax.plot(s, np.sqrt(1 - s**2), **ELEMENT_LOOK["exact"], linestyle="--", zorder=3)
             ax.set_title(f"{title},\n{label}", fontsize=8)
             ax.set(xlim=(-0.02, 1.25), ylim=(0, 1.45))
     axes[0].set_ylabel("pressure / exact peak")
@@ -238,19 +238,19 @@ def draw_convergence(results: Results) -> Figure:
         "error_pressure_own": [(1, 7e-2)],
         "error_pressure_own_inner": [(1, 3e-2), (2, 1.4e-3)],
     }
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.9), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 3.9), sharex=True, sharey=True)
     for row, (kind, title) in zip(axes, INDENTER_TITLES.items(), strict=True):
         keys = {element: f"V2/{kind}-{element}" for element in convergence.ELEMENTS}
         for ax, name in zip(row, errors, strict=True):
-            convergence.prepare(ax, results, CONVERGENCE_CASE_KEYS[0])
-            convergence.errors(ax, results, keys, name)
+            convergence.prepare_axes(ax, results, CONVERGENCE_CASE_KEYS[0])
+            convergence.plot_errors(ax, results, keys, name)
             for order, height in orders_and_heights.get(name, []):
-                convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], order, height)
+                convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], order, height)
         row[0].set_ylabel(f"{title}: error")
     for top, bottom, title in zip(*axes, errors.values(), strict=True):
         top.set_title(title, fontsize=8)
         bottom.set_xlabel("elements over half width")
-    convergence.legend(fig, axes[0, 0])
+    convergence.add_element_legend(fig, axes[0, 0])
     return fig
 
 

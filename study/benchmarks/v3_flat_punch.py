@@ -15,7 +15,7 @@ from study.judge.checks import check
 from study.judge.measures.general import curve_difference, smallest
 from study.model.units import units_of
 from study.publish.plots import convergence
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -203,7 +203,7 @@ def draw_pressure(results: Results) -> Figure:
         "bonded: shear": ("bonded", "shear", -1),  # drawn with the other sign
         "round, smooth: pressure": ("round", "pressure", 1),
     }
-    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.7), sharex=True)
+    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.7), sharex=True)
     for ax, (title, panel) in zip(axes, panels.items(), strict=True):
         _draw_traction(ax, results, *panel)
         ax.set_title(title, fontsize=8)
@@ -218,10 +218,10 @@ def _draw_traction(ax: Axes, results: Results, kind: str, quantity: str, sign: i
     mean = sign * results.scalar(f"V3/{kind}-exact", "mean_pressure")
     for element in ("galerkin-T6", "pw-T6"):
         curves = results.curves(f"V3/{kind}-{element}")
-        ax.plot(curves["x"], curves[quantity] / mean, **LOOK[element])
+        ax.plot(curves["x"], curves[quantity] / mean, **ELEMENT_LOOK[element])
     b = curves["x"].max()
     x, traction = exact_curves["x"], exact_curves[quantity]
-    ax.plot(x / b, traction / mean, **LOOK["exact"], linestyle="--", zorder=3)
+    ax.plot(x / b, traction / mean, **ELEMENT_LOOK["exact"], linestyle="--", zorder=3)
     ax.set_ylim(0, traction[x < 0.97 * b][-1] / mean)
 
 
@@ -231,14 +231,14 @@ def draw_convergence(results: Results) -> Figure:
     One panel for each kind of punch, with uniform and graded meshes.
     """
     titles = {"smooth": "smooth", "bonded": "bonded", "round": "round, smooth"}
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.2), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 3.2), sharex=True, sharey=True)
     for ax, (kind, title) in zip(axes, titles.items(), strict=True):
-        convergence.prepare(ax, results, CONVERGENCE_CASE_KEYS[0])
+        convergence.prepare_axes(ax, results, CONVERGENCE_CASE_KEYS[0])
         for mesh, line in MESH_LINE_STYLES.items():
             keys = {element: f"V3/{kind}-{element}{mesh}" for element in convergence.ELEMENTS}
-            convergence.errors(ax, results, keys, "error_pressure_own_inner", linestyle=line)
-        convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1, 0.15)
-        convergence.slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1.5, 0.011)
+            convergence.plot_errors(ax, results, keys, "error_pressure_own_inner", linestyle=line)
+        convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1, 0.15)
+        convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1.5, 0.011)
         ax.set(title=title, xlabel="elements over half width")
     axes[0].set_ylabel("error of pressure, inner part")
     handles, _ = axes[0].get_legend_handles_labels()

@@ -18,16 +18,16 @@ from pw_elements.contact import STICK, ContactPair, FlatPunch, Motion, solve_con
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
-from study.judge.measures.general import difference_of
-from study.judge.measures.stored_cases import matching
+from study.judge.measures.general import scalar_difference
+from study.judge.measures.stored_cases import select_results
 from study.meshes.line_mesh import mesh_along_lines
 from study.meshes.mesh_lines import growing_lines
 from study.model.contact_result import contact_result
 from study.model.discretisation import Discretisation, discretise
 from study.model.units import DIMENSIONLESS_UNITS
 from study.model.vocabulary import OWN_FUNCTION_READING
-from study.publish.plots.style import FULL, LOOK
-from study.publish.plots.zones import zone_legend, zone_strip
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -299,7 +299,7 @@ RESULT = r"""
 | New T6, 128 elements | c/b | Nodes | Boundary elements (ours) | Difference |
 |---|---:|---:|---:|---:|
 {% for case, words in [("nu0.25-20.0deg", "ν = 0.25, tan 20°"), ("nu0.20-20.0deg", "ν = 0.20, tan 20° (plane stress 0.25)"), ("nu0.30-16.7deg", "ν = 0.3, μ = 0.3"), ("nu0.00-31.0deg", "ν = 0, μ = 0.6")] %}{% set key = "V4/pw-T6-" ~ case ~ "-128" %}
-| {{ words }} | {{ fixed(s(key, "stick"), 4) }} | ± {{ fixed(s(key, "stick_between") / 2, 4) }} | {{ fixed(s(key, "stick_known"), 3) }} ± 0.003 | {{ fixed(measure("difference_of", key=key, name="stick", other="stick_known"), 4) }} |
+| {{ words }} | {{ fixed(s(key, "stick"), 4) }} | ± {{ fixed(s(key, "stick_between") / 2, 4) }} | {{ fixed(s(key, "stick_known"), 3) }} ± 0.003 | {{ fixed(measure("scalar_difference", key=key, name="stick", other="stick_known"), 4) }} |
 {% endfor %}
 {% endcall %}
 
@@ -323,10 +323,10 @@ def draw_stresses_and_used_friction(results: Results) -> Figure:
 
     Panels: stresses of two elements; used friction for four materials.
     """
-    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.3))
+    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.3))
     _draw_stresses(left, results)
     _draw_used_friction(right, results)
-    zones = zone_legend(results.curves(STRESS_CASE_KEYS["pw-T6"]))
+    zones = zone_legend_handles(results.curves(STRESS_CASE_KEYS["pw-T6"]))
     fig.legend(handles=zones, loc="outside lower left", ncols=2)
     return fig
 
@@ -336,7 +336,7 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
         curves = results.curves(key)
         mean = results.scalar(key, "peak_pressure") / results.scalar(key, "peak_over_mean")
         for quantity, line in (("pressure", "-"), ("shear", ":")):
-            look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
+            look = {**ELEMENT_LOOK[element], "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
             if element == "pw-T6":  # drawn over the other element
                 look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}
@@ -349,7 +349,7 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     )
     ax.set_ylabel("stress / mean pressure")
     ax.legend(loc="upper left", fontsize=7)
-    zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
+    draw_zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
 
 
 def _draw_used_friction(ax: Axes, results: Results) -> None:
@@ -359,7 +359,7 @@ def _draw_used_friction(ax: Axes, results: Results) -> None:
         used = np.abs(curves["force_t"]) / (curves["friction"] * curves["force_n"])
         angle = np.rad2deg(np.arctan(parameters["friction"]))
         label = f"ν = {parameters['poissons_ratio']:.2f}, friction angle {angle:.1f}°"
-        color = LOOK["pw-T6"]["color"]
+        color = ELEMENT_LOOK["pw-T6"]["color"]
         ax.plot(curves["x"], used, color=color, lw=1.2, ls=line, label=label)
         ax.plot([stored.scalars["stick_known"]] * 2, [0.9, 1.1], color="black", lw=1.0)
     ax.set(title="(b) friction used, new T6", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 1.75))
@@ -415,7 +415,7 @@ def largest_distance_from_stick_border(results: Results) -> float:
     """
     distances = []
     cases = {"far_field": True, "increments": N_INCREMENTS, "state": "plane strain"}
-    for stored in matching(results, "V4", cases):
+    for stored in select_results(results, "V4", cases):
         scalars = stored.scalars
         radius_error = abs(scalars["stick"] - scalars["stick_known"])
         distances.append(max(0.0, radius_error - scalars["stick_between"] / 2))
@@ -427,7 +427,7 @@ CHECKS = [
         "V4-nu030-167",
         "Spence's punch, nu = 0.3, mu = 0.3: stick radius over half width, against that of "
         "this study's own boundary-element program.",
-        lambda results: difference_of(
+        lambda results: scalar_difference(
             results, key="V4/pw-T6-nu0.30-16.7deg-128", name="stick", other="stick_known"
         ),
         "=",

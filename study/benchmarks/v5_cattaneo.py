@@ -27,8 +27,8 @@ from study.model.discretisation import Discretisation, discretise, mesh_nodes_an
 from study.model.units import dimensionless
 from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots import convergence
-from study.publish.plots.style import BESIDE, CLEAR, LOOK
-from study.publish.plots.zones import zone_legend, zone_strip
+from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX, PAIR_WIDE_WIDTH
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -357,11 +357,11 @@ def draw_tractions(results: Results) -> Figure:
 
     Tractions of both elements and the exact ones.
     """
-    fig, ax = plt.subplots(figsize=(BESIDE, 3.2))
+    fig, ax = plt.subplots(figsize=(PAIR_WIDE_WIDTH, 3.2))
     for element, key in TRACTION_CASE_KEYS.items():
         curves, peak = results.curves(key), results.scalar(key, "peak_known")
         for quantity, line in (("pressure", "-"), ("shear", ":")):
-            look = {**LOOK[element], "linestyle": line, "markersize": 3}
+            look = {**ELEMENT_LOOK[element], "linestyle": line, "markersize": 3}
             look["label"] = f"{look['label']}: {quantity}"
             if element == "pw-T6":  # drawn over the other element
                 look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}
@@ -374,8 +374,8 @@ def draw_tractions(results: Results) -> Figure:
     ax.plot(x, pressure, color="black", linewidth=0.8, zorder=3)
     ax.plot(x, shear, color="black", linewidth=0.8, label="exact", zorder=3)
     ax.set(xlabel="$x/a$", ylabel="$p/p_0$ and $q/(\\mu p_0)$", xlim=(-1.25, 1.25), ylim=(0, 1.1))
-    zone_strip(ax, curves)
-    handles = [*ax.get_legend_handles_labels()[0], *zone_legend(curves)]
+    draw_zone_strip(ax, curves)
+    handles = [*ax.get_legend_handles_labels()[0], *zone_legend_handles(curves)]
     fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
@@ -389,14 +389,14 @@ def draw_convergence(results: Results) -> Figure:
         "error_pressure": f"(a) {OWN_FUNCTION_READING.name} pressure",
         "error_shear_apart": f"(b) {OWN_FUNCTION_READING.name} shear",
     }
-    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.9), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAIR_WIDE_WIDTH, 2.9), sharex=True, sharey=True)
     size = np.array(
         [results.scalar(f"V5/galerkin-T6-{n}", "element_size") for n in ZONE_ELEMENT_COUNTS]
     )
     for ax, (name, title) in zip(axes, titles.items(), strict=True):
         for element in convergence.ELEMENTS:
             errors = [results.scalar(f"V5/{element}-{n}", name) for n in ZONE_ELEMENT_COUNTS]
-            ax.plot(1 / size, errors, **LOOK[element])
+            ax.plot(1 / size, errors, **ELEMENT_LOOK[element])
         ax.set(xscale="log", yscale="log", xlabel="elements over half width")
         ax.set_title(title, fontsize=8)
         ax.set_xticks(1 / size, [f"{1 / h:.0f}" for h in size], minor=False)
@@ -411,7 +411,7 @@ def draw_convergence(results: Results) -> Figure:
             textcoords="offset points",
             fontsize=7,
             color="#666666",
-            bbox=CLEAR,
+            bbox=LABEL_BOX,
         )
     axes[0].set_ylabel("relative error")
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
@@ -438,7 +438,7 @@ def caption_convergence(results: Results) -> str:
             refinement_order(results, element, name)
             for name in ("error_pressure", "error_shear_apart")
         ]
-        return f"{LOOK[element]['label']} {orders[0]:.1f} and {orders[1]:.1f}"
+        return f"{ELEMENT_LOOK[element]['label']} {orders[0]:.1f} and {orders[1]:.1f}"
 
     return (
         "Root mean square errors of contact pressure and shear where |x| < 0.9 a, shear without "
@@ -511,7 +511,7 @@ FINDINGS = r"""
    ({{ num(measure("curve_difference", key="V5/pw-T6-20-one-step", name="force_t", other="V5/pw-T6-20-ten-steps", other_name="force_t"), 1) }}):
    slip only spreads.
 5. With the sides fixed instead, the peak pressure is off by
-   {{ fixed(100 * (measure("ratio_of", key="V5/pw-T6-20-held", name="peak_pressure", other="peak_known") - 1), 1) }} %.
+   {{ fixed(100 * (measure("scalar_ratio", key="V5/pw-T6-20-held", name="peak_pressure", other="peak_known") - 1), 1) }} %.
 """
 
 # Limits

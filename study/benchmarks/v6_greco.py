@@ -25,8 +25,8 @@ from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
 from study.model.units import SI_UNITS
 from study.model.vocabulary import OWN_FUNCTION_READING
-from study.publish.plots.style import FULL, LOOK
-from study.publish.plots.zones import zone_legend, zone_strip
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
+from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -191,7 +191,7 @@ RESULT = r"""
 | {{ name }}, 128 × 128 |{% for i in range(1, 6) %} {{ fixed(1e5 * s("V6/" ~ element ~ "-128", "u_" ~ i), 4) }} |{% endfor %} {{ zone_ends("V6/" ~ element ~ "-128") }} |
 {% endfor %}
 {% for name, reference in [("prototype, 64 × 64", "prototype"), ("published", "published")] %}
-| {{ name }} |{% for i in range(1, 6) %} {{ short(1e5 * measure("greco_known", place=i, reference=reference), 5) }} |{% endfor %} | | |
+| {{ name }} |{% for i in range(1, 6) %} {{ short(1e5 * measure("greco_reference_displacement", place=i, reference=reference), 5) }} |{% endfor %} | | |
 {% endfor %}
 {% endcall %}
 
@@ -213,21 +213,21 @@ def draw_displacements_and_stresses(results: Results) -> Figure:
 
     Panels: displacements on a fine mesh; stresses on a coarse mesh.
     """
-    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.0))
+    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0))
     _draw_displacements(left, results)
     _draw_stresses(right, results)
     for ax, key in ((left, FINE_CASE_KEYS["pw-T6"]), (right, COARSE_CASE_KEYS["pw-T6"])):
         curves = results.curves(key)
-        zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
+        draw_zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
         ax.set(xlabel="$x$ / mm", xlim=(-1, 41))
-    fig.legend(handles=zone_legend(curves), loc="outside lower center", ncols=3)
+    fig.legend(handles=zone_legend_handles(curves), loc="outside lower center", ncols=3)
     return fig
 
 
 def _draw_displacements(ax: Axes, results: Results) -> None:
     for (element, key), line in zip(FINE_CASE_KEYS.items(), ("-", "--"), strict=True):
         curves = results.curves(key)
-        look = {**LOOK[element], "marker": "", "linestyle": line}
+        look = {**ELEMENT_LOOK[element], "marker": "", "linestyle": line}
         ax.plot(1e3 * curves["x"], 1e5 * curves["u"], **look)
     positions, published = (
         1e3 * np.array(REFERENCE_POSITIONS),
@@ -244,7 +244,7 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     for element, key in COARSE_CASE_KEYS.items():
         curves = results.curves(key)
         for quantity, line in (("pressure", "-"), ("shear", ":")):
-            look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
+            look = {**ELEMENT_LOOK[element], "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
             if element == "pw-T6":  # drawn over the other element
                 look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}

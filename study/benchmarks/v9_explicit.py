@@ -32,7 +32,7 @@ from study.judge.measures.general import scalar
 from study.meshes.distortion import smooth_distortion
 from study.model.matrices import to_dense_array
 from study.model.units import dimensionless
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -258,10 +258,10 @@ def draw_explicit(results: Results) -> Figure:
 
     Panels: the spectra in the complex plane, displacements over time.
     """
-    fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(FULL, 2.6))
+    fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.6))
     for case, (label, element) in PLOT_SERIES.items():
         curves = results.curves(f"V9/{case}")
-        color = LOOK[element]["color"]
+        color = ELEMENT_LOOK[element]["color"]
         spectrum.plot(curves["real"], curves["imaginary"], ".", color=color, ms=3, label=label)
         # envelope: a plain subsample would miss maxima
         starts = np.arange(0, len(curves["time"]), STEPS_PER_POINT)

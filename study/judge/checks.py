@@ -25,7 +25,7 @@ class Check:
 
     id: str
     statement: str
-    value: Callable[[Results], float]
+    measure: Callable[[Results], float]
     relation: Relation
     bound: float
     why: str
@@ -38,7 +38,7 @@ class Check:
 def check(
     id: str,
     statement: str,
-    value: Callable[[Results], float],
+    measure: Callable[[Results], float],
     relation: Relation,
     bound: float,
     *,
@@ -53,7 +53,7 @@ def check(
     Args:
         id: name of the check, section first: "V2-edge".
         statement: what is found, as a sentence.
-        value: returns the number from stored results.
+        measure: returns the number from stored results.
         relation: how the number compares with the bound.
         bound: what it is compared with.
         why: explanation of the finding.
@@ -70,8 +70,8 @@ def check(
         raise StudyError(f"check {id}: relation {relation!r} is none of {', '.join(RELATIONS)}")
     if not (math.isfinite(bound) and 0 <= tolerance < math.inf):
         raise StudyError(f"check {id}: bound {bound} and tolerance {tolerance} have to be finite")
-    options = (tolerance, tolerance_why, tolerance_set, unit)
-    return Check(id, statement, value, relation, float(bound), why, *options)
+    optional_fields = (tolerance, tolerance_why, tolerance_set, unit)
+    return Check(id, statement, measure, relation, float(bound), why, *optional_fields)
 
 
 def load_checks(section: str) -> list[Check]:

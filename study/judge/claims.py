@@ -27,19 +27,19 @@ from study.run.store import (
 )
 
 NO_REFERENCE: Literal["not judged: no reference"] = "not judged: no reference"
-HERE = Path(__file__).parent
-FILE = HERE / "paper_claims.toml"
-SCHEMA = HERE / "claims.schema.json"
+FOLDER = Path(__file__).parent
+PAPER_CLAIMS_FILE = FOLDER / "paper_claims.toml"
+SCHEMA_FILE = FOLDER / "claims.schema.json"
 
-EXPECTED: dict[str, "Outcome"] = {
+EXPECTED_OUTCOMES: dict[str, "Outcome"] = {
     "reproduced": "holds",
     "consistent by construction": "by construction",
     "contradicted": "fails",
     "not explained": "not explained",
     "not testable": "not testable",
 }
-GRADES = tuple(EXPECTED)
-PAPER = ("paper", "implied")
+GRADES = tuple(EXPECTED_OUTCOMES)
+PAPER_KINDS = ("paper", "implied")
 
 Outcome = Literal[
     "holds",
@@ -135,34 +135,36 @@ class Verdict:
         claim: The claim.
         measured: Its number.
         verdict: What follows from that.
-        unreadable: Why it is not judged, if a result is there that cannot be used.
+        unreadable_reason: Why it is not judged, if a result is there that cannot be used.
     """
 
     claim: Claim
     measured: float | None
     verdict: Outcome
-    unreadable: str = ""
+    unreadable_reason: str = ""
 
     @property
     def differs(self) -> bool:
         """Whether verdict or finding are not the pinned ones."""
-        how = self.claim.judgement
-        return how is not None and (self.verdict != how.pinned or self._found_another(how))
+        judgement = self.claim.judgement
+        return judgement is not None and (
+            self.verdict != judgement.pinned or self._differs_from_found(judgement)
+        )
 
     @property
-    def expected(self) -> str:
+    def expected_verdict(self) -> str:
         """The pinned verdict, with the pinned finding where the statement fails."""
-        how = self.claim.judgement
-        if how is None:
+        judgement = self.claim.judgement
+        if judgement is None:
             return "not testable"
-        if how.found is None:
-            return how.pinned
-        return f"{how.pinned} with {how.found:.6g} ± {how.found_tol:.3g}"
+        if judgement.found is None:
+            return judgement.pinned
+        return f"{judgement.pinned} with {judgement.found:.6g} ± {judgement.found_tol:.3g}"
 
-    def _found_another(self, how: Judgement) -> bool:
-        if how.found is None or self.measured is None:
+    def _differs_from_found(self, judgement: Judgement) -> bool:
+        if judgement.found is None or self.measured is None:
             return False
-        return abs(self.measured - how.found) > how.found_tol
+        return abs(self.measured - judgement.found) > judgement.found_tol
 
 
 def load_claims() -> list[Claim]:
@@ -170,17 +172,17 @@ def load_claims() -> list[Claim]:
 
     The pages are imported, and with them the solver.
     """
-    claims = read_claims([FILE])
+    claims = read_claims([PAPER_CLAIMS_FILE])
     for section in SECTIONS:
-        claims += claims_of_checks(load_checks(section), f"This study, section {section}")
-    claims += claims_of_pins(load_pins())
-    _refuse_repeated(claims)
+        claims += claims_from_checks(load_checks(section), f"This study, section {section}")
+    claims += claims_from_pins(load_pins())
+    _refuse_repeated_ids(claims)
     return claims
 
 
 def load_paper_claims() -> list[Claim]:
     """Return the paper's statements; no page is imported."""
-    return read_claims([FILE])
+    return read_claims([PAPER_CLAIMS_FILE])
 
 
 def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> list[Claim]:
@@ -192,21 +194,21 @@ def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> li
     """
     measures = measures or import_module("study.judge.measures")
     claims = [
-        _claim(kind, table, place, measures)
+        _build_claim(kind, table, position, measures)
         for path in paths
-        for kind, tables in _tables(path).items()
-        for place, table in enumerate(tables, start=1)
+        for kind, tables in _load_valid_tables(path).items()
+        for position, table in enumerate(tables, start=1)
     ]
-    _refuse_repeated(claims)
+    _refuse_repeated_ids(claims)
     for claim in claims:
         if claim.reading_of is not None and claim.reading_of not in (
-            {one.id for one in claims} - {claim.id}
+            {other_claim.id for other_claim in claims} - {claim.id}
         ):
             raise StudyError(f"claim {claim.id}: reading_of names no other claim")
     return claims
 
 
-def claims_of_checks(checks: Sequence[Check], source: str) -> list[Claim]:
+def claims_from_checks(checks: Sequence[Check], source: str) -> list[Claim]:
     """Return the checks of a page as findings of this study."""
     return [
         Claim(
@@ -216,7 +218,7 @@ def claims_of_checks(checks: Sequence[Check], source: str) -> list[Claim]:
             statement=check.statement,
             judgement=Judgement(
                 measure="its value",
-                function=check.value,
+                function=check.measure,
                 args={},
                 relation=check.relation,
                 value=check.bound,
@@ -232,7 +234,7 @@ def claims_of_checks(checks: Sequence[Check], source: str) -> list[Claim]:
     ]
 
 
-def claims_of_pins(pins: Sequence[Pin]) -> list[Claim]:
+def claims_from_pins(pins: Sequence[Pin]) -> list[Claim]:
     """Return pins as claims; one that names what is found instead of its bound has to fail."""
     measures = import_module("study.judge.measures")
     return [
@@ -260,22 +262,22 @@ def claims_of_pins(pins: Sequence[Pin]) -> list[Claim]:
     ]
 
 
-def _refuse_repeated(claims: Sequence[Claim]) -> None:
+def _refuse_repeated_ids(claims: Sequence[Claim]) -> None:
     ids = [claim.id for claim in claims]
-    for repeated in (name for name in ids if ids.count(name) > 1):
-        raise StudyError(f"claim {repeated}: its id occurs more than once")
+    for repeated_id in (claim_id for claim_id in ids if ids.count(claim_id) > 1):
+        raise StudyError(f"claim {repeated_id}: its id occurs more than once")
 
 
 def judge(claims: list[Claim], results: Results) -> list[Verdict]:
     """Compare each claim with the stored results."""
-    return [_judged(claim, results) for claim in claims]
+    return [_judge_claim(claim, results) for claim in claims]
 
 
-def write(
+def write_claims(
     out: Path,
     verdicts: list[Verdict],
     facts: Mapping[str, str],
-    turned: Mapping[str, Sequence[str]],
+    turning_mutations: Mapping[str, Sequence[str]],
 ) -> None:
     """Write `<out>/claims.json`.
 
@@ -283,53 +285,63 @@ def write(
         out: Folder of the results.
         verdicts: What was found.
         facts: The fact that each statement of the paper rests on, by its id.
-        turned: Names of the mutations that turn it.
+        turning_mutations: Names of the mutations that turn it.
     """
     rows = [
-        _row(verdict)
-        | {"fact": facts.get(verdict.claim.id), "turned_by": list(turned.get(verdict.claim.id, ()))}
+        _claim_record(verdict)
+        | {
+            "fact": facts.get(verdict.claim.id),
+            "turned_by": list(turning_mutations.get(verdict.claim.id, ())),
+        }
         for verdict in verdicts
     ]
     write_json(Path(out) / "claims.json", rows)
 
 
-def table(verdicts: list[Verdict]) -> str:
+def format_verdict_table(verdicts: list[Verdict]) -> str:
     """Return the verdicts as lines of text, one per claim, each ending the line."""
     rows = [
         (
             verdict.claim.id,
             "" if verdict.measured is None else f"{verdict.measured:.6g}",
-            "" if how is None else f"{how.relation} {how.value:.6g} ± {how.tol:.3g}",
-            f"{verdict.verdict}, pinned: {verdict.expected}",
+            ""
+            if judgement is None
+            else f"{judgement.relation} {judgement.value:.6g} ± {judgement.tol:.3g}",
+            f"{verdict.verdict}, pinned: {verdict.expected_verdict}",
         )
         for verdict in verdicts
-        for how in [verdict.claim.judgement]
+        for judgement in [verdict.claim.judgement]
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    lines = ["  ".join(map(str.ljust, padded_row, widths)).rstrip() for padded_row in rows]
     return "".join(f"{line}\n" for line in lines)
 
 
-def summary(verdicts: list[Verdict]) -> str:
+def summarise_verdicts(verdicts: list[Verdict]) -> str:
     """Return the counts by kind, and by grade or verdict, in one line."""
-    paper = [one for one in verdicts if one.claim.kind in PAPER]
-    grades = [one.claim.grade for one in paper]
+    paper_verdicts = [verdict for verdict in verdicts if verdict.claim.kind in PAPER_KINDS]
+    grades = [verdict.claim.grade for verdict in paper_verdicts]
     counts = [f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades]
-    parts = [f"{len(paper)} statements of the paper: {', '.join(counts)}"] if paper else []
+    phrases = (
+        [f"{len(paper_verdicts)} statements of the paper: {', '.join(counts)}"]
+        if paper_verdicts
+        else []
+    )
     for kind in ("finding", "pin"):
-        own = [one.verdict for one in verdicts if one.claim.kind == kind]
-        if own:
-            parts.append(
-                f"{len(own)} {kind}s: {own.count('holds')} hold, {own.count('fails')} fail"
+        outcomes = [verdict.verdict for verdict in verdicts if verdict.claim.kind == kind]
+        if outcomes:
+            phrases.append(
+                f"{len(outcomes)} {kind}s: {outcomes.count('holds')} hold, "
+                f"{outcomes.count('fails')} fail"
             )
-    absent = sum(one.verdict == "not judged" for one in verdicts)
-    parts += [f"{absent} not judged"] if absent else []
-    differing = sum(one.differs for one in verdicts if one.verdict != "not judged")
-    return "; ".join([*parts, f"{differing} other than pinned"])
+    n_not_judged = sum(verdict.verdict == "not judged" for verdict in verdicts)
+    phrases += [f"{n_not_judged} not judged"] if n_not_judged else []
+    n_differing = sum(verdict.differs for verdict in verdicts if verdict.verdict != "not judged")
+    return "; ".join([*phrases, f"{n_differing} other than pinned"])
 
 
-def _row(verdict: Verdict) -> dict[str, Any]:
-    claim, how = verdict.claim, verdict.claim.judgement
+def _claim_record(verdict: Verdict) -> dict[str, Any]:
+    claim, judgement = verdict.claim, verdict.claim.judgement
     return {
         "id": claim.id,
         "kind": claim.kind,
@@ -342,120 +354,124 @@ def _row(verdict: Verdict) -> dict[str, Any]:
         "basis": claim.basis,
         "missing": claim.missing,
         "measured": verdict.measured,
-        "relation": how and how.relation,
-        "value": how and how.value,
-        "tol": how and how.tol,
+        "relation": judgement and judgement.relation,
+        "value": judgement and judgement.value,
+        "tol": judgement and judgement.tol,
         "verdict": verdict.verdict,
-        "pinned": verdict.expected,
+        "pinned": verdict.expected_verdict,
         "differs": verdict.differs,
-        "why": how and how.why,
-        "unit": how.unit if how else "",
-        "tol_why": how and how.tol_why,
-        "tol_set": how and how.tol_set,
+        "why": judgement and judgement.why,
+        "unit": judgement.unit if judgement else "",
+        "tol_why": judgement and judgement.tol_why,
+        "tol_set": judgement and judgement.tol_set,
     }
 
 
-def _tables(path: Path) -> dict[str, list[dict[str, Any]]]:
+def _load_valid_tables(path: Path) -> dict[str, list[dict[str, Any]]]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StudyError(f"{path} cannot be read: {error}") from None
-    validator = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_bytes()))
-    for mistake in sorted(validator.iter_errors(content), key=_order):
-        if len(mistake.absolute_path) < 2:
+    validator = jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_bytes()))
+    for schema_error in sorted(validator.iter_errors(content), key=_error_sort_key):
+        if len(schema_error.absolute_path) < 2:
             raise StudyError(f"{path} may have nothing but tables [[claim]] and [[finding]]")
-        kind, place, *keys = mistake.absolute_path
-        entry = content[kind][place]
-        name = entry.get("id", f"number {place + 1}") if isinstance(entry, dict) else place + 1
-        raise StudyError(f"{kind} {name}: {_described(mistake, keys)}")
+        kind, index, *keys = schema_error.absolute_path
+        entry = content[kind][index]
+        entry_name = (
+            entry.get("id", f"number {index + 1}") if isinstance(entry, dict) else index + 1
+        )
+        raise StudyError(f"{kind} {entry_name}: {_describe_error(schema_error, keys)}")
     return content
 
 
-def _order(mistake: jsonschema.ValidationError) -> tuple[Any, ...]:
+def _error_sort_key(error: jsonschema.ValidationError) -> tuple[Any, ...]:
     """By place; of one entry, keys that nothing has asked for last: others' mistakes make them."""
     return (
-        [str(part).zfill(6) for part in list(mistake.absolute_path)[:2]],
-        mistake.validator == "unevaluatedProperties",
-        [str(part) for part in mistake.absolute_path],
+        [str(path_part).zfill(6) for path_part in list(error.absolute_path)[:2]],
+        error.validator == "unevaluatedProperties",
+        [str(part) for part in error.absolute_path],
     )
 
 
-def _described(mistake: jsonschema.ValidationError, keys: Sequence[Any]) -> str:
+def _describe_error(error: jsonschema.ValidationError, keys: Sequence[Any]) -> str:
     key = ".".join(map(str, keys))
-    within = f"{key}." if key else ""
-    if mistake.validator == "required":
-        absent = next(name for name in mistake.validator_value if name not in mistake.instance)
-        return f"{within}{absent} is missing"
-    if mistake.validator in ("unevaluatedProperties", "additionalProperties"):
-        (surplus, *_) = re.findall(r"'([^']*)'", mistake.message)
-        return f"{within}{surplus} is not a key of it"
-    if mistake.validator == "type":
-        words = {"string": "text", "object": "table", "array": "list"}
-        return f"{key} is no {words.get(mistake.validator_value, mistake.validator_value)}"
-    if mistake.validator == "enum":
-        names = ", ".join(mistake.validator_value)
-        return f"{key} is {mistake.instance!r}, not one of {names}"
-    if mistake.validator == "not":
-        return f"{key} {mistake.schema['$comment']}"
-    if mistake.validator == "pattern":
+    key_prefix = f"{key}." if key else ""
+    if error.validator == "required":
+        missing_key = next(name for name in error.validator_value if name not in error.instance)
+        return f"{key_prefix}{missing_key} is missing"
+    if error.validator in ("unevaluatedProperties", "additionalProperties"):
+        (unknown_key, *_) = re.findall(r"'([^']*)'", error.message)
+        return f"{key_prefix}{unknown_key} is not a key of it"
+    if error.validator == "type":
+        type_words = {"string": "text", "object": "table", "array": "list"}
+        return f"{key} is no {type_words.get(error.validator_value, error.validator_value)}"
+    if error.validator == "enum":
+        names = ", ".join(error.validator_value)
+        return f"{key} is {error.instance!r}, not one of {names}"
+    if error.validator == "not":
+        return f"{key} {error.schema['$comment']}"
+    if error.validator == "pattern":
         return f"{key} is no text"
-    if mistake.validator == "minimum":
-        return f"{key} cannot be {mistake.instance}"
-    return f"{key} cannot be used: {mistake.message}"
+    if error.validator == "minimum":
+        return f"{key} cannot be {error.instance}"
+    return f"{key} cannot be used: {error.message}"
 
 
-def _claim(kind: str, table: dict[str, Any], place: int, measures: ModuleType) -> Claim:
+def _build_claim(kind: str, table: dict[str, Any], position: int, measures: ModuleType) -> Claim:
     """What the schema cannot say: numbers are finite, the measure is there and takes its args."""
-    name = table.get("id", f"number {place}")
+    claim_name = table.get("id", f"number {position}")
 
-    def wrong(key: str, what: str) -> StudyError:
-        return StudyError(f"{kind} {name}: {key} {what}")
+    def claim_error(key: str, problem: str) -> StudyError:
+        return StudyError(f"{kind} {claim_name}: {key} {problem}")
 
-    for key, number in _numbers(table):
+    for key, number in _iterate_numbers(table):
         if not math.isfinite(number):
-            raise wrong(key, f"cannot be {number}")
-    rest = {key: table[key] for key in Claim.__dataclass_fields__ if key in table}
-    rest.setdefault("kind", kind)
+            raise claim_error(key, f"cannot be {number}")
+    claim_fields = {key: table[key] for key in Claim.__dataclass_fields__ if key in table}
+    claim_fields.setdefault("kind", kind)
     if "measure" not in table:
-        return Claim(**rest, judgement=None)
+        return Claim(**claim_fields, judgement=None)
 
-    def measured(by: dict[str, Any]) -> tuple[Callable[..., float], dict[str, Any]]:
-        function, args = getattr(measures, by["measure"], None), by.get("args", {})
-        home = getattr(function, "__module__", "")
-        own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
-        if function is None or not own or by["measure"].startswith("_"):
-            raise wrong("measure", f"{by['measure']!r} is not in {measures.__name__}")
+    def resolve_measure(reference: dict[str, Any]) -> tuple[Callable[..., float], dict[str, Any]]:
+        function, args = getattr(measures, reference["measure"], None), reference.get("args", {})
+        module_name = getattr(function, "__module__", "")
+        is_measure = inspect.isfunction(function) and f"{module_name}.".startswith(
+            f"{measures.__name__}."
+        )
+        if function is None or not is_measure or reference["measure"].startswith("_"):
+            raise claim_error("measure", f"{reference['measure']!r} is not in {measures.__name__}")
         try:
             inspect.signature(function).bind(None, **args)
         except TypeError as error:
-            raise wrong("args", f"do not suit {by['measure']}: {error}") from None
+            raise claim_error("args", f"do not suit {reference['measure']}: {error}") from None
         return function, args
 
-    how = {key: table[key] for key in Judgement.__dataclass_fields__ if key in table}
-    how |= {key: float(number) for key, number in _numbers(table)}
-    how["function"], how["args"] = measured(table)
+    judgement_fields = {key: table[key] for key in Judgement.__dataclass_fields__ if key in table}
+    judgement_fields |= {key: float(number) for key, number in _iterate_numbers(table)}
+    judgement_fields["function"], judgement_fields["args"] = resolve_measure(table)
     if "grade" in table:
-        how["pinned"] = EXPECTED[table["grade"]]
+        judgement_fields["pinned"] = EXPECTED_OUTCOMES[table["grade"]]
     if "reference" in table:
-        how["reference"] = measured(table["reference"])
+        judgement_fields["reference"] = resolve_measure(table["reference"])
         if table["grade"] == "not testable":
-            how["pinned"] = NO_REFERENCE
-    return Claim(**rest, judgement=Judgement(**how))
+            judgement_fields["pinned"] = NO_REFERENCE
+    return Claim(**claim_fields, judgement=Judgement(**judgement_fields))
 
 
-def _numbers(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
+def _iterate_numbers(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
     for key in ("value", "tol", "found", "found_tol"):
         if key in table:
             yield key, table[key]
 
 
-def _judged(claim: Claim, results: Results) -> Verdict:
-    how = claim.judgement
-    if how is None:
+def _judge_claim(claim: Claim, results: Results) -> Verdict:
+    judgement = claim.judgement
+    if judgement is None:
         return Verdict(claim, None, "not testable")
     try:
-        measured = float(how.function(results, **how.args))
-        holds = _is_reference(how, results)
+        measured = float(judgement.function(results, **judgement.args))
+        has_reference = _is_reference_accurate(judgement, results)
     except MissingResult:
         return Verdict(claim, None, "not judged")
     except (CorruptResult, MissingScalar) as error:
@@ -463,25 +479,29 @@ def _judged(claim: Claim, results: Results) -> Verdict:
     except StudyError:
         raise
     except Exception as error:  # measures are short formulas; which claim's it is, is what helps
-        what = f"{type(error).__name__}: {error}"
-        raise StudyError(f"claim {claim.id}: {how.measure} failed with {what}") from error
+        error_text = f"{type(error).__name__}: {error}"
+        raise StudyError(
+            f"claim {claim.id}: {judgement.measure} failed with {error_text}"
+        ) from error
     if not math.isfinite(measured):
-        raise StudyError(f"claim {claim.id}: {how.measure} gave {measured}")
-    return Verdict(claim, measured, _outcome(claim, measured) if holds else NO_REFERENCE)
+        raise StudyError(f"claim {claim.id}: {judgement.measure} gave {measured}")
+    return Verdict(
+        claim, measured, _determine_outcome(claim, measured) if has_reference else NO_REFERENCE
+    )
 
 
-def _is_reference(how: Judgement, results: Results) -> bool:
+def _is_reference_accurate(judgement: Judgement, results: Results) -> bool:
     """Tell whether the error of what is compared with is small enough, if it is known."""
-    if how.reference is None:
+    if judgement.reference is None:
         return True
-    error_of, args = how.reference
-    return bool(error_of(results, **args) < (how.tol or abs(how.value)) / 3)
+    reference_error, args = judgement.reference
+    return bool(reference_error(results, **args) < (judgement.tol or abs(judgement.value)) / 3)
 
 
-def _outcome(claim: Claim, measured: float) -> Outcome:
+def _determine_outcome(claim: Claim, measured: float) -> Outcome:
     """What the number says: statements that cannot fail do not hold, they are constructed."""
-    how = claim.judgement
-    assert how is not None
-    if RELATIONS[how.relation](measured, how.value, how.tol):
+    judgement = claim.judgement
+    assert judgement is not None
+    if RELATIONS[judgement.relation](measured, judgement.value, judgement.tol):
         return "by construction" if claim.grade == "consistent by construction" else "holds"
     return "not explained" if claim.grade == "not explained" else "fails"

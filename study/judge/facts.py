@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from study.judge import claims
-from study.judge.claims import PAPER, Claim, Verdict, judge
+from study.judge.claims import PAPER_KINDS, Claim, Verdict, judge
 from study.paper.items import TABLE_1, TABLE_2
 from study.run.store import CorruptResult, MissingResult, Results, StoredResult, StudyError
 
-FILE = Path(__file__).parent / "facts.toml"
-Rows: TypeAlias = dict[str, tuple[float, ...]]
-TABLES: dict[str, Rows] = {"Table 1": TABLE_1, "Table 2": TABLE_2}
-Kind = Literal["element", "law", "sign", "row", "print"]
+FACTS_FILE = Path(__file__).parent / "facts.toml"
+TableRows: TypeAlias = dict[str, tuple[float, ...]]
+PRINTED_TABLES: dict[str, TableRows] = {"Table 1": TABLE_1, "Table 2": TABLE_2}
+MutationKind = Literal["element", "law", "sign", "row", "print"]
 
 
 @dataclass(frozen=True)
@@ -49,59 +49,67 @@ class Mutation:
     Attributes:
         name: What, in words.
         kind: Of what kind it is.
-        stored: What makes a case's key, or the name of a scalar, that of another one.
-        sign: Names of scalars and curves whose sign is changed.
-        table: One of `TABLES` that is printed otherwise.
+        rename_stored: What makes a case's key, or the name of a scalar, that of another one.
+        sign_pattern: Names of scalars and curves whose sign is changed.
+        table: One of `PRINTED_TABLES` that is printed otherwise.
         rows: Two of its rows, which change places, or one with a misprint.
-        mode: Where that is.
+        mode_index: Where that is.
     """
 
     name: str
-    kind: Kind
-    stored: Callable[[str], str] = lambda name: name
-    sign: str = ""
+    kind: MutationKind
+    rename_stored: Callable[[str], str] = lambda name: name
+    sign_pattern: str = ""
     table: str = ""
     rows: tuple[str, ...] = ()
-    mode: int = 0
+    mode_index: int = 0
 
 
-def _exchange(one: str, other: str) -> Callable[[str], str]:
+def _exchange_words(first: str, second: str) -> Callable[[str], str]:
     """Exchange two words that no letter touches."""
-    names = {one: other, other: one}
+    replacements = {first: second, second: first}
     return lambda text: re.sub(
-        rf"(?<![a-zA-Z])({one}|{other})(?![a-zA-Z])", lambda found: names[found[0]], text
+        rf"(?<![a-zA-Z])({first}|{second})(?![a-zA-Z])", lambda match: replacements[match[0]], text
     )
 
 
-def _instead(*pairs: tuple[str, str]) -> Callable[[str], str]:
-    def replaced(text: str) -> str:
-        for pattern, new in pairs:
-            text = re.sub(pattern, new, text)
+def _replace_patterns(*pairs: tuple[str, str]) -> Callable[[str], str]:
+    def replace_all(text: str) -> str:
+        for pattern, replacement in pairs:
+            text = re.sub(pattern, replacement, text)
         return text
 
-    return replaced
+    return replace_all
 
 
-_FORM = r"^(7\.6/[a-z]+-[TQ]\d)"
+_BUCKLING_CASE_PATTERN = r"^(7\.6/[a-z]+-[TQ]\d)"
 
 
-def _other_form(name: str) -> str:
+def _exchange_forms(name: str) -> str:
     """Exchange the geometric stiffnesses J, which is named, and G, which is not."""
     if name.startswith(("G_", "J_")):
-        return _exchange("G", "J")(name)
-    return re.sub(rf"{_FORM}(-J)?", lambda k: k[1] if k[2] else f"{k[1]}-J", name)
+        return _exchange_words("G", "J")(name)
+    return re.sub(
+        rf"{_BUCKLING_CASE_PATTERN}(-J)?",
+        lambda match: match[1] if match[2] else f"{match[1]}-J",
+        name,
+    )
 
 
-COMPUTED = (
-    Mutation("standard and new elements exchanged", "element", _exchange("galerkin", "pw")),
+RESULT_MUTATIONS = (
+    Mutation("standard and new elements exchanged", "element", _exchange_words("galerkin", "pw")),
     Mutation(
-        "composite triangle for the new one", "element", _instead((r"\bpw-T6", "composite-T6"))
+        "composite triangle for the new one",
+        "element",
+        _replace_patterns((r"\bpw-T6", "composite-T6")),
     ),
-    Mutation("native quadrilateral for the pair", "element", _instead((r"\bpw-Q8", "pw-Q9"))),
+    Mutation(
+        "native quadrilateral for the pair", "element", _replace_patterns((r"\bpw-Q8", "pw-Q9"))
+    ),
     Mutation(
         "new element's matrices symmetrised",
         "law",
-        _instead(
+        _replace_patterns(
             (r"^(7\.[56])/pw-", r"\1/pwsym-"),
             (r"^I/factors-pw-", "I/factors-galerkin-"),
             (r"^pw_(?=\w+_unsymmetry)", "galerkin_"),
@@ -111,18 +119,18 @@ COMPUTED = (
     Mutation(
         "consistent mass lumped",
         "law",
-        _instead((r"^(7\.5/pw(sym)?-[TQ]\d(-same)?)$", r"\1-lumped")),
+        _replace_patterns((r"^(7\.5/pw(sym)?-[TQ]\d(-same)?)$", r"\1-lumped")),
     ),
-    Mutation("geometric stiffnesses G and J exchanged", "law", _other_form),
+    Mutation("geometric stiffnesses G and J exchanged", "law", _exchange_forms),
     Mutation(
         "friction left out",
         "law",
-        _instead((r"^(7\.[34]/[\w-]+[TQ]\d|I/factors-[\w-]+T6)$", r"\1-mu0")),
+        _replace_patterns((r"^(7\.[34]/[\w-]+[TQ]\d|I/factors-[\w-]+T6)$", r"\1-mu0")),
     ),
-    Mutation("tension and compression exchanged", "sign", sign=r"force_|smallest_"),
-    Mutation("sign of the geometric stiffness", "sign", sign=r"sigma_cr"),
+    Mutation("tension and compression exchanged", "sign", sign_pattern=r"force_|smallest_"),
+    Mutation("sign of the geometric stiffness", "sign", sign_pattern=r"sigma_cr"),
 )
-ROWS = tuple(
+ROW_MUTATIONS = tuple(
     Mutation(f"{table}: {one} and {other} exchanged", "row", table=table, rows=(one, other))
     for table, one, other in (
         ("Table 1", "CAX6", "6-node user element"),
@@ -132,58 +140,72 @@ ROWS = tuple(
         ("Table 2", "CPS6", "CPS6M"),
     )
 )
-PRINTED = tuple(
-    Mutation(f"{table}: {row}, mode {mode + 1}", "print", table=table, rows=(row,), mode=mode)
-    for table, rows in TABLES.items()
+MISPRINT_MUTATIONS = tuple(
+    Mutation(f"{table}: {row}, mode {mode + 1}", "print", table=table, rows=(row,), mode_index=mode)
+    for table, rows in PRINTED_TABLES.items()
     for row, numbers in rows.items()
     for mode in range(len(numbers))
 )
-OWN = "printed number "  # with which names of misprints of statements' own numbers begin
+OWN_NUMBER_PREFIX = (
+    "printed number "  # with which names of misprints of statements' own numbers begin
+)
 
 
-def load_facts(path: Path = FILE) -> list[Fact]:
+def load_facts(path: Path = FACTS_FILE) -> list[Fact]:
     """Read the facts."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))["fact"]
     return [Fact(**{**table, "statements": tuple(table["statements"])}) for table in tables]
 
 
-def write(out: Path, verdicts: list[Verdict], results: Results) -> None:
+def write_claims_with_facts(out: Path, verdicts: list[Verdict], results: Results) -> None:
     """Write `<out>/claims.json`, with the facts that statements of the paper rest on."""
-    turned = turned_by(verdicts, results)
-    facts = facts_of([verdict.claim for verdict in verdicts], turned, load_facts())
-    claims.write(out, verdicts, facts, turned)
+    turning_mutations = find_turning_mutations(verdicts, results)
+    facts = assign_facts([verdict.claim for verdict in verdicts], turning_mutations, load_facts())
+    claims.write_claims(out, verdicts, facts, turning_mutations)
 
 
-def turned_by(verdicts: list[Verdict], results: Results) -> dict[str, tuple[str, ...]]:
+def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[str, tuple[str, ...]]:
     """Return the names of the mutations that turn each statement of the paper, by its id.
 
     Of findings that rest on printed numbers, those of the print.
     """
-    judged = [v for v in verdicts if v.claim.judgement and v.measured is not None]
-    paper = [v for v in judged if v.claim.kind in PAPER]
-    turned: dict[str, list[str]] = {v.claim.id: [] for v in judged}
-    for mutation in COMPUTED:
-        for name in _turned(paper, _Mutated(results, mutation)):
-            turned[name].append(mutation.name)
-    for table, rows in TABLES.items():
-        any_row = _readers(judged, results, table, rows)
-        readers = {row: _readers(any_row, results, table, [row]) for row in rows}
-        for mutation in (one for one in (*ROWS, *PRINTED) if one.table == table):
-            reading = [v for v in judged if any(v in readers[row] for row in mutation.rows)]
-            found: set[str] = set()
-            for misprint in _misprints(mutation):
-                with _printed(table, misprint):
-                    found.update(_turned(reading, results))
-            for name in found:
-                turned[name].append(mutation.name)
-    for verdict in paper:
-        if verdict.claim.printed and _own_number(verdict, results):
-            turned[verdict.claim.id].append(own_number(verdict.claim))
-    return {name: tuple(found) for name, found in turned.items()}
+    judged_verdicts = [
+        judged_verdict
+        for judged_verdict in verdicts
+        if judged_verdict.claim.judgement and judged_verdict.measured is not None
+    ]
+    paper_verdicts = [v for v in judged_verdicts if v.claim.kind in PAPER_KINDS]
+    turning_mutations: dict[str, list[str]] = {v.claim.id: [] for v in judged_verdicts}
+    for mutation in RESULT_MUTATIONS:
+        for claim_id in _find_changed_claims(paper_verdicts, _MutatedResults(results, mutation)):
+            turning_mutations[claim_id].append(mutation.name)
+    for table, rows in PRINTED_TABLES.items():
+        table_readers = _verdicts_that_read(judged_verdicts, results, table, rows)
+        row_readers = {
+            row: _verdicts_that_read(table_readers, results, table, [row]) for row in rows
+        }
+        for mutation in (
+            candidate
+            for candidate in (*ROW_MUTATIONS, *MISPRINT_MUTATIONS)
+            if candidate.table == table
+        ):
+            affected_verdicts = [
+                v for v in judged_verdicts if any(v in row_readers[row] for row in mutation.rows)
+            ]
+            changed_ids: set[str] = set()
+            for misprinted_rows in _list_misprinted_rows(mutation):
+                with _replace_rows(table, misprinted_rows):
+                    changed_ids.update(_find_changed_claims(affected_verdicts, results))
+            for claim_id in changed_ids:
+                turning_mutations[claim_id].append(mutation.name)
+    for verdict in paper_verdicts:
+        if verdict.claim.printed and _depends_on_own_number(verdict, results):
+            turning_mutations[verdict.claim.id].append(own_number_mutation(verdict.claim))
+    return {name: tuple(found) for name, found in turning_mutations.items()}
 
 
-def facts_of(
-    statements: list[Claim], turned: Mapping[str, tuple[str, ...]], facts: list[Fact]
+def assign_facts(
+    statements: list[Claim], turning_mutations: Mapping[str, tuple[str, ...]], facts: list[Fact]
 ) -> dict[str, str]:
     """Return the fact that each statement of the paper rests on, by its id, if there is one.
 
@@ -191,66 +213,88 @@ def facts_of(
     of printed numbers if none of these does. What nothing turns, and definitions, are named by
     the fact itself.
     """
-    named = {name: fact.id for fact in facts for name in fact.statements}
-    paper = [claim for claim in statements if claim.kind in PAPER]
-    of = {claim.id: signature(claim, turned.get(claim.id, ())) for claim in paper}
-    alike = {of[name]: fact for name, fact in named.items() if of.get(name)}
-    found = {name: alike.get(same) if same else named.get(name) for name, same in of.items()}
-    return {name: fact for name, fact in found.items() if fact}
+    stated_facts = {claim_id: fact.id for fact in facts for claim_id in fact.statements}
+    paper_claims = [claim for claim in statements if claim.kind in PAPER_KINDS]
+    mutations_by_claim = {
+        claim.id: fact_mutations(claim, turning_mutations.get(claim.id, ()))
+        for claim in paper_claims
+    }
+    facts_by_mutations = {
+        mutations_by_claim[name]: fact
+        for name, fact in stated_facts.items()
+        if mutations_by_claim.get(name)
+    }
+    assigned_facts = {
+        name: facts_by_mutations.get(mutations) if mutations else stated_facts.get(name)
+        for name, mutations in mutations_by_claim.items()
+    }
+    return {name: fact for name, fact in assigned_facts.items() if fact}
 
 
-def signature(claim: Claim, turned: Sequence[str]) -> frozenset[str]:
+def fact_mutations(claim: Claim, turning_mutations: Sequence[str]) -> frozenset[str]:
     """Return the mutations by which a statement is one fact with others; none of a definition."""
     if claim.basis == "definition":
         return frozenset()
-    computed = {one.name for one in COMPUTED}
-    prints = {name for name in turned if name.startswith(OWN)} | {one.name for one in PRINTED}
-    return frozenset(turned) - (prints if computed & {*turned} else set())
+    result_mutations = {mutation.name for mutation in RESULT_MUTATIONS}
+    misprints = {name for name in turning_mutations if name.startswith(OWN_NUMBER_PREFIX)} | {
+        mutation.name for mutation in MISPRINT_MUTATIONS
+    }
+    return frozenset(turning_mutations) - (
+        misprints if result_mutations & {*turning_mutations} else set()
+    )
 
 
-def own_number(claim: Claim) -> str:
+def own_number_mutation(claim: Claim) -> str:
     """Return the name of the misprint of a statement's own number."""
-    how = claim.judgement
-    assert how is not None
-    return f"{OWN}{how.value:g}{how.unit and ' '}{how.unit}"
+    judgement = claim.judgement
+    assert judgement is not None
+    return f"{OWN_NUMBER_PREFIX}{judgement.value:g}{judgement.unit and ' '}{judgement.unit}"
 
 
-class _Mutated(Results):
+class _MutatedResults(Results):
     """Results in which a mutation's other case stands for each, if there is one."""
 
     def __init__(self, results: Results, mutation: Mutation) -> None:
         super().__init__(results.folder)
-        self._own, self._mutation = results, mutation
+        self._results, self._mutation = results, mutation
 
     def __getitem__(self, key: str) -> StoredResult:
-        own, other = [self._own[key]], self._mutation.stored(key)
-        if other != key:
+        stored_results, mutated_key = [self._results[key]], self._mutation.rename_stored(key)
+        if mutated_key != key:
             with suppress(MissingResult, CorruptResult):
-                own.append(self._own[other])
-        scalars = {name: value for one in own for name, value in one.scalars.items()}
+                stored_results.append(self._results[mutated_key])
+        scalars = {
+            name: value for stored in stored_results for name, value in stored.scalars.items()
+        }
 
-        def curves() -> dict[str, Any]:
-            return self._signed({name: curve for one in own for name, curve in one.curves.items()})
+        def unpack_curves() -> dict[str, Any]:
+            return self._flip_signs(
+                {name: curve for stored in stored_results for name, curve in stored.curves.items()}
+            )
 
-        return replace(own[0], scalars=self._scalars(scalars), unpack=curves)
+        return replace(
+            stored_results[0], scalars=self._mutate_scalars(scalars), unpack=unpack_curves
+        )
 
     def section(self, section: str) -> list[Any]:
         """Return what is read only if a measure wants it."""
-        return [_Later(self, stored) for stored in self._own.section(section)]
+        return [_LazyResult(self, stored) for stored in self._results.section(section)]
 
-    def _scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
-        names = {name: self._mutation.stored(name) for name in scalars}
-        return self._signed({name: scalars.get(names[name], scalars[name]) for name in scalars})
+    def _mutate_scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
+        mutated_names = {name: self._mutation.rename_stored(name) for name in scalars}
+        return self._flip_signs(
+            {name: scalars.get(mutated_names[name], scalars[name]) for name in scalars}
+        )
 
-    def _signed(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
-        sign = self._mutation.sign
+    def _flip_signs(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        sign_pattern = self._mutation.sign_pattern
         return {
-            name: -value if sign and re.match(sign, name) else value
-            for name, value in numbers.items()
+            name: -value if sign_pattern and re.match(sign_pattern, name) else value
+            for name, value in values.items()
         }
 
 
-class _Later:
+class _LazyResult:
     """A stored result that is read when its numbers are asked for."""
 
     has = StoredResult.has
@@ -264,67 +308,81 @@ class _Later:
         return getattr(self._results[self.key], name)
 
 
-def _turned(verdicts: list[Verdict], results: Results) -> list[str]:
+def _find_changed_claims(verdicts: list[Verdict], results: Results) -> list[str]:
     """Ids of those that have another verdict now; not of those that find nothing to measure."""
 
-    def another(before: Verdict) -> bool:
+    def has_changed(old_verdict: Verdict) -> bool:
         try:
-            (one,) = judge([before.claim], results)
+            (new_verdict,) = judge([old_verdict.claim], results)
         except StudyError:
             return False
-        changed = (one.verdict, one.differs) != (before.verdict, before.differs)
-        return changed and one.measured is not None
+        changed = (new_verdict.verdict, new_verdict.differs) != (
+            old_verdict.verdict,
+            old_verdict.differs,
+        )
+        return changed and new_verdict.measured is not None
 
-    return [verdict.claim.id for verdict in verdicts if another(verdict)]
+    return [verdict.claim.id for verdict in verdicts if has_changed(verdict)]
 
 
 @contextmanager
-def _printed(table: str, rows: Rows) -> Iterator[None]:
-    before = dict(TABLES[table])
+def _replace_rows(table: str, rows: TableRows) -> Iterator[None]:
+    original_rows = dict(PRINTED_TABLES[table])
     try:
-        TABLES[table].update(rows)
+        PRINTED_TABLES[table].update(rows)
         yield
     finally:
-        TABLES[table].update(before)
+        PRINTED_TABLES[table].update(original_rows)
 
 
-def _misprints(mutation: Mutation) -> list[Rows]:
-    table, mode = TABLES[mutation.table], mutation.mode
+def _list_misprinted_rows(mutation: Mutation) -> list[TableRows]:
+    table, mode = PRINTED_TABLES[mutation.table], mutation.mode_index
     if mutation.kind == "row":
-        one, other = mutation.rows
-        return [{one: table[other], other: table[one]}]
+        first_row, second_row = mutation.rows
+        return [{first_row: table[second_row], second_row: table[first_row]}]
     (row,) = mutation.rows
     return [
-        {row: (*table[row][:mode], wrong, *table[row][mode + 1 :])}
-        for wrong in misread(table[row][mode])
+        {row: (*table[row][:mode], misread_number, *table[row][mode + 1 :])}
+        for misread_number in misread_digits(table[row][mode])
     ]
 
 
-def misread(number: float) -> tuple[float, float]:
+def misread_digits(number: float) -> tuple[float, float]:
     """Return a number whose second digit, or only one, is one less, and one more."""
     digits = f"{number:.15g}".replace(".", "").strip("0").partition("e")[0]
     power = int(f"{number:e}".partition("e")[2])
-    unit = 10.0 ** (power - (len(digits) > 1))
-    return number - unit, number + unit
+    digit_step = 10.0 ** (power - (len(digits) > 1))
+    return number - digit_step, number + digit_step
 
 
-def _readers(
+def _verdicts_that_read(
     verdicts: list[Verdict], results: Results, table: str, rows: Iterable[str]
 ) -> list[Verdict]:
     """Those whose number hangs on rows: other rows give another one."""
-    strange = {
-        row: tuple((1.3 + 0.1 * i + 0.07 * k) * x for i, x in enumerate(TABLES[table][row]))
-        for k, row in enumerate(rows)
+    altered_rows = {
+        row: tuple(
+            (1.3 + 0.1 * mode_index + 0.07 * row_index) * number
+            for mode_index, number in enumerate(PRINTED_TABLES[table][row])
+        )
+        for row_index, row in enumerate(rows)
     }
-    with _printed(table, strange):
-        again = judge([v.claim for v in verdicts], results)
-    return [v for v, one in zip(verdicts, again, strict=True) if v.measured != one.measured]
-
-
-def _own_number(verdict: Verdict, results: Results) -> bool:
-    how = verdict.claim.judgement
-    assert how is not None
-    others = [
-        replace(verdict.claim, judgement=replace(how, value=wrong)) for wrong in misread(how.value)
+    with _replace_rows(table, altered_rows):
+        altered_verdicts = judge([v.claim for v in verdicts], results)
+    return [
+        verdict
+        for verdict, altered_verdict in zip(verdicts, altered_verdicts, strict=True)
+        if verdict.measured != altered_verdict.measured
     ]
-    return any(one.verdict != verdict.verdict for one in judge(others, results))
+
+
+def _depends_on_own_number(verdict: Verdict, results: Results) -> bool:
+    judgement = verdict.claim.judgement
+    assert judgement is not None
+    misread_claims = [
+        replace(verdict.claim, judgement=replace(judgement, value=misread_value))
+        for misread_value in misread_digits(judgement.value)
+    ]
+    return any(
+        misread_verdict.verdict != verdict.verdict
+        for misread_verdict in judge(misread_claims, results)
+    )

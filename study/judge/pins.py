@@ -11,17 +11,17 @@ from typing import Any
 
 from study.run.store import StudyError
 
-FILE = Path(__file__).with_name("pins.json")
+PINS_FILE = Path(__file__).with_name("pins.json")
 
 Pin = dict[str, Any]
 """Id, source, statement, measure, args, relation, bound, tolerance, unit; of a statement that is
 known to fail also the number that is found instead, and its tolerance."""
 
-_REQUIRED = {"id", "source", "statement", "measure", "args", "relation", "bound", "tolerance"}
-_OPTIONAL = {"unit", "found", "found_tolerance"}
+_REQUIRED_KEYS = {"id", "source", "statement", "measure", "args", "relation", "bound", "tolerance"}
+_OPTIONAL_KEYS = {"unit", "found", "found_tolerance"}
 
 
-def load_pins(path: Path = FILE) -> list[Pin]:
+def load_pins(path: Path = PINS_FILE) -> list[Pin]:
     """Read the table.
 
     Raises:
@@ -32,7 +32,7 @@ def load_pins(path: Path = FILE) -> list[Pin]:
     except (OSError, ValueError) as error:
         raise StudyError(f"{path} cannot be read: {error}") from None
     for pin in pins:
-        if wrong := ({*pin} ^ _REQUIRED) - _OPTIONAL:
-            names = ", ".join(sorted(wrong))
+        if wrong_keys := ({*pin} ^ _REQUIRED_KEYS) - _OPTIONAL_KEYS:
+            names = ", ".join(sorted(wrong_keys))
             raise StudyError(f"{path}: pin {pin.get('id')} lacks or should not have {names}")
     return pins

@@ -16,13 +16,13 @@ from pathlib import Path
 
 from study.judge.claims import Claim, load_paper_claims
 
-FILE = Path(__file__).parent / "sentences.toml"
-END = "## REFERENCES"  # what follows are references, and pieces of another paper
-WORDS = 5  # with which a sentence is recognised
+SENTENCES_FILE = Path(__file__).parent / "sentences.toml"
+REFERENCES_HEADING = "## REFERENCES"  # what follows are references, and pieces of another paper
+N_FIRST_WORDS = 5  # with which a sentence is recognised
 
 # Headings, captions, equations and tables are one each
-_WHOLE = re.compile(r"#|\*\*|\$\$|Figs?\.|Table \d\.|Mode")
-_BETWEEN = re.compile(r"(?<=\.)\s+(?=[A-Z$])")
+_UNDIVIDED_BLOCK = re.compile(r"#|\*\*|\$\$|Figs?\.|Table \d\.|Mode")
+_SENTENCE_BOUNDARY = re.compile(r"(?<=\.)\s+(?=[A-Z$])")
 
 
 @dataclass(frozen=True)
@@ -46,77 +46,92 @@ class Sentence:
     reason: str = ""
 
 
-def load(path: Path = FILE) -> list[Sentence]:
+def load_sentences(path: Path = SENTENCES_FILE) -> list[Sentence]:
     """Read what is known of the sentences."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))["sentence"]
     return [Sentence(**table) for table in tables]
 
 
-def split(text: str) -> list[str]:
+def split_sentences(text: str) -> list[str]:
     """Return the sentences of a text in Markdown, up to the references."""
-    body, _, _ = text.partition(END)
-    found = []
-    for block in map(str.strip, re.split(r"\n\s*\n", body)):
-        parts = [block] if _WHOLE.match(block) else _BETWEEN.split(block)
-        found += [" ".join(part.split()) for part in parts if part]
-    return found
+    text_before_references, _, _ = text.partition(REFERENCES_HEADING)
+    sentences = []
+    for block in map(str.strip, re.split(r"\n\s*\n", text_before_references)):
+        block_sentences = (
+            [block] if _UNDIVIDED_BLOCK.match(block) else _SENTENCE_BOUNDARY.split(block)
+        )
+        sentences += [" ".join(sentence.split()) for sentence in block_sentences if sentence]
+    return sentences
 
 
-def begins(sentence: str) -> str:
+def first_words(sentence: str) -> str:
     """Return the words with which a sentence is recognised."""
-    return " ".join(sentence.split()[:WORDS])
+    return " ".join(sentence.split()[:N_FIRST_WORDS])
 
 
-def digest(sentence: str) -> str:
+def digest_sentence(sentence: str) -> str:
     """Return a sentence's digest."""
     return hashlib.sha256(sentence.encode()).hexdigest()[:16]
 
 
-def disagreements(known: list[Sentence], text: list[str], claims: list[Claim]) -> list[str]:
+def find_disagreements(
+    sentences: list[Sentence], paper_sentences: list[str], claims: list[Claim]
+) -> list[str]:
     """Return in words where sentences, the paper's text and the statements do not agree."""
-    found = []
-    if len(known) != len(text):
-        found.append(f"{len(known)} sentences are known, the text has {len(text)}")
-    for one, sentence in zip(known, text, strict=False):
-        if (one.begins, one.digest) != (begins(sentence), digest(sentence)):
-            found.append(f"sentence {one.number} begins {begins(sentence)!r}, not {one.begins!r}")
+    messages = []
+    if len(sentences) != len(paper_sentences):
+        messages.append(
+            f"{len(sentences)} sentences are known, the text has {len(paper_sentences)}"
+        )
+    for sentence, paper_sentence in zip(sentences, paper_sentences, strict=False):
+        words, digest = first_words(paper_sentence), digest_sentence(paper_sentence)
+        if (sentence.begins, sentence.digest) != (words, digest):
+            messages.append(f"sentence {sentence.number} begins {words!r}, not {sentence.begins!r}")
     for claim in claims:
-        mine = [one.number for one in known if claim.id in one.claims]
-        whole = " ".join(_plain(text[number - 1]) for number in mine if number <= len(text))
-        if _plain(claim.quote or "") not in whole:
-            found.append(f"{claim.id} quotes what is not in its sentences {mine}")
-    return found
+        numbers = [sentence.number for sentence in sentences if claim.id in sentence.claims]
+        quoted_text = " ".join(
+            _without_formula_marks(paper_sentences[number - 1])
+            for number in numbers
+            if number <= len(paper_sentences)
+        )
+        if _without_formula_marks(claim.quote or "") not in quoted_text:
+            messages.append(f"{claim.id} quotes what is not in its sentences {numbers}")
+    return messages
 
 
-def _plain(sentence: str) -> str:
+def _without_formula_marks(sentence: str) -> str:
     """Return a sentence without the marks of formulas, as statements quote it."""
     return " ".join(sentence.replace("$", "").replace(r"\sigma_{cr}", "σ_cr").split())
 
 
-def incomplete(known: list[Sentence], claims: list[Claim]) -> list[str]:
+def find_incomplete_entries(sentences: list[Sentence], claims: list[Claim]) -> list[str]:
     """Return what can be seen to be wrong without the paper's text."""
-    ids = {claim.id for claim in claims}
-    named = {name for one in known for name in one.claims}
-    found = [f"{name} stands in no sentence" for name in sorted(ids - named)]
-    for place, one in enumerate(known, start=1):
-        strange = {*one.claims, *one.repeats} - ids
-        found += [f"sentence {one.number} names {name}, no statement" for name in sorted(strange)]
-        if one.number != place:
-            found.append(f"sentence {one.number} stands at place {place}")
-        if bool(one.claims or one.repeats) == bool(one.reason):
-            found.append(f"sentence {one.number} needs either statements or a reason")
-    return found
+    claim_ids = {claim.id for claim in claims}
+    cited_ids = {claim_id for sentence in sentences for claim_id in sentence.claims}
+    messages = [f"{name} stands in no sentence" for name in sorted(claim_ids - cited_ids)]
+    for position, sentence in enumerate(sentences, start=1):
+        unknown_ids = {*sentence.claims, *sentence.repeats} - claim_ids
+        messages += [
+            f"sentence {sentence.number} names {name}, no statement" for name in sorted(unknown_ids)
+        ]
+        if sentence.number != position:
+            messages.append(f"sentence {sentence.number} stands at place {position}")
+        if bool(sentence.claims or sentence.repeats) == bool(sentence.reason):
+            messages.append(f"sentence {sentence.number} needs either statements or a reason")
+    return messages
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Compare; return the exit status."""
     parser = argparse.ArgumentParser(prog="study.judge.sentences", description=__doc__)
     parser.add_argument("text", type=Path, metavar="PATH")
-    text = split(parser.parse_args(arguments).text.read_text(encoding="utf-8"))
-    known, claims = load(), load_paper_claims()
-    found = incomplete(known, claims) + disagreements(known, text, claims)
-    print("\n".join(found) or f"{len(known)} sentences agree")
-    return int(bool(found))
+    paper_sentences = split_sentences(parser.parse_args(arguments).text.read_text(encoding="utf-8"))
+    sentences, claims = load_sentences(), load_paper_claims()
+    messages = find_incomplete_entries(sentences, claims) + find_disagreements(
+        sentences, paper_sentences, claims
+    )
+    print("\n".join(messages) or f"{len(sentences)} sentences agree")
+    return int(bool(messages))
 
 
 if __name__ == "__main__":

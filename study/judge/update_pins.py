@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from study.judge import claims
-from study.judge.pins import FILE, Pin, load_pins
+from study.judge.pins import PINS_FILE, Pin, load_pins
 from study.run.store import Results, write_json
 
 
@@ -18,30 +18,32 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="study.judge.update_pins")
     parser.add_argument("results", nargs="?", type=Path, default=Path("results"))
     parser.add_argument("--update", action="store_true", help="record the numbers found")
-    options = parser.parse_args(arguments)
+    parsed_arguments = parser.parse_args(arguments)
     pins = load_pins()
     verdicts = {
         verdict.claim.id: verdict
-        for verdict in claims.judge(claims.claims_of_pins(pins), Results(options.results))
+        for verdict in claims.judge(
+            claims.claims_from_pins(pins), Results(parsed_arguments.results)
+        )
     }
     differing = [verdict for verdict in verdicts.values() if verdict.differs]
-    print(claims.table(differing) or "no pin differs\n", end="")
-    if options.update:
-        write_json(FILE, [_updated(pin, verdicts[pin["id"]].measured) for pin in pins])
+    print(claims.format_verdict_table(differing) or "no pin differs\n", end="")
+    if parsed_arguments.update:
+        write_json(PINS_FILE, [_update_pin(pin, verdicts[pin["id"]].measured) for pin in pins])
     return int(bool(differing))
 
 
-def _updated(pin: Pin, measured: float | None) -> Pin:
+def _update_pin(pin: Pin, measured: float | None) -> Pin:
     if measured is None:
         return pin
     if "found" in pin:
-        return pin | {"found": measured} if _differs(pin, "found", measured) else pin
-    if pin["relation"] == "=" and _differs(pin, "bound", measured):
+        return pin | {"found": measured} if _pin_differs(pin, "found", measured) else pin
+    if pin["relation"] == "=" and _pin_differs(pin, "bound", measured):
         return pin | {"bound": measured}
     return pin
 
 
-def _differs(pin: Pin, name: str, measured: float) -> bool:
+def _pin_differs(pin: Pin, name: str, measured: float) -> bool:
     tolerance = pin["found_tolerance"] if name == "found" else pin["tolerance"]
     return bool(abs(measured - pin[name]) > tolerance)
 

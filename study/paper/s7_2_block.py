@@ -292,7 +292,7 @@ once, plane strain, smooth shared nodes, heights from 1.28 to 2.67. Over them st
 {{ fixed(measure("largest", section="7.2", cases=cases, name="stick_to"), 2) }}, and the pressure changes by up to
 {{ fixed(open | max, 0) }} % of its mean where $0.4 \le x \le 3.6$. Cutting the squares along other diagonals changes it by
 {{ fixed(cut | max, 1) }} % at most, and the end of sticking not at all. Smooth shared nodes change the mean tangential
-displacement by {{ num(measure("node_choice", element="pw-T6"), 2) }} %, more than any choice of element does.
+displacement by {{ num(measure("displacement_change_by_smooth_nodes", element="pw-T6"), 2) }} %, more than any choice of element does.
 
 **Finding.** The sawtooth of CPS6 and CPS8 is there, in normal and in tangential nodal forces, and the new elements are free
 of it, as the paper says. It is a property of the forces and not of the stresses: in own-function pressure the standard and

@@ -13,7 +13,7 @@ from pw_elements.contact import ContactPair, ContactProblem, Motion, Parabola
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
 from study.judge.checks import check
-from study.judge.measures.paper_statements import shear_band
+from study.judge.measures.paper_statements import extreme_shear_deviation
 from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
 from study.model.units import UNSTATED_UNITS
@@ -184,7 +184,7 @@ RESULT = r"""
 |---|---:|---:|---:|---:|---:|---:|---:|---:|
 | printed | about 215 | – | – | – | – | – | – | – |
 {% for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9") %}{% set key = "7.3/" ~ element %}
-| {{ names[element] }} | {{ fixed(s(key, "force_indentation"), 1) }} | {{ fixed(100 * s(key, "force_indentation") / 215 - 100, 1) }} | {{ fixed(s(key ~ "-mu0", "force_indentation"), 1) }} | {{ fixed(s(key, "peak_pressure"), 1) }} | {{ fixed(s(key, "translation"), 4) }} | {{ fixed(s(key, "sawtooth"), 2) }} |{% for kind in ("largest", "rms") %} {{ fixed(measure("shear_off_fine", key=key, within=1.1, kind=kind), 0) }} |{% endfor %}
+| {{ names[element] }} | {{ fixed(s(key, "force_indentation"), 1) }} | {{ fixed(100 * s(key, "force_indentation") / 215 - 100, 1) }} | {{ fixed(s(key ~ "-mu0", "force_indentation"), 1) }} | {{ fixed(s(key, "peak_pressure"), 1) }} | {{ fixed(s(key, "translation"), 4) }} | {{ fixed(s(key, "sawtooth"), 2) }} |{% for kind in ("largest", "rms") %} {{ fixed(measure("shear_deviation_from_fine", key=key, within=1.1, kind=kind), 0) }} |{% endfor %}
 
 {% endfor %}
 {% set key = "7.3/pw-T6-114x24" %}
@@ -205,7 +205,7 @@ CHECKS = [
         "73-shear-band-largest",
         "The user element's largest distance from the fine mesh's shear where the punch sticks, "
         "|x| < 1.1, on that of five ways of cutting the quadrilaterals where it is largest.",
-        lambda results: shear_band(results, end="largest"),
+        lambda results: extreme_shear_deviation(results, end="largest"),
         "=",
         32.25,
         tolerance=0.05,
@@ -219,7 +219,7 @@ FINDINGS = r"""
 {% set cuts = ["", "-left", "-left_right", "-right_left", "-crossed"] %}
 {% set bodies = "pw-Q9(-16x4-R8|-6x4-R9|-8x3-R4|-8x5-R13)?" %}
 {% set standard, new = [], [] %}
-{% for cut in cuts %}{% set _ = standard.append(measure("shear_off_fine", key="7.3/galerkin-T6" ~ cut, within=1.1)) %}{% set _ = new.append(measure("shear_off_fine", key="7.3/pw-T6" ~ cut, within=1.1)) %}{% endfor %}
+{% for cut in cuts %}{% set _ = standard.append(measure("shear_deviation_from_fine", key="7.3/galerkin-T6" ~ cut, within=1.1)) %}{% set _ = new.append(measure("shear_deviation_from_fine", key="7.3/pw-T6" ~ cut, within=1.1)) %}{% endfor %}
 **Sensitivity.** The printed force does not determine the geometry. With the new Q9 it is
 {{ fixed(measure("smallest", section="7.3", cases=bodies, name="force_indentation"), 0) }} to
 {{ fixed(measure("largest", section="7.3", cases=bodies, name="force_indentation"), 0) }} for bodies of 6 × 4, 8 × 3, 8 × 4,
@@ -232,12 +232,12 @@ and twice the stresses. Friction raises the force by
 deviation of the shear depends on how the rectangles are cut: over all diagonals it is {{ fixed(new | min, 0) }} to
 {{ fixed(new | max, 0) }} % with the new triangle and {{ fixed(standard | min, 0) }} to {{ fixed(standard | max, 0) }} %
 with the standard one, least with crossed ones. A second fine mesh, of the new Q9 and in four times as many increments, is
-{{ fixed(measure("shear_off_fine", key="7.3/pw-Q9-57x12", within=1.1, averaged_on="7.3/pw-T6"), 1) }} % off the first.
+{{ fixed(measure("shear_deviation_from_fine", key="7.3/pw-Q9-57x12", within=1.1, averaged_on="7.3/pw-T6"), 1) }} % off the first.
 **Finding.** The normal nodal forces of CPS8 oscillate, those of the condensed pair do not. The shear stress of *both*
-zigzags about the fine mesh's, by up to {{ fixed(measure("shear_off_fine", key="7.3/galerkin-Q8", within=1.1), 0) }} %
-(CPS8) and {{ fixed(measure("shear_off_fine", key="7.3/pw-Q8", within=1.1), 0) }} % (condensed pair) of its largest value,
+zigzags about the fine mesh's, by up to {{ fixed(measure("shear_deviation_from_fine", key="7.3/galerkin-Q8", within=1.1), 0) }} %
+(CPS8) and {{ fixed(measure("shear_deviation_from_fine", key="7.3/pw-Q8", within=1.1), 0) }} % (condensed pair) of its largest value,
 although each is read with its own functions; with the native quadrilateral by
-{{ fixed(measure("shear_off_fine", key="7.3/pw-Q9", within=1.1), 0) }} %. All elements give the same force to within
+{{ fixed(measure("shear_deviation_from_fine", key="7.3/pw-Q9", within=1.1), 0) }} %. All elements give the same force to within
 {{ num(100 * (s("7.3/galerkin-T6", "force_indentation") / s("7.3/pw-Q9", "force_indentation") - 1), 1) }} %. On this curved
 surface the composite triangle and the new one differ, because the gap depends on mid-side displacements, in which the two
 differ.

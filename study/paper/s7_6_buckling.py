@@ -25,7 +25,12 @@ from pw_elements.algebra import BucklingModes, symmetric_part
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
 from study.judge.checks import check
-from study.judge.measures.beam import exact_ratio, gap_left, largest_odds, weights_alone
+from study.judge.measures.beam import (
+    exact_stress_difference,
+    largest_odds,
+    stress_change_by_weights,
+    stress_difference_misfit,
+)
 from study.model.discretisation import (
     has_quadrilateral_mesh,
     is_symmetrised,
@@ -330,10 +335,10 @@ strip with free surfaces). Engesser's formula {{ cite("engesser") }} adds shear 
 {% call table("tab-2", "Critical stresses in MPa: printed; computed under the point load on a mesh of 5 × 2 crossed squares, with their deviation from the printed ones; and exact values for a uniform end load.", of="2") %}
 | Printed | mode 1 | mode 2 | Computed | mode 1 | mode 2 | deviation 1, % | deviation 2, % |
 |---|---:|---:|---|---:|---:|---:|---:|
-| Euler |{% for mode in (1, 2) %} {{ fixed(measure("printed", element="Euler", mode=mode) / 1e6, 1) }} |{% endfor %} Euler, Eq. (27) |{% for mode in (1, 2) %} {{ fixed(s("7.6/exact", "euler_" ~ mode) / 1e6, 1) }} |{% endfor %}{% for mode in (1, 2) %} {{ fixed(100 * s("7.6/exact", "euler_" ~ mode) / measure("printed", element="Euler", mode=mode) - 100, 3) }} |{% endfor %}
+| Euler |{% for mode in (1, 2) %} {{ fixed(measure("printed_critical_stress", element="Euler", mode=mode) / 1e6, 1) }} |{% endfor %} Euler, Eq. (27) |{% for mode in (1, 2) %} {{ fixed(s("7.6/exact", "euler_" ~ mode) / 1e6, 1) }} |{% endfor %}{% for mode in (1, 2) %} {{ fixed(100 * s("7.6/exact", "euler_" ~ mode) / measure("printed_critical_stress", element="Euler", mode=mode) - 100, 3) }} |{% endfor %}
 
 {% for element, case, words in table2 %}
-| <span class="nowrap">{{ element | replace("6-node ", "") }}</span> |{% for mode in (1, 2) %} {{ fixed(measure("printed", element=element, mode=mode) / 1e6, 1) }} |{% endfor %} <span class="nowrap">{{ words }}</span> |{% for mode in (1, 2) %} {{ fixed(s("7.6/" ~ case, "sigma_cr_" ~ mode) / 1e6, 1) }} |{% endfor %}{% for mode in (1, 2) %} {{ fixed(measure("computed_over_printed", case=case, element=element, mode=mode), 2) }} |{% endfor %}
+| <span class="nowrap">{{ element | replace("6-node ", "") }}</span> |{% for mode in (1, 2) %} {{ fixed(measure("printed_critical_stress", element=element, mode=mode) / 1e6, 1) }} |{% endfor %} <span class="nowrap">{{ words }}</span> |{% for mode in (1, 2) %} {{ fixed(s("7.6/" ~ case, "sigma_cr_" ~ mode) / 1e6, 1) }} |{% endfor %}{% for mode in (1, 2) %} {{ fixed(measure("computed_deviation_from_printed", case=case, element=element, mode=mode), 2) }} |{% endfor %}
 
 {% endfor %}
 {% for case, words in [("galerkin-T6", "standard T6, form G"), ("galerkin-Q8", "standard Q8, form G")] %}
@@ -375,7 +380,7 @@ element) as its width; the table has the largest share that one mesh has of the 
 |---|---|---:|---|---|---:|---:|---:|---:|---:|
 {% for row, words in [("cps6", "CPS6"), ("user", "user element"), ("both", "all four")] %}
 {% for group, place in [("all", "any"), ("corner", "corner"), ("midside", "mid-side")] %}
-| {{ words }} | {{ place }} | {{ count(measure("inverse", row=row, group=group, name="models")) }} | {{ fixed(measure("inverse", row=row, group=group, name="nx"), 0) }} × {{ fixed(measure("inverse", row=row, group=group, name="ny"), 0) }}, {{ patterns[measure("inverse", row=row, group=group, name="pattern") | int] }} | {% if row != "user" %}{{ standard_treatment(measure("inverse", row=row, group=group, name="treatment_1") | int) }}{% endif %}{% if row == "both" %}; {% endif %}{% if row != "cps6" %}{{ new_treatment(measure("inverse", row=row, group=group, name="treatment_2" if row == "both" else "treatment_1") | int) }}{% endif %} | {{ num(measure("inverse", row=row, group=group, name="distance"), 3) }} | {{ num(measure("inverse", row=row, group=group, name="critical_distance"), 2) }} | {{ fixed(100 * measure("inverse", row=row, group=group, name="chance"), 1) }} | {{ num(measure("inverse", row=row, group=group, name="odds"), 2) }} | {{ fixed(100 * measure("inverse", row=row, group=group, name="largest_mesh_share"), 1) }} |
+| {{ words }} | {{ place }} | {{ count(measure("inverse_problem_scalar", row=row, group=group, name="models")) }} | {{ fixed(measure("inverse_problem_scalar", row=row, group=group, name="nx"), 0) }} × {{ fixed(measure("inverse_problem_scalar", row=row, group=group, name="ny"), 0) }}, {{ patterns[measure("inverse_problem_scalar", row=row, group=group, name="pattern") | int] }} | {% if row != "user" %}{{ standard_treatment(measure("inverse_problem_scalar", row=row, group=group, name="treatment_1") | int) }}{% endif %}{% if row == "both" %}; {% endif %}{% if row != "cps6" %}{{ new_treatment(measure("inverse_problem_scalar", row=row, group=group, name="treatment_2" if row == "both" else "treatment_1") | int) }}{% endif %} | {{ num(measure("inverse_problem_scalar", row=row, group=group, name="distance"), 3) }} | {{ num(measure("inverse_problem_scalar", row=row, group=group, name="critical_distance"), 2) }} | {{ fixed(100 * measure("inverse_problem_scalar", row=row, group=group, name="chance"), 1) }} | {{ num(measure("inverse_problem_scalar", row=row, group=group, name="odds"), 2) }} | {{ fixed(100 * measure("inverse_problem_scalar", row=row, group=group, name="largest_mesh_share"), 1) }} |
 {% endfor %}
 {% endfor %}
 {% endcall %}
@@ -384,8 +389,8 @@ All of these have the point load, v = 0 at A and at the centre of the mid-sectio
 
 *The near hit.* The user element's nearest model has matrices as derived, form G, and 6 × 1 squares:
 {{ num(s("7.6/inverse", "sigma_cr_user_1") / 1e9, 5) }} and {{ num(s("7.6/inverse", "sigma_cr_user_2") / 1e9, 5) }} against
-the printed {{ num(measure("printed", element="6-node user element", mode=1) / 1e9, 5) }} and
-{{ num(measure("printed", element="6-node user element", mode=2) / 1e9, 5) }} GPa, which is
+the printed {{ num(measure("printed_critical_stress", element="6-node user element", mode=1) / 1e9, 5) }} and
+{{ num(measure("printed_critical_stress", element="6-node user element", mode=2) / 1e9, 5) }} GPa, which is
 {{ num(s("7.6/inverse", "user_all_best_1"), 2) }} and {{ num(s("7.6/inverse", "user_all_best_2"), 1) }} % off; in mode 1 that
 is {{ num(s("7.6/inverse", "user_all_best_1") / s("7.6/inverse", "user_rounding_1"), 2) }} times the print's rounding. The
 whole family comes as close to a random row in {{ fixed(100 * s("7.6/inverse", "near_chance_in_family"), 0) }} % of draws. Of
@@ -409,7 +414,7 @@ New over standard element on the same mesh under the point load, with the same f
 |---|---:|---:|---:|---:|
 {% for group, place in [("corner", "a corner node"), ("midside", "a mid-side node")] %}
 {% for mode in (1, 2) %}
-| {{ place }} | {{ mode }} | {{ fixed(measure("weights_alone", group=group, name="least", mode=mode), 3) }} | {{ fixed(measure("weights_alone", group=group, name="median", mode=mode), 3) }} | {{ fixed(measure("weights_alone", group=group, name="largest", mode=mode), 3) }} |
+| {{ place }} | {{ mode }} | {{ fixed(measure("stress_change_by_weights", group=group, name="least", mode=mode), 3) }} | {{ fixed(measure("stress_change_by_weights", group=group, name="median", mode=mode), 3) }} | {{ fixed(measure("stress_change_by_weights", group=group, name="largest", mode=mode), 3) }} |
 {% endfor %}
 {% endfor %}
 {% endcall %}
@@ -423,7 +428,7 @@ It moves a quarter of a force at a mid-side node to the neighbouring corners, so
 | Element and form | Squares over the height | Error, mode 1, % | Error, mode 2, % | Order, mode 1 | Order, mode 2 |
 |---|---:|---:|---:|---:|---:|
 {% for case, words in [("galerkin-T6", "standard T6, G"), ("galerkin-T6-J", "standard T6, J"), ("pw-T6", "new T6, G"), ("pw-T6-J", "new T6, J"), ("galerkin-Q8", "standard Q8, G"), ("galerkin-Q8-J", "standard Q8, J"), ("composite-T6", "composite T6, G"), ("composite-T6-J", "composite T6, J"), ("pwsym-T6-static-unsymmetric", "new T6 symmetrised in the eigenvalue step only, G"), ("pwsym-T6", "new T6 symmetrised, G"), ("pwsym-T6-J", "new T6 symmetrised, J")] %}
-| {{ words }} | {{ fixed(measure("finest_squares", case=case), 0) }} |{% for mode in (1, 2) %} {{ num(measure("signed_error", case=case, mode=mode), 3) }} |{% endfor %} {{ fixed(measure("order", case=case, mode=1), 2) }} | {{ fixed(measure("order", case=case, mode=2), 2) }} |
+| {{ words }} | {{ fixed(measure("finest_squares_over_height", case=case), 0) }} |{% for mode in (1, 2) %} {{ num(measure("signed_error", case=case, mode=mode), 3) }} |{% endfor %} {{ fixed(measure("convergence_order", case=case, mode=1), 2) }} | {{ fixed(measure("convergence_order", case=case, mode=2), 2) }} |
 {% endfor %}
 {% endcall %}
 
@@ -437,7 +442,7 @@ CHECKS = [
         "76-weights-1",
         "With one geometric stiffness the weight functions leave nearly all of the printed gap "
         "between CPS6 and the user element: computed less printed difference, mode 1.",
-        lambda results: gap_left(
+        lambda results: stress_difference_misfit(
             results,
             case="pw-T6",
             over="galerkin-T6",
@@ -456,7 +461,7 @@ CHECKS = [
         "76-thin-2",
         "The beam is not so thin that shear does not count: the exact critical stress (form G) "
         "against Euler's, mode 2.",
-        lambda results: exact_ratio(results, name="G", over="euler", mode=2),
+        lambda results: exact_stress_difference(results, name="G", over="euler", mode=2),
         "=",
         -14.48,
         tolerance=0.01,
@@ -480,7 +485,7 @@ CHECKS = [
         "76-weights-midside-2",
         "Where it acts at a mid-side node, they change it by several per cent: largest change over "
         "meshes, supports and forms, mode 2.",
-        lambda results: weights_alone(results, group="midside", name="largest", mode=2),
+        lambda results: stress_change_by_weights(results, group="midside", name="largest", mode=2),
         "=",
         10.333,
         tolerance=0.001,
@@ -498,38 +503,38 @@ and {{ num(s("7.6/inverse", "both_all_distance"), 2) }} % (all four numbers), wh
 {{ fixed(100 * s("7.6/inverse", "cps6_all_chance"), 0) }}, {{ fixed(100 * s("7.6/inverse", "user_all_chance"), 0) }} and
 {{ fixed(100 * s("7.6/inverse", "both_all_chance"), 0) }} %; the criterion was 5 %. Under the
 point load the last refinement lowers the second critical stress by
-{{ num(-measure("computed_ratio", case="galerkin-T6-point-80x32", over="galerkin-T6-point-40x16", mode=2), 2) }} %: a local
+{{ num(-measure("computed_stress_difference", case="galerkin-T6-point-80x32", over="galerkin-T6-point-40x16", mode=2), 2) }} %: a local
 mode of the few elements at A takes over.
 
 **Finding.** *The gap between CPS6 and the user element is mainly one of geometric stiffness.* For modes 1 and 2 the exact
-values of form G lie {{ num(-measure("exact_ratio", name="G", over="J", mode=1), 2) }} and
-{{ num(-measure("exact_ratio", name="G", over="J", mode=2), 2) }} % below those of form J, the printed user element
-{{ num(-measure("printed_ratio", element="6-node user element", over="CPS6", mode=1), 2) }} and
-{{ num(-measure("printed_ratio", element="6-node user element", over="CPS6", mode=2), 2) }} % below the printed CPS6. The
+values of form G lie {{ num(-measure("exact_stress_difference", name="G", over="J", mode=1), 2) }} and
+{{ num(-measure("exact_stress_difference", name="G", over="J", mode=2), 2) }} % below those of form J, the printed user element
+{{ num(-measure("printed_stress_difference", element="6-node user element", over="CPS6", mode=1), 2) }} and
+{{ num(-measure("printed_stress_difference", element="6-node user element", over="CPS6", mode=2), 2) }} % below the printed CPS6. The
 weight functions change the standard triangle's values on that mesh by only
-{{ num(measure("computed_ratio", case="pw-T6", over="galerkin-T6", mode=1), 1) }} and
-{{ num(measure("computed_ratio", case="pw-T6", over="galerkin-T6", mode=2), 1) }} %, on others by
-{{ num(measure("weights_alone", group="corner", name="least", mode=2), 2) }} to
-{{ num(measure("weights_alone", group="corner", name="largest", mode=2), 2) }} % (A a corner, mode 2) or
-{{ num(measure("weights_alone", group="midside", name="least", mode=2), 2) }} to
-{{ num(measure("weights_alone", group="midside", name="largest", mode=2), 2) }} % (A a mid-side node), and under uniform stress
+{{ num(measure("computed_stress_difference", case="pw-T6", over="galerkin-T6", mode=1), 1) }} and
+{{ num(measure("computed_stress_difference", case="pw-T6", over="galerkin-T6", mode=2), 1) }} %, on others by
+{{ num(measure("stress_change_by_weights", group="corner", name="least", mode=2), 2) }} to
+{{ num(measure("stress_change_by_weights", group="corner", name="largest", mode=2), 2) }} % (A a corner, mode 2) or
+{{ num(measure("stress_change_by_weights", group="midside", name="least", mode=2), 2) }} to
+{{ num(measure("stress_change_by_weights", group="midside", name="largest", mode=2), 2) }} % (A a mid-side node), and under uniform stress
 not at all. *“On the safe side”* is true against
 Euler's formula, which neglects shear, whatever the element. Against plane elasticity it depends on the form. The printed
-user element is {{ num(measure("printed_over_exact", element="6-node user element", mode=1, reference="G"), 2) }} and
-{{ num(measure("printed_over_exact", element="6-node user element", mode=2, reference="G"), 2) }} % above form G, but
-{{ num(-measure("printed_over_exact", element="6-node user element", mode=1, reference="J"), 2) }} and
-{{ num(-measure("printed_over_exact", element="6-node user element", mode=2, reference="J"), 2) }} % below form J, both for a
+user element is {{ num(measure("printed_deviation_from_exact", element="6-node user element", mode=1, reference="G"), 2) }} and
+{{ num(measure("printed_deviation_from_exact", element="6-node user element", mode=2, reference="G"), 2) }} % above form G, but
+{{ num(-measure("printed_deviation_from_exact", element="6-node user element", mode=1, reference="J"), 2) }} and
+{{ num(-measure("printed_deviation_from_exact", element="6-node user element", mode=2, reference="J"), 2) }} % below form J, both for a
 uniform end load, which is not the paper's. *Symmetrisation* costs two orders of convergence
 ({{ ref("s7_6_buckling_convergence") }}). *CPS6M* is not the composite triangle, which has the standard element's critical
-stresses: in mode 2 CPS6M lies {{ num(-measure("printed_ratio", element="CPS6M", over="CPS6", mode=2), 2) }} % below CPS6.
+stresses: in mode 2 CPS6M lies {{ num(-measure("printed_stress_difference", element="CPS6M", over="CPS6", mode=2), 2) }} % below CPS6.
 """
 
 FURTHER_FINDINGS = r"""
 1. **Symmetrisation.** Taking symmetric parts in both steps changes the values of the new element by
-   {{ num(measure("computed_ratio", case="pwsym-T6", over="pw-T6", mode=1), 3) }} % and
-   {{ num(measure("computed_ratio", case="pwsym-T6", over="pw-T6", mode=2), 3) }} %, and in the eigenvalue step only by
-   {{ num(measure("computed_ratio", case="pwsym-T6-static-unsymmetric", over="pw-T6", mode=1), 3) }} % and
-   {{ num(measure("computed_ratio", case="pwsym-T6-static-unsymmetric", over="pw-T6", mode=2), 3) }} %. Symmetrisation costs
+   {{ num(measure("computed_stress_difference", case="pwsym-T6", over="pw-T6", mode=1), 3) }} % and
+   {{ num(measure("computed_stress_difference", case="pwsym-T6", over="pw-T6", mode=2), 3) }} %, and in the eigenvalue step only by
+   {{ num(measure("computed_stress_difference", case="pwsym-T6-static-unsymmetric", over="pw-T6", mode=1), 3) }} % and
+   {{ num(measure("computed_stress_difference", case="pwsym-T6-static-unsymmetric", over="pw-T6", mode=2), 3) }} %. Symmetrisation costs
    two orders of convergence. If it is also done in the static step, the error changes sign on the finest mesh, because the
    load vector at the ends belongs to another matrix.
 2. **The load factors are real.** The largest |Im| / |Re| of all computed factors is

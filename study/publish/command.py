@@ -20,13 +20,15 @@ if TYPE_CHECKING:
     from study.judge.claims import Claim, Verdict
 
 ROOT = Path(__file__).resolve().parents[2]
-FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
+CALLER_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 """Where ./run study was called, if not in the project's folder."""
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
-OPEN_FILES = 64  # that two processes, their pipes and the report need
-MEMORY = 1 << 30  # bytes of address space: OpenBLAS tries for ever to get a buffer it is not given
-NAMED = 5  # outdated results that are named; more are counted
+UNWRITABLE_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+MIN_OPEN_FILES = 64  # that two processes, their pipes and the report need
+MIN_ADDRESS_SPACE = (
+    1 << 30
+)  # bytes of address space: OpenBLAS tries for ever to get a buffer it is not given
+MAX_LISTED_NAMES = 5  # outdated results that are named; more are counted
 
 USAGE = """\
   study                   all sections, then claims, figures and report
@@ -86,114 +88,118 @@ def main(arguments: list[str] | None = None, figures: FigureDrawing | None = Non
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
     parser.add_argument("--all", action="store_true", help="compute also what is recorded")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
-    results = ROOT / "results" if FROM.is_absolute() else Path("results")
-    parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
+    default_folder = ROOT / "results" if CALLER_FOLDER.is_absolute() else Path("results")
+    parser.add_argument("--out", type=_parse_folder, default=default_folder, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        status = _command(options, figures)
+        status = _run_command(options, figures)
         sys.stdout.flush()
         return status
     except (StudyError, ForeignFileOrFolder) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
-        _silence(sys.stdout, sys.stderr)
+        _redirect_to_devnull(sys.stdout, sys.stderr)
         return 141  # as a shell has it of programs that end by the signal
     except OSError as error:
-        if error.errno not in NO_ROOM:
+        if error.errno not in UNWRITABLE_ERRNOS:
             raise
-        where = error.filename or ("what it says" if _unsaid() else options.out)
-        print(f"study: {where}: {error.strerror}", file=sys.stderr)
+        unwritable_target = error.filename or (
+            "what it says" if _discard_unwritable_output() else options.out
+        )
+        print(f"study: {unwritable_target}: {error.strerror}", file=sys.stderr)
         return 2
 
 
-def _unsaid() -> bool:
+def _discard_unwritable_output() -> bool:
     """Tell whether there is no room for what has been printed, and forget it then."""
     try:
         print(flush=True)
     except OSError:
-        _silence(sys.stdout)
+        _redirect_to_devnull(sys.stdout)
         return True
     return False
 
 
-def _silence(*streams: TextIO) -> None:
+def _redirect_to_devnull(*streams: TextIO) -> None:
     for stream in streams:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _folder(name: str) -> Path:
+def _parse_folder(name: str) -> Path:
     if not name:
         raise argparse.ArgumentTypeError("the name of a folder is empty")
-    return FROM / name
+    return CALLER_FOLDER / name
 
 
-def _command(options: argparse.Namespace, figures: FigureDrawing | None) -> int:
+def _run_command(options: argparse.Namespace, figures: FigureDrawing | None) -> int:
     match options.what:
         case ["list"]:
-            return show(options.out)
+            return list_cases(options.out)
         case ["check"]:
-            return check(options.out)
+            return check_claims(options.out)
         case ["report"]:
-            return report(options.out, options.jobs, figures)
-        case wanted:
-            return study(
-                wanted, options.out, options.jobs, options.force, options.all, figures=figures
+            return rewrite_report(options.out, options.jobs, figures)
+        case selection:
+            return run_study(
+                selection, options.out, options.jobs, options.force, options.all, figures=figures
             )
 
 
-def study(
-    wanted: list[str],
+def run_study(
+    selection: list[str],
     out: Path,
     jobs: int,
     force: bool = False,
-    recompute: bool = False,
+    recompute_recorded: bool = False,
     *,
     figures: FigureDrawing | None = None,
 ) -> int:
     """Compute the sections, or all if none is given, and conclude; or nothing but single cases.
 
     Args:
-        wanted: Sections, or keys of cases.
+        selection: Sections, or keys of cases.
         out: Folder of the results.
         jobs: Number of processes.
         force: Compute also what is stored and holds.
-        recompute: Compute also what is otherwise read from tracked records.
+        recompute_recorded: Compute also what is otherwise read from tracked records.
         figures: Functions that draw the figures.
 
     Returns:
         The exit status.
     """
-    for command in {"list", "check", "report"} & set(wanted):
+    for command in {"list", "check", "report"} & set(selection):
         raise StudyError(f"{command} stands alone, without sections")
-    sections = list(dict.fromkeys(one.partition("/")[0] for one in wanted)) or list(SECTIONS)
-    for unknown in (section for section in sections if section not in SECTIONS):
-        raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
+    sections = list(dict.fromkeys(name.partition("/")[0] for name in selection)) or list(SECTIONS)
+    for unknown_section in (section for section in sections if section not in SECTIONS):
+        raise StudyError(f"there is no section {unknown_section}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
-    _ensure_open_files()
-    _ensure_memory()
+    _check_open_files_limit()
+    _check_memory_limit()
     ensure_writable(out)
-    if any("/" in one for one in wanted):
-        cases = _cases(wanted, sections)
-        if recompute:
-            cases = _recomputed(cases, out)
+    if any("/" in name for name in selection):
+        cases = _select_cases(selection, sections)
+        if recompute_recorded:
+            cases = _replace_recorded_cases(cases, out)
         return int(bool(runner.run(cases, out, jobs, force)))
     from study.judge import claims  # single cases need neither it nor the packages it imports
 
-    known = claims.load_claims()  # an error in them is to be known now, not at the end
-    loaded = _load(sections)
-    for section in loaded:
+    all_claims = claims.load_claims()  # an error in them is to be known now, not at the end
+    loaded_sections = _load_sections(sections)
+    for section in loaded_sections:
         runner.discard_others(section, out)
-    cases = [case for section in loaded for case in section.cases]
-    if recompute:
-        cases = _recomputed(cases, out)
-    failed = runner.run(cases, out, jobs, force, None if wanted else _parallel_tasks(figures))
-    status = conclude(out, known, not wanted, jobs, wanted, figures=figures)
-    return max(status, int(bool(failed)))
+    cases = [case for section in loaded_sections for case in section.cases]
+    if recompute_recorded:
+        cases = _replace_recorded_cases(cases, out)
+    failed_keys = runner.run(
+        cases, out, jobs, force, None if selection else _create_parallel_tasks(figures)
+    )
+    status = judge_and_report(out, all_claims, not selection, jobs, selection, figures=figures)
+    return max(status, int(bool(failed_keys)))
 
 
-def _parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
+def _create_parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
     return runner.ParallelTasks(
         list_preparations="study.model.forms:shared",
         prepare="study.model.forms:compile_shared",
@@ -202,39 +208,41 @@ def _parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
     )
 
 
-def _recomputed(cases: list[Case], out: Path) -> list[Case]:
+def _replace_recorded_cases(cases: list[Case], out: Path) -> list[Case]:
     """Replace recorded cases by those that compute them; measure the cost of section K anew."""
     from study.benchmarks.k_cost import measure, page
 
-    costs = {case.key: case for case in cases if case.section == "K"}
-    if costs:
+    cost_cases = {case.key: case for case in cases if case.section == "K"}
+    if cost_cases:
         print("study: measuring times and memory of section K, one row at a time", file=sys.stderr)
-        record = out / "cost.json"
-        measure.write_record(record, {case.name for case in costs.values()})
-        costs = {case.key: case for case in page.load_cases(record)}
-    return [costs.get(case.key) or case.recomputed or case for case in cases]
+        record_path = out / "cost.json"
+        measure.write_record(record_path, {case.name for case in cost_cases.values()})
+        cost_cases = {case.key: case for case in page.load_cases(record_path)}
+    return [cost_cases.get(case.key) or case.recomputed or case for case in cases]
 
 
-def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
+def _select_cases(selection: list[str], sections: list[str]) -> list[Case]:
     """Return cases by their keys, and those of whole sections."""
-    known = [case for section in _load(sections) for case in section.cases]
-    keys = {case.key for case in known}
-    for unknown in (one for one in wanted if "/" in one and one not in keys):
-        raise StudyError(f"there is no case {unknown}: see ./run study list")
-    return [case for case in known if not {case.key, case.section}.isdisjoint(wanted)]
+    all_cases = [case for section in _load_sections(sections) for case in section.cases]
+    keys = {case.key for case in all_cases}
+    for unknown_key in (name for name in selection if "/" in name and name not in keys):
+        raise StudyError(f"there is no case {unknown_key}: see ./run study list")
+    return [case for case in all_cases if not {case.key, case.section}.isdisjoint(selection)]
 
 
-def report(out: Path, jobs: int = 1, figures: FigureDrawing | None = None) -> int:
+def rewrite_report(out: Path, jobs: int = 1, figures: FigureDrawing | None = None) -> int:
     """Judge, draw and write the report again."""
     from study.judge import claims
 
-    results = _ensure_stored(out)
+    results = _open_stored_results(out)
     ensure_writable(out)
-    _tell_outdated(results)
-    return conclude(out, claims.load_claims(), complete=False, jobs=jobs, figures=figures)
+    _print_unusable_results(results)
+    return judge_and_report(
+        out, claims.load_claims(), require_complete=False, jobs=jobs, figures=figures
+    )
 
 
-def check(out: Path) -> int:
+def check_claims(out: Path) -> int:
     """Print the claims whose verdict differs from the pinned one; without a verdict, it does.
 
     That results are outdated, missing or corrupt is said on stderr.
@@ -244,20 +252,20 @@ def check(out: Path) -> int:
     """
     from study.judge import claims
 
-    results = _ensure_stored(out)
-    _tell_outdated(results)
+    results = _open_stored_results(out)
+    _print_unusable_results(results)
     verdicts = claims.judge(claims.load_claims(), results)
-    differing = [verdict for verdict in verdicts if verdict.differs]
-    print(claims.table(differing) + claims.summary(verdicts))
-    _tell_unreadable(verdicts)
-    return EXIT_CORRUPT if _any_corrupt(results) else int(bool(differing))
+    differing_verdicts = [verdict for verdict in verdicts if verdict.differs]
+    print(claims.format_verdict_table(differing_verdicts) + claims.summarise_verdicts(verdicts))
+    _print_unjudged_claims(verdicts)
+    return EXIT_CORRUPT if _has_corrupt_results(results) else int(bool(differing_verdicts))
 
 
-def show(out: Path) -> int:
+def list_cases(out: Path) -> int:
     """Print the sections with their cases and what is stored of them."""
     results = Results(out)
     lines = []
-    for section in _load(list(SECTIONS)):
+    for section in _load_sections(list(SECTIONS)):
         lines.append(f"{section.id}  {section.title}")
         states = runner.states(section.cases, results)
         lines += [f"    {state:8}  {key}" for key, state in states.items()]
@@ -265,12 +273,12 @@ def show(out: Path) -> int:
     return 0
 
 
-def conclude(
+def judge_and_report(
     out: Path,
-    known: "list[Claim]",
-    complete: bool,
+    all_claims: "list[Claim]",
+    require_complete: bool,
     jobs: int = 1,
-    of: Sequence[str] = (),
+    sections: Sequence[str] = (),
     *,
     figures: FigureDrawing | None = None,
 ) -> int:
@@ -278,10 +286,11 @@ def conclude(
 
     Args:
         out: Folder of the results.
-        known: The claims.
-        complete: Whether nothing may be missing, as after a run of all sections.
+        all_claims: The claims.
+        require_complete: Whether nothing may be missing, as after a run of all sections.
         jobs: Number of processes that draw.
-        of: Sections: verdicts that depend on their results are printed; without any, all verdicts.
+        sections: Sections: verdicts that depend on their results are printed; without any, all
+            verdicts.
         figures: Functions that draw the figures.
 
     Returns:
@@ -289,66 +298,80 @@ def conclude(
         figure cannot be drawn, or something is missing that may not; else 0.
     """
     from study.judge import claims, facts
-    from study.publish.report import build  # slow to import, and worker processes do not need it
+    from study.publish.report import (
+        build_report,  # slow to import, and worker processes do not need it
+    )
 
     results = Results(out)
-    judged = [_judge(claim, results) for claim in known]
-    verdicts = [verdict for verdict, _ in judged]
-    facts.write(out, verdicts, results)
+    verdicts_with_sections = [_judge_and_track_sections(claim, results) for claim in all_claims]
+    verdicts = [verdict for verdict, _ in verdicts_with_sections]
+    facts.write_claims_with_facts(out, verdicts, results)
     if figures is None:
         print("study: figures are not drawn; ./run study draws them", file=sys.stderr)
-    drawn = figures is None or figures.draw_all(out, complete, jobs)
-    incomplete = build(results, out)
-    printed = [verdict for verdict, read in judged if not of or read & {*of}]
-    differing = [
+    figures_drawn = figures is None or figures.draw_all(out, require_complete, jobs)
+    missing_content = build_report(results, out)
+    printed_verdicts = [
         verdict
-        for verdict in printed
-        if verdict.differs and (complete or verdict.verdict != "not judged")
+        for verdict, sections_read in verdicts_with_sections
+        if not sections or sections_read & {*sections}
     ]
-    print(claims.table(differing) + claims.summary(printed))
-    _tell_unreadable(printed)
-    for part in incomplete if complete else ():
-        print(f"report: incomplete, {part}", file=sys.stderr)
+    differing_verdicts = [
+        verdict
+        for verdict in printed_verdicts
+        if verdict.differs and (require_complete or verdict.verdict != "not judged")
+    ]
+    print(
+        claims.format_verdict_table(differing_verdicts)
+        + claims.summarise_verdicts(printed_verdicts)
+    )
+    _print_unjudged_claims(printed_verdicts)
+    for gap in missing_content if require_complete else ():
+        print(f"report: incomplete, {gap}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
-    if _any_corrupt(results):
+    if _has_corrupt_results(results):
         return EXIT_CORRUPT
-    return int(bool(differing) or not drawn or (complete and bool(incomplete)))
+    return int(
+        bool(differing_verdicts)
+        or not figures_drawn
+        or (require_complete and bool(missing_content))
+    )
 
 
-def _judge(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
+def _judge_and_track_sections(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
     """Judge a claim; return the sections whose results it depends on, too."""
     from study.judge import claims
 
-    tracked = TrackedResults(results)
-    (verdict,) = claims.judge([claim], tracked)
-    return verdict, tracked.sections
+    tracked_results = TrackedResults(results)
+    (verdict,) = claims.judge([claim], tracked_results)
+    return verdict, tracked_results.sections
 
 
-def _load(sections: list[str]) -> list[Section]:
-    loaded = [load_section(section) for section in sections]
+def _load_sections(sections: list[str]) -> list[Section]:
+    loaded_sections = [load_section(section) for section in sections]
     ignore_broken_pipe_signal()  # which PETSc, imported just now, takes for a crash
-    return loaded
+    return loaded_sections
 
 
-def _ensure_open_files() -> None:
-    allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    if 0 <= allowed < OPEN_FILES:
+def _check_open_files_limit() -> None:
+    max_open_files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if 0 <= max_open_files < MIN_OPEN_FILES:
         raise StudyError(
-            f"{allowed} open files are allowed, and {OPEN_FILES} are needed: "
-            f"allow them by ulimit -n {OPEN_FILES}"
+            f"{max_open_files} open files are allowed, and {MIN_OPEN_FILES} are needed: "
+            f"allow them by ulimit -n {MIN_OPEN_FILES}"
         )
 
 
-def _ensure_memory() -> None:
-    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if 0 <= allowed < MEMORY:
+def _check_memory_limit() -> None:
+    max_address_space = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= max_address_space < MIN_ADDRESS_SPACE:
         raise StudyError(
-            f"a process is allowed {allowed >> 20} MB of memory, and needs {MEMORY >> 20}: "
-            f"allow them by ulimit -v {MEMORY >> 10}"
+            f"a process is allowed {max_address_space >> 20} MB of memory, and needs "
+            f"{MIN_ADDRESS_SPACE >> 20}: "
+            f"allow them by ulimit -v {MIN_ADDRESS_SPACE >> 10}"
         )
 
 
-def _ensure_stored(out: Path) -> Results:
+def _open_stored_results(out: Path) -> Results:
     """Return the results of a folder, but refuse one without any."""
     results = Results(out)
     if not any(results.cases(section) for section in SECTIONS):
@@ -356,51 +379,63 @@ def _ensure_stored(out: Path) -> Results:
     return results
 
 
-def _any_corrupt(results: Results) -> bool:
+def _has_corrupt_results(results: Results) -> bool:
     return any(results.corrupt_results(section) for section in SECTIONS)
 
 
-def _tell_unreadable(verdicts: "Sequence[Verdict]") -> None:
+def _print_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
     """Say why claims are not judged though their results are there."""
     claims_by_reason: dict[str, list[str]] = {}
     for verdict in verdicts:
-        if verdict.unreadable:
-            claims_by_reason.setdefault(verdict.unreadable, []).append(verdict.claim.id)
-    for reason, ids in claims_by_reason.items():
-        are = "is" if len(ids) == 1 else "are"
-        print(f"study: {_first(ids)} {are} not judged: {reason}", file=sys.stderr)
+        if verdict.unreadable_reason:
+            claims_by_reason.setdefault(verdict.unreadable_reason, []).append(verdict.claim.id)
+    for reason, claim_ids in claims_by_reason.items():
+        verb = "is" if len(claim_ids) == 1 else "are"
+        print(f"study: {_abbreviate_list(claim_ids)} {verb} not judged: {reason}", file=sys.stderr)
 
 
-def _first(names: list[str]) -> str:
+def _abbreviate_list(names: list[str]) -> str:
     """Return the first few names, and how many more there are."""
-    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + rest
+    suffix = f" and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else ""
+    return ", ".join(names[:MAX_LISTED_NAMES]) + suffix
 
 
-def _tell_outdated(results: Results) -> None:
+def _print_unusable_results(results: Results) -> None:
     """Say which stored results code or parameters have left behind, are missing or corrupt."""
     try:
-        cases = [case for section in _load(list(SECTIONS)) for case in section.cases]
+        cases = [case for section in _load_sections(list(SECTIONS)) for case in section.cases]
     except StudyError as error:  # results can be judged where they cannot be computed
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
         cases = []
     states = runner.states(cases, results)
-    for what in ("outdated", "missing", "corrupt") if cases else ():
-        _tell_state(what, [key for key, state in states.items() if state == what], len(cases))
-    corrupt = {key: why for one in SECTIONS for key, why in results.corrupt_results(one).items()}
-    for key in sorted(corrupt.keys() - states.keys()):
-        stray = f"{results.folder / key}.json {runner.STRAY}"
-        print(f"study: {stray if cases else corrupt[key]}", file=sys.stderr)
+    for bad_state in ("outdated", "missing", "corrupt") if cases else ():
+        _print_state_and_remedy(
+            bad_state, [key for key, state in states.items() if state == bad_state], len(cases)
+        )
+    corrupt_results = {
+        key: reason
+        for section in SECTIONS
+        for key, reason in results.corrupt_results(section).items()
+    }
+    for key in sorted(corrupt_results.keys() - states.keys()):
+        stray_message = f"{results.folder / key}.json {runner.STRAY}"
+        print(f"study: {stray_message if cases else corrupt_results[key]}", file=sys.stderr)
 
 
-def _tell_state(what: str, keys: list[str], n_cases: int) -> None:
+def _print_state_and_remedy(state: str, keys: list[str], n_cases: int) -> None:
     """Say how many results are in a state, and how to mend it: by cases, if they are few."""
     if not keys:
         return
     sections = list(dict.fromkeys(key.partition("/")[0] for key in keys))
-    again = keys if len(keys) <= NAMED else [] if len(sections) == len(SECTIONS) else sections
+    rerun_arguments = (
+        keys
+        if len(keys) <= MAX_LISTED_NAMES
+        else []
+        if len(sections) == len(SECTIONS)
+        else sections
+    )
     print(
-        f"study: of {n_cases} results {len(keys)} {'is' if len(keys) == 1 else 'are'} {what}: "
-        f"{_first(keys)}; run {' '.join(['./run study', *again])}",
+        f"study: of {n_cases} results {len(keys)} {'is' if len(keys) == 1 else 'are'} {state}: "
+        f"{_abbreviate_list(keys)}; run {' '.join(['./run study', *rerun_arguments])}",
         file=sys.stderr,
     )

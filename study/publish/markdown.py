@@ -13,7 +13,7 @@ from markdown_it.token import Token
 from markupsafe import Markup
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 
-_ALIGNED_RIGHT = "text-align:right"
+_RIGHT_ALIGNED_STYLE = "text-align:right"
 
 
 def render_markdown(text: str) -> Markup:
@@ -21,13 +21,13 @@ def render_markdown(text: str) -> Markup:
 
     The first column of a table has the heads of its rows; numbers are in columns aligned right.
     """
-    converter = _converter()
+    converter = _create_converter()
     tokens = converter.parse(str(text))
     _mark_table_heads(tokens)
     return Markup(converter.renderer.render(tokens, converter.options, {}))
 
 
-def render_rows(text: str) -> Markup:
+def render_table_rows(text: str) -> Markup:
     """Return head and body of the one table that a text has, without the table around them.
 
     Raises:
@@ -41,20 +41,22 @@ def render_rows(text: str) -> Markup:
 
 
 @cache
-def _converter() -> MarkdownIt:
+def _create_converter() -> MarkdownIt:
     converter = MarkdownIt("commonmark", {"html": True}).enable("table")
-    converter.use(dollarmath_plugin, double_inline=False, renderer=_formula)
-    converter.add_render_rule("math_inline", lambda _, tokens, i, *__: _formula(tokens[i].content))
-    converter.add_render_rule("math_block", _render_display)
+    converter.use(dollarmath_plugin, double_inline=False, renderer=_render_formula)
+    converter.add_render_rule(
+        "math_inline", lambda _, tokens, i, *__: _render_formula(tokens[i].content)
+    )
+    converter.add_render_rule("math_block", _render_display_formula)
     return converter
 
 
-def _render_display(_: object, tokens: list[Token], i: int, *__: object) -> str:
-    return f'<p class="formula">{_formula(tokens[i].content)}</p>\n'
+def _render_display_formula(_: object, tokens: list[Token], i: int, *__: object) -> str:
+    return f'<p class="formula">{_render_formula(tokens[i].content)}</p>\n'
 
 
 @cache
-def _formula(latex: str, *_: object) -> str:
+def _render_formula(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
     html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # with thin spaces
     return re.sub(r"(<su[pb][^>]*>)\s?\N{MINUS SIGN}\s?", "\\1\N{MINUS SIGN}", html)
@@ -62,19 +64,19 @@ def _formula(latex: str, *_: object) -> str:
 
 def _mark_table_heads(tokens: list[Token]) -> None:
     """Give cells scope and class: heads of columns and rows, and numbers."""
-    in_head, first = False, False
+    in_head, is_first_cell = False, False
     for token in tokens:
         if token.type in ("thead_open", "thead_close"):
             in_head = token.type == "thead_open"
         elif token.type == "tr_open":
-            first = True
+            is_first_cell = True
         elif token.type in ("th_open", "td_open"):
-            is_number = token.attrs.pop("style", "") == _ALIGNED_RIGHT
-            if in_head or first:
+            is_number = token.attrs.pop("style", "") == _RIGHT_ALIGNED_STYLE
+            if in_head or is_first_cell:
                 token.tag = "th"
                 token.attrSet("scope", "col" if in_head else "row")
             if is_number:
                 token.attrSet("class", "n")
         elif token.type == "td_close":
-            token.tag = "th" if first else "td"
-            first = False
+            token.tag = "th" if is_first_cell else "td"
+            is_first_cell = False

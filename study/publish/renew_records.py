@@ -76,7 +76,7 @@ class CostlyCases(RecordKind):
     title = "costly cases"
 
     def __init__(self) -> None:
-        self._cases: dict[str, Case] = {}
+        self._cases_by_key: dict[str, Case] = {}
 
     @property
     def path(self) -> Path:
@@ -89,12 +89,12 @@ class CostlyCases(RecordKind):
 
     def list_keys(self) -> list[str]:
         """Return the keys of the costly cases of all sections."""
-        self._cases = find_costly_cases()
-        return list(self._cases)
+        self._cases_by_key = find_costly_cases()
+        return list(self._cases_by_key)
 
     def compute(self, key: str) -> Row:
         """Run a case."""
-        case = self._cases[key]
+        case = self._cases_by_key[key]
         start = process_time()
         result = case.run(**case.parameters)
         content = {
@@ -135,7 +135,7 @@ class TimeAndMemory(RecordKind):
         """Measure time and memory."""
         from study.benchmarks.k_cost.measure import list_measurements, measure
 
-        (measurement,) = (one for one in list_measurements() if one.key == key)
+        (measurement,) = (candidate for candidate in list_measurements() if candidate.key == key)
         return measure(measurement)
 
     def needs_calculix(self, key: str) -> bool:
@@ -174,7 +174,7 @@ class CalculixAnswers(RecordKind):
 
     def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
         """Compare decks by their digests, and numbers by CalculiX' tolerance."""
-        messages, largest = [], 0.0
+        messages, max_difference = [], 0.0
         for key, row in computed.items():
             if key not in recorded:
                 messages.append(f"{key}: not in the record")
@@ -182,14 +182,18 @@ class CalculixAnswers(RecordKind):
             if row.input_sha256 != recorded[key].input_sha256:
                 messages.append(f"{key}: the deck is not the one of the record")
                 continue
-            new, old = (calculix.answer_of_row(one) for one in (row, recorded[key]))
-            difference = calculix.largest_difference(new, old)
-            largest = max(largest, difference)
+            computed_answer, recorded_answer = (
+                calculix.answer_of_row(answer_row) for answer_row in (row, recorded[key])
+            )
+            difference = calculix.largest_difference(computed_answer, recorded_answer)
+            max_difference = max(max_difference, difference)
             if difference > calculix.TOLERANCE:
-                versions = f"CalculiX {new.version}, recorded with {old.version}"
+                versions = (
+                    f"CalculiX {computed_answer.version}, recorded with {recorded_answer.version}"
+                )
                 messages.append(f"{key}: differs by {difference:.1e} ({versions})")
         print(
-            f"answers of CalculiX: {len(computed)}, largest difference {largest:.1e} "
+            f"answers of CalculiX: {len(computed)}, largest difference {max_difference:.1e} "
             f"(at most {calculix.TOLERANCE:.0e})"
         )
         return messages
@@ -220,12 +224,18 @@ def main(arguments: list[str] | None = None) -> int:
             keys = select_keys(all_keys, patterns)
         except StudyError as error:
             parser.error(f"there are no {kind.title} {error}")
-        possible = [key for key in keys if not kind.needs_calculix(key) or calculix.find_calculix()]
-        if skipped := len(keys) - len(possible):
-            n_skipped += skipped
+        computable_keys = [
+            key for key in keys if not kind.needs_calculix(key) or calculix.find_calculix()
+        ]
+        if n_skipped_of_kind := len(keys) - len(computable_keys):
+            n_skipped += n_skipped_of_kind
             reason = "ccx (CalculiX, Debian's package calculix-ccx) is not installed"
-            print(f"SKIPPED: {skipped} rows of {kind.title}: {reason}", file=sys.stderr, flush=True)
-        computed, failures = _compute_rows(kind, possible, all_keys, write=not options.check)
+            print(
+                f"SKIPPED: {n_skipped_of_kind} rows of {kind.title}: {reason}",
+                file=sys.stderr,
+                flush=True,
+            )
+        computed, failures = _compute_rows(kind, computable_keys, all_keys, write=not options.check)
         n_computed += len(computed)
         messages += failures
         if options.check and computed:
@@ -254,8 +264,8 @@ def select_keys(keys: Sequence[str], patterns: Sequence[str]) -> list[str]:
 def find_costly_cases() -> dict[str, Case]:
     """Return the costly cases of all sections by their keys."""
     cases = [case for section in SECTIONS for case in load_section(section).cases]
-    computed = [case.recomputed or case for case in cases]
-    return {case.key: case for case in computed if case.costly}
+    recomputed_cases = [case.recomputed or case for case in cases]
+    return {case.key: case for case in recomputed_cases if case.costly}
 
 
 def _compute_rows(
@@ -272,8 +282,10 @@ def _compute_rows(
             continue
         print(f"{key}: {perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
         if write:
-            present = [rows[one] for one in all_keys if one in rows]
-            records.write_rows(kind.path, [one for one in present if kind.is_worth_recording(one)])
+            present_rows = [rows[row_key] for row_key in all_keys if row_key in rows]
+            records.write_rows(
+                kind.path, [row for row in present_rows if kind.is_worth_recording(row)]
+            )
     return computed, failures
 
 

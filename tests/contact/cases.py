@@ -1,4 +1,4 @@
-"""Elastic bodies and contact problems that several tests solve."""
+"""Elastic bodies and contact problems that are shared by several tests."""
 
 from functools import cached_property
 
@@ -29,12 +29,12 @@ PETROV_GALERKIN, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendi
 
 
 def on_plane(axis, coordinate):
-    """Return a function that marks the points (dim, n) with x[axis] = value."""
+    """Return a function that marks those points x (dim, n) at which x[axis] is `coordinate`."""
     return lambda x: np.isclose(x[axis], coordinate)
 
 
 def make_x_spacing_unequal(points, amplitude=0.1):
-    """Return points (n, 3) after a map that makes their spacing along x unequal."""
+    """Return a copy of points (n, 3), shifted along x so that their spacing becomes unequal."""
     return np.column_stack([points[:, 0] + amplitude * np.sin(3 * points[:, 0]), points[:, 1:]])
 
 
@@ -44,7 +44,7 @@ def rotation_matrix(radians):
 
 
 def list_states_and_substates(states):
-    """Return all states, each one preceded by the substeps of its increment."""
+    """Return all states, each preceded by the states at the substeps of its increment."""
     return [
         accepted
         for state in states
@@ -70,8 +70,8 @@ def make_finite_strain_unknown_and_residual(
 ):
     """Return the unknown function and the residual form of a finite-strain body without loads.
 
-    The unknowns of a hybrid space are the displacement u and the pressure p. With J the determinant
-    of the deformation gradient, the second equation is J - 1 + `compressibility` p = 0.
+    The unknowns of a hybrid space are the displacement u and the pressure p. The second equation is
+    J - 1 + `compressibility` p = 0, where J is the determinant of the deformation gradient.
     """
     w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
     (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
@@ -142,7 +142,7 @@ class ElasticBody:
     def solve_contact(self, pairs, supports=None, loads=None, **options):
         """Return the states at the ends of all increments.
 
-        Without loads there is one increment for each motion of the first pair.
+        If `loads` is None, there are no loads, and one increment for each motion of the first pair.
         """
         supports = self.make_supports() if supports is None else supports
         if loads is None:
@@ -156,7 +156,10 @@ class ElasticBody:
 
 
 class BlockOnFloor(ElasticBody):
-    """Block 4 x 2 on a rough plane, pressed by a traction of 200, then pulled at its right side."""
+    """A 4 x 2 block on a plane with friction.
+
+    A traction of 200 presses the top of the block; then its right side is pulled.
+    """
 
     def __init__(self, n, method=PETROV_GALERKIN, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
@@ -165,7 +168,7 @@ class BlockOnFloor(ElasticBody):
         self.pressure_load = self.traction_load((0.0, -200.0), on_plane(1, 2.0))
 
     def press_then_pull_loads(self, pull_traction, n_pull_increments=10):
-        """Return the load vectors of a pressure, then with a traction in equal increments."""
+        """Return load vectors: the pressure alone, then with a pull that grows in equal steps."""
         pull = self.traction_load((pull_traction, 0.0), on_plane(0, 4.0))
         load_factors = [k / n_pull_increments for k in range(1, n_pull_increments + 1)]
         return [
@@ -174,7 +177,7 @@ class BlockOnFloor(ElasticBody):
         ]
 
     def floor_pair(self, mu, frictionless_end_length=0.2):
-        """Return the contact pair of the base, which is frictionless near both ends."""
+        """Return the contact pair of the base and the plane, without friction near both ends."""
         end = frictionless_end_length - 1e-9
         return ContactPair(
             on_plane(1, 0.0),
@@ -188,9 +191,9 @@ class BlockOnFloor(ElasticBody):
 
 
 class PunchedBlock(ElasticBody):
-    """Block 8 x 4 with a fixed base under a parabolic punch of radius 8.
+    """An 8 x 4 block with a fixed base under a parabolic punch of radius 8.
 
-    This is the problem of the paper's section 7.3.
+    This is the problem in section 7.3 of the paper.
     """
 
     def __init__(
@@ -217,7 +220,11 @@ class PunchedBlock(ElasticBody):
 
 
 class GrecoFrictionBenchmark(ElasticBody):
-    """GRECO/Raous plate (code_aster SSNV128) with friction 1; its nodes are open, stick or slip."""
+    """Plate of the GRECO benchmark by Raous (code_aster SSNV128).
+
+    With the benchmark's friction coefficient of 1, some contact nodes are open, some stick and some
+    slip.
+    """
 
     def __init__(self, n, method=PETROV_GALERKIN):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))

@@ -2,11 +2,11 @@
 
     ./run python3 -m tests.contact.energy_balance [--increments 4 8 16 32 64]
 
-prints the energy that is not accounted for: the work of the tool less the stored energy and the
-friction work, divided by the sum of all absolute work. It does so for the standard and the new
-element and for several numbers of increments per leg of the path. Friction work is the shear force
-times the slip at every node. Work is summed by the trapezoidal rule and, for comparison, with the
-forces at the ends of increments.
+prints the energy that is not accounted for, for the standard and the new element and for several
+numbers of increments per leg of the path. This energy is the work of the tool minus the stored
+energy and the friction work, divided by the sum of the absolute work of all increments. Friction
+work is the shear force times the slip, summed over the nodes. Work is computed by the trapezoidal
+rule and, for comparison, with the forces at the ends of the increments.
 """
 
 import argparse
@@ -40,10 +40,10 @@ SPACE_MAKERS_BY_ELEMENT_NAME = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov
 
 
 class EnergyBalance(NamedTuple):
-    """Energies at the end of the path, divided by the sum of all absolute work."""
+    """Energies at the end of the path, divided by the sum of the absolute work of increments."""
 
     remainder: float
-    end_force_remainder: float  # remainder with the forces at the ends of increments
+    end_force_remainder: float  # remainder if work is computed with the forces at increments' ends
     stored_energy: float
     friction_work: float
 
@@ -51,10 +51,11 @@ class EnergyBalance(NamedTuple):
 def measure_energy_balance(
     element: str, increments_per_leg: int, cells_per_radius: int = 4
 ) -> EnergyBalance:
-    """Follow the path with an element, and return the energies at its end.
+    """Move the cylinder along its path, and return the energies at the end.
 
-    The mesh has squares of size 1 / cells_per_radius, each halved into triangles.
-    `increments_per_leg` is the number of equal increments per leg of the path.
+    `element` is a key of `SPACE_MAKERS_BY_ELEMENT_NAME`, and `increments_per_leg` the number of
+    equal increments per leg of the path. The mesh consists of squares of size
+    1 / `cells_per_radius`, each split into two triangles.
     """
     divisions = (int(2.5 * cells_per_radius), cells_per_radius)
     mesh = triangles(MPI.COMM_SELF, (-1.25, -1.0), (1.25, 0.0), divisions, "right_left")
@@ -70,7 +71,7 @@ def measure_energy_balance(
     pair = ContactPair(on_plane(1, 0.0), Sphere((0.0, 1.0), 1.0), FRICTION)
     problem = ContactProblem.of_residual(residual, u, conditions, pair)
     state, total_work = problem.undeformed, 0.0
-    # work of the tool and of friction, by the weight of the force at the end of an increment
+    # work of the tool and of friction, keyed by the weight of the force at an increment's end
     sums = {0.5: np.zeros(2), 1.0: np.zeros(2)}
     for start, end in pairwise(CYLINDER_TRANSLATIONS_IN_RADII):
         for k in range(increments_per_leg):

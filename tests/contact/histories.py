@@ -1,4 +1,4 @@
-"""Histories of seven increments, which tests resume after the fourth increment."""
+"""Load histories of seven increments, which tests interrupt and resume after the fourth one."""
 
 from mpi4py import MPI
 
@@ -12,7 +12,10 @@ INCREMENTS_BEFORE_RESUME = 4
 
 
 def make_block_problem_and_steps(comm=MPI.COMM_SELF):
-    """Return the history of a block that is pressed, pulled to the right, and pulled back."""
+    """Return the problem and step arguments of a block on a plane.
+
+    The block is pressed, pulled to the right, and pulled back.
+    """
     case = BlockOnFloor(12, comm=comm)
     pull = case.traction_load((60.0, 0.0), on_plane(0, 4.0))
     load_factors = [0, 0.5, 1.0, 0.3, -0.5, -0.9, 0.0]
@@ -22,7 +25,10 @@ def make_block_problem_and_steps(comm=MPI.COMM_SELF):
 
 
 def make_punch_problem_and_steps(comm=MPI.COMM_SELF):
-    """Return the history of a curved punch: pressed, pushed by forces, moved sideways, released."""
+    """Return the problem and step arguments of a parabolic punch on a block.
+
+    Forces press the punch and push it sideways; then it is moved to two prescribed positions.
+    """
     case = PunchedBlock(comm=comm)
     motions = [Motion((0, None), (0, -217.3 * factor)) for factor in (0.5, 1.0)]
     motions += [Motion((None, None), (40 * factor, -217.3)) for factor in (1.0, -0.5, -0.8)]
@@ -33,9 +39,9 @@ def make_punch_problem_and_steps(comm=MPI.COMM_SELF):
 
 
 def make_incompressible_blocks_problem_and_steps(comm=MPI.COMM_SELF):
-    """Return the history of an incompressible block that is pressed on another one and pulled.
+    """Return the problem and step arguments of two stacked incompressible blocks.
 
-    It is pulled back and forth.
+    The upper block is pressed on the lower one and pulled back and forth.
     """
     stack = StackedBlocks((4, 3), element="hybrid", nu=0.5, comm=comm)
     problem = stack.contact_problem(
@@ -60,8 +66,9 @@ def solve_history(problem, step_arguments):
 
 
 def resume_history(problem, step_arguments, state, n_done_steps=INCREMENTS_BEFORE_RESUME):
-    """Return the states of the increments after the first `n_done_steps`, computed from a given
-    state.
+    """Continue a history from a state, and return the states of the remaining increments.
+
+    `state` is the state after the first `n_done_steps` increments.
     """
     states = []
     for step in step_arguments[n_done_steps:]:
@@ -71,9 +78,13 @@ def resume_history(problem, step_arguments, state, n_done_steps=INCREMENTS_BEFOR
 
 
 def collect_comparable_fields(state):
-    """Return a state's displacement and the fields of all pairs by name, infinite values as 0."""
+    """Return a state's displacement and the fields of its pairs that do not depend on a partition.
+
+    The fields are keyed by their names and the number of the pair. Values that are not finite are
+    replaced by 0.
+    """
     values = {"displacement": state.displacement.array_r}
-    # where forces vanish directions are round-off; numbers of nodes depend on the partition
+    # directions are round-off where forces vanish; numbers of nodes depend on the partition
     excluded = ("direction", "friction_ratio", "node", "faced_node", "opposite_node")
     for k, pair in enumerate(state.pairs):
         for name, array in vars(pair).items():
@@ -83,7 +94,10 @@ def collect_comparable_fields(state):
 
 
 def largest_force_or_length_in_history(field_name, states):
-    """Return the largest force or length of a history, as a scale of a field's differences."""
+    """Return the largest force or length in a history, by which a field's differences are scaled.
+
+    The scale is 1 if the field contains neither forces nor lengths.
+    """
     kind = field_name.split()[0]
     if "force" in kind:
         return max(

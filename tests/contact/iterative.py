@@ -1,4 +1,4 @@
-"""Contact problems of solids for which the direct and the iterative solver have to agree."""
+"""Contact problems of solids on which the direct and the iterative solver have to agree."""
 
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ class SolidBlock(ElasticBody):
         self.no_supports = self.make_supports()
 
     def contact_arguments_of_case(self, case_name):
-        """Return the arguments of `solve_contact` for one of `SOLID_CASE_MAKERS_BY_NAME`."""
+        """Return the arguments of `solve_contact` for a case of `SOLID_CASE_MAKERS_BY_NAME`."""
         loads, supports, pairs = SOLID_CASE_MAKERS_BY_NAME[case_name](self)
         return self.K, loads, supports, pairs, self.space
 
@@ -34,17 +34,18 @@ class SolidBlock(ElasticBody):
         return self.make_supports(*((i, on_plane(2, 0.0), length * (i + 1)) for i in range(3)))
 
     def press_and_push_load(self):
-        """Assemble the load of a pressure on the top and of a traction at one side."""
+        """Assemble the load vector of a pressure on the top and a traction on one side."""
         return self.traction_load((0.0, 0.0, -100.0), on_plane(2, 1.0)) + self.traction_load(
             (20.0, 10.0, 0.0), on_plane(0, 0.0)
         )
 
 
 def nearly_sliding_contact_arguments(solid, push_over_pressure=0.588):
-    """Return the arguments of a block that is pressed on a floor, pushed, and pushed less.
+    """Return the arguments of `solve_contact` for a block that nearly slides on a floor.
 
-    When the last nodes stick, the tangent becomes nearly singular and GMRES stagnates.
-    `push_over_pressure` is the push divided by the pressure; friction can carry a ratio of 0.6.
+    The block is pressed, pushed until it nearly slides, and pushed less. While only the last few
+    nodes stick, the tangent is nearly singular and GMRES stagnates. `push_over_pressure` is the
+    larger push divided by the pressure; friction can carry a ratio of 0.6.
     """
     pressure_load, side_load = (
         solid.traction_load((0.0, 0.0, -1.0), on_plane(2, 1.0)),
@@ -61,7 +62,7 @@ def nearly_sliding_contact_arguments(solid, push_over_pressure=0.588):
 
 
 def _rough_floor_loads_supports_pairs(solid):
-    """Return the arguments of a block that is held by contact with a rough floor alone."""
+    """Return loads, supports and pair of a block that only contact with a rough floor holds."""
     return (
         solid.press_and_push_load(),
         solid.no_supports,
@@ -70,7 +71,7 @@ def _rough_floor_loads_supports_pairs(solid):
 
 
 def _corner_loads_supports_pairs(solid):
-    """Return the arguments of a block in a corner of three planes.
+    """Return loads, supports and pairs of a block in a corner of three planes.
 
     The nodes of each edge belong to one of the two planes that meet there.
     """
@@ -90,7 +91,7 @@ def _corner_loads_supports_pairs(solid):
 
 
 def _tilted_plane_loads_supports_pairs(solid):
-    """Return the arguments of a block with moved base under a tilted plane that is pushed in."""
+    """Return loads, supports and pair of a block that a tilted plane presses on a moved base."""
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
     pair = ContactPair(on_plane(2, 1.0), plane, 0.4, [Motion((0.01, 0.0, -0.08))])
@@ -98,17 +99,17 @@ def _tilted_plane_loads_supports_pairs(solid):
 
 
 def _moved_sphere_loads_supports_pairs(solid):
-    """Return the arguments of a block under a sphere that is moved down, then sideways."""
+    """Return loads, supports and pair of a block under a sphere that moves down, then sideways."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports_moved_by_1_2_3_times(0.001), pair
 
 
 def _pushed_sphere_loads_supports_pairs(solid):
-    """Return the arguments of a block under a sphere that is moved by forces.
+    """Return loads, supports and pair of a block under a sphere that is moved by forces.
 
-    The sphere is free to move in one direction, then in three. Gap and normal are linearised
-    repeatedly.
+    The sphere is free to move in one direction in the first increment, and in all three directions
+    in the second one. Gap and normal are therefore linearised repeatedly.
     """
     motions = [Motion((0, 0, None), (0, 0, -5.0)), Motion((None, None, None), (1.0, 0.3, -5.0))]
     pair = ContactPair(on_plane(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
@@ -116,7 +117,10 @@ def _pushed_sphere_loads_supports_pairs(solid):
 
 
 def _pushed_plate_loads_supports_pairs(solid):
-    """Return the arguments of a block under a rough plate that forces press, then push sideways."""
+    """Return loads, supports and pair of a block under a rough plate that is moved by forces.
+
+    The forces press the plate, and then also push it sideways.
+    """
     motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(on_plane(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
     return [solid.zero_load] * 2, solid.base_supports_moved_by_1_2_3_times(), pair
@@ -133,9 +137,10 @@ SOLID_CASE_MAKERS_BY_NAME = {
 
 
 def upper_on_lower_contact_arguments(stack: StackedBlocks, slave_side, replacement_surface=None):
-    """Return the arguments of two blocks, the upper one of which is held by contact alone.
+    """Return the arguments of `solve_contact` for a block that is held by contact with another one.
 
-    The upper block is pressed and pushed.
+    The lower block is clamped at its base; the upper one is pressed and pushed.
+    `replacement_surface`, if given, takes the place of the pair's deformable surface.
     """
     pair = stack.make_pair(slave_side, 0.2)
     if replacement_surface is not None:
@@ -150,7 +155,7 @@ def upper_on_lower_contact_arguments(stack: StackedBlocks, slave_side, replaceme
 
 
 def _both_on_floor_contact_arguments(stack, slave_side):
-    """Return the arguments of two stacked blocks on a rigid floor without supports."""
+    """Return the arguments of `solve_contact` for two blocks on a rigid floor without supports."""
     K, load, _, pair, space = upper_on_lower_contact_arguments(stack, slave_side)
     return (
         K,
@@ -162,7 +167,10 @@ def _both_on_floor_contact_arguments(stack, slave_side):
 
 
 def _frictionless_contact_arguments(stack, slave_side):
-    """Return the arguments of two blocks without friction, the upper one guided at its sides."""
+    """Return the arguments of `solve_contact` for two stacked blocks without friction.
+
+    Supports hold the base, and prevent horizontal displacements of the top.
+    """
     guided = [(i, on_plane(2, end)) for i in range(2) for end in (0.0, 2.0)]
     supports = stack.make_supports(*guided, (2, on_plane(2, 0.0)))
     return (
@@ -175,7 +183,10 @@ def _frictionless_contact_arguments(stack, slave_side):
 
 
 def _force_between_blocks_contact_arguments(stack, slave_side):
-    """Return the arguments of two clamped blocks between which a force presses and pushes."""
+    """Return the arguments of `solve_contact` for two clamped blocks with a given contact force.
+
+    The force has a normal and a tangential component.
+    """
     sign = 1 if slave_side == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
     supports = stack.fixed_base_moved_top_supports((0.0, 0.0, 0.0))

@@ -19,10 +19,10 @@ def unit_left_normals(vectors: PointArray) -> PointArray:
 class PolylineSurface:
     """Polygonal line in the plane; its first and last segments extend to infinity.
 
-    The body lies to the left of the direction from the first to the last point. Corners that
-    protrude into the body are sharp or rounded by a radius. At points whose nearest point is a
-    sharp corner, the normal is along the line from the corner to the point. Re-entrant corners stay
-    sharp.
+    The body lies to the left of the line, seen from the first to the last point. Corners that
+    protrude into the body are rounded with `radius`; they are sharp if it is zero. At a point whose
+    nearest point is a sharp corner, the normal points from the corner to this point. Re-entrant
+    corners are always sharp.
     """
 
     points: Sequence[Sequence[float]]
@@ -35,7 +35,7 @@ class PolylineSurface:
         return self._gap_and_normal(x)[1]
 
     def _corners_offset_by_radius(self) -> PointArray:
-        """Return the corners of the line, moved away from the body by the radius of rounding."""
+        """Return the corners of the line after it is offset away from the body by `radius`."""
         points = np.asarray(self.points, dtype=float)
         normals = unit_left_normals(np.diff(points, axis=0))
         offset = points.copy()

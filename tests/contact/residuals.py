@@ -1,27 +1,28 @@
 """Residuals of contact states, recomputed from the problem's data alone.
 
-The data are the stiffness matrix K, the displacements a, the loads f and the surfaces. The
-contact law at small displacements is checked. With r = K a - f the nodal forces, U the translation
-of a surface, x the undeformed positions and n the surface's normal at x - U,
+The data are the stiffness matrix K, the displacements a, the loads f and the surfaces. The contact
+law for small displacements is checked. If r = K a - f are the nodal forces, U is the translation of
+a surface, x are the undeformed positions and n is the surface's normal at x - U, then
 
-    gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
+    gap = gap(x - U) + n·a,    slip = tangential part of the change of (a - U) in the increment.
 
-Only displacements and translations are taken from the library's contact states. Nodes have no
-status here: stick means that there is no slip or that friction is at its limit, and so on. Where a
-support holds a node along the surface, K a - f does not contain the friction. It then follows from
-the slip, and may have any value within its limit if the slip is zero.
+Only displacements and translations are taken from the library's contact states. The statuses of
+nodes are not used: for example, the condition "stick" requires that the slip is zero or the
+friction is at its limit. Where a support holds a node along the surface, K a - f does not contain
+the friction. This friction follows from the slip; if the slip is zero, it may have any value within
+its limit.
 
-Forces are compared with the largest nodal force of the history so far, reactions of supports
-included. Lengths are compared with the largest displacement of a node or surface. Round-off is
-subtracted first: for forces 50 eps (|K| max|a| + |f|), which is the error of a direct solver; for
-lengths 64 eps times the largest coordinate and displacement. The centre of a surface counts as
-well, as it may be farther away than the nodes. Where the friction coefficient mu is large, an error
-of the tangential force is divided by max(1, mu), so that it counts as much as the error of the
-normal force that causes it. Lengths are not checked if all displacements of the history are below
-ten times their round-off. Forces are not checked if all of them are below ten times the round-off
-of lengths times |K|.
+Forces are divided by the largest nodal force of the history so far, including the reactions of
+supports. Lengths are divided by the largest displacement of a node or surface. Before that, the
+round-off is subtracted: 50 eps (|K| max|a| + |f|) from forces, which is the error of a direct
+solver, and 64 eps times the sum of the largest coordinate and the largest displacement from
+lengths. Errors of tangential forces are also divided by max(1, mu), where mu is the friction
+coefficient, so that they count as much as the errors of normal forces that cause them. Lengths are
+not checked if all displacements of the history are below their round-off. Forces are not checked if
+all of them are below ten times the round-off of lengths times the largest entry of K.
 
-In axisymmetry all forces are those of the whole circumference, as in K. Everything runs in serial.
+In axisymmetry, all forces are those of the whole circumference, as in K. The functions run in
+serial.
 """
 
 from collections.abc import Sequence
@@ -40,7 +41,7 @@ from pw_elements.spaces import read_record
 Array = npt.NDArray[np.float64]
 
 _MACHINE_EPSILON = float(np.finfo(float).eps)
-# Slips below this share of the largest length count as zero: friction then has any direction
+# Slips below this share of the largest length count as zero; friction may then have any direction
 _ZERO_SLIP_OVER_LARGEST_LENGTH = 1e-8
 
 
@@ -66,9 +67,10 @@ class DisplacementAndTranslations:
 
 
 def split_increments_at_substeps(problem, states: Sequence[ContactState]):
-    """Return the problem with an increment for each substep, their motions, and their load factors.
+    """Return the problem with one increment per substep, its solutions and its load factors.
 
-    Loads and motions vary linearly within an increment. The load factors scale prescribed
+    The solutions are the displacements and translations at the ends of the substeps. Loads and
+    motions vary linearly within the original increments. The load factors scale prescribed
     displacements and interference, which act in full from the end of the first increment on.
     """
     loads, steps, load_factors = [], [], []
@@ -115,9 +117,10 @@ def recompute_residuals_per_step(
     steps: Sequence[DisplacementAndTranslations],
     load_factors: Sequence[float] | None = None,
 ) -> list[dict[str, float]]:
-    """Return the largest violation of each condition for every step of a history from its start.
+    """Return the largest violation of each condition, by name, for every step of a history.
 
-    `load_factors` (steps,) scale prescribed displacements and interference; they are 1 by default.
+    The history has to begin with the undeformed body. `load_factors` (steps,) scale prescribed
+    displacements and interference; they are 1 by default.
     """
     space, dim = problem.space, problem.space.mesh.geometry.dim
     x = space.tabulate_dof_coordinates()[:, :dim]
@@ -198,7 +201,7 @@ def recompute_residuals_per_step(
 
 
 def largest_residual(results: Sequence[dict[str, float]]) -> float:
-    """Return the largest violation of all conditions and steps; infinity if one is NaN."""
+    """Return the largest violation of any condition in any step, or infinity if one is NaN."""
     values = np.array([list(violations.values()) for violations in results])
     return float(np.nan_to_num(values, nan=np.inf).max(initial=0.0))
 
@@ -215,13 +218,16 @@ class _ReferenceForceAndLength:
     def largest_relative_force(
         self, forces: Array, nodes: npt.NDArray, mu: Array | float = 0.0
     ) -> float:
-        """Return the largest nodal force relative to the reference force, less its round-off."""
+        """Return the largest nodal force minus its round-off, relative to the reference force.
+
+        The result is divided by max(1, mu).
+        """
         friction_factor = np.maximum(1.0, mu)
         round_off = self.force_round_off[nodes].reshape((-1,) + (1,) * (forces.ndim - 1))
         return float(((forces - round_off) / friction_factor / self.force).max(initial=0.0))
 
     def largest_relative_length(self, lengths: Array) -> float:
-        """Return the largest length relative to the reference length, less its round-off."""
+        """Return the largest length minus the round-off, relative to the reference length."""
         return float(((lengths - self.length_round_off) / self.length).max(initial=0.0))
 
 
@@ -240,10 +246,10 @@ def _contact_law_residuals_and_support_friction(
 ):
     """Return the mask of nodes that face the surface, violations there, and friction on supports.
 
-    Friction on supports acts in the components (n, dim) marked by `has_support_friction`. Two
-    vectors (dim,) describe it: its sum, and the amount by which the sum may differ because friction
-    is not determined at nodes without slip. `allowed_penetration` (n,) is the depth by which nodes
-    may be inside the surface while interference is resolved in substeps.
+    Friction on supports acts in the components (n, dim) marked by `has_support_friction`. It is
+    returned as two vectors (dim,): its sum, and the amount by which this sum may differ because the
+    friction at nodes without slip is undetermined. `allowed_penetration` (n,) is the depth by which
+    nodes may be inside the surface while interference is applied in substeps.
     """
     gap, normal = (
         surface.gap(positions_in_surface_frame) + allowed_penetration,
@@ -274,7 +280,7 @@ def _contact_law_residuals_and_support_friction(
     def largest_complementarity_error(
         force: Array, length: Array, friction_coefficient: Array | float = 0.0
     ) -> float:
-        """Return the largest relative min(force, length), of which one has to be zero."""
+        """Return the largest relative min(force, length); one of the two has to be zero."""
         force = np.maximum(
             0.0, force - scale.force_round_off[nodes] * np.maximum(1.0, friction_coefficient)
         )
@@ -282,7 +288,7 @@ def _contact_law_residuals_and_support_friction(
         relative = force / np.maximum(1.0, friction_coefficient) / scale.force
         return float(np.minimum(relative, length / scale.length).max(initial=0.0))
 
-    # force times slip, divided by the product of the reference force and length
+    # force times slip; it is divided below by the reference length and the reference force
     direction_error = np.linalg.norm(
         slip_length[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1
     )
@@ -309,7 +315,7 @@ def _surface_motion_and_balance_residuals(
     undetermined_friction: Array,
     scale: _ReferenceForceAndLength,
 ) -> dict[str, float]:
-    """Return the errors of prescribed translations, and of the forces in free directions."""
+    """Return the errors of prescribed translations and of the force balance in free directions."""
     if motion is None:
         return {"motion": scale.largest_relative_length(np.abs(translation)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])

@@ -1,4 +1,4 @@
-"""Two neo-Hookean bodies on one mesh that are pressed together and slid on each other."""
+"""Two neo-Hookean bodies in one mesh that are pressed together and slid along each other."""
 
 from mpi4py import MPI
 
@@ -20,8 +20,10 @@ from tests.contact.two_bodies import join_meshes
 def mesh_of_two_rectangles(
     corners_of_lower, corners_of_upper, divisions, map_nodes, comm=MPI.COMM_SELF
 ):
-    """Return one mesh of two rectangles ((x0, y0), (x1, y1)) whose nodes are mapped by
-    `map_nodes`.
+    """Return one mesh of two rectangles whose corners ((x0, y0), (x1, y1)) are given.
+
+    The function `map_nodes` gets coordinates x and y of nodes and the number of the body, 0 or 1,
+    and returns the coordinates to which the nodes are moved.
     """
     meshes = []
     for body, (box, n) in enumerate(
@@ -40,9 +42,9 @@ SAVED_INCREMENT_INDEX = 1
 
 
 class SlidingBodies:
-    """A body on a fixed base and a second one above it, whose top is moved; both may be rotated.
+    """A body with a fixed base, and a second body above it whose top is moved.
 
-    Rotations are about the origin.
+    In addition, base and top may be rotated together about the origin.
     """
 
     def __init__(
@@ -68,9 +70,9 @@ class SlidingBodies:
         )
 
     def prescribe_base_and_top(self, top_translation, rotation_degrees):
-        """Prescribe a translation of the top, and a rotation (degrees) of both base and top.
+        """Prescribe a translation of the top, then a rotation of both base and top.
 
-        The rotation is about the origin, after the translation.
+        The rotation, given in degrees, is about the origin.
         """
         x = self.space.tabulate_dof_coordinates()[:, :2]
         end_positions = x.copy()
@@ -87,8 +89,11 @@ def slide_along_path(bodies, path=DIE_TOP_TRANSLATIONS, start_state=None):
 
 
 def yield_states_along_path(bodies, path, start_state=None):
-    """Yield the state at the end of each increment; `start_state` is a state on
-    `DIE_TOP_TRANSLATIONS`.
+    """Yield the state at the end of each increment of a path.
+
+    `path` contains the translations of the top at the ends of the increments. The path begins at
+    `start_state`, which has to be a state on the path `DIE_TOP_TRANSLATIONS`; by default it begins
+    at the undeformed state.
     """
     state, previous = start_state or bodies.problem.undeformed, (0.0, 0.0)
     if start_state is not None:
@@ -116,7 +121,7 @@ def make_die_on_block(
     half_width=1.5,
     **options,
 ):
-    """Return a block and a parabolic die on it; by default the die's lower side is the slave."""
+    """Return a block under a parabolic die; by default, the lower side of the die is the slave."""
 
     def map_node_coordinates(x, y, body_index):
         bottom = 0.01 + curvature * x**2 / 2
@@ -136,10 +141,10 @@ def make_die_on_block(
 
 
 def compare_mortar_with_verification(mortar, start_positions, end_positions):
-    """Return the largest differences between mortar integrals of verification and iteration.
+    """Return the largest differences between the mortar integrals of verification and iteration.
 
-    The nodes move from the positions `start_positions` (n, 2) to `end_positions`. Gaps and slips
-    are divided by the length of the longest facet.
+    The nodes move from `start_positions` (n, 2) to `end_positions` (n, 2). Differences of gaps and
+    slips are divided by the length of the slave's longest facet.
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
     slip, _ = projected.measure_slip_and_gap_slip_angle_derivatives(
@@ -168,7 +173,7 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
 def mortar_and_positions_in_states(bodies, states):
     """Return the mortar of both bodies and the positions (n, 2) of its nodes in each state.
 
-    Substates are included.
+    The states at substeps are included.
     """
     mortar = bodies.problem._large_strain_stepping.interface.mortars[0]
     displacements = [

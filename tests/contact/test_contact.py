@@ -15,7 +15,7 @@ FLOOR = Plane((0, 0), (0, 1))
 
 
 def distort_unit_square(x):
-    """Move the nodes of the unit square; nodes on a side stay on this side."""
+    """Return moved nodes of the unit square; nodes on a side stay on this side."""
     distorted = x.copy()
     bubble = np.sin(np.pi * x[:, 0])
     distorted[:, 0] += 0.07 * bubble + 0.05 * bubble * np.sin(5 * x[:, 1])
@@ -54,10 +54,11 @@ def test_contact_patch_has_the_exact_nodal_forces(build, method, state, force_sh
 @pytest.mark.parametrize("method", [GALERKIN, PETROV_GALERKIN])
 @pytest.mark.parametrize("state", ["solid", "axisymmetric"])
 def test_contact_patch_is_exact_in_space_and_in_axisymmetry(state, method):
-    """A uniform pressure has exact nodal forces on distorted meshes.
+    """The contact forces under a uniform pressure are exact in space and in axisymmetry.
 
-    On ten-node tetrahedra the vertices carry no force. In axisymmetry, forces are those of the
-    whole circumference.
+    They are compared with the load vector of the same pressure on the contact side. With the
+    standard element, the vertices of ten-node tetrahedra carry no force. In axisymmetry, forces are
+    those of the whole circumference.
     """
     if state == "solid":
         box = [(0, 0, 0), (1, 1, 1)]
@@ -83,9 +84,9 @@ def test_contact_patch_is_exact_in_space_and_in_axisymmetry(state, method):
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle(unit):
-    """A circular tip whose normals are computed by differences gives the state of an exact circle.
+    """A circular tip whose normals are computed by differences yields the state of a `Sphere`.
 
-    The round-off of the normals changes with the position of the tip.
+    The round-off of these normals changes with the position of the tip, which follows from a force.
     """
     block = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4 * unit, 2 * unit), (16, 8))
     body, states = ElasticBody(block), []
@@ -104,7 +105,10 @@ def test_a_tip_under_force_with_normals_by_differences_has_the_state_of_a_circle
 
 @pytest.mark.parametrize(("method", "angle"), [(PETROV_GALERKIN, 0.7), (GALERKIN, 2.5)])
 def test_a_sliding_block_in_space_has_uniform_shear_against_its_slip(method, angle):
-    """The shear equals the friction coefficient times the pressure, exactly, in any direction."""
+    """A block slides on a plane in some direction; its shear stress is mu times the pressure.
+
+    The shear opposes the slip. The stress is uniform, and nodal forces are exact.
+    """
     mu, p, E = 0.3, 3.0, 10.0
     direction = np.array([np.cos(angle), np.sin(angle)])
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)

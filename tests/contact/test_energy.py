@@ -1,4 +1,4 @@
-"""Energy balance of a whole history: the remainder is the error of summation over increments."""
+"""Energy balance of a whole history; its remainder is the error of summing over increments."""
 
 import pytest
 
@@ -7,11 +7,12 @@ from tests.contact.energy_balance import measure_energy_balance
 
 @pytest.mark.parametrize("element", ["galerkin", "pw"])
 def test_the_remainder_of_energy_sums_decreases_with_the_increment(element):
-    """Sums with the forces at the ends of increments are of first order in the increment.
+    """The energy that is not accounted for decreases with the size of the increments.
 
-    The remainder is a hundredth of this with trapezoidal sums. With piecewise-linear weights, nodal
-    forces do work on interpolated displacements. This leaves a remainder below 3e-4 of the work for
-    any increment, with cells of a quarter of the radius.
+    It is of first order if work is computed with the forces at the ends of increments, and about a
+    hundredth of that with the trapezoidal rule. With piecewise-linear weights, nodal forces do work
+    on interpolated displacements. This leaves a remainder below 3e-4 of the work for increments of
+    any size, if the size of cells is a quarter of the radius.
     """
     coarse, fine, finest = (measure_energy_balance(element, n) for n in (4, 8, 16))
     assert finest.friction_work > 0.15

@@ -1,4 +1,4 @@
-"""Errors of invalid contact problems, and of problems with several solutions or none."""
+"""Errors raised for invalid contact problems, and for problems with several solutions or none."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def base_pair_with_surface(surface, *pair_options):
 
 
 def floor_pair_with_middle_friction(middle_mu):
-    """Return the floor's pair with a different friction coefficient at the node in the middle."""
+    """Return the floor pair with a different friction coefficient at the node in the middle."""
     return floor_pair_with(lambda x: np.where(np.isclose(x[0], 2.0), middle_mu, 0.3))
 
 
@@ -55,7 +55,7 @@ def left_side_supports(axis):
 
 
 def displacement_doubling_reduction():
-    """Return a reduction with doubled displacements."""
+    """Return a reduction that doubles all displacements, which contact problems do not allow."""
     twice = 2.0 * BLOCK.no_supports.right
     return Reduction(twice, twice, BLOCK.no_supports.offset)
 
@@ -66,7 +66,7 @@ OVERTURNING_LOAD = BLOCK.pressure_load + BLOCK.traction_load(
 
 
 class SurfaceWithGapFunction:
-    """A surface with a given gap function and a constant normal."""
+    """A rigid surface with a given gap function and a constant normal."""
 
     def __init__(self, gap, normal=(0.0, 1.0)):
         self.gap, self._normal = gap, normal
@@ -76,12 +76,12 @@ class SurfaceWithGapFunction:
 
 
 def gap_to_circle_or_nan(x):
-    """Return the gap to a circle of radius 6 below the block, NaN at points far from the circle."""
+    """Return the gap to a circle of radius 6 below the block, or NaN far from the circle."""
     return x[:, 1] - np.sqrt(36 - (x[:, 0] - 2.0) ** 2) + 6.0
 
 
 def flat_pair_with_normal(normal):
-    """Return the contact pair of a flat surface that has a wrong normal."""
+    """Return the contact pair of a flat surface that returns the given normal at all points."""
     return base_pair_with_surface(SurfaceWithGapFunction(lambda x: x[:, 1], normal))
 
 
@@ -216,9 +216,10 @@ def test_valid_problems_that_resemble_invalid_ones_are_solved():
 
 
 def test_the_penetration_that_is_refused_grows_with_the_body():
-    """The allowed penetration is a millionth of the body's diagonal.
+    """The initial penetration that is allowed is a millionth of the body's diagonal.
 
-    This much is needed for round-off and for curved sides that the mesh approximates by facets.
+    Slightly smaller penetrations are accepted, and slightly larger ones are refused. This tolerance
+    is needed for round-off and for curved sides that the mesh approximates by facets.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (600.0, 800.0), (3, 4)))
     supports = body.make_clamping_supports(on_plane(1, 800.0))
@@ -239,7 +240,7 @@ def test_an_error_names_its_increment():
 
 
 def test_large_friction_without_a_unique_solution_is_reported():
-    """An error is raised where large friction leaves several solutions or none.
+    """Large friction that leaves several solutions or none is reported.
 
     All nodes are fixed except one contact node, which a force pulls along the floor.
     """
@@ -253,7 +254,7 @@ def test_large_friction_without_a_unique_solution_is_reported():
     tangential_sign, critical = np.sign(nt), abs(tt / nt)
 
     def solve_pulled(mu, pull, starts_slipping=False, **options):
-        """Return the state of the contact node, which sticks or slips in the start state."""
+        """Return the state after a pull; the contact node sticks or slips in the start state."""
         load = nodal_load(body.space, corner, (-tangential_sign * pull, -1.0))
         problem = body.contact_problem(ContactPair(corner, FLOOR, mu), supports, **options)
         start = problem.undeformed
@@ -271,7 +272,7 @@ def test_large_friction_without_a_unique_solution_is_reported():
     assert below_limit.unique
     assert below_limit.pairs[0].status.tolist() == [SLIP]
 
-    # the slip equations have no solution here, and infinitely many at the limit of stick
+    # the equations of slip have no solution here, and infinitely many at the limit of sticking
     with pytest.raises(SolutionNotFound, match="the equations have no solution"):
         solve_pulled(critical, 2 * critical, remedies=())
     lifted = solve_pulled(critical, 2 * critical)
@@ -297,9 +298,10 @@ def test_large_friction_without_a_unique_solution_is_reported():
 
 
 def test_nodes_without_a_facet_are_logged_before_anything_is_solved(caplog):
-    """A log message names the nodes without a facet before anything is solved.
+    """A contact node that belongs to no complete facet is logged before anything is solved.
 
-    The last of these nodes is in the middle of a facet.
+    The first set of contact nodes ends in the middle of a facet. The second set ends at a vertex,
+    and no message is logged.
     """
     BLOCK.contact_problem(floor_pair_with(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.6)))
     (record,) = caplog.records
@@ -310,7 +312,7 @@ def test_nodes_without_a_facet_are_logged_before_anything_is_solved(caplog):
 
 
 class BlockInGroove:
-    """A block with slanted sides in a fitting groove of two planes, held by contact alone."""
+    """A block with slanted sides in a groove of two planes that fits it, held by contact alone."""
 
     def __init__(self, mu=0.1):
         mesh = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
@@ -339,9 +341,10 @@ GROOVE_MOTIONS_BY_CASE = {
 
 @pytest.mark.parametrize("case", GROOVE_MOTIONS_BY_CASE)
 def test_a_body_that_loses_all_contact_forces_has_no_unique_position(case):
-    """A body that no contact force holds any more is refused, as its position is not unique.
+    """A body that loses all contact forces is refused, because its position is not unique.
 
-    The computed state can be moved to where no gap closes, which gives another state.
+    The computed state has no contact forces and no penetration. A rigid motion that closes no gap
+    leads to another such state.
     """
     groove = BlockInGroove()
     assert groove.pressed.pairs[0].force[1] == pytest.approx(1.0)
@@ -357,9 +360,9 @@ def test_a_body_that_loses_all_contact_forces_has_no_unique_position(case):
 
 
 def test_planes_that_touch_without_force_may_fix_a_body():
-    """A square in a fitting frame without load is accepted: it cannot move in any direction.
+    """An unloaded square in a frame that fits it is accepted, because it cannot move.
 
-    Without one of the four sides of the frame, the square can move and is refused.
+    If one of the four sides of the frame is missing, the square can move and is refused.
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     body = ElasticBody(mesh, E=1e4)

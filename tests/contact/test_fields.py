@@ -60,7 +60,7 @@ def nodes_where(space, where):
 def solve_ball_on_block(
     comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PETROV_GALERKIN, nu=0.3, n=4
 ):
-    """Return a block and its states under a sphere that presses, then is pushed sideways."""
+    """Return a block and its states under a sphere that is pressed on it, then moved sideways."""
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
     body = ElasticBody(mesh, method, "solid", nu=nu)
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
@@ -75,7 +75,7 @@ def test_fields_and_pictures_in_space_add_up_to_the_contact_force(cell, tmp_path
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
-    # sub-cells are 1/6 wide, and the rim of the face is open: each node has the area 1/36
+    # sub-cells are 1/6 wide and nodes on the rim of the face are open: closed nodes have area 1/36
     top = nodes_where(body.space, on_plane(2, 1.0))
     outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
@@ -93,7 +93,7 @@ def test_fields_and_pictures_in_space_add_up_to_the_contact_force(cell, tmp_path
     signed = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
     assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each point of the face is covered once
     assert np.abs(signed).min() > 0.1 * np.abs(signed).max()
-    # the triangles interpolate like the weights, so that the integral is the force
+    # the triangles interpolate like the weight functions; the integral is therefore the force
     total = (np.abs(signed) / 2 * values[corners].mean(axis=1)).sum()
     tolerance = 1e-9 if cell is CellType.tetrahedron else 0.02
     assert total == pytest.approx(pair.force_normal.sum(), rel=tolerance)
@@ -134,10 +134,10 @@ def test_as_function_overwrites_the_values_of_a_function():
 
 
 def solve_hertz_and_measure_error_and_indicator(edges_per_half_width, cell=None):
-    """Solve Hertz' contact; return the true stress error, its indicator, cell size and half width.
+    """Solve a Hertz contact; return the stress error, its indicator, cell size and half-width.
 
-    Without a cell type, the problem is a line contact on triangles. With a cell type, it is a
-    quarter of the contact of a sphere.
+    If `cell` is None, the problem is a line contact on triangles. Otherwise it is a quarter of the
+    contact of a sphere, on cells of this type.
     """
     elastic, radius = HalfPlane(1.0, 0.3), 1000.0
     exact_solution = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
@@ -187,10 +187,10 @@ def solve_hertz_and_measure_error_and_indicator(edges_per_half_width, cell=None)
 
 
 def test_the_indicator_is_the_error_of_the_stresses():
-    """The error indicator agrees with the true error of the stresses of Hertz' contact.
+    """The error indicator agrees with the true error of the stresses in a Hertz contact.
 
-    The true error follows from Hertz' pressure. It halves with the cell size, and it is largest at
-    the edge of the contact.
+    The true error is the difference between computed stresses and Hertz' pressure. The indicator
+    halves if the cell size is halved, and it is largest at the edge of the contact.
     """
     norms = []
     for edges in (6, 12):
@@ -323,7 +323,7 @@ def test_files_that_cannot_be_written_are_refused(tmp_path):
 def test_a_users_folder_that_resembles_a_series_is_not_overwritten(tmp_path):
     """A user's folder that looks like a time series is not overwritten.
 
-    A series to which a user has added files is not overwritten either.
+    Neither is a time series to which a user has added files.
     """
     block = BlockOnFloor(4)
     states = block.solve(0.3, 60.0, n_pull_increments=1)

@@ -22,7 +22,10 @@ def floor_pair(law, *pair_options):
 
 
 class SaturatingFriction:
-    """Friction limit mu r_n / (1 + r_n / h), with r_n the normal force and h a nodal force."""
+    """Friction law with the limit mu r_n / (1 + r_n / h) for a nodal normal force r_n.
+
+    At the nodal force r_n = h, the limit is half of that of Coulomb's law.
+    """
 
     def __init__(self, mu, half):
         self.mu, self.half_force = mu, half
@@ -36,7 +39,7 @@ class SaturatingFriction:
 
 
 class CappedFriction:
-    """Friction limit min(mu r_n, cap) with r_n the normal force; it has a corner."""
+    """Friction law with the limit min(mu r_n, cap) for a normal force r_n; it has a corner."""
 
     def __init__(self, mu, cap):
         self.mu, self.cap = mu, cap
@@ -59,7 +62,10 @@ class AdhesiveFriction(SaturatingFriction):
 
 
 class RisingCoefficientFriction(SaturatingFriction):
-    """A law whose coefficient is 0.1 without pressure and rises to 0.4 under large pressure."""
+    """A law whose coefficient rises from 0.1 at zero pressure to 0.4 under large pressures.
+
+    These are the coefficients for mu = 0.3. A coefficient that rises with pressure is not allowed.
+    """
 
     def limit(self, half_force, normal_force):
         limit, slope = super().limit(half_force, normal_force)
@@ -69,9 +75,10 @@ class RisingCoefficientFriction(SaturatingFriction):
 @FOR_DIRECT_AND_ITERATIVE_SOLVER
 @pytest.mark.parametrize("p", [5.0, 60.0])
 def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
-    """Each node of a uniformly stressed block has the friction limit of its pressure.
+    """In a uniformly stressed block, the friction at each node is the limit at its normal force.
 
-    The exact solution is a uniform stress, so that a node's force is that of its tributary area.
+    The exact solution is a uniform stress; each nodal force is this stress times the node's
+    tributary area.
     """
     mu, p_0, h = 0.6, 20.0, 0.5  # tributary length h of inner nodes, h/2 at ends
     tau = mu * p / (1 + p / p_0)
@@ -99,7 +106,7 @@ def test_a_uniform_stress_has_the_friction_of_its_pressure(solver, p):
 
 
 def assert_friction_law(pair, friction_limit, law_parameter):
-    """Check force and slip of each node against the friction law by independent arithmetic."""
+    """Assert that force and slip of each node obey the friction law, by independent arithmetic."""
     largest = pair.force_normal.max()
     assert pair.force_normal.min() > -1e-9 * largest
     assert np.abs(pair.force_normal * np.minimum(pair.gap, 1.0)).max() < 1e-9 * largest
@@ -196,9 +203,9 @@ def test_a_subclass_of_coulomb_uses_its_own_limit():
 
 
 def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
-    """Half the friction limit gives half the friction force.
+    """If `Coulomb.limit` returns half the limit, the friction at all slipping nodes is halved.
 
-    No other code multiplies by the friction coefficient.
+    This shows that no other code multiplies forces by the friction coefficient.
     """
     supports, floor = (
         BLOCK_ON_FLOOR.make_supports((0, on_plane(0, 4.0))),
@@ -221,7 +228,7 @@ def test_coulombs_limit_is_used_at_all_nodes(monkeypatch):
 
 
 class WrongSlopeFriction(SaturatingFriction):
-    """A friction law that returns a slope which is an eighth too large."""
+    """A friction law that returns a slope that is 13 % too large."""
 
     def limit(self, half_force, normal_force):
         limit, slope = super().limit(half_force, normal_force)
@@ -229,7 +236,7 @@ class WrongSlopeFriction(SaturatingFriction):
 
 
 class CoulombWithCoefficientBump(Coulomb):
-    """A law whose coefficient rises by a tenth between two forces, and then falls again."""
+    """A law whose coefficient rises from 0.9 mu to mu at the force `low` and falls at `high`."""
 
     low, high = 3.0, 3.3
 
@@ -253,9 +260,10 @@ def test_a_law_that_contradicts_itself_is_refused(law, message):
 
 
 def test_a_law_whose_coefficient_rises_between_the_sampled_forces_is_refused_where_it_is_used():
-    """A rise of the friction coefficient is refused where the iteration meets it.
+    """A rise of the friction coefficient is refused if the iteration meets it.
 
-    The rise lies between two of the forces at which a law is sampled beforehand.
+    The rise lies between two of the forces at which laws are sampled beforehand. A problem whose
+    forces do not reach it is solved.
     """
 
     class NarrowBump(CoulombWithCoefficientBump):
@@ -282,7 +290,7 @@ def test_sensitivity_refuses_other_laws_than_coulombs():
 def test_a_pull_above_the_friction_limit_is_proved_to_have_no_equilibrium():
     """A pull above the friction limit is refused with a proof that no equilibrium exists.
 
-    A pull of 0.4 times the pressure exceeds even the largest friction coefficient, 0.3.
+    The pull is 0.4 times the pressing force, while the largest friction coefficient is 0.3.
     """
     load = BLOCK_ON_FLOOR.pressure_load + BLOCK_ON_FLOOR.traction_load(
         (0.4 * 200 * 4 / 2, 0.0), on_plane(0, 4.0)

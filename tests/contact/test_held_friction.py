@@ -1,4 +1,4 @@
-"""Friction at contact nodes whose motion along the surface a support prescribes."""
+"""Friction at contact nodes whose motion along the surface is prescribed by supports."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,11 @@ PRESSING_MOTION = Motion((0.0, None), force=(0.0, -10.0))
 
 
 class BlockBetweenWalls(ElasticBody):
-    """A unit square under a rough plate; sides or all nodes of the square are fixed along x."""
+    """A unit square under a plate with friction.
+
+    The base of the square is fixed along y. Either its lateral sides and its base or all of its
+    nodes are fixed along x.
+    """
 
     def __init__(self, n, everywhere=False, comm=MPI.COMM_SELF):
         super().__init__(quadrilaterals(comm, (0.0, 0.0), (1.0, 1.0), (n, n)))
@@ -58,7 +62,7 @@ class BlockBetweenWalls(ElasticBody):
 
 
 def assert_friction_opposes_slip(pair, previous_pair, friction=FRICTION, relative_tolerance=1e-9):
-    """Check the friction of each closed node from displacements; assert that some nodes slip."""
+    """Assert that friction opposes the slip computed from displacements, and that nodes slip."""
     relative_motion = (pair.displacement - pair.translation) - (
         previous_pair.displacement - previous_pair.translation
     )
@@ -132,7 +136,7 @@ def test_a_plate_pushed_by_a_force_sticks_to_supported_nodes(solver):
 def test_held_and_free_nodes_share_the_force_that_pushes_a_plate(solver):
     """Supported and free nodes share the force that pushes a plate.
 
-    The walls are frictionless; most nodes slip before the plate does.
+    The walls are frictionless. Most nodes slip before the plate as a whole does.
     """
     motions = [Motion((None, None), force=(f, -10.0)) for f in (1.0, 2.9)]
     states = BlockBetweenWalls(8).solve_under_plate(PRESSING_MOTION, *motions, solver=solver)
@@ -147,7 +151,10 @@ def test_held_and_free_nodes_share_the_force_that_pushes_a_plate(solver):
 
 
 def solve_plate_on_solid(solid, *motions, **options):
-    """Return the states of a block under a plate, fixed at its base and along x at both ends."""
+    """Return the states of a block under a plate.
+
+    The base of the block is fixed, and both of its ends are fixed along x.
+    """
     supports = solid.make_supports(
         (0, on_plane(0, 0.0)), (0, on_plane(0, 2.0)), *((i, on_plane(2, 0.0)) for i in range(3))
     )
@@ -179,9 +186,9 @@ def test_in_space_a_plate_may_be_free_along_the_supported_direction(solver):
 
 
 def test_a_ring_pushed_off_its_shaft_has_the_full_friction():
-    """A ring that is pushed off its shaft has friction mu times the normal force at all nodes.
+    """A ring that is pushed off its shaft has the full friction mu r_n at all nodes.
 
-    The end of the ring is held, including the nodes at the end of the bore.
+    One end of the ring is fixed along the axis, including the contact nodes at that end.
     """
     mesh = quadrilaterals(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (6, 8))
     ring = ElasticBody(mesh, state="axisymmetric")
@@ -224,7 +231,8 @@ def test_there_is_no_friction_on_the_axis():
 def test_matching_nodes_that_supports_move_apart_have_friction():
     """Friction acts between matching nodes that supports move relative to each other.
 
-    Supports move the upper block and the walls at its sides together.
+    Along x, supports fix the nodes of the lower block at the interface and move those of the upper
+    block.
     """
     blocks = MatchingBlocks()
     below, above = split_facets_by_side(blocks, on_plane(1, 1.0), lambda x: x[:, 1] > 1)
@@ -239,9 +247,10 @@ def test_matching_nodes_that_supports_move_apart_have_friction():
 
 @pytest.mark.parametrize("dragged", [0.0, 0.05])
 def test_mortar_nodes_that_supports_move_apart_are_refused(dragged):
-    """A mortar contact with slave nodes that supports move along the other body is refused.
+    """A mortar contact whose slave nodes are moved along the other body by supports is refused.
 
-    Walls that hold both sides alike are symmetry planes, along which there is no friction.
+    Walls that hold both bodies alike are planes of symmetry; no friction acts along them, and the
+    problem is solved.
     """
     stack = StackedBlocks((4, 3))
     below, above = split_facets_by_side(stack, on_plane(0, 0.0), lambda x: x[:, 1] > 1)
@@ -274,9 +283,9 @@ class TestFiniteSliding:
         assert all(state.residuals.largest() < 1e-8 for state in states)
 
     def test_a_rotating_plate_has_friction_at_supported_nodes(self):
-        """A rotating plate has friction at supported nodes.
+        """A rotating plate exerts friction on supported nodes.
 
-        If the plate is inclined, the support carries a part of the normal force as well.
+        Since the plate is inclined at the end, the supports also carry a part of the normal force.
         """
         rubber = RubberUnderCircle(n=3, friction=FRICTION)
         top = prescribe(rubber.space, 0, on_plane(1, 0.0), 0.0)
@@ -299,9 +308,10 @@ class TestFiniteSliding:
         assert pair.force[1] == pytest.approx(vertical.sum())
 
     def test_half_of_a_symmetric_block_has_the_friction_of_the_whole(self):
-        """The results of a symmetric block and of its half agree.
+        """The contact forces of a symmetric block agree with those of one half of it.
 
-        A circle presses in two increments. The node below it is held along the surface.
+        A circle presses in two increments. In the half, a support holds the node below the circle's
+        centre along the surface.
         """
         forces = []
         for left_end in (-1.0, 0.0):
@@ -339,7 +349,7 @@ def solve_and_collect_forces_and_statuses(comm):
 
 
 def test_any_number_of_processes_gives_the_same_fields():
-    assert_same_on_processes(solve_and_collect_forces_and_statuses, processes=(2,), rel=1e-9)
+    assert_same_on_processes(solve_and_collect_forces_and_statuses, process_counts=(2,), rel=1e-9)
 
 
 def test_sensitivities_are_refused_where_friction_acts_on_supports():
@@ -354,13 +364,16 @@ def test_sensitivities_are_refused_where_friction_acts_on_supports():
         problem.sensitivity(states, [("force", 0, 0)], [("friction", 0)])
 
 
-# Seeds without a state: a plate in space that is dragged in one direction, and pushed by a force in
-# the other direction, on a block with supports at some of its nodes
+# Seeds for which no state is found: a plate in space is dragged in one direction and pushed by a
+# force in the other direction, over a block with supports at some of its nodes
 UNSOLVED_SEEDS = {1, 13}
 
 
 def draw_plate_on_supported_block(seed):
-    """Draw a fixed block under a rough plate; random top nodes are held along the plate."""
+    """Draw a random problem of a block with a fixed base under a plate with friction.
+
+    Random sides of the block, or its whole top, are held along the plate.
+    """
     rng = np.random.default_rng([47, seed])
     dim = int(rng.integers(2, 4))
     body = BlockBetweenWalls(3) if dim == 2 else SolidBlock("hexahedron", n=1)
@@ -397,9 +410,9 @@ def draw_plate_on_supported_block(seed):
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_plates_on_random_supports_obey_the_friction_law(seed):
-    """The states of plates on randomly supported blocks obey the friction law.
+    """The states of randomly supported blocks under random plates obey the friction law.
 
-    Residuals are recomputed by independent arithmetic.
+    This is shown by residuals that are recomputed by independent arithmetic.
     """
     body, problem = draw_plate_on_supported_block(seed)
     supports = Reduction.dirichlet(body.space, problem.conditions)

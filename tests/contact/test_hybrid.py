@@ -35,7 +35,7 @@ COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood_spaces
 
 
 class HybridBlock(ElasticBody):
-    """Block 4 x 2 of hybrid elements, fixed at its base, under a parabola of radius 8."""
+    """A 4 x 2 block of hybrid elements that is fixed at its base, under a parabola of radius 8."""
 
     def __init__(self, method=HYBRID, nu=0.5, n=10):
         super().__init__(triangles(COMM, (-2.0, 0.0), (2.0, 2.0), (2 * n, n)), method, E=2e8, nu=nu)
@@ -138,9 +138,10 @@ def test_tagged_facets_define_contact_nodes_and_supports(on, finite):
 
 
 def test_round_off_of_volumes_is_tolerated_in_pressure_equations_alone():
-    """The tolerance for round-off of volumes applies to pressure equations alone.
+    """The tolerance for round-off of volumes applies to pressure equations only.
 
-    Each equation is violated alone. The tolerance is relative to the volume around the vertex.
+    The tolerance of each equation is found by violating this equation alone. That of a pressure
+    equation is larger by an amount that is proportional to the volume around its vertex.
     """
     mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
     U = (spaces := HYBRID(mesh)).trial

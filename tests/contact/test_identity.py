@@ -1,4 +1,4 @@
-"""A problem refuses files with states of other problems, and forged files."""
+"""Refusal of files that contain states of other problems, and of forged files."""
 
 import json
 from functools import partial
@@ -24,14 +24,14 @@ from pw_elements.contact.output import storage
 from pw_elements.meshes import triangles
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.two_bodies import StackedBlocks
-from tests.parallel import run_on
+from tests.parallel import run_on_processes
 
 SELF_COMM = MPI.COMM_SELF
 PRESSING_MOTION, ON_TOP = Motion((0, -0.05)), on_plane(1, 0.0)
 
 
 class HiddenSaturationFriction:
-    """A law with a saturation force that has no effect in the undeformed body."""
+    """A friction law whose saturation force has no effect as long as the body is undeformed."""
 
     def __init__(self, saturation_force):
         self.saturation_force = saturation_force
@@ -45,7 +45,10 @@ class HiddenSaturationFriction:
 
 
 def circle_changed_far_from_nodes(slope_beyond_nodes):
-    """Return a circle that becomes a different surface far from the contact nodes."""
+    """Return a circle whose signed distance is changed far from the contact nodes.
+
+    Where x exceeds 2.2, it additionally grows by `slope_beyond_nodes` per unit of length.
+    """
 
     def distance(x):
         return (
@@ -58,7 +61,7 @@ def circle_changed_far_from_nodes(slope_beyond_nodes):
 
 
 class VariableRubberProblem:
-    """A finite-strain problem of which every part can be changed."""
+    """A finite-strain contact problem whose parts can all be changed by arguments."""
 
     def __init__(
         self,
@@ -130,7 +133,7 @@ PROBLEM_CHANGES_BY_MESSAGE = {
 
 
 def catch_load_error_message(load_call):
-    """Return the error message of a call that loads a file."""
+    """Return the message of the ValueError that a call of `load` has to raise."""
     with pytest.raises(ValueError, match=r"state\.npz ") as caught:
         load_call()
     return str(caught.value)
@@ -203,12 +206,12 @@ def test_constants_and_functions_that_loads_change_may_differ(tmp_path):
         state = other_case.problem.load(path)
         other_case.problem.save(
             state, tmp_path / "again.npz"
-        )  # the file still records the loads' values
+        )  # the file still contains the values of the loads
         assert VariableRubberProblem(load=0.5).problem.load(tmp_path / "again.npz").increment == 1
     assert "constant 0 of" in catch_load_error_message(
         lambda: VariableRubberProblem(shear=1.1, load=0.3).problem.load(path)
     )
-    unloaded_case = VariableRubberProblem()  # its load has other values than the file's load
+    unloaded_case = VariableRubberProblem()  # the values of its load differ from those in the file
     unloaded_case.problem.save(unloaded_case.problem.undeformed, path)
     assert case.problem.load(path).increment == 0
 
@@ -225,7 +228,10 @@ def test_saving_and_loading_do_not_change_the_problem(tmp_path):
 
 
 def make_block_of_two_moduli_and_problem(left_modulus, right_modulus):
-    """Return a symmetric block whose halves differ in Young's modulus, and its problem."""
+    """Return a block whose halves have different Young's moduli, and its contact problem.
+
+    The mesh of the block is symmetric.
+    """
     mesh = triangles(SELF_COMM, (-2.0, 0.0), (2.0, 1.0), (8, 2), "crossed")
     modulus = fem.Function(fem.functionspace(mesh, ("DG", 0)))
     modulus.interpolate(lambda x: np.where(x[0] < 0, left_modulus, right_modulus))
@@ -272,7 +278,10 @@ def test_other_supports_and_other_facets_are_refused(tmp_path):
 
 
 def evaluate_problem_identity(comm, state_path):
-    """Return the values that identify a problem; several processes load a file of one process."""
+    """Return the values that identify a problem.
+
+    If there are several processes, they first load the state that one process has saved.
+    """
     case = VariableRubberProblem(comm=comm, load=0.1, warm=0.2, stiffer=0.5)
     if comm.size > 1:
         case.problem.load(state_path)
@@ -283,7 +292,7 @@ def test_identity_does_not_depend_on_the_number_of_processes(tmp_path):
     case, path = VariableRubberProblem(load=0.1, warm=0.2, stiffer=0.5), tmp_path / "state.npz"
     case.problem.save(case.press(), path)
     serial = evaluate_problem_identity(SELF_COMM, path)
-    for parallel in run_on(3, evaluate_problem_identity, path):
+    for parallel in run_on_processes(3, evaluate_problem_identity, path):
         assert parallel.keys() == serial.keys()
         for name, values in serial.items():
             if values.dtype.kind == "f":
@@ -306,7 +315,10 @@ def test_another_dolfinx_version_is_named_where_a_residual_differs(tmp_path):
 
 
 def forge_state_file(path, change):
-    """Change the arrays and plain values of a file, and update its digest."""
+    """Change arrays and plain values in a state's file, and update the file's digest.
+
+    `change` is a function that changes both mappings in place.
+    """
     with np.load(path) as archive:
         arrays = dict(archive)
     values = json.loads(str(arrays["state"]))

@@ -1,4 +1,4 @@
-"""Central differences with contact, compared with known solutions and the study's section V12."""
+"""Impact by central differences, compared with known solutions and with the validation study."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
 
 
 class ThrownBlock(ElasticBody):
-    """A block 2 x 1 of the symmetric sibling element that can fly freely."""
+    """A 2 x 1 block of the symmetric sibling of the new element, without supports."""
 
     def __init__(self, E=50.0, comm=MPI.COMM_SELF):
         mesh = move_nodes(
@@ -80,7 +80,7 @@ def test_momentum_changes_by_impulses_and_energy_by_work():
     dt, steps = history.step, len(history.time) - 1
     momentum = (THROWN_BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
     contact_impulse = history.pairs[0].total_force.sum(axis=0) * dt
-    # velocities belong to the middle of steps, so that half a step of the load is missing
+    # velocities belong to the middle of steps; half a step of the load is therefore missing
     load_impulse = THROWN_BLOCK.total_mass * gravity * dt * (steps - 0.5)
     assert momentum == pytest.approx(
         THROWN_BLOCK.total_mass * np.array([1.0, -0.7]) + contact_impulse + load_impulse
@@ -118,7 +118,8 @@ def test_a_rough_plane_stops_a_block_after_v2_over_2_mu_g():
 def test_forces_are_the_same_in_a_moving_frame():
     """Contact forces do not depend on the motion of the frame of reference.
 
-    Either a body is thrown at a resting plane, or the plane is moved at the resting body.
+    The forces on a body that is thrown at a resting plane agree with those on a resting body at
+    which the plane is moved with the opposite velocity.
     """
     velocity = np.array([0.6, -0.8])
     thrown = THROWN_BLOCK.solve_impact(1.5, velocity, 0.3)
@@ -132,9 +133,11 @@ def test_forces_are_the_same_in_a_moving_frame():
 
 @pytest.mark.parametrize("scheme", ["hrz", "sibling"])
 def test_a_bar_moves_as_in_the_time_loop_of_the_study(scheme):
-    """A bar that hits a wall moves as computed by section V12 of the study.
+    """A bar that hits a wall moves as in an independent time loop of the validation study.
 
-    The time loop of that section's scheme `pw` shares no code with the library.
+    Critical step, energy and contact forces are compared with those of the time loop that section
+    V12 (study/benchmarks/v12_impact) uses for its scheme `pw`. This loop does not use the library's
+    `solve_impact`.
     """
     bar = StiffnessMassPair.from_name(scheme, on_strip("", 0.25))
     supports = bar.make_wall_supports([1.0])
@@ -165,9 +168,9 @@ def test_the_critical_step_is_that_of_the_highest_frequency():
 
 @pytest.mark.parametrize("name", ["Coulomb's", "falling"])
 def test_contact_and_friction_law_hold_for_random_nodal_data(name):
-    """Random nodal data give forces that obey the contact and friction law.
+    """Forces computed from random nodal data obey the contact conditions and the friction law.
 
-    Where slip remains, friction is opposite to it and at its limit.
+    Where slip remains, friction opposes it and is at its limit.
     """
     rng = np.random.default_rng(3)
     n, step = 2000, 0.1
@@ -206,9 +209,9 @@ def test_contact_and_friction_law_hold_for_random_nodal_data(name):
 
 
 def test_contact_and_friction_law_hold_at_random_supported_nodes():
-    """The contact law holds for random data at nodes whose tangential motion is prescribed.
+    """The friction law holds for random data at nodes with prescribed tangential motions.
 
-    Supports prescribe a part of the slip, and friction opposes all of it.
+    Supports prescribe some components of the slip; friction opposes the whole slip.
     """
     rng = np.random.default_rng(5)
     n, step = 2000, 0.1
@@ -235,9 +238,9 @@ def test_contact_and_friction_law_hold_at_random_supported_nodes():
 
 
 def test_a_block_between_walls_has_the_friction_of_its_floor():
-    """A block between frictionless walls has the friction of its rough floor.
+    """A block between frictionless walls has the full friction of its floor.
 
-    The floor moves away below the block.
+    Supports prevent all horizontal motions of the block, while the floor moves sideways below it.
     """
     supports = THROWN_BLOCK.x_supports(lambda x: x[0] > -1)
     history = THROWN_BLOCK.solve_impact(

@@ -1,4 +1,4 @@
-"""Contact of solids by the iterative solver, compared with the states of the direct solver."""
+"""Contact problems of solids, solved iteratively and compared with states by a direct solver."""
 
 from mpi4py import MPI
 
@@ -39,10 +39,10 @@ KRYLOV_METHOD_NAME_BY_IS_HYBRID = {
 
 
 def assert_same_states(states, expected, relative_displacement_tolerance=1e-10):
-    """Assert equal statuses, and small differences of displacements and forces.
+    """Assert that states have the same statuses and nearly the same displacements and forces.
 
-    Displacements are compared to `relative_displacement_tolerance`, forces to 1e-9 of the largest
-    force.
+    Displacements may differ by `relative_displacement_tolerance` relative to their norm, and forces
+    by 1e-9 of the largest force.
     """
     for state, reference in zip(states, expected, strict=True):
         assert (
@@ -66,9 +66,10 @@ def assert_same_states(states, expected, relative_displacement_tolerance=1e-10):
 def solve_and_compare_with_direct_solver(
     contact_arguments, is_hybrid=False, max_krylov_iterations=150
 ):
-    """Return the states by the iterative solver, after comparing them with the direct solver's.
+    """Solve a problem iteratively, compare it with the direct solver, and return the states.
 
-    Hybrid elements are compared with one digit less, because of their stability.
+    The displacements of hybrid elements are compared to one digit less, because the stability of
+    these elements limits the accuracy.
     """
     states = solve_contact(*contact_arguments, solver=Iterative())
     tolerance = 1e-9 if is_hybrid else 1e-10
@@ -126,9 +127,10 @@ def test_steps_may_start_from_any_state():
 
 
 def test_bodies_that_nearly_slide_are_solved():
-    """Bodies that nearly slide as a whole are solved.
+    """A body that nearly slides as a whole is solved with few Krylov iterations.
 
-    No node sticks in the end, so that the preconditioner fixes more nodes than the contact law.
+    Under the largest push no node sticks at the end; the preconditioner therefore has to fix more
+    nodes than the contact law does.
     """
     states = solve_and_compare_with_direct_solver(nearly_sliding_contact_arguments(SolidBlock()))
     assert not np.any(states[1].pairs[0].status == STICK)
@@ -175,9 +177,9 @@ def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_enclosed_incompressible_bodies_are_refused(friction):
-    """Incompressible bodies that are enclosed on all sides are refused.
+    """An incompressible body that is enclosed on all sides is refused.
 
-    A nearly incompressible body has the oedometric modulus.
+    A nearly incompressible body is solved, and its force is that of the oedometric modulus.
     """
     mesh, nu = create_unit_cube(MPI.COMM_SELF, 2, 2, 2, CellType.tetrahedron), 0.49
     walls = [(k, on_plane(k, end)) for k in (0, 1) for end in (0.0, 1.0)] + [(2, on_plane(2, 0.0))]
@@ -199,7 +201,7 @@ def test_enclosed_incompressible_bodies_are_refused(friction):
 
 
 class ScipyGmres:
-    """A wrapper of SciPy's GMRES, which uses neither multigrid levels nor data of the contact."""
+    """A user's solver by SciPy's GMRES, which ignores multigrid levels and data of the contact."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("GMRES by SciPy", 0)
 
@@ -222,8 +224,8 @@ class ScipyGmres:
 def test_a_users_krylov_method_has_the_states_of_the_direct_solver():
     """A user's Krylov method gives the states of the direct solver.
 
-    One problem has a free surface, whose translations add rows and columns to the matrix. The other
-    one has two bodies.
+    One problem has a free surface, whose translations add rows and columns to the matrix; the other
+    one has two bodies. Errors of the user's method are raised and do not affect later steps.
     """
     plate_arguments = SolidBlock(n=2).contact_arguments_of_case("plate by forces")
     stacked_arguments = upper_on_lower_contact_arguments(

@@ -59,7 +59,7 @@ from tests.contact.cases import (
 )
 from tests.library import vtx
 from tests.library.near_incompressible import make_distorted_mesh
-from tests.parallel import assert_same
+from tests.parallel import assert_same_values
 
 ON_TOP = on_plane(1, 0.0)
 CIRCLE_MOTIONS = [Motion((0.0, -0.15)), Motion((0.05, -0.3)), Motion((0.3, -0.3))]
@@ -73,7 +73,7 @@ def saint_venant_kirchhoff_piola_stress(F):
 
 
 class RubberUnderCircle:
-    """A block 2 x 1 on a fixed base, and a circle of radius 0.6 that touches its upper side."""
+    """A 2 x 1 block on a fixed base, and a circle of radius 0.6 that touches its upper side."""
 
     def __init__(self, n=4, stress=neo_hookean_piola_stress, friction=0.3, mesh=None, **options):
         mesh = mesh or triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
@@ -108,7 +108,10 @@ def step_through(problem, motions, start_state=None):
 
 
 def make_hardening_rubber_and_hardness(comm=MPI.COMM_SELF, **options):
-    """Return the block with a history function that counts increments, and this function."""
+    """Return a block whose stiffness grows with a history function, and this function.
+
+    The history function counts the increments.
+    """
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
     hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
 
@@ -122,7 +125,7 @@ def make_hardening_rubber_and_hardness(comm=MPI.COMM_SELF, **options):
 
 
 def ellipse_level_set(x):
-    """Return the level set of an ellipse with half axes 2 and 1, which is no distance function."""
+    """Return the level-set function of an ellipse with semi-axes 2 and 1; it is not a distance."""
     return x[:, 0] ** 2 / 4 + x[:, 1] ** 2 - 1
 
 
@@ -227,7 +230,7 @@ def test_no_accepted_state_has_inverted_cells(stress):
 
     def press_and_check_volume_ratios():
         for k in range(1, 8):
-            motion = Motion((0.0, -0.142 * k))  # the block has space up to 1
+            motion = Motion((0.0, -0.142 * k))  # the height of the block is 1
             states.append(rubber.problem.step(states[-1], motions=motion))
             assert guard.compute_min_volume_ratio() > 0
 
@@ -257,9 +260,9 @@ def test_a_tool_that_would_pass_through_supports_is_refused(first):
 
 
 def test_states_store_and_restore_history_functions():
-    """The values of a history function belong to a state.
+    """A state stores the values of the history functions.
 
-    A step starts with the values of its start state, and updates them at its end.
+    A step starts with the values of its start state and updates them at its end.
     """
     rubber, hardness = make_hardening_rubber_and_hardness()
     first_state, second_state = step_through(rubber.problem, CIRCLE_MOTIONS[:2])
@@ -271,7 +274,7 @@ def test_states_store_and_restore_history_functions():
 
 
 def collect_first_pair_fields(states_by_name, further_fields=()):
-    """Return fields of the first pair of each state by names such as "state field"."""
+    """Return fields of the first pair of each state, keyed by the names of state and field."""
     names = ("force_vector", "slip", "gap", "status", "displacement", *further_fields)
     return {
         f"{name} {field}": getattr(state.pairs[0], field)
@@ -281,7 +284,10 @@ def collect_first_pair_fields(states_by_name, further_fields=()):
 
 
 def solve_pressed_and_pushed_rubber(element_name, solver, comm=MPI.COMM_SELF):
-    """Return the state of a rubber block, plane or solid, that a rough ball presses and pushes."""
+    """Return the state of a rubber block after a ball is pressed into it and moved sideways.
+
+    The block is plane for the element "T6", and a solid for all other names. There is friction.
+    """
     dim, is_hybrid = (2 if element_name == "T6" else 3), element_name == "hybrid"
     low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [3] * (dim - 1) + [2]
     if dim == 2:
@@ -309,15 +315,15 @@ def test_iterative_and_direct_solvers_find_the_same_state(kind):
         for solver in SOLVERS_BY_NAME.values()
     )
     assert {STICK, SLIP} <= set(direct["end status"])
-    assert_same(direct, iterative, 1e-9, kind)
+    assert_same_values(direct, iterative, 1e-9, kind)
 
 
 @pytest.mark.random  # tests of this mark run at night
 def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
-    """A contact problem of half a million unknowns takes less than four gigabytes.
+    """A contact problem with half a million unknowns takes less than four gigabytes.
 
-    A ball is pressed and dragged in two increments. The same is done on a mesh of a tenth of the
-    size.
+    A ball is pressed into rubber and dragged along it in two increments. The results agree with
+    those on a mesh of a tenth of the size.
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes a quarter of an hour, with --nightly")
@@ -331,7 +337,7 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
 
 
 def press_leaning_column(solver, depths):
-    """Yield the states of a column that is pressed down to the given depths.
+    """Press a column down to each of the given depths, and yield the state at each depth.
 
     The column leans by a thousandth of its height.
     """
@@ -349,9 +355,9 @@ def press_leaning_column(solver, depths):
 
 
 def test_a_leaning_column_buckles_with_either_solver():
-    """A leaning column buckles to the side to which it leans, with either solver.
+    """A leaning column that is compressed in small increments buckles to the side it leans to.
 
-    Increments are small.
+    Its force then grows less than in proportion to the depth. Both solvers give the same forces.
     """
     depths = (0.05, 0.06, 0.065, 0.07, 0.08, 0.1, 0.12)
     forces = []
@@ -364,7 +370,7 @@ def test_a_leaning_column_buckles_with_either_solver():
 
 
 def test_an_increment_beyond_the_critical_load_is_halved():
-    """An increment beyond the critical load of a column is halved.
+    """An increment that passes the critical load of a column is cut into substeps.
 
     The column may bend to either side.
     """
@@ -376,7 +382,8 @@ def test_an_increment_beyond_the_critical_load_is_halved():
 def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     """Multigrid levels are rebuilt only when this saves time.
 
-    Most tangents reuse the levels of an earlier one, at the price of few additional iterations.
+    Most tangents reuse the levels of an earlier tangent at the cost of a few more iterations than
+    if the levels were always rebuilt.
     """
     mesh, rebuilt = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
     renew = Multigrid.update_for_changed_matrix
@@ -399,16 +406,16 @@ def test_multigrid_levels_are_rebuilt_only_when_it_pays(monkeypatch):
     n_iterations, n_krylov, n_rebuilt = count_iterations_and_rebuilds()
     monkeypatch.setattr(
         KrylovTangent, "_count_floating_point_operations", lambda _: 0.0
-    )  # rebuilding costs nothing in this computation
+    )  # rebuilding seems to cost nothing in this computation
     _, n_krylov_rebuilding, n_rebuilt_always = count_iterations_and_rebuilds()
     assert 0 < n_rebuilt < n_iterations / 3 < n_rebuilt_always
     assert n_krylov < 1.5 * n_krylov_rebuilding
 
 
 def test_nodes_stay_on_their_side_of_a_thin_tool():
-    """An increment in which nodes would face the opposite side of a thin tool is cut.
+    """An increment in which nodes would come to face the opposite side of a thin tool is cut.
 
-    It is cut until all nodes face the side that they faced before.
+    It is cut until, in every substep, all nodes face the side that they faced before.
     """
     rubber = RubberUnderCircle()
 
@@ -438,8 +445,8 @@ def test_surface_areas_include_the_stretch():
 def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_path):
     """Nominal and true pressure of a uniformly compressed block are exact.
 
-    They belong to the first Piola stress and to the Cauchy stress. Compared are fields, files and
-    pictures.
+    They are the normal components of the first Piola stress and of the Cauchy stress. Fields and
+    files are compared with the exact values, and pictures are checked for the label.
     """
     is_solid, is_hybrid, is_ring = kind == "solid", kind == "hybrid", kind == "axisymmetric"
     if is_solid:
@@ -479,7 +486,7 @@ def test_nominal_and_true_pressure_of_uniform_compression_are_exact(kind, tmp_pa
     width = 1 + top.displacement[:, 0].max()
     depth_stretch = width if is_solid or is_ring else 1.0
     area = width * depth_stretch
-    # the sides are free: P = F - c F^-T vanishes there, so that c is the square of their stretch
+    # the sides are free: P = F - c F^-T vanishes there; c is therefore the square of their stretch
     nominal = width**2 / 0.7 - 0.7
     for field, exact in ((fields.pressure, nominal), (fields.true_pressure, nominal / area)):
         assert np.abs(field.x.array[top.node] / exact - 1).max() < 1e-7
@@ -533,7 +540,7 @@ def test_unsupported_options_are_refused_at_large_strains(attempt, kind, message
 
 
 class NearlyIncompressibleBlock:
-    """A linear elastic block with a growing bulk modulus, fixed below and touched at one node."""
+    """A linear elastic block with a variable bulk modulus, fixed below and pressed at one node."""
 
     def __init__(self, cell, mid_nodes, spaces=Spaces.petrov_galerkin):
         mesh = make_distorted_mesh(cell, 4, 0.05, 1, mid_nodes)
@@ -566,7 +573,7 @@ class NearlyIncompressibleBlock:
         return self.states[-1]
 
     def reaction_by_numpy(self, depth):
-        """Return the vertical force at the touched node, computed by NumPy."""
+        """Return the vertical force at the pressed node, computed with a dense matrix by NumPy."""
         K = to_dense_array(assemble_matrix(self.stiffness))
         prescribed_values = {
             int(d): 0.0 for condition in self.conditions for d in condition.dof_indices()[0]
@@ -614,7 +621,11 @@ def test_straight_plane_cells_and_standard_elements_get_no_bulk_warning(cell, ca
 
 
 class SphereWithNormalErrors(Sphere):
-    """A circle written by a user; factors scale the rotation and the derivative of its normal."""
+    """A user's circle with errors in its normals.
+
+    Normals are rotated by approximately `normal_factor` - 1, in radians, and their derivatives are
+    multiplied by `gradient_factor`.
+    """
 
     normal_factor, gradient_factor = 1.0, 1.0
 
@@ -648,7 +659,10 @@ def test_a_surface_with_wrong_derivatives_is_refused(kind, message):
 
 
 def flat_face_distance_and_gradient(half_width, distance_outside):
-    """Return the signed distance of a horizontal face at y = 0 above the body, and its gradient."""
+    """Return the signed distance of a horizontal face at y = 0 above the body, and its gradient.
+
+    Where |x| exceeds `half_width`, the distance is `distance_outside`.
+    """
 
     def distance(x):
         return np.where(np.abs(x[:, 0]) <= half_width, -x[:, 1], distance_outside)
@@ -661,9 +675,10 @@ def flat_face_distance_and_gradient(half_width, distance_outside):
 
 @pytest.mark.parametrize("with_gradient", [True, False])
 def test_nodes_face_nothing_where_a_signed_distance_is_infinite(with_gradient):
-    """Nodes where a signed distance is infinite face nothing.
+    """Nodes at which a signed distance is infinite face nothing.
 
-    At first, the pair equals that of a plane with the nodes below the face. Later, nodes leave it.
+    As long as no node passes the edge of a face, the states agree with those of a plane that only
+    the nodes below the face may touch. In a longer slide, nodes leave the face or come below it.
     """
     half_width = 0.53  # no node passes the edge of the face
 

@@ -36,9 +36,9 @@ PLANE_ABOVE = Plane((0.0, 0.0), (0.0, -1.0))
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("degrees", [0.0, 50.0])
 def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
-    """A die that its supports move off a block in one step ends where the supports carry it.
+    """A die that is moved off a block in one step ends where its supports carry it.
 
-    This takes no more linear systems than any other step.
+    This takes no more linear systems than pressing the die on the block, and no substeps.
     """
     bodies = make_die_on_block(
         friction=0.8, upper_is_slave=upper_is_slave, rotation_degrees=degrees
@@ -55,8 +55,8 @@ def test_a_body_slides_off_in_one_step(upper_is_slave, degrees):
     assert np.abs(separate_state.displacement.array_r.reshape(-1, 2) - expected).max() < 1e-9
 
 
-# Largest number of linear systems in an increment of a die with sharp corners. Without an early end
-# of iterations there are 237, 664 and 231
+# Largest number of linear systems allowed in an increment of a die with sharp corners. If
+# iterations were not ended early, the three cases would need 237, 664 and 231
 MAX_LINEAR_SYSTEMS_PER_INCREMENT = 140
 
 
@@ -64,9 +64,9 @@ MAX_LINEAR_SYSTEMS_PER_INCREMENT = 140
     ("upper_is_slave", "ends"), [(True, (1.0,)), (False, (1.0,)), (False, (0.5, 1.0))]
 )
 def test_a_sharp_die_is_solved_or_refused_after_few_linear_systems(upper_is_slave, ends):
-    """A sharp die that slides over a block is solved or refused after few linear systems.
+    """A sliding die with sharp corners is solved or refused after few linear systems.
 
-    In the cases that are refused, the corners of the die are the ends of the master.
+    It is refused if the die is the master, so that its corners are the ends of the master.
     """
     reports = []
     bodies = make_die_on_block(
@@ -160,7 +160,8 @@ def is_separated_by_move(problem, start_and_end_translations, unknowns):
 def test_a_tool_that_passes_through_a_body_does_not_separate():
     """A tool that would pass through a body does not count as separating from it.
 
-    The circle overlaps the left side of the block, most when its centre is on this side.
+    The circle overlaps the left side of the block; the overlap is largest if the centre of the
+    circle lies on this side.
     """
     rubber = RubberUnderCircle()
     circle, on_left_side = Sphere((-1.6, 0.0), 0.6), on_plane(0, -1.0)
@@ -204,9 +205,9 @@ def test_bodies_that_leave_no_space_for_each_other_are_refused():
 
 
 def test_a_tool_may_move_to_supports_of_a_body_behind_a_gap():
-    """A tool may move as far as the supports of a second body beyond a gap.
+    """A tool may reach the supports of a body that lies beyond a gap.
 
-    The tool pushes the upper body alone; the supports are those of the lower body.
+    The tool pushes only the upper body; the supports that it reaches are those of the lower body.
     """
     boxes = ((-1.0, -1.0), (1.0, 0.0)), ((-1.0, 0.5), (1.0, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((4, 2), (4, 2)), lambda x, y, _: (x, y))
@@ -220,7 +221,7 @@ def test_a_tool_may_move_to_supports_of_a_body_behind_a_gap():
         stepping._supports.node_positions,
         stepping._supports.is_supported,
         0 * stepping._supports.connected_piece_of_node,
-    )  # positions and supports of one connected body
+    )  # positions and supports, as if both bodies were one connected piece
     motions, displacements = np.zeros((65, 1, 3)), np.zeros((65, *node_data[0].shape))
     motions[:, 0, 1] = np.linspace(0.0, -1.1, 65)
     raise_if_tools_reach_or_pass_supports(

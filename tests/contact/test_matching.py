@@ -16,7 +16,7 @@ BLOCK_HEIGHT, BLOCK_LENGTH = 1.0, 2.0
 
 
 def nodes_of_block_at_height(space, height, of_upper):
-    """Return the nodes at a height that belong to the block above it, or to the one below it."""
+    """Return the nodes at a height that belong to the block above it (`of_upper`) or below it."""
     x, cells = space.tabulate_dof_coordinates(), space.dofmap.list
     axis = space.mesh.geometry.dim - 1
     is_above = x[cells][:, :, axis].mean(axis=1) > height
@@ -25,7 +25,7 @@ def nodes_of_block_at_height(space, height, of_upper):
 
 
 class MatchingBlocks(ElasticBody):
-    """Two equal blocks, one above the other, with matching nodes along y = 1."""
+    """Two equal blocks, one above the other, whose nodes match along the interface y = 1."""
 
     def __init__(self, method=PETROV_GALERKIN, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
         lower, upper = (

@@ -1,4 +1,4 @@
-"""Memory that each process needs: for its share of the body and for all contact surfaces."""
+"""Memory of each process, for its share of the body and for all contact surfaces."""
 
 import ctypes
 import gc
@@ -13,13 +13,13 @@ from dolfinx.mesh import CellType, create_box
 from pw_elements import Iterative
 from pw_elements.contact import ContactPair, Motion, Sphere
 from tests.contact.cases import PETROV_GALERKIN, ElasticBody, on_plane
-from tests.parallel import run_on
+from tests.parallel import run_on_processes
 
 MAX_MEMORY_SHARE_OVER_NODE_SHARE = 1.25
 
 
 class HeapStatistics(ctypes.Structure):
-    """Statistics of glibc's heap; `mapped` and `used` are bytes in use."""
+    """Statistics of glibc's heap; the fields `mapped` and `used` are numbers of bytes in use."""
 
     _fields_ = [
         (name, ctypes.c_size_t)
@@ -39,7 +39,7 @@ class HeapStatistics(ctypes.Structure):
 
 
 def bytes_in_use():
-    """Return the bytes that this process uses, including those of PETSc and DOLFINx."""
+    """Return the number of heap bytes in use, including those of PETSc and DOLFINx."""
     gc.collect()
     mallinfo = ctypes.CDLL(None).mallinfo2
     mallinfo.restype = HeapStatistics
@@ -48,7 +48,10 @@ def bytes_in_use():
 
 
 class PeakMemoryRecorder:
-    """Peak bytes of Python and NumPy in each stage, beyond those in use before the stage."""
+    """Recorder of the peak bytes that Python and NumPy allocate in each stage of a computation.
+
+    Bytes in use before a stage do not count.
+    """
 
     def __init__(self):
         self.bytes = {}
@@ -63,9 +66,10 @@ class PeakMemoryRecorder:
 
 
 def measure_nodes_and_memory_of_stages(comm, cells_per_height, state_path):
-    """Return the number of nodes, the peak bytes of each stage, and the bytes in use at the end.
+    """Return the number of nodes on this process, ghosts included, and the bytes of each stage.
 
-    The problem is a block of 2 n x n x n cells under a ball.
+    The bytes are peak values; those with the name "kept" are still in use after the increment. The
+    problem is a block of 2 n x n x n cells under a ball, where n is `cells_per_height`.
     """
     mesh = create_box(
         comm,
@@ -89,7 +93,10 @@ def measure_nodes_and_memory_of_stages(comm, cells_per_height, state_path):
 
 
 def measure_memory_of_large_and_small_block(comm, state_path):
-    """Return the number of nodes and the bytes of a block, and the bytes of a very small block."""
+    """Return the number of nodes and the bytes of a block, and the bytes of a very small block.
+
+    The result is that of `measure_nodes_and_memory_of_stages`; the small block runs on one process.
+    """
     small_path = state_path.with_name(f"{comm.rank}.npz")
     measure_nodes_and_memory_of_stages(
         MPI.COMM_SELF, 2, small_path
@@ -103,16 +110,17 @@ def measure_memory_of_large_and_small_block(comm, state_path):
 def test_a_process_holds_its_share_of_all_data_but_contact_surfaces(request, tmp_path):
     """A process holds only its share of all data except those of contact surfaces.
 
-    The share includes ghost nodes. One process holds a whole state while it is saved or loaded.
+    The memory beyond that of a very small block is compared with the process's share of the nodes,
+    ghosts included. Process 0 holds a whole state while it is saved or loaded.
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes 15 processes, with --nightly")
-    ((nodes, serial_bytes, _),) = run_on(
+    ((nodes, serial_bytes, _),) = run_on_processes(
         1, measure_memory_of_large_and_small_block, tmp_path / "state.npz"
     )
     for count in (2, 4, 8):
         for rank, (own_nodes, bytes_by_stage, small_bytes) in enumerate(
-            run_on(count, measure_memory_of_large_and_small_block, tmp_path / "state.npz")
+            run_on_processes(count, measure_memory_of_large_and_small_block, tmp_path / "state.npz")
         ):
             for stage, n_bytes in bytes_by_stage.items():
                 if rank > 0 or stage not in ("save", "load"):

@@ -47,15 +47,16 @@ def nodal_values(function, nodes):
 
 
 def contact_and_support_forces(stack, state, load):
-    """Return the forces (n, dim) that contact and supports have to carry."""
+    """Return the nodal forces (n, dim) that contact and supports exert on the bodies."""
     field = SubSpace.displacements(stack.space)
     return field.extract(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
 
 
 def relative_imbalance_of_contact(stack, state, load):
-    """Return the resultant force and moment of contact on both bodies, relative to the forces.
+    """Return the largest component of the resultant force and moment of contact, without unit.
 
-    The reference is the sum of the magnitudes of all nodal forces.
+    The forces on both bodies are added and should cancel. The result is divided by the sum of the
+    magnitudes of all components of the nodal forces.
     """
     interface_mask = stack.side_node_mask("upper") | stack.side_node_mask("lower")
     force, x = (
@@ -68,7 +69,7 @@ def relative_imbalance_of_contact(stack, state, load):
 
 
 def assert_uniaxial_displacements(stack, state, nu=0.3, relative_tolerance=1e-11):
-    """Assert that the displacements are those of uniaxial stress."""
+    """Assert that the displacements of a state are those of uniaxial stress."""
     exact = stack.uniaxial_displacement(nu)
     displacement = state.displacement.array.reshape(exact.shape)
     assert displacement == pytest.approx(exact, abs=relative_tolerance * np.abs(exact).max())
@@ -116,9 +117,9 @@ def test_patch_test_passes(cell, slave, friction, element, nu, state):
 
 @pytest.mark.parametrize(("slave", "amplitude"), [("upper", 0.15), ("lower", 0.05)])
 def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
-    """The patch test passes on distorted quadrilaterals, whose weights are no polynomials.
+    """The patch test passes on distorted quadrilaterals, whose weights are not polynomials.
 
-    The flat faces are no parallelograms.
+    They are the flat faces of hexahedra, and are not parallelograms.
     """
 
     def distort(x):
@@ -137,9 +138,10 @@ def test_patch_test_passes_on_distorted_quadrilaterals(slave, amplitude):
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
-    """The patch test passes where the upper block covers facets of the lower one in part.
+    """The patch test passes where the upper block covers only a part of the lower block's facets.
 
-    The upper block ends inside facets. Loads press the uncovered part of the lower block.
+    The upper block ends inside facets of the lower one. A load presses the uncovered part of the
+    lower block with the same pressure.
     """
     end, h = (0.81, 0.1) if cell in PLANE_CELLS else (0.83, 1 / 6)
     stack = StackedBlocks(
@@ -163,7 +165,7 @@ def test_patch_test_passes_where_facets_are_partly_covered(cell, slave):
     is_uncovered = x > end + h - 1e-9
     assert is_uncovered.any()
     assert np.abs(pressures[is_uncovered]).max() < 1e-12 * TOP_PRESSURE_OVER_MODULUS
-    # only a 200th of the weights of the last covered nodes faces the master; for solids far more
+    # in the plane, only a 200th of the last covered nodes' weights is covered; in space far more
     is_hardly_covered = ~is_uncovered & (x > end) & (cell == "triangle")
     assert np.isnan(pressures[is_hardly_covered]).all()
     assert is_hardly_covered.any() == (cell == "triangle")
@@ -330,8 +332,8 @@ def test_a_loose_body_is_named_in_the_refusal(traction, friction, kind, message)
 def test_friction_on_a_slave_that_supports_move_along_is_refused(cell):
     """Friction at slave nodes that supports move along the other body is refused.
 
-    The law is not imposed at such nodes. If both sides are exchanged, the friction acts on the
-    other body.
+    The friction law cannot be imposed at such nodes. If slave and master are exchanged, the problem
+    is solved, and friction acts at the nodes of the other body.
     """
     stack = StackedBlocks((3, 2), cell)
     up = stack.up
@@ -366,9 +368,10 @@ def hat_functions(x, node_positions):
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 def test_gap_slip_and_status_of_the_master_are_means_of_those_of_the_slave(slave):
-    """The master's gap, slip and status are weighted means of the slave's.
+    """Gap, slip and status on the master are weighted means of those on the slave.
 
-    The hat functions of both sides are sampled at points along the interface.
+    The weights are computed independently, by sampling the hat functions of both sides at points
+    along the interface.
     """
     low, high = 0.13, 0.83
     stack = StackedBlocks((5, 4), upper_range=(low, high))
@@ -410,7 +413,8 @@ def make_rectangle_mesh(low, high, divisions):
 def test_two_slaves_on_one_master_and_a_rigid_floor_have_uniform_pressure():
     """The pressure is uniform between two slaves and one master, which lies on a rigid floor.
 
-    The two upper blocks meet above the inside of a facet. The plates have a thickness of 0.4.
+    The two upper blocks meet above the interior of a facet of the master. The thickness of all
+    blocks is 0.4.
     """
     end = 0.47
     lower_mesh = make_rectangle_mesh((0.0, 0.0), (1.0, 1.0), (5, 4))

@@ -1,4 +1,4 @@
-"""Contact on two processes, at night also on three; all cases are computed in one start of MPI."""
+"""Contact on two processes, or on three at night; one start of MPI computes all cases."""
 
 import logging
 import os
@@ -42,15 +42,15 @@ from tests.contact.test_sensitivity import RandomRubber
 from tests.contact.two_bodies import StackedBlocks
 from tests.library import vtx
 from tests.oracle.random_contact import make_problem as random_problem
-from tests.parallel import assert_same, run_on
+from tests.parallel import assert_same_values, run_on_processes
 
 CASES_WITH_FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
 def solve_stacked_blocks(comm, cell, divisions):
-    """Return a body that is pressed on another one and moved, and its state.
+    """Return two stacked blocks with non-matching meshes, and a list with their state.
 
-    The bodies have non-matching meshes, and the upper one covers the lower one in part.
+    The upper block is pressed and moved sideways. It covers only a part of the lower block.
     """
     stack = StackedBlocks(divisions, cell, upper_range=(0.13, 0.83), comm=comm)
     return stack, [stack.solve_shifted_top("lower")]
@@ -107,7 +107,7 @@ def numbers_in_surface_passed_error(comm, surface, depth):
 
 
 def solve_and_write_cases_and_collect_numbers(comm, folder):
-    """Return all numbers of the cases by name, and write the cases' files."""
+    """Solve all cases, write files of some of them, and return the results by name."""
     numbers = {
         "ball passes": numbers_in_surface_passed_error(comm, Sphere((0, 6), 2.0), 5.0),
         "plate passes": numbers_in_surface_passed_error(comm, Plane((0, 4), (0, -1)), 6.0),
@@ -131,7 +131,7 @@ def solve_and_write_cases_and_collect_numbers(comm, folder):
 
 
 def collect_errors_of_obstructed_writing(comm, folder):
-    """Return the errors of writing while rank 0 alone is obstructed, and the final file names."""
+    """Write while only rank 0 meets obstacles; return the messages and the final file names."""
     body, states = solve_block_on_floor(comm)
     path, messages = folder / "block.bp", []
     if comm.rank == 0:
@@ -161,7 +161,7 @@ def collect_errors_of_obstructed_writing(comm, folder):
 
 def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
     for rank, (messages, file_names) in enumerate(
-        run_on(2, collect_errors_of_obstructed_writing, tmp_path)
+        run_on_processes(2, collect_errors_of_obstructed_writing, tmp_path)
     ):
         foreign_folder, *contents, full_disk = messages
         assert "does not say that it is a time series" in foreign_folder
@@ -171,7 +171,7 @@ def test_an_obstacle_to_writing_on_one_process_is_reported_on_all(tmp_path):
 
 
 def write_with_failure_on_rank_1(comm, folder):
-    """Make one process fail while it writes a file and the others wait for it."""
+    """Write a file; rank 1 fails in doing so, and the other processes wait for it."""
     body, states = solve_block_on_floor(comm)
     fill = ContactFields.fill
 
@@ -189,15 +189,15 @@ def write_with_failure_on_rank_1(comm, folder):
 
 def test_processes_do_not_wait_for_one_that_failed_while_writing(tmp_path):
     with pytest.raises(AssertionError, match="writing failed on process 1 alone: no more"):
-        run_on(2, write_with_failure_on_rank_1, tmp_path, limit=300)
+        run_on_processes(2, write_with_failure_on_rank_1, tmp_path, limit=300)
     assert not (tmp_path / "block.bp").exists()
 
 
 def solve_whole_and_resumed_histories(name, problems, motions, folder, further_fields=()):
-    """Return the fields at the end of the motions, computed in one history and in resumed ones.
+    """Return the fields at the end of the motions, from one whole history and two resumed ones.
 
-    In the resumed histories, another problem starts from the state before the last motion, which it
-    loads from a file or gets directly.
+    In the resumed histories, a second problem object starts from the state before the last motion.
+    This state is either loaded from a file or passed directly.
     """
     (problem, second_problem), path = problems, folder / f"{name}.npz"
     *_, previous, end_state = large.step_through(problem, motions)
@@ -210,9 +210,9 @@ def solve_whole_and_resumed_histories(name, problems, motions, folder, further_f
 
 
 def solve_and_collect_finite_strain_fields(comm, folder):
-    """Return fields of problems at large strains: with moved tools, and with two rubber bodies.
+    """Return fields of large-strain problems with moved tools and with two rubber bodies.
 
-    The fields include derivatives with respect to parameters.
+    They include derivatives of outputs with respect to parameters.
     """
     fields = {}
     for name, solver in large.SOLVERS_BY_NAME.items():
@@ -247,7 +247,7 @@ EXPECTED_REFUSAL_TYPES = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
 def check_callback_and_collect_log(comm):
-    """Return whether a callback given on rank 1 is called there alone, and the lines of the log."""
+    """Return whether a callback given on rank 1 is called only there, and the lines of the log."""
     case, lines, events = BlockOnFloor(8, comm=comm), [], []
     case.pressure_load.scale(0.01)  # reduces the load, so that displacements are small
 
@@ -271,14 +271,15 @@ def check_callback_and_collect_log(comm):
 
 
 def comparable_fields_with_displacement_norm(state):
-    """Return the fields of a state, with the norm of the displacement in place of its values."""
+    """Return the fields of a state, in which the displacement is replaced by its norm."""
     return collect_comparable_fields(state) | {"displacement": state.displacement.norm()}
 
 
 def compute_results_to_compare(comm, resume_folder, folder):
-    """Return all results that are compared between numbers of processes.
+    """Return all results that must not depend on the number of processes.
 
-    Histories that were stopped on fewer processes are continued from `resume_folder`.
+    If `resume_folder` is given, histories continue from the states that fewer processes have saved
+    in it.
     """
     results = {
         "numbers": solve_and_write_cases_and_collect_numbers(comm, folder),
@@ -306,7 +307,10 @@ def compute_results_to_compare(comm, resume_folder, folder):
 
 
 def merge_coinciding_points(step_fields):
-    """Return a step's fields with each point once, sorted by position; copies have to agree."""
+    """Return the fields of a step with coinciding points merged, sorted by position.
+
+    The values at coinciding points have to agree.
+    """
     x = step_fields["geometry"]
     order = np.lexsort(np.round(x, 9).T)
     is_new_point = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
@@ -348,9 +352,9 @@ def assert_same_time_series(case_name, serial_folder, parallel_folder):
 
 
 def assert_same_histories(name, serial_result, parallel_results, folder):
-    """Compare histories that were continued on other numbers of processes.
+    """Compare histories that are interrupted and continued on other numbers of processes.
 
-    They begin on one process, continue on several, and continue again on one.
+    They have begun on one process and continued on several; this function continues them on one.
     """
     problem, steps = HISTORY_MAKERS_BY_NAME[name]()
     resumed_states = resume_history(problem, steps, problem.load(folder / f"{name}.npz"))
@@ -385,7 +389,7 @@ def assert_rank_0_alone_logs(rank_0_result, *other_results):
 
 
 def test_one_and_several_processes_agree(tmp_path, request):
-    """One and several processes compute the same results, files and messages.
+    """One process and several processes produce the same results, files and messages.
 
     All parts are in one test, so that parallel workers of pytest do not repeat computations.
     """
@@ -397,13 +401,13 @@ def test_one_and_several_processes_agree(tmp_path, request):
     for name, values in serial["large"].items():
         reference = serial["large"][re.sub("resumed|taken up", "whole", name)]
         assert np.abs(values - reference).max() < 1e-12, name
-    parallel_results = run_on(
+    parallel_results = run_on_processes(
         3 if request.config.getoption("--nightly") else 2, compute_results_to_compare, *folders
     )
     for parallel in parallel_results:
         assert parallel["words"] == serial["words"]
-        assert_same(serial["numbers"], parallel["numbers"], 1e-10, "of several")
-        assert_same(serial["large"], parallel["large"], 1e-9, "of several")
+        assert_same_values(serial["numbers"], parallel["numbers"], 1e-10, "of several")
+        assert_same_values(serial["large"], parallel["large"], 1e-9, "of several")
     for name in CASES_WITH_FILES if vtx.load_adios2_library() else ():
         assert_same_time_series(name, *folders)
     for name in HISTORY_MAKERS_BY_NAME:

@@ -1,4 +1,4 @@
-"""The policies that update the active set of contact nodes; each one is tested alone."""
+"""Separate tests of the policies that update the active set of contact nodes."""
 
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ SELF_COMM = MPI.COMM_SELF
 
 
 def make_active_set(*statuses, slip_direction=0.0):
-    """Return an active set of the given statuses; slipping nodes have the given direction."""
+    """Return an active set with the given statuses and one direction for all slipping nodes."""
     n = len(statuses)
     slipping = np.array(statuses) == SLIP
     return ActiveSet(
@@ -32,7 +32,7 @@ def make_active_set(*statuses, slip_direction=0.0):
 
 
 def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
-    """Return plane contact nodes with the normal y and normal and tangential forces (n, 2)."""
+    """Return plane contact nodes whose normal is y; `force` (n, 2) is normal and tangential."""
     force = np.asarray(force, dtype=float)
     n = len(force)
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))

@@ -15,7 +15,7 @@ BLOCK_ON_FLOOR = BlockOnFloor(8)
 
 @pytest.fixture(autouse=True)
 def _remove_logging_configuration(monkeypatch):
-    """Remove logging handlers and levels that other tests or the study have set."""
+    """Remove, for one test, logging handlers and levels that other tests or the study have set."""
     level = progress.logger.level
     monkeypatch.setattr(progress.logger, "handlers", [])
     progress.logger.setLevel(logging.NOTSET)

@@ -1,4 +1,4 @@
-"""Refusals of contact problems, compared with statics by hand and another linear program."""
+"""Refusals of contact problems, compared with statics by hand and a separate linear program."""
 
 import re
 from dataclasses import replace
@@ -53,14 +53,14 @@ FLOOR_IN_SPACE = Plane((0, 0, 0), (0, 0, 1))
 
 
 class BodyWithSupports(ElasticBody):
-    """A body with its supports; the pairs and loads of one increment are given later."""
+    """A body with its supports; the pairs and the load of one increment are passed to `solve`."""
 
     def __init__(self, mesh, state="plane strain", conditions=()):
         super().__init__(mesh, state=state)
         self.conditions = [prescribe(self.space, axis, where) for axis, where in conditions]
 
     def solve(self, pairs, load):
-        """Return the state for given pairs and either a load vector or a load per volume."""
+        """Return the state for given pairs and a load, which is a vector or a force per volume."""
         pairs = [pairs] if isinstance(pairs, ContactPair) else pairs
         if isinstance(load, tuple):
             load = assemble_vector(self.body.body_load(load))
@@ -99,9 +99,9 @@ def floor_pair(mu=0.3, surface=FLOOR):
 
 
 def make_two_blocks(comm=SELF_COMM, second_corner_x=5.0, second_corner_y=0.0):
-    """Return two separate blocks of one mesh without supports.
+    """Return two separate blocks in one mesh, without supports.
 
-    The lower left corner of the first block is the origin, that of the second one is (x, y).
+    The lower left corner of the first block is the origin; that of the second block is given.
     """
     first_mesh, second_mesh = (
         triangles(SELF_COMM, corner, (corner[0] + 2.0, corner[1] + 1.0), (4, 2))
@@ -111,7 +111,7 @@ def make_two_blocks(comm=SELF_COMM, second_corner_x=5.0, second_corner_y=0.0):
 
 
 def make_stacked_pairs(body, floor_friction, block_friction):
-    """Return the two contact pairs of a block on a second block, which lies on the floor."""
+    """Return the contact pairs of two stacked blocks: lower block and floor, and both blocks."""
     lower_nodes, upper_nodes = (
         nodes_of_block_at_height(body.space, 1.0, of_upper) for of_upper in (False, True)
     )
@@ -124,7 +124,7 @@ def make_stacked_pairs(body, floor_friction, block_friction):
 def catch_refusal_and_check_proof(
     problem, pairs, load, message_pattern=None, error_type=NoEquilibrium
 ):
-    """Return the error of a problem that is refused, after checking the proof in it."""
+    """Solve a problem that has to be refused, check the proof in the error, and return it."""
     with pytest.raises(error_type, match=message_pattern) as caught:
         problem.solve(pairs, load)
     assert type(caught.value) is error_type
@@ -141,8 +141,9 @@ def catch_refusal_and_check_proof(
 def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
     """A block slides on an incline whose slope exceeds the friction coefficient mu.
 
-    The weight (s, -c) acts at the middle of the base, with s and c the sine and cosine of the
-    inclination. The missing force is s - mu c.
+    The weight (s, -c) acts at the middle of the base, where s and c are the sine and cosine of the
+    inclination. The missing force is s - mu c along the incline if mu < 1, and otherwise the normal
+    force (s - mu c) / mu.
     """
     body = make_block()
     for slope_ratio, is_refused in ((0.99, False), (1.01, True), (1.001, True)):
@@ -167,7 +168,7 @@ def test_a_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
 def test_a_body_in_space_slides_in_any_direction():
     """A body on a plane in space slides in any direction in which a force exceeds the friction.
 
-    The friction cone is round; it is not replaced by a pyramid.
+    The limit is the same in all directions: the friction cone is not replaced by a pyramid.
     """
     body, ground_pair = make_solid_block(), ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
@@ -337,7 +338,7 @@ def test_free_motions_are_named(name):
 
 
 def collect_refusal_messages(comm):
-    """Return the messages of refusals without equilibrium, and then of free bodies."""
+    """Return the error messages of problems without equilibrium, then those of free bodies."""
     upper_on_lower, floor_in_space = (
         make_two_blocks(comm, 0.0, 1.0),
         ContactPair(on_plane(2, 0.0), FLOOR_IN_SPACE, 0.3),
@@ -383,14 +384,15 @@ def test_the_nearest_state_of_a_failure_is_kept_but_cannot_be_continued(tmp_path
 
 
 def friction_capacity_in_message(error):
-    """Return the largest friction force that an error message gives."""
+    """Return the largest possible friction force that an error message states."""
     return float(re.search(r"of at most (\S+) along", str(error)).group(1))
 
 
 def press_ring_on_shaft():
-    """Return a ring with interference on a shaft, its problem, state, end area and capacity.
+    """Return a ring pressed on a shaft, its problem, state, end area and friction capacity.
 
-    The capacity is the coefficient of friction times the normal force of the fit.
+    The ring is fitted with interference. The capacity is the friction coefficient times the normal
+    force of the fit.
     """
     ring = BodyWithSupports(triangles(SELF_COMM, (1.0, 0.0), (2.0, 1.0), (4, 4)), "axisymmetric")
     pair = ContactPair(on_plane(0, 1.0), Plane((1.01, 0), (1, 0)), 0.3, interference=True)
@@ -401,7 +403,11 @@ def press_ring_on_shaft():
 
 @pytest.mark.parametrize("overload", [1.02, 1.2, 1.5])
 def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity(overload):
-    """Smaller increments cannot help."""
+    """The refusal of a ring that is pushed off its shaft states how much friction is available.
+
+    This is the friction coefficient times the normal force of the fit. Smaller increments cannot
+    help, and the message does not suggest them.
+    """
     ring, problem, fitted, area, capacity = press_ring_on_shaft()
     pushed = problem.step(fitted, ring.traction_load((0, 0.95 * capacity / area), on_plane(1, 1.0)))
     assert pushed.pairs[0].force[1] == pytest.approx(-0.95 * capacity)
@@ -416,7 +422,11 @@ def test_the_refusal_of_a_ring_pushed_off_its_shaft_states_the_friction_capacity
 
 @pytest.mark.parametrize("overload", [3.0, 7.0, 20.0, 100.0])
 def test_a_ring_pushed_far_off_its_shaft_is_in_no_equilibrium(overload):
-    """Soft springs let the ring slide until round-off exceeds the load: this is no solution."""
+    """A push that far exceeds the friction of a press fit is refused.
+
+    With soft springs, the ring slides until round-off exceeds the load; such a state must not be
+    accepted as a solution.
+    """
     ring, problem, fitted, area, capacity = press_ring_on_shaft()
     load = ring.traction_load((0, overload * capacity / area), on_plane(1, 1.0))
     with pytest.raises(SolutionNotFound, match=r"pair 0 is exhausted: .*increments do not"):
@@ -444,9 +454,10 @@ def test_refusals_of_other_causes_do_not_blame_friction():
 
 
 def draw_rigid_contact_points(rng, count, dim):
-    """Return random contact points of a rigid body, and their data for the other program.
+    """Return random contact points of a rigid body, and their data for the separate program.
 
-    The data are normals (n, dim), friction coefficients, and the rigid motions of the points.
+    The data are normals (n, dim), friction coefficients (n,), and the velocities (n, dim, modes) of
+    the points in the rigid motions.
     """
     x = rng.uniform(-1, 1, (count, dim))
     n = rng.normal(size=(count, dim))
@@ -477,8 +488,8 @@ def draw_rigid_contact_points(rng, count, dim):
 def can_contact_forces_balance_loads(normals, mu, rigid_modes, load_power, tangential_directions):
     """Return whether some admissible contact forces balance the loads.
 
-    Each contact force is a nonnegative combination of normal + mu * direction, with the tangential
-    directions of its node.
+    Each contact force is a nonnegative combination of the vectors normal + mu * direction, where
+    `tangential_directions` are given in a basis of the node's tangent plane.
     """
     generators = []
     for normal, friction in zip(normals, mu, strict=True):
@@ -498,8 +509,9 @@ def can_contact_forces_balance_loads(normals, mu, rigid_modes, load_power, tange
 def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
     """A proof of "no equilibrium" is found exactly where no contact forces balance the loads.
 
-    In the plane, the edges of Coulomb's cones are two vectors. In space, the cones lie between two
-    pyramids, for which the other linear program is solved.
+    A separate linear program decides whether forces balance the loads. In the plane, two vectors
+    span each friction cone. In space, the program is solved with a pyramid inside each cone and
+    with a pyramid around it.
     """
     rng = np.random.default_rng((7, seed))
     dim = 2 + seed % 2
@@ -535,7 +547,8 @@ def test_a_proof_is_found_exactly_where_no_forces_balance_the_loads(seed):
 def test_no_motion_is_a_proof_where_forces_balance_the_loads():
     """No motion is accepted as a proof if contact forces balance the loads.
 
-    The motions are random, or near the motion by which the body would escape.
+    One motion is random, one is near the motion by which the body would escape, and one follows the
+    loads.
     """
     n_overstepped = n_proved = 0
     for seed in range(200):
@@ -562,8 +575,8 @@ def test_no_motion_is_a_proof_where_forces_balance_the_loads():
 def test_a_motion_outside_the_friction_cone_is_no_proof(monkeypatch):
     """A motion that violates the friction cone is not accepted as a proof.
 
-    The motion, which is put in place of the linear program's result, lets a block slide on a floor.
-    Friction would do more work than the load.
+    The motion replaces the result of the linear program. In it a block slides on a floor, where
+    friction would take up more work than the load does.
     """
     eye = np.eye(2)
     none_marked = np.zeros(1, dtype=bool)
@@ -587,10 +600,10 @@ def test_a_motion_outside_the_friction_cone_is_no_proof(monkeypatch):
 
 @pytest.mark.parametrize("blocked", [False, True])
 def test_sparse_and_dense_algebra_find_the_same_free_motions(monkeypatch, blocked):
-    """Sparse and dense algebra give the same messages about motions of bodies.
+    """Sparse and dense algebra find the same motions of bodies, and give the same messages.
 
-    Sparse algebra is used for many bodies. Stiffness matrices with blocks of nodal unknowns are
-    tested as well.
+    The library uses sparse algebra if there are many bodies. Stiffness matrices in blocks of nodal
+    unknowns are tested as well.
     """
     two_blocks, messages = make_two_blocks(), []
     two_blocks.K = assemble_matrix(two_blocks.body.stiffness(), blocked=blocked)
@@ -606,9 +619,9 @@ def test_sparse_and_dense_algebra_find_the_same_free_motions(monkeypatch, blocke
 
 
 def test_a_stiffness_between_bodies_holds_them():
-    """Springs in the stiffness matrix between a free and a clamped block hold the free one.
+    """Springs between a free and a clamped block, added to the stiffness matrix, hold the free one.
 
-    The blocks touch nothing else that could hold them.
+    Nothing else holds the free block, which is refused without the springs.
     """
     two_blocks = make_two_blocks()
     two_blocks.conditions = [

@@ -1,4 +1,4 @@
-"""The fallbacks of the active-set iteration; each one is tested alone."""
+"""Separate tests of the fallbacks of the active-set iteration."""
 
 from collections import Counter
 
@@ -50,7 +50,7 @@ def test_problems_on_which_the_iteration_fails_are_solved_by_springs_and_logged(
 def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps():
     """A plate that slides freely over supported nodes is solved in substeps.
 
-    The plate is pushed across two symmetry planes in space. Springs do not help here.
+    In space, the plate is pushed over nodes in two planes of symmetry. Springs do not help here.
     """
     problem = make_problem(1441)
     states = problem.solve()
@@ -62,9 +62,9 @@ def test_a_plate_that_slides_freely_over_supported_nodes_is_solved_in_substeps()
 
 
 def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
-    """The error of a solver that fails in a substep is reported.
+    """The error of a linear solver that fails in a substep is raised; no smaller substep is tried.
 
-    No smaller substep is tried. With "auto", a direct solver then takes over.
+    With the solver "auto", a direct solver would then take over.
     """
     problem, solve_part = make_problem(158), SmallStrainStepping._solve_substep
 
@@ -81,7 +81,7 @@ def test_a_solver_that_fails_in_a_substep_is_reported(monkeypatch):
 def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
     """Substeps obey the contact law, and all their linear systems are counted.
 
-    Each substep obeys the law at its own loads, with the slip since the previous substep.
+    Each substep obeys the law at its own loads, with the slip since the preceding substep.
     """
     n_solves, n_factorisations, problem = Counter(), Counter(), make_problem(1134)
     solve_system, solve_tangent = ContactSystem.solve, AssembledTangent.solve
@@ -105,7 +105,7 @@ def test_substeps_obey_the_law_and_all_their_systems_are_counted(monkeypatch):
         )
         < 1e-8
     )
-    # the ends of increments alone violate the law of whole increments
+    # without the substeps, the states at the ends of increments violate the law
     assert (
         largest_residual(
             recompute_residuals_per_step(

@@ -32,7 +32,7 @@ PARAMETER_NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide"
 
 
 class RandomRubber:
-    """A random rubber block with parameters of all kinds, under a tool that moves and pushes."""
+    """A rubber block with random data and parameters of all kinds, under a moving, pushing tool."""
 
     def __init__(self, seed, dim=2, steps=3, max_iterations=25, comm=MPI.COMM_SELF):
         rng = np.random.default_rng(seed)
@@ -115,7 +115,7 @@ class RandomRubber:
 
     @property
     def parameters(self):
-        """Return the parameters, keyed by `PARAMETER_NAMES`, with their rates in all states."""
+        """Return the parameters, keyed by `PARAMETER_NAMES`, with rates in all states if needed."""
         ramp, n = np.arange(4) / 3, self.steps + 1
         depth, slide, push = np.zeros((3, 4, self.dim))
         depth[1:3, -1], slide[1:, 0], push[3, -1] = (
@@ -133,7 +133,7 @@ class RandomRubber:
 
     @property
     def outputs(self):
-        """Return the outputs of which derivatives are computed."""
+        """Return the outputs whose derivatives are computed."""
         x, v = ufl.SpatialCoordinate(self.space.mesh), ufl.TestFunction(self.space)
         weights = assemble_vector(ufl.inner(x, v) * ufl.dx)
         axis = self.dim - 1
@@ -141,7 +141,7 @@ class RandomRubber:
         return [*forces, ("translation", 0, axis), self.energy, weights]
 
     def recompute_outputs(self, states):
-        """Return the outputs (states - 1, outputs), computed from the states by other code."""
+        """Recompute the outputs (states - 1, outputs) from the states without `sensitivity`."""
         rows, weights = [], self.outputs[-1]
         for state, load in zip(states[1:], self.loads, strict=True):
             load(1.0)
@@ -196,7 +196,7 @@ class LinearBlockUnderCircle:
         } | motion_parameters
 
     def recompute_outputs(self, states):
-        """Return the values of the outputs, computed from the states by other code."""
+        """Recompute the outputs (states - 1, outputs) from the states without `sensitivity`."""
         pair_values = [
             [*state.pairs[0].force, state.pairs[0].translation[1]] for state in states[1:]
         ]
@@ -204,9 +204,10 @@ class LinearBlockUnderCircle:
 
 
 def sensitivity_errors_by_group(case, sensitivities, states, n_groups):
-    """Return the errors of derivatives relative to central differences, by parameter group.
+    """Return the relative error of the derivatives for each group of parameters.
 
-    The parameters of a group change together. Groups in which a status changes are left out.
+    The reference is a central difference in which all parameters of the group change together.
+    Groups whose change alters the status of a node are left out.
     """
     errors, names = {}, [*case.parameters]
     for group in np.array_split(names, n_groups):
@@ -347,9 +348,9 @@ def test_parameters_without_effect_and_invalid_numbers_are_refused():
 
 
 def test_a_status_that_is_about_to_change_is_refused():
-    """The sensitivity is refused where a status is about to change.
+    """Sensitivities are refused if the status of a node is about to change.
 
-    The circle just touches a node, without any force.
+    The circle just touches a node without any force.
     """
     problem = RubberUnderCircle().problem
     states = [problem.undeformed, problem.step(problem.undeformed)]

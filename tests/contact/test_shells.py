@@ -35,7 +35,7 @@ INNER_RADIUS, INTERFACE_RADIUS, OUTER_RADIUS, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3
 
 
 def _make_quarter_tube_mesh(inner_radius, outer_radius, cells_per_length, cell):
-    """Return a quarter of a tube between two radii, with n cells per unit of length."""
+    """Return the mesh of a quarter of a tube; `cells_per_length` scales all numbers of cells."""
     divisions = (
         max(2, round(1.5 * cells_per_length * (outer_radius - inner_radius))),
         2 * cells_per_length,
@@ -55,13 +55,13 @@ def _make_quarter_tube_mesh(inner_radius, outer_radius, cells_per_length, cell):
 
 
 def _roll_strip_into_quarter_circle(x):
-    """Map a strip to a quarter of a circle about the last axis."""
+    """Map points of a strip to a quarter of a ring about the third axis."""
     angle = np.pi / 2 * x[:, 1]
     return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), x[:, 2]])
 
 
 def make_interface_pair(body, where, is_outside, slave, coincident=True, **pair_options):
-    """Return the contact pair of two nested bodies at the marked faces."""
+    """Return the contact pair of two nested bodies that touch along the marked faces."""
     inner_facets, outer_facets = split_facets_by_side(body, where, is_outside)
     slave_facets, master_facets = (
         (inner_facets, outer_facets) if slave == "inner" else (outer_facets, inner_facets)
@@ -142,9 +142,9 @@ SHELL_CASES = [
 def solve_and_measure_errors_and_shear(shells):
     """Return the errors of displacement and pressures, and the largest shear stress of the master.
 
-    The error of displacements is the largest one, divided by the largest displacement. Errors of
-    the pressures on both sides are root mean squares, relative to the exact pressure. The shear
-    stress is divided by this pressure.
+    The error of the displacements is their largest error divided by the largest displacement. The
+    errors of the pressures on both sides are root mean squares relative to the exact pressure. The
+    shear stress is divided by this pressure.
     """
     (state,) = shells.solve_contact(shells.pair, shells.supports, shells.pressure_load)
     (pair,) = state.pairs
@@ -163,7 +163,7 @@ def solve_and_measure_errors_and_shear(shells):
 def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, slave):
     """The errors of displacements and pressures in tubes and spheres are of second order.
 
-    Integrals over the chords of curved faces have errors of second order.
+    The reason is that integrals over the chords of curved faces have errors of second order.
     """
     errors, shear = zip(
         *(
@@ -183,9 +183,10 @@ def test_errors_of_tubes_and_spheres_are_of_second_order(kind, cell, divisions, 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_effects_of_mesh_gaps_are_of_fourth_order(cell):
-    """Gaps between curved faces due to the mesh have an effect of fourth order.
+    """Gaps between the meshes of curved faces cause errors of fourth order in the displacements.
 
-    The gaps of sides that are not declared coincident are closed by pressure.
+    The two sides are not declared coincident; pressure therefore has to close the gaps that arise
+    because both meshes approximate the same circle differently.
     """
     errors = [
         solve_and_measure_errors_and_shear(
@@ -216,10 +217,11 @@ PRESS_FIT_DEPTH = 1e-3 * INTERFACE_RADIUS
 def press_fit_pressure_error(
     state, cells_per_ring, interference, depth=PRESS_FIT_DEPTH, slave="inner"
 ):
-    """Return the largest error of Lame's pressure on either side of a press fit of two rings.
+    """Return the largest relative deviation from Lame's pressure in a press fit of two rings.
 
-    The rings are fixed along the axis. If `interference` is True, the bore of the outer ring is too
-    narrow by `depth`. Otherwise, both meshes fit, and `interference` is a number or a function.
+    Both sides are considered. The rings are fixed along the axis. If `interference` is True, the
+    bore of the outer ring is too narrow by `depth`. Otherwise, the meshes fit together, and
+    `interference` is the depth as a number or a function.
     """
     is_plane, is_nominal = state == "plane strain", interference is not True
 
@@ -278,9 +280,10 @@ def test_mesh_gaps_beside_an_interference_are_logged_as_warnings(caplog):
 
 @pytest.mark.parametrize("slave", ["inner", "outer"])
 def test_friction_on_a_curved_face_has_coulombs_torque(slave):
-    """The friction torque of a rotating ring in another ring is that of Coulomb's law.
+    """A ring that rotates within another ring has the friction torque of Coulomb's law.
 
-    The ring has a mesh of Gmsh. It expands, rotates, and slips on its whole circumference.
+    The inner ring expands, rotates, and slips along its whole circumference. Both meshes are made
+    by Gmsh. Torque, pressure and shear stress are compared with the exact solution.
     """
     mu, radial_displacement, rotation = 0.3, 1e-3, 2e-3
 
@@ -365,7 +368,7 @@ def exact_shrink_fit_pressure():
 
 
 class ShrunkRing(ElasticBody):
-    """A ring between two smooth planes with a bore that is too small by `INTERFERENCE`."""
+    """A ring between two frictionless planes, whose bore is too small by `INTERFERENCE`."""
 
     def __init__(self, n, method=PETROV_GALERKIN, build=triangles):
         mesh = build(MPI.COMM_SELF, (BORE_RADIUS, 0.0), (RIM_RADIUS, RING_HEIGHT), (n, 2))

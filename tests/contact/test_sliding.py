@@ -39,7 +39,7 @@ FRICTION = 0.3
 
 
 def make_boundary_facets_of_curve(n_facets, curve, first_node, outward_normal_y):
-    """Return a curve over the interval [-1, 1] that consists of n quadratic facets."""
+    """Return the quadratic facets of a curve y(x) over the interval [-1, 1]."""
     s = np.linspace(-1, 1, 2 * n_facets + 1)
     x = np.stack([s, curve(s)], axis=1)
     node = 2 * np.arange(n_facets)[:, None] + [0, 2, 1]
@@ -49,7 +49,7 @@ def make_boundary_facets_of_curve(n_facets, curve, first_node, outward_normal_y)
 
 
 def make_mortar_and_disturbed_positions(revolved):
-    """Return a mortar of two curved sides and two disturbed sets of positions of its nodes."""
+    """Return a mortar of two curved sides, and randomly disturbed positions (n, 2) of its nodes."""
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     master_side = make_boundary_facets_of_curve(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
@@ -67,8 +67,8 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
     start_x = x + np.random.default_rng(7).normal(size=x.shape) * 0.01
     start_x[: mortar.n_slave_nodes] -= [0.3, 0.0]  # so that some nodes face nothing at the start
     reference = mortar.make_slip_reference(start_x)
-    assert (projected.faces_master & ~reference.faced_master).any()
-    assert (projected.faces_master & reference.faced_master).any()
+    assert (projected.faces_master & ~reference.is_facing_master).any()
+    assert (projected.faces_master & reference.is_facing_master).any()
 
     def evaluate_mortar_quantities(x):
         projected = mortar.linearise(x)
@@ -101,9 +101,10 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
 @pytest.mark.parametrize("at_ends", [(True, True), (False, True), (True, False)])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
-    """Independent verification and mortar compute the same integrals for disturbed sides.
+    """The independent verification and the mortar compute the same integrals for disturbed sides.
 
-    The sides are shifted and rotated. Normals at their ends may lie in symmetry planes.
+    The sides are shifted and, unless the bodies are axisymmetric, rotated. Normals at the ends of
+    the slave may lie in planes of symmetry.
     """
     mortar, x = make_mortar_and_disturbed_positions(revolved)
     end_nodes = np.setxor1d(*mortar.sides.slave_facets.T)
@@ -125,17 +126,17 @@ def test_the_verification_agrees_with_the_mortar(revolved, at_ends, seed):
 def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     """A rigid motion of both bodies together causes no slip.
 
-    Mortar operators are those at the start of the increment, so that paired points stay paired.
+    The mortar operators at the end equal those at the start: paired points stay paired.
     """
     mortar, x = make_mortar_and_disturbed_positions(False)
     end = x @ rotation_matrix(np.radians(degrees)).T + [3.0, -2.0]
     start, projected = mortar.make_slip_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
-    # nor do nodes slip that face nothing at the start, wherever they are
+    # nodes that face nothing at the start do not slip either, wherever they are
     unfaced_start = replace(
         start,
         distance_rows=0.0 * start.distance_rows,
-        faced_master=np.zeros_like(start.faced_master),
+        is_facing_master=np.zeros_like(start.is_facing_master),
     )
     for reference in (start, unfaced_start):
         assert (
@@ -147,7 +148,7 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
 def test_linear_fields_are_transferred_exactly():
     """Linear fields are transferred exactly between the sides of a mortar.
 
-    The sides are straight, have non-matching meshes, and cover each other in part.
+    The sides are straight, have non-matching meshes, and overlap only partly.
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
@@ -162,9 +163,9 @@ def test_linear_fields_are_transferred_exactly():
 
 @pytest.fixture(scope="module")
 def die_states_and_violations():
-    """Return the die, its states along the path, and the violations of the law in all iterations.
+    """Return the die on its block, the states along its path, and the violations in all iterations.
 
-    The violations are pairs (increment, violation).
+    The violations of the contact law are given as pairs (increment, violation).
     """
     violations = []
 
@@ -185,9 +186,10 @@ def test_the_verification_of_states_agrees_with_the_iteration(die_states_and_vio
 
 @pytest.mark.parametrize("revolved", [False, True])
 def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
-    """Independent verification and mortar agree for bodies that a symmetry plane cuts in half.
+    """The independent verification and the mortar agree for bodies cut by a plane of symmetry.
 
-    The normal at the end of the die's side lies in this plane. The bodies may be axisymmetric.
+    The normal at the end of the die's lower side lies in this plane. The bodies may be
+    axisymmetric.
     """
 
     def die_bottom_height(x):
@@ -224,8 +226,8 @@ def test_the_verification_agrees_for_bodies_cut_by_a_symmetry_plane(revolved):
 def relative_friction_law_error(state):
     """Return the largest error of the friction law, relative to the largest nodal force.
 
-    At slipping nodes it is the difference of the shear force from the friction limit, elsewhere its
-    excess above this limit.
+    At slipping nodes, the error is the difference between the shear force and the friction limit;
+    at other nodes it is the excess of the shear force over this limit.
     """
     (pair,) = state.pairs
     limit = FRICTION * pair.force_normal
@@ -253,7 +255,7 @@ def test_a_die_slides_by_more_than_an_element(die_states_and_violations):
 
 
 def make_block_under_narrow_punch(n_block_cells):
-    """Return a flat block as the slave under a narrower punch; both are rough."""
+    """Return a flat block, the slave, under a narrower punch; there is friction between them."""
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.01), (0.5, 1.0))
     mesh = mesh_of_two_rectangles(*boxes, ((n_block_cells, 4), (4, 4)), lambda x, y, _: (x, y))
     return SlidingBodies(
@@ -263,9 +265,9 @@ def make_block_under_narrow_punch(n_block_cells):
 
 @pytest.mark.parametrize(("divisions", "last_closed_x"), [(6, 0.75), (12, 0.5)])
 def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_closed_x):
-    """Slave nodes that reach the end of the master slip together with it.
+    """Slave nodes that reach the end of the master move together with it, without large slips.
 
-    As the block sticks to the punch, shears do not depend on the number of increments.
+    As the block sticks to the punch, its shear forces do not depend on the number of increments.
     """
     shears = []
     for n_increments in (1, 2, 4):
@@ -285,7 +287,7 @@ def test_nodes_that_reach_the_end_of_the_master_slip_with_it(divisions, last_clo
 def test_nothing_is_faced_beyond_the_point_where_normals_meet():
     """Slave nodes face nothing beyond the point where the normals of their side meet.
 
-    A hollow slave side is moved so far away that the other side lies beyond this point.
+    A curved slave side is moved so far away that the other side lies beyond this point.
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
     master_side = make_boundary_facets_of_curve(4, lambda s: 0.0 * s, 100, 1.0)
@@ -302,9 +304,10 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
 
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 def test_a_die_slides_off_its_block(upper_is_slave):
-    """A die that slides off its block ends without any contact force.
+    """A die that slides off its block ends without contact forces, where its supports carry it.
 
-    It moves farther than its own width.
+    It moves farther than its own width. The last increments take at most three times the usual
+    number of iterations.
     """
     bodies = make_die_on_block(friction=FRICTION, upper_is_slave=upper_is_slave)
     path = [(0.0, -0.12), *((0.4 * k, -0.12) for k in range(1, 8))]
@@ -319,9 +322,10 @@ def test_a_die_slides_off_its_block(upper_is_slave):
 
 
 def test_slip_agrees_with_that_of_the_path(die_states_and_violations, caplog):
-    """Slip agrees with the slip of material points along the path.
+    """The slip agrees with the slip of material points along the path.
 
-    The two slips are computed by different formulas. A warning is logged if the slip is incomplete.
+    The two slips are computed by different formulas. If they differ in a pair with friction, a
+    warning is logged once.
     """
     bodies, states, _ = die_states_and_violations
     for state in states[2:]:
@@ -348,10 +352,10 @@ def test_slip_agrees_with_that_of_the_path(die_states_and_violations, caplog):
 
 
 def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monkeypatch):
-    """Slip that is computed from the closest point is refused by the verification.
+    """The verification refuses slips that are computed from closest points.
 
-    At nodes beyond the master's end, it differs from the mean over the covered part. Without the
-    verification, a warning would be logged.
+    At nodes beyond the end of the master, such a slip differs from the mean slip of the covered
+    part. Without the verification, a warning would be logged.
     """
     make_reference = SlidingMortar.make_slip_reference
 
@@ -359,10 +363,12 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
         reference = make_reference(mortar, x)
         ends, parts = mortar._find_closest_master_facets_and_weights(x)
         rows = reference.distance_rows.tolil()
-        for j in np.flatnonzero(~reference.faced_master):
+        for j in np.flatnonzero(~reference.is_facing_master):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
         return replace(
-            reference, distance_rows=rows.tocsr(), faced_master=np.ones_like(reference.faced_master)
+            reference,
+            distance_rows=rows.tocsr(),
+            is_facing_master=np.ones_like(reference.is_facing_master),
         )
 
     monkeypatch.setattr(SlidingMortar, "make_slip_reference", make_reference_by_closest_points)
@@ -379,9 +385,9 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 @pytest.mark.parametrize("upper_is_slave", [True, False])
 @pytest.mark.parametrize("path", [[(0.0, -3.0)], [(0.0, -0.12), (0.1, -3.0)]])
 def test_bodies_driven_through_each_other_are_refused(upper_is_slave, path):
-    """Bodies whose supports would pass through each other are refused.
+    """Bodies that their supports would drive through each other are refused.
 
-    No linear system is solved.
+    No linear system is solved before the refusal.
     """
     calls = []
     bodies = make_die_on_block(upper_is_slave=upper_is_slave, callback=calls.append)
@@ -408,7 +414,7 @@ def test_a_body_may_move_down_beside_another_one():
 def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     """The depth of penetration is measured at nodes between the ends of the other side.
 
-    It is zero for nodes that were not outside of the other body at first.
+    It is zero for nodes that were not outside the other body at the start.
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
@@ -428,7 +434,7 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
 
 
 def test_resultants_agree_if_slave_and_master_are_exchanged(die_states_and_violations):
-    """With exchanged slave and master, resultant forces agree to the accuracy of the mesh."""
+    """If slave and master are exchanged, the resultant force agrees to the mesh's accuracy, 3 %."""
     histories = (
         die_states_and_violations[1],
         slide_along_path(make_die_on_block(upper_is_slave=False)),
@@ -500,9 +506,9 @@ def test_fields_contain_pressures_and_forces_of_both_sides(die_states_and_violat
 
 
 def test_a_uniform_pressure_is_transferred_exactly():
-    """A uniform pressure is transferred exactly between two blocks of different widths and meshes.
+    """A uniform pressure is transferred exactly between two blocks with non-matching meshes.
 
-    The blocks lie between smooth walls.
+    The blocks have the same width and lie between frictionless walls.
     """
     mesh = mesh_of_two_rectangles(
         ((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y)
@@ -527,7 +533,7 @@ def test_a_uniform_pressure_is_transferred_exactly():
 
 
 def make_invalid_pairs_and_bodies():
-    """Return the cases (residual, pair, error message) of refused pairs, and the two bodies."""
+    """Return tuples (residual, pair, error message) of pairs to be refused, and the two bodies."""
     bodies = make_die_on_block()
     surface = bodies.pair.surface
     galerkin = Spaces.galerkin(bodies.space.mesh)

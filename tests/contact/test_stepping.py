@@ -25,8 +25,9 @@ from tests.contact.histories import (
 )
 from tests.contact.test_matching import MatchingBlocks
 
-# Relative difference of two computations of a state. Their systems are solved to 1e-13 of the load
-# by factors of another matrix, and forces of two bodies are some ten times less accurate
+# Largest relative difference between two computations of a state. Linear systems are solved to
+# 1e-13 of the load with the factors of another matrix, and forces between two bodies are about ten
+# times less accurate
 RELATIVE_RESTART_TOLERANCE = 1e-11
 BLOCK_ON_FLOOR = BlockOnFloor(4)
 BLOCK_PROBLEM = BLOCK_ON_FLOOR.contact_problem(BLOCK_ON_FLOOR.floor_pair(0.3))
@@ -34,7 +35,10 @@ LOWER_PLANE = Plane((0, -0.01), (0, 1))
 
 
 def largest_relative_field_difference(states, reference_states, scale_states=()):
-    """Return the largest difference of any field, relative to its scale in a history."""
+    """Return the largest difference between states, relative to the scale of each field.
+
+    The scale of a field is taken from `reference_states` and `scale_states`.
+    """
     largest = 0.0
     for name in collect_comparable_fields(reference_states[-1]):
         scale = largest_force_or_length_in_history(name, [*reference_states, *scale_states])
@@ -57,7 +61,7 @@ def test_a_history_resumed_from_a_state_or_a_file_is_the_same(name, tmp_path):
     stored_state = states[INCREMENTS_BEFORE_RESUME - 1]
     second_problem, _ = HISTORY_MAKERS_BY_NAME[
         name
-    ]()  # another problem, which gets nothing but the state
+    ]()  # a second problem object, which gets only the state
     problem.save(stored_state, tmp_path / "state.npz")
     loaded_state = second_problem.load(tmp_path / "state.npz")
     assert (loaded_state.increment, loaded_state.unique, loaded_state.report) == (
@@ -241,9 +245,9 @@ def test_a_full_disk_and_another_writer_leave_the_file_complete(tmp_path, monkey
 
 
 def test_coinciding_nodes_keep_their_displacements_in_files(tmp_path):
-    """Nodes at the same position keep their own displacements in files.
+    """Nodes at the same position keep their own displacements if a state is saved and loaded.
 
-    Two blocks touch at these nodes.
+    These nodes belong to two blocks that touch each other.
     """
     blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(), blocks.base_supports)
@@ -271,9 +275,9 @@ MAX_FACTORISATIONS_OF_51_SYSTEMS = 4  # upper limit, for 51 linear systems
 
 
 def test_factors_are_reused_while_few_rows_change():
-    """Factors of a matrix are reused while few of its rows change.
+    """The factors of a matrix are reused while few of its rows change.
 
-    Most increments of a slow pull need no new factors; the mesh is large enough for this.
+    Most increments of a slow pull need no new factors if the mesh is as fine as in this test.
     """
     states = BlockOnFloor(48).solve(0.3, 60.0, n_pull_increments=10)
     reports = [state.report for state in states]

@@ -23,7 +23,8 @@ from tests.contact.polyline import PolylineSurface
 
 RNG = np.random.default_rng(5)
 
-# from left to right, the body above: a step up (a re-entrant and a protruding corner) and a tip
+# corners from left to right, with the body above: a step up, which has a re-entrant and a
+# protruding corner, and a tip
 STEP_AND_TIP_CORNERS = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
 
 SURFACES_BY_NAME = {
@@ -56,9 +57,10 @@ def test_the_normal_is_the_gradient_of_the_gap(name):
 
 @pytest.mark.parametrize("radius", [1e-6, 1.0, 1e6])
 def test_normals_by_differences_are_accurate_in_any_unit(radius):
-    """Normals by differences of a distance function are accurate in any unit of length.
+    """Normals computed by differences of a distance function are accurate in any unit of length.
 
-    A fixed step would be as large as the circle, or it would be lost in round-off.
+    A fixed step would be as large as a small circle, and would be lost in the round-off of a large
+    one.
     """
     circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - radius)
     angle = np.linspace(0.0, 6.0, 20)
@@ -87,10 +89,10 @@ def test_a_flat_punch_faces_nothing_beyond_its_edge():
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
-    """Small gaps to a large sphere keep their digits.
+    """Small gaps to a large sphere are computed without loss of digits.
 
-    The reference has fifty digits; |y| - R in double precision would lose almost all of them, with
-    y the position from the centre and R the radius.
+    The reference is computed with fifty digits. In double precision, |y| - R would lose almost all
+    digits, where y is the position relative to the centre and R the radius.
     """
     radius = 2.0**20
     ball = Sphere([*[0.5] * (dim - 1), side * radius], radius)
@@ -126,9 +128,9 @@ def test_a_gradient_that_contradicts_its_function_is_refused_where_it_is_used(co
 
 
 def test_an_edge_of_a_function_does_not_contradict_its_gradient():
-    """A gradient is accepted where the distance function has an edge.
+    """A user's gradient is accepted at an edge of the distance function.
 
-    The function is the distance from two sides of a corner; the gradient on either side is valid.
+    The function has a corner at x = 0, where the gradients on both sides are valid.
     """
     roof = SignedDistance(
         lambda x: x[:, 1] + np.abs(x[:, 0]),
@@ -147,9 +149,10 @@ def test_the_centre_of_a_sphere_has_no_closest_point(dim):
 
 
 def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
-    """A warning is logged if the step of differences is too large.
+    """A warning is logged if the step of the differences that give the normals is too large.
 
-    Differences of a circle's distance have an error of (step / radius)^2 / 6 at most points.
+    The contact force is compared with the force for exact normals. Differences of the distance from
+    a circle have an error of (step / radius)^2 / 6 at most points.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2)))
     supports = body.make_clamping_supports(on_plane(1, 0.0))
@@ -185,9 +188,10 @@ def test_a_step_of_differences_that_is_too_large_is_logged(caplog):
 
 
 def test_closest_points_are_infinitely_far_where_nothing_is_faced():
-    """Closest points are infinitely far where nodes face nothing.
+    """Where a signed distance is infinite, the closest point is infinitely far away.
 
-    Differences near the edge are one-sided, elsewhere they are central.
+    Elsewhere, gaps, normals and curvatures agree with those of a full circle. Near the edge of the
+    surface, they are computed by one-sided differences instead of central ones.
     """
 
     def half_circle_distance(x):

@@ -73,9 +73,10 @@ def test_a_stiffness_that_is_scaled_between_steps_is_noticed():
 
 
 def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
-    """The status of a slave node on the axis is neither stick nor slip but "held".
+    """The status of a slave node on the axis of revolution is "held", neither stick nor slip.
 
-    Its slip is a weighted mean that contains the slip of its neighbours.
+    The slip at this node is not zero, because it is a weighted mean that contains the slip of its
+    neighbours.
     """
     stack = StackedBlocks((4, 3), state="axisymmetric", modulus_ratio=30.0)
     supports, load = (
@@ -95,7 +96,8 @@ def test_a_slave_node_on_the_axis_neither_sticks_nor_slips():
 def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
     """The residuals of two bodies that stick to each other are at the level of round-off.
 
-    Lengths are divided by the displacements of both bodies, not by their small difference.
+    The reason is that lengths are divided by the displacements of the bodies and not by the small
+    difference of these displacements.
     """
     caplog.set_level(logging.INFO)
     stack = StackedBlocks((3, 2))
@@ -109,7 +111,7 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
 
 @pytest.fixture(scope="module")
 def increment_solution_and_start():
-    """Return a contact increment, its solution and its start state.
+    """Return the equations of a contact increment, its solution and its start state.
 
     The solution has open, sticking and slipping nodes.
     """
@@ -143,7 +145,7 @@ def increment_solution_and_start():
 
 
 def law_violation_over_tolerance(increment, newton_state):
-    """Return the violation of the contact law in a Newton state, which may have been changed."""
+    """Return the contact law's largest violation in a Newton state, divided by its tolerance."""
     largest_force, of_displacements, of_coordinates = (
         increment._max_contact_force_and_round_off_forces(
             newton_state.force, newton_state.displacement_size, newton_state.kinematics.torque_map
@@ -155,9 +157,10 @@ def law_violation_over_tolerance(increment, newton_state):
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
 def test_no_state_is_accepted_that_its_residuals_reject(increment_solution_and_start, name):
-    """The iteration accepts no state that is rejected because of its residuals.
+    """The iteration accepts no state that would be rejected because of its residuals.
 
-    Each condition is violated alone, by 1e-7 and by 1e-10 of the largest force.
+    Each condition is violated alone. The iteration rejects violations by 1e-7 of the largest force
+    and accepts those by 1e-10.
     """
     increment, solution, start = increment_solution_and_start
     contact = solution.nodes
@@ -197,7 +200,7 @@ def test_no_state_is_accepted_that_its_residuals_reject(increment_solution_and_s
 def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_unique):
     """The state of a block that is pulled at the friction limit is not unique.
 
-    The block may slide by any distance.
+    At the limit the block may slide by any distance. At 0.9 times the limit, its state is unique.
     """
     block = BlockOnFloor(8)
     states = block.solve(0.3, load_ratio * 120.0, n_pull_increments=1, frictionless_end_length=0.0)
@@ -208,8 +211,8 @@ def test_a_block_pulled_at_the_friction_limit_is_not_unique(load_ratio, is_uniqu
 def test_a_ball_released_to_zero_force_just_touches(mu):
     """A ball that is released to zero force just touches the body.
 
-    The iteration needs no fallback if it starts from touching nodes. It would need one from the
-    last active set.
+    The iteration needs no fallback, because it starts from touching nodes. It would need one if it
+    started from the last active set.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4)))
     motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
@@ -233,7 +236,7 @@ def test_a_refusal_names_the_fallbacks_and_the_part_that_was_reached(caplog):
 
 
 def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch):
-    """A fallback costs at most its multiple of the work of the first attempt.
+    """A fallback may cost at most a given multiple of the work of the first attempt.
 
     Only a substep that has already begun may exceed this budget.
     """
@@ -243,7 +246,7 @@ def test_a_fallback_costs_at_most_its_multiple_of_the_first_attempt(monkeypatch)
     def record_budget(stepping, remedy, free):
         remaining_budgets.extend(
             remaining() for remaining, _ in budgets[-1:]
-        )  # what the previous fallback has left
+        )  # the unused part of the preceding fallback's budget
         remaining = budget(stepping, remedy, free)
         budgets.append((remaining, remaining()))
         return remaining

@@ -37,7 +37,7 @@ from tests.contact.test_large import (
     make_interface_stand_in,
     step_through,
 )
-from tests.parallel import assert_same
+from tests.parallel import assert_same_values
 
 PIVOT = (0.2, 0.5)
 PRESSING_MOTION = Motion((0.0, -0.15), rotation=0.1)
@@ -79,9 +79,10 @@ def test_the_kinematics_of_a_rotating_tool_are_linearised_consistently(name):
     R, w = np.eye(dim) + surfaces.rotation_minus_identity(q), linearised.torque_map.w
 
     def quantities_in_surface_frame(step, motion, displacement_change):
-        """Return quantities in the surface's frame for motions and displacements changed by a step.
+        """Return quantities in the surface's frame after motion and displacements have changed.
 
-        They are gap, slip, normal, force, magnitude of the shear force, and torque.
+        `step` scales both changes. The quantities are gap, slip, normal, force, magnitude of the
+        shear force, and torque.
         """
         changed_q, changed_a = q + step * motion, a + step * displacement_change
         changed_kinematics, rotation = kinematics.linearise(changed_q, changed_a, r), np.eye(dim)
@@ -143,10 +144,10 @@ def rotate_in_plane(vectors, radians):
 
 
 def test_any_pivot_can_describe_the_same_poses():
-    """The same positions of a tool can be described with any pivot.
+    """The same pose of a tool can be described with any pivot.
 
-    A rotation about another pivot needs an additional translation. The torques differ by the cross
-    product of the vector between the pivots and the force.
+    A rotation about another pivot needs an additional translation, and has the same contact forces.
+    The torques differ by the cross product of the vector between the pivots and the force.
     """
     (pair,) = step_through(
         make_rubber_under_roller().problem, [Motion((0.05, -0.15), rotation=0.3)]
@@ -168,9 +169,10 @@ def test_any_pivot_can_describe_the_same_poses():
 
 
 def test_a_free_angle_under_a_torque_is_the_prescribed_one():
-    """A tool under a torque takes the angle at which this torque was computed.
+    """A tool that is free to rotate under a torque takes the angle at which this torque arose.
 
-    Its height under a force agrees as well. Newton's method converges quadratically.
+    The torque and the vertical force were computed for prescribed motions. The contact forces agree
+    as well, and Newton's method converges quadratically.
     """
     violations = []
     rubber = make_rubber_under_roller(
@@ -197,7 +199,7 @@ def test_a_free_angle_under_a_torque_is_the_prescribed_one():
 def test_a_tool_that_rotates_with_its_body_does_not_slip():
     """A tool that rotates together with the body does not slip on it.
 
-    Body and tool are rotated by a right angle: the forces rotate, and all nodes stick.
+    Body and tool are rotated by a right angle. The forces rotate with them, and the slip is zero.
     """
     rubber = make_rubber_under_roller()
     base_displacement = fem.Function(rubber.space)
@@ -225,7 +227,7 @@ def test_a_tool_that_rotates_with_its_body_does_not_slip():
 
 
 def rotate_tool_in_increments(problem, pressed_state, depth, total_angle, n_increments):
-    """Return the state after a rotation in equal increments."""
+    """Return the state after a pressed tool is rotated in equal increments."""
     ends = total_angle * np.arange(1, n_increments + 1) / n_increments
     motions = [Motion((0.0, -depth), rotation=end) for end in ends]
     return step_through(problem, motions, pressed_state)[-1]
@@ -258,7 +260,7 @@ def test_whole_turns_are_counted_as_slip(angle):
 def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
     """A warning is logged if the slip does not include a rotation of the tool.
 
-    The slip along the path, with which it is compared, includes whole turns.
+    The slip is compared with the slip along the path, which includes whole turns.
     """
     problem = make_rubber_under_roller((0.0, 0.6)).problem
     pressed = problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
@@ -267,7 +269,7 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
         assert np.abs(pair.slip - pair.path_slip).max() < 0.01 * np.abs(pair.slip).max()
         assert not caplog.records
         monkeypatch.setattr(finite, "MAX_SURFACE_RADIANS_PER_SUBSTEP", np.inf)
-        # the verification would refuse the state, since its slip includes whole turns
+        # the verification, whose slip includes whole turns, would refuse the state
         monkeypatch.setattr(finite, "verify_state", lambda found, *_, **__: found)
         (pair,) = rotate_tool_in_increments(problem, pressed, 0.1, 2 * np.pi, 1).pairs
     is_closed = pair.status != OPEN
@@ -281,9 +283,10 @@ def test_a_rotation_that_the_slip_misses_would_be_logged(caplog, monkeypatch):
 
 
 def test_rolling_in_smaller_increments_converges():
-    """The shears of a rolling wheel converge as increments become smaller.
+    """The contact forces of a rolling wheel converge as increments become smaller.
 
-    A wheel that rolls with 5 % of slip sticks in places, and its shears depend on the increments.
+    The wheel rolls with 5 % of slip and sticks in places. Its shear forces therefore depend on the
+    size of the increments.
     """
     problem = make_rubber_under_roller((0.0, 0.6), friction=0.9).problem
     pressed = problem.step(problem.undeformed, motions=Motion((-0.4, -0.1)))
@@ -303,7 +306,7 @@ def test_rolling_in_smaller_increments_converges():
 
 
 def problem_and_load_of_rotating_base(pivot, angle):
-    """Return a block's problem, and a load that rotates its base about the pivot of the tool."""
+    """Return the problem of a block, and a load that rotates its base about the tool's pivot."""
     rubber = make_rubber_under_roller(pivot)
     base_displacement = fem.Function(rubber.space)
     x = rubber.space.tabulate_dof_coordinates()[:, :2]
@@ -339,7 +342,8 @@ def test_rotations_of_the_body_by_supports_are_counted_as_slip():
 def test_an_increment_with_too_large_a_free_rotation_is_cut(monkeypatch):
     """An increment in which a free tool rotates too far is cut.
 
-    The angle is known only at the end. No substep exceeds the allowed angle.
+    The angle follows from a torque and is known only at the end of the increment. No substep
+    exceeds the allowed angle.
     """
     problem = make_rubber_under_roller().problem
     pressed = problem.step(problem.undeformed, motions=PRESSING_MOTION)
@@ -371,9 +375,9 @@ def make_ball_problem(friction, **options):
 
 
 def test_a_ball_rotating_about_its_axis_has_a_friction_torque():
-    """A ball that rotates about its vertical axis has a friction torque, or none without friction.
+    """A ball that rotates about its vertical axis has a friction torque; without friction it is 0.
 
-    If this torque is prescribed, the ball rotates by the same angle.
+    If this torque is prescribed instead of the angle, the ball rotates by the same angle.
     """
     down = (0.0, 0.0, -0.15)
     frictionless_states = step_through(
@@ -402,7 +406,7 @@ def test_a_ball_rotating_about_its_axis_has_a_friction_torque():
 
 
 def make_roller_problem_and_motions(solver):
-    """Return the problem and motions of a plane roller that is free to rise in the last one."""
+    """Return the problem and motions of a plane roller, whose height is free in the last motion."""
     weighted = Motion((0.1, None), (0.0, -0.3), rotation=-0.1)
     return make_rubber_under_roller(solver=solver).problem, [PRESSING_MOTION, weighted]
 
@@ -423,16 +427,16 @@ def test_iterative_and_direct_solvers_rotate_tools_alike(make_case):
         )
         for solver in SOLVERS_BY_NAME.values()
     )
-    assert_same(direct, iterative, 1e-9, make_case.__name__)
+    assert_same_values(direct, iterative, 1e-9, make_case.__name__)
     problem, (pressing_motion, *_) = make_case(Iterative())
     with pytest.raises(ValueError, match="free to turn"):
         problem.step(problem.undeformed, motions=replace(pressing_motion, rotation=None))
 
 
 def test_a_state_with_another_pivot_is_refused(tmp_path):
-    """A state is refused by a problem whose tool has another pivot.
+    """A problem whose tool has another pivot refuses to load a state.
 
-    The same angle would mean another position of the tool.
+    With another pivot, the same angle would mean another position of the tool.
     """
     problem, path = make_rubber_under_roller().problem, tmp_path / "state.npz"
     problem.save(problem.undeformed, path)
@@ -455,7 +459,7 @@ def test_an_increment_that_is_cut_rotates_in_proportion():
 def test_sensitivities_of_rotated_tools_are_refused():
     """Sensitivities of histories with rotating tools are refused.
 
-    They would lack the rotation of the frame in which slip is measured.
+    The derivatives would not include the rotation of the frame in which slip is measured.
     """
     problem = make_rubber_under_roller().problem
     (state,) = step_through(problem, [PRESSING_MOTION])

@@ -1,4 +1,4 @@
-"""States that violate the contact law are refused, whatever the iteration accepts."""
+"""States that violate the contact law are refused, even if the iteration accepts them."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ RELATIVE_RESIDUAL_TOLERANCE = 1e-9
 
 
 def solve_roller():
-    """Return the states of a circle that presses, slides and rotates on rubber."""
+    """Return the states of a circle that is pressed on rubber, slid along it, and rotated."""
     return step_through_roller_motions(make_rubber_under_roller())
 
 
@@ -72,8 +72,8 @@ def test_residuals_stay_within_tolerance_and_allowance(name):
 def test_a_state_that_the_iteration_accepts_too_early_is_refused(name, monkeypatch):
     """A state that the iteration accepts too early is refused.
 
-    The first iterate of every increment is accepted as its solution. Most of these iterates do not
-    obey the law.
+    The iteration is changed to accept the first iterate of every increment as its solution. Most of
+    these iterates do not obey the contact law.
     """
     monkeypatch.setattr(IncrementEquations, "max_residual_to_tolerance_ratio", lambda *_: 0.0)
     with pytest.raises(
@@ -97,9 +97,9 @@ CORRUPTIONS_OF_KINEMATICS = {
 
 @pytest.mark.parametrize("wrong", CORRUPTIONS_OF_KINEMATICS)
 def test_wrong_kinematics_lead_to_no_state(wrong, monkeypatch):
-    """No state is returned if gap, slip or normal of the iteration are wrong.
+    """No state is returned if the iteration computes wrong gaps, slips or normals.
 
-    Their derivatives are wrong in the same way, so that the iteration itself converges.
+    Either the iteration fails, or the verification refuses the state to which it converges.
     """
     linearise, change = LargeStrainKinematics.linearise, CORRUPTIONS_OF_KINEMATICS[wrong]
     monkeypatch.setattr(LargeStrainKinematics, "linearise", lambda *a: change(linearise(*a)))
@@ -130,7 +130,8 @@ CORRUPTIONS_OF_LINEARISED_MORTAR = {
 def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
     """No state is returned if the mortar integrals of the iteration are wrong.
 
-    The verification computes gap, normal, slip and forces on the master by independent code.
+    The verification refuses it, because it computes gap, normal, slip and forces on the master by
+    independent code.
     """
     bodies = make_die_on_block(friction=0.3)
     meet, motions = (
@@ -168,7 +169,7 @@ def test_a_residual_of_the_wrong_sign_is_refused_at_once():
 def test_residuals_agree_with_plain_arithmetic():
     """The residuals of a state agree with residuals computed by plain arithmetic.
 
-    The state is a randomly disturbed solution, so that its residuals are not small.
+    The state is a randomly disturbed solution; its residuals are therefore not small.
     """
     body, mu = BodyWithSupports(triangles(SELF_COMM, (0.0, 0.0), (2.0, 1.0), (4, 2))), 0.3
     problem = body.contact_problem(ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), mu))
@@ -213,7 +214,8 @@ def test_residuals_agree_with_plain_arithmetic():
 def test_a_tool_that_rotates_in_one_increment_slips_all_the_way(angle):
     """A tool that rotates in one increment slips during the whole rotation.
 
-    The pressed circle slips against its rotation, so that friction drags the body along.
+    The friction force, by which the pressed circle drags the body along, is the same as after a
+    rotation by only 1 rad.
     """
     rubber = make_rubber_under_roller(pivot=(0.0, 0.6))
     translation = (0.0, -0.15)

@@ -1,4 +1,4 @@
-"""Checks for large displacements, passing surfaces, and residuals of unloaded states."""
+"""Checks for large displacements and passing surfaces, and residuals of unloaded states."""
 
 import logging
 from itertools import pairwise
@@ -57,7 +57,7 @@ def solve_under_moved_surface(
 
 
 def bend_points(points):
-    """Return points after a smooth map that is invertible on the unit square and cube."""
+    """Map points by a smooth function that is invertible on the unit square and the unit cube."""
     return points + 0.08 * np.sin(2 * points[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
 
 
@@ -91,7 +91,7 @@ SPACE_MAKERS_BY_NAME = {
 
 
 def make_nodal_vector_of_field(space, field_at_positions):
-    """Return the vector of the nodal values (n, dim) that a function of positions (n, 3) gives."""
+    """Return the vector of the nodal values of a field, given as a function of positions (n, 3)."""
     owned = space.dofmap.index_map.size_local
     values = field_at_positions(space.tabulate_dof_coordinates()[:owned])[
         :, : space.mesh.geometry.dim
@@ -123,8 +123,8 @@ def test_uniform_gradients_are_measured_exactly(name):
 def test_states_report_strain_rotation_and_slip():
     """States report the largest strain, rotation and slip.
 
-    In uniaxial compression by a depth d of a block of height h, the strain is d/h without rotation.
-    The block widens and therefore slips on the plate.
+    If a block of height h is compressed uniaxially by a depth d, the strain is d/h and the rotation
+    is zero. The block widens and therefore slips along the plate.
     """
     supports = BLOCK_4_BY_2.make_supports((1, on_plane(1, 0.0)), (0, on_plane(0, 0.0)))
     shear_motion = Motion((-0.3, -0.02))
@@ -139,9 +139,9 @@ def test_states_report_strain_rotation_and_slip():
 
 
 def test_the_slip_of_matching_nodes_is_the_total_one():
-    """States of matching nodes report the total slip since the start.
+    """States of matching nodes report the total slip since the undeformed state.
 
-    The pairs of nodes never change.
+    The reason is that the pairing of the nodes never changes.
     """
     blocks = MatchingBlocks()
     problem = blocks.contact_problem(blocks.make_pair(0.0), blocks.base_supports)
@@ -169,7 +169,7 @@ def test_leaving_the_range_of_small_displacements_is_logged_once(caplog):
     assert "(above 0.05)" in message
 
 
-# -- surfaces that pass through - -------------------------------------------------------------
+# -- surfaces that pass through ---------------------------------------------------------------
 
 BALL_LEVEL_SET = SignedDistance(lambda x: (x[:, 0] - 2) ** 2 + (x[:, 1] - 3) ** 2 - 1)
 TIP_POLYLINE = PolylineSurface([(6, 4), (2, 2), (-2, 4)])
@@ -263,12 +263,13 @@ def test_surfaces_that_pass_through_the_thickness_are_refused_in_space(cell):
 
 
 def test_random_paths_through_the_body_agree_with_dense_sampling():
-    """Random paths through the body are detected as by dense sampling of the path.
+    """Balls on random paths are refused where dense sampling shows that they pass through the body.
 
-    Balls move above and below the top surface of the body.
+    The paths lead above and below the top surface of the body. Paths close to the limit between
+    both cases may be refused or not.
     """
     rng = np.random.default_rng(1)
-    # leaves out the nodes at the sides of the block
+    # nodes of the top, without those at the sides of the block
     x = BLOCK_4_BY_2.x[
         np.isclose(BLOCK_4_BY_2.x[:, 1], 2.0) & (np.abs(BLOCK_4_BY_2.x[:, 0] - 2) < 1.99)
     ]
@@ -300,7 +301,7 @@ def test_random_paths_through_the_body_agree_with_dense_sampling():
 def test_states_carry_the_scale_of_their_history(tmp_path):
     """States carry the largest force and length of their history.
 
-    The punch presses, and it is released in tiny steps until no force is left.
+    A punch is pressed down and then released, in the end by tiny steps, until no force is left.
     """
     case = PunchedBlock()
     problem = case.contact_problem(case.punch_pair(0.6), case.base_supports)

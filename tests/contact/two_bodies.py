@@ -39,9 +39,10 @@ def join_meshes(lower, upper, comm=MPI.COMM_SELF):
 
 
 def split_facets_by_side(elastic_body, marker, is_cell_beyond):
-    """Return two arrays of the marked exterior facets: before and beyond an interface.
+    """Split the marked exterior facets into those before and those beyond an interface.
 
-    The function `is_cell_beyond` decides this by the midpoints (n, dim) of cells.
+    The function `is_cell_beyond` gets the midpoints (n, dim) of cells, and decides on which side of
+    the interface the cells and their facets lie.
     """
     facets = locate_exterior_facets(elastic_body.mesh, marker)
     is_beyond_cell = is_cell_beyond(
@@ -53,12 +54,13 @@ def split_facets_by_side(elastic_body, marker, is_cell_beyond):
 
 
 class StackedBlocks(ElasticBody):
-    """One block on another one; they meet near x_up = 1, where x_up is the last coordinate.
+    """Two stacked blocks that meet near x_up = 1, where x_up is the last coordinate.
 
-    `lower_range` and `upper_range` are the first and last coordinate of the blocks across this
-    axis. `element` is the name of a method of `Spaces` or of a comparison element. `map_upper` maps
-    the nodes (n, 3) of the upper block. `modulus_ratio` is Young's modulus of the upper block
-    divided by that of the lower block, which is 1.
+    `divisions` are the numbers of cells of the lower and the upper block along the first axis.
+    `lower_range` and `upper_range` are the smallest and largest coordinates of the blocks along the
+    horizontal axes. `element` is the name of a method of `Spaces` or of a comparison element.
+    `map_upper` maps the nodes (n, 3) of the upper block. `modulus_ratio` is Young's modulus of the
+    upper block divided by that of the lower block, which is 1.
     """
 
     def __init__(
@@ -107,7 +109,7 @@ class StackedBlocks(ElasticBody):
         }
 
     def _keep_facets_between_blocks(self, facets):
-        """Return the given facets without those that lie in the sides of the blocks."""
+        """Return the given facets without those that lie on the lateral sides of the blocks."""
         extent = np.ptp(self.x[facet_nodes(self.displacement_space, facets)], axis=1)
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
@@ -138,14 +140,18 @@ class StackedBlocks(ElasticBody):
         )
 
     def solve_shifted_top(self, slave="upper", friction=0.2, **options):
-        """Return the state of a non-uniform contact: the top is moved down and sideways."""
+        """Return the state after the top is moved down and sideways; the contact is not uniform."""
         supports = self.fixed_base_moved_top_supports(
             [0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02]
         )
         return self.solve_contact(self.make_pair(slave, friction), supports, **options)[0]
 
     def solve_uniaxial_compression(self, slave="upper", friction=0.0, load=None):
-        """Return the state of uniaxial stress, with symmetry planes and a pressure on the top."""
+        """Return the state of uniaxial stress, caused by a pressure on the top.
+
+        Supports hold the sides in the coordinate planes, which are planes of symmetry. If `load` is
+        given, it replaces the load vector of the pressure.
+        """
         load = (
             self.traction_load(-TOP_PRESSURE_OVER_MODULUS * np.eye(self.dim)[self.up])
             if load is None
@@ -155,7 +161,7 @@ class StackedBlocks(ElasticBody):
         return self.solve_contact(self.make_pair(slave, friction), supports, load)[0]
 
     def uniaxial_displacement(self, nu=0.3):
-        """Return the exact displacements (nodes, dim) of uniaxial stress under `PRESSURE`."""
+        """Return the exact displacements (nodes, dim) under the pressure on the top."""
         modulus = 1.0
         if self.body.state.value == "plane strain":
             modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)

@@ -1,8 +1,8 @@
-"""Results of CalculiX for the decks of `deck_models`: `python3 -m tests.library.deck_calculix`.
+"""Compute CalculiX's results for the decks of `deck_models`.
 
-The script needs Python, NumPy and `ccx` (Debian's calculix-ccx), and it writes
-`deck_calculix.json`. For each deck, the file has a digest, the volumes of the elements, and the
-members of the sets.
+`python3 -m tests.library.deck_calculix` needs NumPy and `ccx` (Debian's calculix-ccx). It writes
+`deck_calculix.json`, which has a digest of each deck, the volumes of its elements, and the members
+of its sets.
 """
 
 import hashlib
@@ -30,7 +30,10 @@ def compute_deck_sha256(element_type):
 
 
 def compute_volumes_and_sets_by_calculix(element_type, ccx_path):
-    """Return the volumes of elements by number, and the members of each set, from CalculiX."""
+    """Run CalculiX, and return the volumes of elements by number and the members of each set.
+
+    The dictionary also has the digest of the deck ("sha256").
+    """
     section = {"S": "SHELL", "M": "MEMBRANE"}.get(element_type[0], "SOLID")
     step = f"""*ELSET,ELSET=SECTION
 LEFT,RIGHT

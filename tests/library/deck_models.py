@@ -1,7 +1,7 @@
-"""Abaqus input files (decks) of all supported element types, each in another notation.
+"""Abaqus input files (decks) of all supported element types, each in a different notation.
 
 `DECKS_BY_ELEMENT_TYPE` maps element types such as "C3D20R" to the text of a deck up to *STEP. The
-meshes are images of a lattice, so that edges of second-order elements are curved.
+meshes are smoothly distorted lattices, so edges of second-order elements are curved.
 """
 
 from itertools import combinations, permutations, product
@@ -14,7 +14,7 @@ LATTICE_CORNERS_OF_TRIANGLES_IN_SQUARE = [[(0, 0), (2, 0), (2, 2)], [(0, 0), (2,
 LATTICE_CORNERS_OF_BRICKS_IN_CUBE = [
     [(*at, z) for z in (0, 2) for at in LATTICE_CORNERS_OF_QUADS_IN_SQUARE[0]]
 ]
-# tetrahedra along paths of edges between opposite corners of a brick, with positive volume
+# six tetrahedra with positive volume, each along a path of edges between opposite brick corners
 LATTICE_CORNERS_OF_TETRAHEDRA_IN_CUBE = []
 for axes in permutations(range(3)):
     path = [tuple(2 * (axis in axes[:k]) for axis in range(3)) for k in range(4)]
@@ -52,7 +52,7 @@ ABAQUS_ELEMENT_TYPES += ["C3D8R", "C3D8I", "C3D10", "C3D10T", "C3D20", "C3D20R"]
 
 
 def count_nodes(element_type):
-    """Return the number of nodes that an element type has."""
+    """Return the number of nodes of an element type."""
     digits = element_type.removeprefix("C3D").removeprefix("M3D").strip("CPSEAXRIT")
     return int(digits)
 
@@ -69,7 +69,7 @@ def distort_lattice_point(lattice_point, element_type):
 
 
 def make_distorted_lattice_mesh(element_type):
-    """Return the points (n, 3), the cells as lists of indices of points, and the lattice points."""
+    """Return points (n, 3), cells as lists of indices of points, and the points' lattice points."""
     n_nodes, is_solid = count_nodes(element_type), element_type.startswith("C3D")
     if is_solid:
         pattern = (

@@ -1,7 +1,7 @@
 """Independent reader of Abaqus' input files (decks), which shares no code with the library.
 
-It reads decks without parts. Cells and facets are frozen sets of the coordinates of their corners,
-and coordinates are compared digit by digit.
+It reads decks without parts. Cells and facets are represented by frozen sets of the coordinates of
+their corners. Coordinates are compared exactly.
 """
 
 import re
@@ -12,7 +12,8 @@ import numpy as np
 
 QUAD_EDGES = ((1, 2), (2, 3), (3, 4), (4, 1))
 TRIANGLE_EDGES = ((1, 2), (2, 3), (3, 1))
-# Nodes (from 1) of the faces by (kind, number of nodes), corners first: CalculiX' manual, 6.2
+# Nodes of each face, counted from 1, corners first, by (kind, number of nodes of the element).
+# Source: section 6.2 of CalculiX's manual
 ABAQUS_FACE_NODES_BY_ELEMENT = {
     ("plane", 3): TRIANGLE_EDGES,
     ("plane", 4): QUAD_EDGES,
@@ -47,7 +48,10 @@ CORNER_COUNTS_BY_ELEMENT |= {("solid", 4): 4, ("solid", 10): 4, ("solid", 8): 8,
 
 
 def parse_element_type(element_type):
-    """Return "plane" or "solid", the number of nodes, and whether edges are called S3, S4 ..."""
+    """Return "plane" or "solid", the number of nodes, and whether edges are called S3, S4 ...
+
+    Return None for other element types.
+    """
     type_match = re.fullmatch(r"D?(C3D|CPS|CPE|CAX|S|M3D)(\d+)[A-Z]*\d?", element_type)
     if not type_match:
         return None
@@ -56,7 +60,11 @@ def parse_element_type(element_type):
 
 
 class IndependentDeckReader:
-    """Content of a deck: nodes, elements, sets of numbers, and surfaces (element, face from 1)."""
+    """Content of a deck: nodes, elements, sets of their numbers, and surfaces.
+
+    A surface is a list of pairs: a set of numbers of elements and the name of their face, or a set
+    of numbers of nodes and None.
+    """
 
     def __init__(self, path):
         self.nodes, self.elements = {}, {}
@@ -171,7 +179,7 @@ class IndependentDeckReader:
         return self.sets["NSET"][self._unquote_or_uppercase(set_name)]
 
     def iterate_cells_of_highest_dimension(self):
-        """Yield number, kind and nodes of each element of the highest dimension."""
+        """Yield the number, the kind and the nodes of each element of the highest dimension."""
         has_solids = any(kind.startswith("C3D") for kind, _ in self.elements.values())
         for number, (kind, nodes) in self.elements.items():
             element_kind = parse_element_type(kind)
@@ -182,7 +190,7 @@ class IndependentDeckReader:
         return frozenset(self.nodes[n] for n in node_numbers)
 
     def get_cell_corners_by_set(self):
-        """Return the corners of the cells in each ELSET that contains cells."""
+        """Return, by name, the corners of the cells in each ELSET that contains cells."""
         corners = {
             n: self._get_coordinate_set(nodes[: CORNER_COUNTS_BY_ELEMENT[element_kind[:2]]])
             for n, element_kind, nodes in self.iterate_cells_of_highest_dimension()
@@ -194,7 +202,7 @@ class IndependentDeckReader:
         return {name: members for name, members in sets.items() if members}
 
     def get_facet_corners_by_set(self):
-        """Return the corners of the facets in each NSET and SURFACE that contains facets."""
+        """Return, by name, the corners of the facets in each NSET and SURFACE that has facets."""
         faces, n_cells = {}, Counter()
         for number, element_kind, nodes in self.iterate_cells_of_highest_dimension():
             for k, face in enumerate(ABAQUS_FACE_NODES_BY_ELEMENT[element_kind[:2]], 1):
@@ -230,7 +238,7 @@ class IndependentDeckReader:
         return {name: facets for name, facets in sets.items() if facets}
 
     def compute_cell_volumes(self):
-        """Return a dictionary with the volume of each cell by its number."""
+        """Return the volumes of all cells by their numbers."""
         return {
             number: compute_element_volume(np.array([self.nodes[n] for n in nodes]), element_kind)
             for number, element_kind, nodes in self.iterate_cells_of_highest_dimension()

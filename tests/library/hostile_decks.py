@@ -1,15 +1,17 @@
-"""More than 150 hostile decks; carelessly read, they give wrong meshes or exhaust memory or time.
+"""More than 150 hostile decks.
 
-`HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME` has, for the name of each case, its files, of which
-"deck.inp" is read. It also says whether the deck has to be refused (True), has to be read (False),
-or may be either (None). A mesh that is read has to agree with a second, independent reading.
+A careless reader would build wrong meshes from them, or exhaust memory or time.
+`HOSTILE_DECK_FILES_AND_REFUSAL_BY_NAME` maps the name of each case to its files, of which
+"deck.inp" is read, and to a flag. The flag states whether the deck has to be refused (True), has to
+be read (False), or may be either (None). A mesh that is read has to agree with an independent
+reading.
 """
 
 import random
 
 from tests.library.deck_models import DECKS_BY_ELEMENT_TYPE
 
-LONG_DECK_SIZE_IN_CHARACTERS = 900_000  # characters of long decks
+LONG_DECK_SIZE_IN_CHARACTERS = 900_000  # size of long decks
 
 VALID_DECK_OF_TWO_QUADS = """*NODE
 1, 0., 0.
@@ -49,7 +51,7 @@ TEN_NODE_TETRAHEDRON_DECK_TEMPLATE = """*NODE
 
 
 def make_lines_until_size(make_line, min_characters=LONG_DECK_SIZE_IN_CHARACTERS):
-    """Return the lines `make_line(k)` for k = 0, 1, ... until they have a minimum size."""
+    """Return lines `make_line(k)` for k = 0, 1, ... that together reach a minimum size."""
     lines, length = [], 0
     while length < min_characters:
         lines.append(make_line(len(lines)))
@@ -58,7 +60,7 @@ def make_lines_until_size(make_line, min_characters=LONG_DECK_SIZE_IN_CHARACTERS
 
 
 def make_square_grid_deck(cells_per_side):
-    """Return a deck of count x count quadrilaterals."""
+    """Return a deck of n x n quadrilaterals, with n the number of cells per side."""
     n_columns = cells_per_side + 1
     lines = ["*NODE,NSET=N"] + [
         f"{k + 1},{k % n_columns},{k // n_columns}" for k in range(n_columns * n_columns)

@@ -1,6 +1,7 @@
-"""More than 200 hostile mesh files: scripts, contradictory, damaged and exhausting files.
+"""More than 200 hostile mesh files.
 
-The function `describe_mesh_differences` compares a mesh that the library has read with its file.
+They are scripts, contradict themselves, are damaged, or could exhaust memory or time. The function
+`describe_mesh_differences` compares a mesh that the library has read with its file.
 """
 
 import random
@@ -25,7 +26,10 @@ MSH_2_2_HEADER = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 
 
 def make_hostile_files_with_error_patterns():
-    """Return, by name, a file and a pattern of its error message, or None if it may be read."""
+    """Return, by name, the bytes of a file and a pattern of its error message.
+
+    The pattern is None if the library may read the file.
+    """
     return {
         **_make_script_and_foreign_files(),
         **_make_contradictory_files(),
@@ -35,7 +39,7 @@ def make_hostile_files_with_error_patterns():
 
 
 def _make_script_and_foreign_files():
-    """Return scripts that create the file `ran` if anyone runs them, and other files."""
+    """Return scripts, which create the file `ran` if they are run, and files of other formats."""
     system_call = 'SystemCall "touch {ran}";\n'
     valid_mesh = encode_msh(make_grouped_lattice_mesh("triangle", 1), "4.1").decode()
     scripts = {
@@ -394,9 +398,10 @@ def _make_resource_exhausting_files():
 
 
 def collect_groups_by_coordinates(file_content):
-    """Return the groups of cells and facets of a mesh, identified by coordinates of their nodes.
+    """Return the groups of each cell and facet of a mesh, identified by coordinates of nodes.
 
-    Keys of cells are (corners, edges with ends and middle). Keys of facets are their corners.
+    The key of a cell is (corners, edges), with the ends and the middle node of each edge. The key
+    of a facet is the set of its corners.
     """
     dim = max(block.dim for block in file_content.blocks if block.elements)
     x = {int(node[0]): tuple(node[1 : 1 + dim]) for node in file_content.nodes}
@@ -440,7 +445,7 @@ def _pair_edge_ends_with_midpoints(gmsh_type, node_positions):
 def describe_mesh_differences(tagged_mesh, file_content):
     """Return a description of the differences between a mesh and the content of its file.
 
-    It is an empty string if there are none.
+    The description is an empty string if there are none.
     """
     mesh, expected = tagged_mesh.mesh, collect_groups_by_coordinates(file_content)
     dim = mesh.topology.dim
@@ -493,8 +498,8 @@ def describe_mesh_differences(tagged_mesh, file_content):
 
 
 def describe_differences_from_file(tagged_mesh, msh_path):
-    """Return the differences between a mesh and an independent reading of its file.
+    """Return a description of how a mesh differs from an independent reading of its file.
 
-    They are described by an empty string if there are none.
+    The description is an empty string if there are none.
     """
     return describe_mesh_differences(tagged_mesh, decode_msh(msh_path.read_bytes()))

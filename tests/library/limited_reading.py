@@ -2,8 +2,8 @@
 
 `python3 -m tests.library.limited_reading COMPARISON FILE ...` reads files one after the other, and
 prints a line of JSON for each. The process ends if a file takes more than
-`MAX_CPU_SECONDS_PER_FILE`. COMPARISON is the name "module:name" of a function. Its arguments are a
-mesh and the path of the mesh's file, and it returns their differences.
+`MAX_CPU_SECONDS_PER_FILE`. COMPARISON is the name "module:name" of a function whose arguments are a
+mesh and the path of its file. It returns a description of their differences.
 """
 
 import json
@@ -24,11 +24,11 @@ _MAX_ADDRESS_SPACE_BYTES = 8_000_000_000
 
 
 def read_files_under_cpu_and_memory_limits(paths, comparison_name):
-    """Read files in child processes, and return a dictionary for each path.
+    """Read files in child processes, and return a dictionary of results for each path.
 
     The value of "outcome" is "read", "refused" (by ValueError or FileNotFoundError), "raw error" or
-    "died". Further keys are "message", "seconds", "megabytes" and "differences". If a file ends the
-    process, another process reads the remaining files.
+    "died". Further keys are "message", "seconds", "megabytes" and "differences". If reading a file
+    ends the process, another process reads the remaining files.
     """
     results, remaining = {}, [*paths]
     while remaining:
@@ -76,7 +76,7 @@ def _read_file_and_measure_resources(path, compare):
 
 
 def _read_process_memory_in_mb(status_key):
-    """Return a memory size of this process, such as "VmHWM", in MB."""
+    """Return the memory size of this process with the given key, for example "VmHWM", in MB."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(status_key):
             return int(line.split()[1]) // 1000

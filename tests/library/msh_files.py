@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-# Corners of each edge and face, in the order of their middle nodes
+# Corners of edges and faces, in the order of the middle nodes of these edges and faces
 EDGE_CORNERS_IN_GMSH_ORDER = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -28,7 +28,8 @@ FACE_CORNERS_IN_GMSH_ORDER = {
         *((1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
     ],
 }
-# By cell, Gmsh's type numbers for degrees 1 and 2; by type, number of nodes, dimension and corners
+# Gmsh's type numbers for degrees 1 and 2 by cell; then numbers of nodes, dimensions and numbers of
+# corners by type number
 GMSH_TYPES_BY_CELL_AND_DEGREE = {
     "triangle": (2, 9),
     "quadrilateral": (3, 10),
@@ -97,9 +98,9 @@ class MshFileContent:
 
 
 def make_grouped_lattice_mesh(cell, degree, divisions=2, seed=0):
-    """Return a square or cube of cells in two groups, and one group of facets at x = 0.
+    """Return the mesh of a square or cube with two groups of cells and a group of facets at x = 0.
 
-    Nodes have random numbers, and random displacements that make all coordinates distinct.
+    Nodes have random numbers. Random displacements make all coordinates distinct.
     """
     rng = np.random.default_rng(seed)
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
@@ -146,7 +147,7 @@ def make_grouped_lattice_mesh(cell, degree, divisions=2, seed=0):
 
 
 def _yield_cell_corners_in_lattice_square(cell, lattice_square):
-    """Yield the cells in a square or cube of the lattice, as lists of their corners."""
+    """Yield, for each cell in a square or cube of the lattice, the list of its corners."""
     origin = np.array([*lattice_square, 0][:3]) * 2
     quad = [tuple(origin + 2 * np.array(c)) for c in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
     quad = [tuple(map(int, p)) for p in quad]
@@ -180,8 +181,8 @@ def encode_msh(mesh_data, file_format, false_counts=(), groups_by_entity=None):
     Args:
         mesh_data: nodes, blocks and group names of the mesh.
         file_format: version, then optionally " binary", " >" (big-endian) and " 4" (short counts).
-        false_counts: false counts of "nodes", "elements" (all), "node block", "element block" or
-            "names".
+        false_counts: counts that replace the correct ones, by "nodes", "elements" (all),
+            "node block", "element block" or "names".
         groups_by_entity: groups by (dimension, entity), which replace those of the blocks.
     """
     version, *words = file_format.split()
@@ -268,7 +269,7 @@ def _format_number(value):
 
 
 class _SectionNumberReader:
-    """Sequential reader of the numbers in a section, as text or binary."""
+    """Sequential reader of the numbers in a text or binary section."""
 
     def __init__(self, data, binary, order, size):
         self.data, self.binary, self.order, self.size, self.position = data, binary, order, size, 0

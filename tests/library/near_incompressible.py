@@ -2,17 +2,17 @@
 
     ./run python3 -m tests.library.near_incompressible [--samples 4] [--cells tetrahedron ...]
 
-prints a line for each cell, distortion and Poisson's ratio. The line has the least singular value
-of the matrix
+prints a line for each type of cell and each distortion. For each Poisson's ratio, the line has the
+least singular value, over all meshes, of the matrix
 
     L^-1 K L^-T,    K_G = L L^T,
 
 and the number of meshes on which det K is negative. Here, K is the stiffness with piecewise-linear
 weights, and K_G is the standard element's stiffness on the same mesh. The singular value is 1 for
-the standard element itself and 0 for a singular K. The square or cube has its base clamped.
-Vertices (on "curved" meshes mid-side nodes) are moved at random by up to a fraction of the cell
-size. The map is coarse: a few meshes of 2 to 4 cells a side. The guide's page on theory has the
-results and the limits derived from them ("Nearly incompressible bodies").
+the standard element itself and 0 for a singular K. The square or cube is clamped at its base.
+Vertices, or mid-side nodes on curved meshes, are moved at random by up to a fraction of the cell
+size. The map is coarse: it covers a few meshes with 2 to 4 cells per side. The results and the
+limits derived from them are in docs/theory.md ("Nearly incompressible bodies").
 """
 
 import argparse
@@ -37,9 +37,9 @@ SHIFTS_OVER_CELL_SIZE_BY_MOVES_MID_NODES = {False: (0.0, 0.1, 0.2), True: (0.02,
 
 
 class SingularityMeasures(NamedTuple):
-    """Least singular value and sign of the determinant of K, for a mesh and a Poisson's ratio.
+    """Measures of how close K is to a singular matrix, for a mesh and a Poisson's ratio.
 
-    See the module for K and L.
+    The module defines K and L.
     """
 
     least: float  # least singular value of L^-1 K L^-T
@@ -50,14 +50,20 @@ class SingularityMeasures(NamedTuple):
 def make_distorted_mesh(
     cell: str, cells_per_side: int, relative_shift: float, seed: int, moves_mid_nodes: bool = False
 ) -> Mesh:
-    """Create a unit square or cube of n cells a side, with moved vertices or mid-side nodes."""
+    """Create a unit square or cube whose vertices or mid-side nodes are moved at random.
+
+    Shifts are at most `relative_shift` times the cell size in each direction.
+    """
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     build, ends = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     mesh = build(MPI.COMM_SELF, ends, [cells_per_side] * dim, CellType[cell])
     rng = np.random.default_rng(seed)
 
     def random_node_shifts(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return random shifts (n, 3), zero in the base, and zero at vertices if `mid_nodes`."""
+        """Return random shifts (n, 3), either of vertices or of all other nodes.
+
+        Nodes in the base stay in its plane.
+        """
         shift = np.zeros_like(x)
         shift[:, :dim] = rng.uniform(-1, 1, (len(x), dim)) * relative_shift / cells_per_side
         vertex = np.isclose(x * cells_per_side, np.round(x * cells_per_side)).all(axis=1)
@@ -74,9 +80,9 @@ def make_distorted_mesh(
 def assemble_lame_stiffness_parts(
     spaces: Spaces, quadrature_degree: int | None
 ) -> list[npt.NDArray[np.float64]]:
-    """Assemble the matrices A and B of the stiffness mu A + lambda B, with clamped base.
+    """Assemble the dense matrices A and B of the stiffness mu A + lambda B, with clamped base.
 
-    The factors mu and lambda are Lame's constants.
+    Here, mu and lambda are Lame's constants.
     """
     mesh = spaces.mesh
     dim = mesh.geometry.dim
@@ -94,7 +100,7 @@ def assemble_lame_stiffness_parts(
 def measure_singularity(
     mesh: Mesh, poissons_ratios: Sequence[float], quadrature_degree: int | None = None
 ) -> list[SingularityMeasures]:
-    """Return a sample for each Poisson's ratio."""
+    """Return the measures of singularity on a mesh, one for each Poisson's ratio."""
     pw, standard = (
         assemble_lame_stiffness_parts(make(mesh), quadrature_degree)
         for make in (Spaces.petrov_galerkin, Spaces.galerkin)
@@ -115,7 +121,7 @@ def measure_singularity(
 
 
 def print_least_singular_value_map() -> None:
-    """Print the map as a table."""
+    """Print the map that the module describes as a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=4)
     parser.add_argument(

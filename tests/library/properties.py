@@ -30,7 +30,7 @@ SPACE_MAKERS_BY_METHOD = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galer
 
 
 def make_distorted_unit_mesh(cell_type, cells_per_side):
-    """Create a square or cube of n cells a side, with randomly moved inner vertices."""
+    """Create a unit square or cube with the given cells per side, and distort it smoothly."""
     dim = 2 if cell_type.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     return move_nodes(
@@ -46,7 +46,7 @@ def boundary_dofs(space):
 
 
 def dense_solution(K, f, conditions):
-    """Return the solution of K x = f by NumPy, with the rows of prescribed unknowns replaced."""
+    """Solve K x = f with NumPy, after replacing the rows of prescribed unknowns."""
     A, b = to_dense_array(K), f.array.copy()
     for condition in conditions:
         dofs, _ = condition.dof_indices()
@@ -58,18 +58,21 @@ def dense_solution(K, f, conditions):
 
 
 def assert_small(error, bound):
-    """Assert that all errors are below the bound and none of them is NaN."""
+    """Assert that no error exceeds the bound and that none is NaN."""
     largest = np.abs(error).max(initial=0.0)
     assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
 
 
 def max_nonzeros_per_row(A):
-    """Return the largest number of entries in a row of A, a factor in bounds of round-off."""
+    """Return the largest number of non-zero entries in a row of A, used in bounds of round-off."""
     return np.count_nonzero(A, axis=1).max()
 
 
 def rigid_modes(node_positions):
-    """Return translations and rotations about the centre (n, dim, modes) at nodes x (n, dim)."""
+    """Return the rigid modes (n, dim, modes) at the given nodes (n, dim).
+
+    They are translations, followed by rotations about the mean position.
+    """
     n, dim = node_positions.shape
     s = node_positions - node_positions.mean(axis=0)
     s = s / np.abs(s).max()
@@ -142,16 +145,16 @@ class PlacedElasticBody:
         return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
 
     def bound_round_off_of_forces(self, displacements):
-        """Return a bound of the round-off of nodal forces K a and of a direct solver's residual."""
+        """Return a bound of the round-off in nodal forces K a and in a direct solver's residual."""
         K = np.abs(to_dense_array(self.K))
         return len(K) * self.relative_gradient_round_off * (K @ np.abs(displacements.ravel())).max()
 
     def bound_errors_of_displacements_and_forces(self, reduction, a, f, relative_round_off=None):
         """Return bounds of the errors of displacements and forces due to round-off of the data.
 
-        If entries of K and f have a relative error d, the error of the solution a is at most |K^-1|
-        (d |K||a| + d |f|), component by component (R. D. Skeel 1979). The error of the forces K a
-        is at most |K| times this plus d |K||a|.
+        If entries of K and f have a relative error d, the error of the solution a is at most
+        |K^-1| (d |K||a| + d |f|), component by component (R. D. Skeel 1979). The error of the
+        forces is at most |K| times this bound plus d |K||a| + d |f|.
         """
         A, full = to_dense_array(reduction.matrix(self.K)), np.abs(to_dense_array(self.K))
         d = max_nonzeros_per_row(full) * (
@@ -166,10 +169,12 @@ class PlacedElasticBody:
 
 
 def eigenvalue_and_error_bound(A, B, select_index, error_norm_A, error_norm_B):
-    """Return an eigenvalue of A d = mu B d, and a bound of its error.
+    """Return an eigenvalue of A x = mu B x, and a bound of its error.
 
-    The errors of A and B have the norms `error_norm_A` and `error_norm_B`. To first order, the
-    error is |y|(|dA| + |mu||dB|)|x| / |y B x|, with the left and right eigenvectors y and x.
+    `select_index` returns the index of the eigenvalue in the array of all eigenvalues. The errors
+    dA and dB of the matrices have the norms `error_norm_A` and `error_norm_B`. To first order, the
+    error is at most |y| (|dA| + |mu||dB|) |x| / |y B x|, with the left and right eigenvectors y and
+    x.
     """
     mu, left, right = scipy.linalg.eig(A, B, left=True)
     k = select_index(mu)

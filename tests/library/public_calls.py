@@ -56,7 +56,7 @@ def collect_public_callables_by_name():
 
 
 def make_valid_collective_calls(comm):
-    """Return valid calls of all collective functions, keyed by function name."""
+    """Return a valid call (function, keyword arguments) of each collective function, by name."""
     block = BlockOnFloor(8, comm=comm)
     w = SimpleNamespace(block=block, body=block.body, U=block.space, K=block.K, mesh=block.mesh)
     w.spaces, w.load, w.pair = block.body.spaces, block.pressure_load, block.floor_pair(0.3)
@@ -285,7 +285,7 @@ def make_valid_collective_calls(comm):
 
 
 def yield_altered_values(value):
-    """Yield values that differ from a given one: valid values of its type, then invalid ones."""
+    """Yield values other than the given one: valid ones of its type, then invalid ones."""
     if isinstance(value, bool):
         yield not value
     elif isinstance(value, int | float):

@@ -1,7 +1,7 @@
 """Random meshes of all cell types, and transformations under which a problem stays the same.
 
-Strategies draw only a few numbers, among them a seed for NumPy's random generator. If hypothesis
-drew arrays, it would take more time than the finite elements.
+Strategies draw only a few numbers, among them a seed for NumPy's random generator. If Hypothesis
+drew whole arrays, this would take more time than the finite elements.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +29,8 @@ BODY_CELL_NAMES = CELL_NAMES[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 MACHINE_EPSILON = float(np.finfo(float).eps)
 
-# Largest shift of a vertex in a structured mesh, relative to half the distance of its neighbour.
-# Cells stay convex if it is below 1/2
+# Largest shift of a vertex in a structured mesh, relative to half the distance to its nearest
+# neighbour. Cells stay convex if it is below 1/2
 _MAX_SHIFT_OVER_HALF_SPACING = 0.4
 
 
@@ -58,10 +58,10 @@ class Grid:
         return replace(self, x=point_map(self.x))
 
     def min_cell_thickness_bound(self):
-        """Return a lower bound of the thickness of all cells, which for simplices is the altitude.
+        """Return a lower bound of the thickness of all cells (of simplices, the smallest altitude).
 
-        The bound is the inverse of the largest gradient of a linear shape function at the cells'
-        corners.
+        The bound is the inverse of the largest gradient of a linear shape function at the corners
+        of cells.
         """
         element = basix.create_element(basix.ElementFamily.P, basix.CellType[self.cell], 1)
         gradients = element.tabulate(1, element.points)[1:, :, :, 0]
@@ -70,7 +70,7 @@ class Grid:
         return 1 / np.linalg.norm(physical_gradients, axis=-1).max()
 
     def relative_gradient_round_off(self):
-        """Return the relative round-off of shape functions' gradients due to rounded vertices."""
+        """Return the relative round-off in gradients of shape functions due to rounded vertices."""
         return MACHINE_EPSILON * np.abs(self.x).max() / self.min_cell_thickness_bound()
 
     def make_renumbered_copy(self, seed):
@@ -97,9 +97,9 @@ def _random_corner_permutation(cell, rng):
 
 @dataclass(frozen=True)
 class AffinePlacement:
-    """Affine map from x to unit A (x + offset): change of units, rigid motion or skew.
+    """Affine map of points x to unit A (x + offset): change of units, rigid motion or skew.
 
-    A is the field `matrix`, the identity by default.
+    The matrix A is the field `matrix`, by default the identity.
     """
 
     unit: float = 1.0
@@ -119,11 +119,11 @@ class AffinePlacement:
         return AffinePlacement(1.0, inverse).map_vectors_by_matrix(x / self.unit) - self.offset
 
     def side_marker(self, axis, coordinate):
-        """Return a function that marks the placed image of the plane x[axis] = value."""
+        """Return a function that marks the placed image of the plane x[axis] = coordinate."""
 
         def is_on_side(x):
             dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
-            # far from the origin coordinates have errors of 1e-10; neighbours are over 1e-3 apart
+            # far from the origin, errors are 1e-10; neighbouring nodes are more than 1e-3 apart
             return (
                 np.abs(self.map_points_back(x.T[:, : max(dim, axis + 1)])[:, axis] - coordinate)
                 < 1e-6
@@ -140,9 +140,9 @@ def random_rotation_matrix(dim, seed):
 
 
 def match_nodes(x, y, placement=None):
-    """Return the index in x of each node of y, which are the same nodes in another order.
+    """Return the index in x of each node of y, where y has the nodes of x in another order.
 
-    Nodes x are first mapped by the placement, if there is one.
+    If a placement is given, x is mapped by it first.
     """
     if placement is not None:
         x = placement.place_points(x)
@@ -154,9 +154,9 @@ def match_nodes(x, y, placement=None):
 
 
 def random_cell_points(cell, n_points, seed):
-    """Return random points (n, dim) of a reference cell.
+    """Return random points (n, dim) in a reference cell.
 
-    Each sub-cell of a tetrahedron has equally many of them.
+    All sub-cells of a tetrahedron have the same number of points, so there may be a few more.
     """
     rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
     if cell != "tetrahedron":
@@ -174,7 +174,7 @@ def random_cell_points(cell, n_points, seed):
 
 
 def structured_grid(cell, coordinate_lines, seed=0, distortion=0.0):
-    """Return a grid of a box between coordinate lines; triangles have random diagonals.
+    """Return the grid of a box that coordinate lines define; triangles have random diagonals.
 
     `distortion` (0 to 1) scales the random shifts of the vertices. Vertices on sides stay on them.
     """
@@ -213,7 +213,10 @@ def structured_grid(cell, coordinate_lines, seed=0, distortion=0.0):
 
 
 def _random_vertex_shifts(coordinate_lines, rng):
-    """Return random vectors (n, dim) at grid points, up to half the neighbours' distance."""
+    """Return random vectors (n, dim) at grid points, up to half the distance to neighbours.
+
+    Components normal to the sides of the box are zero on these sides.
+    """
     max_shifts = []
     for line in coordinate_lines:
         spacing = np.diff(line)
@@ -227,7 +230,7 @@ def _random_vertex_shifts(coordinate_lines, rng):
 
 
 def random_graded_line(n_cells, length, seed):
-    """Return n_cells + 1 increasing coordinates; steps differ by a factor of up to 4."""
+    """Return n_cells + 1 coordinates from 0 to `length`; steps differ by a factor of up to 4."""
     steps = np.random.default_rng(seed).uniform(0.25, 1.0, n_cells)
     return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
 
@@ -239,7 +242,7 @@ SEED_STRATEGY = st.integers(0, 2**32 - 1)
 
 @st.composite
 def grids(draw, cells=CELL_NAMES, box_lengths=None, max_divisions=None):
-    """Draw a graded grid of a box, by default of side 1, which may be distorted."""
+    """Draw a graded grid of a box, which may be distorted; by default, the box has sides of 1."""
     cell, seed, is_distorted = (
         draw(st.sampled_from(cells)),
         draw(SEED_STRATEGY),
@@ -265,11 +268,11 @@ def random_deformation_gradient(dim, seed):
 
 
 def log_uniform_strategy(min_exponent, max_exponent):
-    """Draw numbers from 10**low to 10**high whose exponents are uniformly distributed."""
+    """Return a strategy for numbers between two powers of ten, with uniformly drawn exponents."""
     return st.integers(10 * min_exponent, 10 * max_exponent).map(
         lambda exponent: 10.0 ** (exponent / 10)
     )
 
 
-LENGTH_UNIT_STRATEGY = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
+LENGTH_UNIT_STRATEGY = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 39.4 m
 YOUNGS_MODULUS_STRATEGY = log_uniform_strategy(-9, 12)

@@ -1,7 +1,7 @@
-"""Calls in which arguments or results on one process differ from those on the others, by name.
+"""Named calls in which arguments or results on one process differ from those on the others.
 
-If an argument is wrong, differs or is NaN on one process, all processes have to raise the same
-error. If a difference is allowed, or if a user's function communicates, all have to succeed.
+If an argument is wrong, different or NaN on one process, all processes have to raise the same
+error. If the difference is allowed, or if a user's function communicates, all have to succeed.
 """
 
 # ruff: noqa: ARG005 (functions of what they do not need)
@@ -71,7 +71,10 @@ NAN, INF = float("nan"), float("inf")
 
 
 class BlockWithDifferingRank:
-    """Block on a floor, for calls that differ on the last process with nodes on the floor."""
+    """Block on a floor, for calls that differ on one process.
+
+    This is the last process that owns nodes on the floor.
+    """
 
     def __init__(self):
         self.block = BlockOnFloor(8, comm=COMM)
@@ -89,7 +92,7 @@ class BlockWithDifferingRank:
         self.clamped = Reduction.dirichlet(self.U, self.foot_conditions)
 
     def pick(self, on_differing_rank, elsewhere):
-        """Return the first value on the process that differs, the second value on the others."""
+        """Return the first value on the process that differs, and the second one on the others."""
         return on_differing_rank if self.is_selected else elsewhere
 
     def make_body(self, *material_arguments, **material_options):
@@ -197,8 +200,8 @@ class FrictionLawWithPrivateData:
         return (mu * reduction * force)[: self._size], (mu * reduction**2)[: self._size]
 
 
-def communicate_and_return(values):
-    """Communicate inside a user's function, so that all processes have to call it equally often."""
+def return_after_collective_call(values):
+    """Return values after a collective call, so all processes have to call this equally often."""
     COMM.allreduce(1)
     return values
 
@@ -207,23 +210,23 @@ class CommunicatingPlane(PlaneWithPrivateData):
     """Plane that communicates with other processes in each of its methods."""
 
     def gap(self, x):
-        return communicate_and_return(super().gap(x))
+        return return_after_collective_call(super().gap(x))
 
     def normal(self, x):
-        return communicate_and_return(super().normal(x))
+        return return_after_collective_call(super().normal(x))
 
     def gap_normal_and_curvature(self, x):
-        return communicate_and_return(super().gap_normal_and_curvature(x))
+        return return_after_collective_call(super().gap_normal_and_curvature(x))
 
 
 class CommunicatingFrictionLaw(FrictionLawWithPrivateData):
     """Friction law that communicates with other processes in each of its methods."""
 
     def parameter_at(self, x):
-        return communicate_and_return(super().parameter_at(x))
+        return return_after_collective_call(super().parameter_at(x))
 
     def limit(self, mu, force):
-        return communicate_and_return(super().limit(mu, force))
+        return return_after_collective_call(super().limit(mu, force))
 
 
 def signed_distance_to_circle(x, radius=50.0):
@@ -236,7 +239,7 @@ def gradient_of_distance_to_circle(x, radius=50.0):
 
 
 def make_value_setter(function, value):
-    """Return a function of the load factor that sets the values of a finite-element function."""
+    """Return a function of the load factor that sets all values of a finite-element function."""
 
     def set_values(load_factor=1.0):
         function.x.array[:] = value * load_factor
@@ -244,7 +247,7 @@ def make_value_setter(function, value):
     return set_values
 
 
-# Arguments that are wrong on one process, by w.pick(wrong, right)
+# Calls with an argument w.pick(wrong, right), which is wrong on one process
 CALLS_INVALID_ON_ONE_RANK = {
     "modulus -1": lambda w: w.make_body(w.pick(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.make_body(w.pick(NAN, 1.0), 0.3),
@@ -339,7 +342,7 @@ CALLS_INVALID_ON_ONE_RANK = {
     ),
 }
 
-# Valid arguments and functions that differ on one process
+# Calls with valid arguments or functions that differ on one process
 CALLS_DIFFERENT_ON_ONE_RANK = {
     "modulus": lambda w: w.make_body(w.pick(2.0, 1.0), 0.3),
     "modulus by the last digit": lambda w: w.make_body(w.pick(1.0 + 2**-52, 1.0), 0.3),
@@ -475,7 +478,7 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     "pivot": lambda w: w.solve_contact(floor_pair(pivot=w.pick((0, 0), None))),
 }
 
-# Arguments and results of users' functions that are not finite on one process
+# Calls in which arguments or results of users' functions are not finite on one process
 CALLS_NAN_ON_ONE_RANK = {
     "gap": lambda w: w.solve_contact(floor_pair(surface=PlaneWithPrivateData(w.pick(NAN, 0.0)))),
     "gap far away": lambda w: w.solve_contact(
@@ -556,37 +559,43 @@ CALLS_NAN_ON_ONE_RANK = {
     "force": lambda w: reactions(w.K, w.load_differing_on_one_rank(NAN), w.load),
 }
 
-# Functions that communicate, and differences that are allowed: all processes succeed
+# Calls with functions that communicate, or with differences that are allowed
 CALLS_SUCCEEDING_ON_ALL_RANKS = {
     "surface talks": lambda w: w.solve_contact(floor_pair(surface=CommunicatingPlane(0.0))),
     "surface talks at large strains": lambda w: w.solve_residual_step(CommunicatingPlane(0.0)),
     "distance talks": lambda w: w.solve_contact(
-        floor_pair(surface=SignedDistance(lambda x: communicate_and_return(x[:, 1])))
+        floor_pair(surface=SignedDistance(lambda x: return_after_collective_call(x[:, 1])))
     ),
     "distance talks at large strains": lambda w: w.solve_residual_step(
-        SignedDistance(lambda x: communicate_and_return(signed_distance_to_circle(x)))
+        SignedDistance(lambda x: return_after_collective_call(signed_distance_to_circle(x)))
     ),
     "gradient talks": lambda w: w.solve_residual_step(
         SignedDistance(
             signed_distance_to_circle,
-            lambda x: communicate_and_return(gradient_of_distance_to_circle(x)),
+            lambda x: return_after_collective_call(gradient_of_distance_to_circle(x)),
         )
     ),
     "infinite distance talks": lambda w: w.solve_residual_step(
         SignedDistance(
-            lambda x: communicate_and_return(
+            lambda x: return_after_collective_call(
                 np.where(np.abs(x[:, 0] - 2) < 1.3, signed_distance_to_circle(x), np.inf)
             )
         )
     ),
     "law talks": lambda w: w.solve_contact(floor_pair(CommunicatingFrictionLaw())),
     "friction talks": lambda w: w.solve_contact(
-        floor_pair(lambda x: communicate_and_return(0.3 + 0 * x[0]))
+        floor_pair(lambda x: return_after_collective_call(0.3 + 0 * x[0]))
     ),
-    "marker talks": lambda w: prescribe(w.U, 0, lambda x: communicate_and_return(BOTTOM_MARKER(x))),
-    "load talks": lambda w: w.solve_residual_step(load=lambda share: communicate_and_return(None)),
-    "update talks": lambda w: w.solve_residual_step(update=lambda: communicate_and_return(None)),
-    "path talks": lambda w: w.solve_impact(paths=lambda t: communicate_and_return((0, 0))),
+    "marker talks": lambda w: prescribe(
+        w.U, 0, lambda x: return_after_collective_call(BOTTOM_MARKER(x))
+    ),
+    "load talks": lambda w: w.solve_residual_step(
+        load=lambda share: return_after_collective_call(None)
+    ),
+    "update talks": lambda w: w.solve_residual_step(
+        update=lambda: return_after_collective_call(None)
+    ),
+    "path talks": lambda w: w.solve_impact(paths=lambda t: return_after_collective_call((0, 0))),
     "callback of one process": lambda w: w.solve_contact(
         callback=w.pick(lambda progress: None, None)
     ),

@@ -1,4 +1,4 @@
-"""Bad input to the whole public API raises an error of the library that names the argument.
+"""Bad input to any public function raises an error of the library that names the argument.
 
 `REFUSED_CALLS_WITH_MESSAGES` lists the beginnings of error messages with calls that raise them.
 `REFUSED_VALUES_BY_MESSAGE` lists values of one argument that raise the same error.
@@ -155,7 +155,7 @@ def state_with_nan_forces(state):
 
 
 class ValidObjects:
-    """Valid objects that are combined with an invalid one."""
+    """Valid objects for calls in which one argument is invalid."""
 
     def __init__(self):
         self.mesh, self.other = rectangle_mesh(), rectangle_mesh()
@@ -207,7 +207,7 @@ class ValidObjects:
 
     @cached_property
     def finer_problem(self):
-        """Return the stiffness, load, reduction and space of the problem on a finer mesh."""
+        """Return the stiffness, load, reduction and space of a problem on a finer mesh."""
         return self.assemble_clamped_problem(rectangle_mesh(3))
 
     @cached_property
@@ -313,7 +313,8 @@ def valid_objects():
     return ValidObjects()
 
 
-# By the beginning of the error message: a call with one value, and values that are refused
+# A function that calls the library with a value, and values that are refused, by the beginning of
+# the error message
 REFUSED_VALUES_BY_MESSAGE = {
     "youngs_modulus = ": (
         lambda w, E: Material(E(w) if callable(E) else E),
@@ -876,7 +877,7 @@ REFUSED_CALLS_WITH_MESSAGES = [
 
 
 def catch_error_message(call, *arguments):
-    """Return the error message of a call, after the error's type unless it is ValueError."""
+    """Return the error message of a call, preceded by the error's type unless it is ValueError."""
     with pytest.raises(Exception) as caught:  # noqa: PT011
         call(*arguments)
     kind = "" if caught.type is ValueError else f"{caught.type.__name__}: "
@@ -939,7 +940,10 @@ ALLOWED_ERROR_TYPES = (TypeError, ValueError, OSError, RuntimeError)
 def test_any_value_of_any_argument_is_accepted_or_refused_by_the_library(
     request, tmp_path, monkeypatch
 ):
-    """Any value in place of any argument is accepted, or refused by an error of the library."""
+    """Any value of any argument is accepted, or refused by an error that the library raises.
+
+    Errors of foreign code, for example of PETSc or NumPy, must not reach the user.
+    """
     monkeypatch.chdir(tmp_path)
     values = (
         WRONG_VALUES + NIGHTLY_WRONG_VALUES

@@ -1,4 +1,4 @@
-"""All processes raise the same error if one process fails or gets a different argument."""
+"""All processes raise the same error if one of them fails or is given a different argument."""
 
 import re
 from dataclasses import replace
@@ -46,9 +46,9 @@ from tests.library.public_calls import (
     yield_altered_values,
 )
 from tests.library.rank_scenarios import diagonal_matrix, floor_pair
-from tests.parallel import run_on
+from tests.parallel import run_on_processes
 
-# Time limit (s) of a list of scenarios; if it is exceeded, a process waits forever
+# Time limit (s) for a list of scenarios; a process that exceeds it is assumed to wait forever
 SCENARIOS_TIMEOUT_SECONDS = 600
 
 COMM = MPI.COMM_WORLD
@@ -115,7 +115,7 @@ class PlaneWithClosestPointsFailingOnOneRank(Plane):
 
 
 class FrictionLawFailingOnOneRank:
-    """Friction law that fails on one process, in its first call or after some calls."""
+    """Friction law that fails on one process, in `parameter_at` or after some calls of `limit`."""
 
     def __init__(self, first="limit", last=0):
         self._first, self._left = first, last
@@ -131,7 +131,7 @@ class FrictionLawFailingOnOneRank:
 
 
 class KrylovSolverFailingOnOneRank:
-    """Krylov solver that fails on one process after a given number of products."""
+    """Krylov solver that fails on one process after a given number of matrix products."""
 
     matrix_free, determinant_signs, report = True, (), SolverReport("steepest descent", 0)
 
@@ -174,7 +174,10 @@ def raise_singular_matrix(*_):
 
 
 def solve_infeasible_with_failing_proof():
-    """Solve a problem without solution; process 0 alone fails in the proof of this."""
+    """Solve a problem without solution, for which the proof of no equilibrium fails.
+
+    Only process 0 computes this proof.
+    """
     with patch(
         "pw_elements.contact.rescue.refusals._prove_no_equilibrium_by_motion_groups",
         raise_singular_matrix,
@@ -183,7 +186,7 @@ def solve_infeasible_with_failing_proof():
 
 
 class PlaneFailingOnOneRank:
-    """Plane with a method that fails or returns a wrong shape on one process."""
+    """Plane one of whose methods fails, or returns a wrong shape, on one process."""
 
     def __init__(self, fails="", wrong=""):
         self._fails, self._wrong = fails, wrong
@@ -201,7 +204,7 @@ class PlaneFailingOnOneRank:
 
 
 class ObjectWithMeshFailingOnOneRank:
-    """Object that is passed instead of a reduction; one attribute fails on one process."""
+    """Object to be passed instead of a reduction; its attribute `mesh` fails on one process."""
 
     @property
     def mesh(self):
@@ -247,7 +250,7 @@ def step_from_other_state_on_one_rank():
 
 
 def step_from_state_changed_on_one_rank(**changes_on_failing_rank):
-    """Solve an increment from a state in which values are changed on one process."""
+    """Solve an increment from a state whose values are changed on one process."""
     start = make_contact_problem().undeformed
     (pair,) = start.pairs
     wrong_values = {
@@ -397,7 +400,7 @@ FAILING_CALLS_WITH_MESSAGES = [
 ]
 
 
-# Calls of users' functions of all kinds, which fail on one process
+# Calls with users' functions of all kinds, each of which fails on one process
 CALLS_WITH_FAILING_USER_FUNCTION = {
     "marker of nodes": lambda: prescribe(DISPLACEMENT_SPACE, 0, marker_failing_on_one_rank),
     "marker of loaded nodes": lambda: nodal_load(
@@ -453,7 +456,7 @@ USER_FUNCTION_ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), Gener
 
 
 def collect_unexpected_outcomes(comm, user_errors):
-    """Return the scenarios in which any process has an unexpected error, with all errors."""
+    """Return the scenarios with an unexpected outcome on any process, and all their outcomes."""
     failures = [
         (message, outcomes)
         for message, scenario in FAILING_CALLS_WITH_MESSAGES
@@ -475,7 +478,7 @@ def collect_unexpected_outcomes(comm, user_errors):
 
 
 def gather_error_messages(comm, function):
-    """Call a function, and return its error message or "nothing" for each process."""
+    """Call a function on all processes, and return each one's error message, or "nothing"."""
     try:
         function()
         outcome = "nothing"
@@ -490,7 +493,7 @@ def gather_error_messages(comm, function):
 def collect_undetected_argument_changes(comm, max_values_per_argument):
     """Return the calls that raise no common error although an argument differs on one process.
 
-    The second value returned is the number of calls.
+    The second returned value is the number of all calls.
     """
     failures, count = [], 0
     for name, (function, arguments) in make_valid_collective_calls(comm).items():
@@ -520,7 +523,7 @@ def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_
     if request.config.getoption("--nightly"):
         processes, errors, max_values = 3, USER_FUNCTION_ERRORS, 10
     limit = (1 + len(errors)) * SCENARIOS_TIMEOUT_SECONDS
-    for failures, argument_failures, count in run_on(
+    for failures, argument_failures, count in run_on_processes(
         processes, collect_all_failures, errors, max_values, limit=limit
     ):
         assert failures == argument_failures == []
@@ -551,16 +554,16 @@ def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
 
 
 def test_only_the_time_series_writer_calls_mpi_abort():
-    """The library calls MPI's Abort only while other processes wait for a writer.
+    """Only the module that writes time series calls MPI's Abort.
 
-    Inside ADIOS2, they would wait forever for a process that has failed.
+    If a process fails while the others are inside ADIOS2, they would wait for it forever.
     """
     paths = (ROOT / "pw_elements").rglob("*.py")
     assert [p.name for p in paths if "Abort(" in p.read_text()] == ["time_series.py"]
 
 
 def argument_comparison_time_over_solution_time(comm):
-    """Return the time for digests and their comparison, divided by that of a contact solution."""
+    """Return the time for digests and their comparison, divided by that for a contact solution."""
     block = BlockOnFloor(80, comm=comm)
     assert block.K.getSize()[0] > 25_600
     durations, open_calls, compute_digest = [], [], guard._compute_digest
@@ -589,4 +592,4 @@ def argument_comparison_time_over_solution_time(comm):
 def test_comparing_arguments_takes_below_one_percent_of_a_solution(request):
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
-    assert max(run_on(2, argument_comparison_time_over_solution_time, limit=600)) < 0.01
+    assert max(run_on_processes(2, argument_comparison_time_over_solution_time, limit=600)) < 0.01

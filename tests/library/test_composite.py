@@ -1,4 +1,7 @@
-"""Stiffness of the composite triangle; sections C and T of the study test its other properties."""
+"""Stiffness of the composite triangle.
+
+Its other properties are tested in sections C and T of the validation study (study/benchmarks).
+"""
 
 from mpi4py import MPI
 
@@ -29,9 +32,9 @@ DISTORTED_MESH = move_nodes(
 def test_composite_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
     """The stiffness of the composite triangle is that of an assumed-strain method.
 
-    The reference is K = G^T (D x M^-1) G with the Kronecker product x. The matrix G has the
-    products of the discontinuous linear functions q and the strains eps(u), M is the mass matrix of
-    q, and D the elasticity matrix.
+    The reference is K = G^T M^-1 D M^-1 G. With discontinuous linear tensor functions q, the matrix
+    G has the integrals of eps(u) : q, M is the mass matrix of q, and D has the integrals of
+    sigma(e) : q, where sigma(e) is the stress of a strain e that is a combination of the q.
     """
     K = to_dense_array(ElasticBody(DISTORTED_MESH, composite_spaces, state, E).K)
     W = fem.functionspace(DISTORTED_MESH, piecewise_linear_sub_cell_element("triangle", (2,)))

@@ -38,9 +38,9 @@ def sort_rounded_points(points):
 
 @pytest.fixture(params=["pw-Q8", "pw-Q9"])
 def square_load_and_inner_dofs(request):
-    """Return the discretisation, load and inner nodes of a distorted square.
+    """Return the discretisation, body load and inner unknowns of a distorted square.
 
-    The load is a body load on the inner nodes.
+    The load is not zero at any of the inner unknowns.
     """
     body = discretise(
         request.param, make_distorted_square, ELASTIC_MATERIAL, StressState.PLANE_STRESS
@@ -107,7 +107,7 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
 
 def test_condensation_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
-    h = np.sqrt(0.75)  # four equal-sided triangles in a row, where no side is the longest one
+    h = np.sqrt(0.75)  # four equilateral triangles in a row, in which no side is the longest
     corners = np.array([[0, 0], [1, 0], [2, 0], [0.5, h], [1.5, h], [2.5, h]])
     strip = _triangle_mesh(corners, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])
     odd = _triangle_mesh(corners, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])

@@ -1,4 +1,7 @@
-"""The library reads Abaqus' decks as CalculiX and as a second, independent reader."""
+"""The library finds the same meshes and sets in Abaqus decks as two independent readers.
+
+One of them is CalculiX, the other one is `IndependentDeckReader`.
+"""
 
 import json
 
@@ -54,7 +57,7 @@ def corner_coordinates(tagged_mesh, dim, entity_numbers):
 
 
 def integrate_over_cells(tagged_mesh, cells=None, weight=1.0, quadrature_degree=9):
-    """Return the integral of a weight over the given cells; over all cells if `cells` is None."""
+    """Return the integral of a weight over the given cells, or over all cells by default."""
     mesh, metadata = tagged_mesh.mesh, {"quadrature_degree": quadrature_degree}
     if cells is None:
         return assemble_scalar(weight * ufl.dx(mesh, metadata=metadata))
@@ -63,9 +66,9 @@ def integrate_over_cells(tagged_mesh, cells=None, weight=1.0, quadrature_degree=
 
 
 def assert_equal_to_independent_reading(tagged_mesh, deck_path):
-    """Compare all sets and the volume of a mesh with a second reading of its file.
+    """Assert that an independent reading of a deck gives the sets and the volume of a mesh.
 
-    Sets are compared by the coordinates of corners.
+    Members of sets are compared by the coordinates of their corners.
     """
     reading, dim = IndependentDeckReader(deck_path), tagged_mesh.mesh.topology.dim
     mesh = tagged_mesh.mesh
@@ -109,12 +112,11 @@ def test_an_independent_reader_finds_the_same_sets_and_volume(tmp_path, kind):
 
 
 def assert_equal_to_calculix(tagged_mesh, deck_path, element_type, calculix_result):
-    """Compare the cells of sets, the volumes of cells, and the facets of node sets with CalculiX.
+    """Assert that the volumes of cells in sets, and the facets of node sets, are CalculiX's.
 
-    CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees. The round
-    side of a wedge is a chord (for elements of degree 1) or close to the arc (degree 2). Its
-    quadrature of curved tetrahedra and of reduced elements is inexact; here the same number of
-    points is used.
+    CalculiX prints seven digits. Its axisymmetric elements are wedges of two degrees, whose round
+    side is a chord (for elements of degree 1) or close to the arc (degree 2). Its quadrature of
+    curved tetrahedra and of reduced elements is inexact, so the same number of points is used here.
     """
     weight = 1.0
     degree = (
@@ -244,9 +246,9 @@ def test_shells_in_other_planes_keep_two_coordinates(tmp_path, caplog, axes, mes
 
 
 def test_20_node_bricks_get_face_nodes_and_keep_their_facet_sets(tmp_path, caplog):
-    """A set of all nodes of a face selects the facet, and cells keep their shape.
+    """Sets of all nodes of a face still select its facet after a centre node is added to the face.
 
-    Faces of C3D20 elements have eight nodes, the facet of the mesh has nine.
+    Faces of C3D20 elements have eight nodes, the facets of the mesh have nine.
     """
     part = read_deck_text(tmp_path, DECKS_BY_ELEMENT_TYPE["C3D20"])
     assert "8 cells of 20 nodes have got 7 more" in caplog.text

@@ -1,4 +1,4 @@
-"""Buckling and vibration: exact and dense eigenvalues, rigid modes, lumped mass, refusals."""
+"""Buckling and vibration: exact and dense eigenvalues, rigid modes, lumped mass, and refusals."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -82,9 +82,9 @@ def test_buckling_under_tension_is_refused():
 
 
 def assemble_clamped_column(stress, E=1.0, width=1.0, form="G", hybrid=False):
-    """Return stiffness, initial stress matrix and supports of a column that is loaded from above.
+    """Return stiffness, initial stress matrix and supports of a column that is loaded at its top.
 
-    The column has the height 1 and is clamped at its base.
+    The column has the height 1 and is clamped at its base. The load is a vertical traction.
     """
     mesh = quadrilaterals(COMM, (0.0, 0.0), (width, 1.0), (4, 8))
     spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
@@ -104,7 +104,7 @@ def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
     with pytest.raises(TooFewModes, match=r"prestress is .* times the stiffness.*reverse it"):
         buckling(*assemble_clamped_column(1.0, E, 0.5, form, hybrid))
     modes = buckling(*assemble_clamped_column(-1.0, E, 0.5, form, hybrid), count=2)
-    # strain of the first one: sigma (1 - nu^2) / E, within the range of one mode's shape
+    # the first ratio is near the strain at buckling, sigma (1 - nu^2) / E
     assert 0.3 < modes.prestress_ratios[0] / (modes.factors[0] * 0.91 / E) < 1.5
     assert (modes.prestress_ratios < 0.4).all()
 
@@ -112,7 +112,8 @@ def test_a_clamped_column_does_not_buckle_under_tension(E, form, hybrid):
 def test_prestress_ratio_is_that_of_the_part_that_buckles():
     """The prestress ratio is that of the part of the body that buckles.
 
-    A loaded soft column buckles; a separate block is a million times as stiff.
+    A soft column is loaded in tension. A separate unloaded column, which is a million times as
+    stiff, must not hide its large prestress ratio.
     """
     K, K_sigma, supports = assemble_clamped_column(1.0)
     stiff = assemble_clamped_column(0.0, 1e6)[0]
@@ -167,7 +168,7 @@ def test_free_bodies_have_the_exact_number_of_rigid_modes(setting, method, symme
     modes = vibration_modes(body.K, body.M, body.make_supports(), 9, symmetrised)
     assert modes.imaginary_ratio == 0
     if setting == "2-D curved" and symmetrised and method == PETROV_GALERKIN:
-        # a rotation is no test function on curved cells, so that K^T converts it into forces
+        # a rotation is not in the test space on curved cells, so K^T converts it into forces
         assert modes.n_rigid == 2
         assert -1e-3 * modes.eigenvalues[3] < modes.eigenvalues[0] < 0
         return
@@ -204,7 +205,7 @@ def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(elemen
         assert modes.imaginary_ratio == 0
         assert 1e-6 < np.abs(modes.eigenvalues / full_eigenvalues - 1).max() < 0.05
         eigenvalues[name] = modes.eigenvalues
-        # the reduction keeps a translation, which therefore has the mass of the body
+        # the reduction preserves translations, which therefore have the mass of the body
         reduced = mass_condensation(body.supports([]), name)
         shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
         mass = shift @ to_dense_array(reduced.matrix(M)) @ shift
@@ -262,9 +263,9 @@ def test_lumped_mass_of_the_new_element_is_positive_and_keeps_the_total(setting)
 
 
 def test_lumped_mass_of_standard_elements_is_refused():
-    """The lumped mass of standard elements is refused.
+    """The lumped mass of standard elements is refused, because it is not positive at vertices.
 
-    Lumped masses at vertices are zero on triangles and negative on 8-node quadrilaterals.
+    There, it is zero on triangles and negative on 8-node quadrilaterals.
     """
     T6 = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (1, 1))
     Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))

@@ -1,6 +1,7 @@
-"""Weight functions on all cells; on tetrahedra the quadrature of the mean over three cuts.
+"""Weight functions on all types of cells, and their quadrature on tetrahedra.
 
-A cut divides the octahedron inside a tetrahedron along one of its three diagonals.
+The octahedron inside a tetrahedron can be cut into sub-cells along each of its three diagonals. On
+tetrahedra, integrals of weight functions are means over these three cuts.
 """
 
 from mpi4py import MPI
@@ -109,7 +110,7 @@ def create_meshes_of_all_cell_types():
     "mesh", list(create_meshes_of_all_cell_types()), ids=lambda mesh: mesh.topology.cell_name()
 )
 def test_poisson_reproduces_a_quadratic_solution(mesh):
-    # a quadratic solution is in the trial space, so that any consistent test space returns it
+    # a quadratic solution is in the trial space, so any consistent test space reproduces it
     V = fem.functionspace(mesh, ("Lagrange", 2))
     d = mesh.geometry.dim
     u, v = ufl.TrialFunction(V), ufl.TestFunction(pw_elements.test_space(V))
@@ -130,7 +131,7 @@ TETRAHEDRON_NODES = np.array(REFERENCE_ELEMENTS["T10"].nodes) / 2
 
 
 def yield_tetrahedron_sub_cells_per_cut():
-    """Yield the eight sub-cells (8, 4) of a tetrahedron for each of the three cuts.
+    """Yield, for each of the three cuts, the nodes (8, 4) of the sub-cells of a tetrahedron.
 
     The diagonals 4-9, 5-8 and 6-7 of the octahedron join the middles of opposite edges.
     """
@@ -142,9 +143,9 @@ def yield_tetrahedron_sub_cells_per_cut():
 
 
 def integrate_mean_over_cuts(integrand):
-    """Return the mean of the three integrals over the sub-cells of each cut.
+    """Return the integral over the sub-cells of a cut, averaged over the three cuts.
 
-    The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
+    The integrand takes weights (q, 10), their gradients (3, 10) and points (q, 3).
     """
     points, measure = gauss_points_and_weights(True, 3, 4)
     hats = np.column_stack([1 - points.sum(axis=1), points])
@@ -207,10 +208,10 @@ def test_twelve_cell_rule_is_exact_on_each_cell_of_every_cut(degree):
 
 @pytest.mark.parametrize("degree", [2, 4])
 def test_weight_gradients_are_not_taken_on_sides_of_sub_cells(degree):
-    """Slopes of weights are evaluated inside sub-cells, never on their sides.
+    """Gradients of weights are evaluated inside sub-cells, never on their sides.
 
-    Basix's rules of degree 4, 5 and 7 have points on these sides, where slopes jump. Therefore the
-    matrix that DOLFINx assembles by these rules is wrong.
+    Basix's rules of degree 4, 5 and 7 have points on these sides, where gradients jump. Therefore
+    the matrix that DOLFINx assembles with these rules is wrong.
     """
     spaces = p1_iso_p2_weight_spaces(make_random_tetrahedron_grid(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
@@ -233,7 +234,7 @@ def test_user_forms_are_integrated_on_the_twelve_cells():
     on_side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0))
 
     def yield_user_forms(volume_measure):
-        """Yield forms of matrices and of vectors, some with a function of the test space."""
+        """Yield forms of matrices and vectors; some contain a finite-element function of W."""
         wind = ufl.as_vector((1.0, 2.0, x[0]))
         yield (
             ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * volume_measure
@@ -254,13 +255,13 @@ def test_user_forms_are_integrated_on_the_twelve_cells():
         ours.axpy(-1.0, reference)
         assert ours.norm() < 1e-14 * size
 
-    # four points are enough for slopes times linear functions on straight cells
+    # four points are enough for gradients times linear functions on straight cells
     slopes = x[0] * v.dx(1)
     for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
         (integral,) = add_sub_cell_quadrature_rules(integrand * ufl.dx).integrals()
         assert len(integral.metadata()["quadrature_points"]) == number
 
-    # a degree that the user gives is used
+    # a degree given by the user is kept
     crude = assemble_matrix(u * v * ufl.dx(metadata={"quadrature_degree": 1}))
     same = dolfinx_matrix(fem.form(u * v * cell_measure(W, 1)))
     same.assemble()
@@ -324,7 +325,7 @@ def test_dolfinx_own_integrals_of_weight_functions_are_refused():
     for degree in (0, 1, 4):
         volume = fem.assemble_scalar(fem.form(w * cell_measure(spaces.test, degree)))
         assert volume == pytest.approx(1.0, rel=1e-14)
-    # faces have the rule of FFCx, and need no other
+    # on faces, the rule of FFCx is sufficient
     area = fem.assemble_vector(fem.form(v * ufl.ds)).array
     assert area.sum() == pytest.approx(6.0, rel=1e-14)
     with pytest.raises(ValueError, match="quadrature_degree"):

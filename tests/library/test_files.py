@@ -1,6 +1,6 @@
-"""Replacement of files and folders: content is old or new after failures, never mixed.
+"""Replacement of files and folders.
 
-Foreign files stay untouched.
+After a failure, the content is either old or new, never mixed. Foreign files are not changed.
 """
 
 import errno
@@ -25,26 +25,26 @@ from pw_elements.files import (
     replace_file_atomically,
 )
 from tests.faults import (
-    CASES,
     ERROR_NUMBERS,
     FOLDER_KIND,
     NEW_CONTENT,
+    REPLACEMENT_CASES,
     check_recovery,
-    run_with_failure,
-    user_folder,
+    folder_with_user_files,
+    run_with_failing_call,
 )
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("error", ERROR_NUMBERS, ids=lambda number: errno.errorcode[number])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", REPLACEMENT_CASES)
 def test_a_failing_system_call_leaves_the_old_or_the_new_content_only(name, error):
-    case, errors = CASES[name], []
+    case, errors = REPLACEMENT_CASES[name], []
     for number in count(1):
-        with user_folder() as folder:
+        with folder_with_user_files() as folder:
             case.prepare(folder)
-            reached, error_raised = run_with_failure(
+            reached, error_raised = run_with_failing_call(
                 lambda at=folder: case.replace(at), number, error
             )
             if not reached:
@@ -56,7 +56,7 @@ def test_a_failing_system_call_leaves_the_old_or_the_new_content_only(name, erro
     assert sum(error_raised is not None for error_raised in errors) > 5
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", REPLACEMENT_CASES)
 def test_a_kill_leaves_old_or_new_content_and_the_next_replacement_cleans_up(name):
     command = [sys.executable, "-W", "ignore", "-m", "tests.faults", name]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""Hostile decks take little time and memory, and are either refused or read correctly."""
+"""Hostile decks are either refused or read correctly, in little time and memory."""
 
 import pytest
 
@@ -9,12 +9,15 @@ from tests.library.limited_reading import (
 )
 
 N_TEST_BATCHES = 4
-# Largest deck (bytes) that is compared with the second, slow reading
+# Decks below this size (bytes) are compared with the independent reading, which is slow
 MAX_DECK_BYTES_TO_COMPARE = 100_000
 
 
 def check_small_deck_by_independent_reading(tagged_mesh, deck_path):
-    """Return "" if a second reading finds the same mesh; raise AssertionError otherwise."""
+    """Return "" if an independent reading finds the same mesh; raise AssertionError otherwise.
+
+    Large decks are not compared.
+    """
     from tests.library.test_decks import assert_equal_to_independent_reading
 
     files = [file for file in deck_path.parent.rglob("*") if file.is_file()]

@@ -1,6 +1,7 @@
 """Hybrid element with displacement u in P2 and pressure p in P1, and the Taylor-Hood element.
 
-Compared are exact solutions and both solvers.
+Results are compared with exact solutions, and those of the iterative solver with those of the
+direct one.
 """
 
 from mpi4py import MPI
@@ -57,7 +58,7 @@ DX_OF_DEGREE_6 = ufl.dx(metadata={"quadrature_degree": 6})
 
 
 def make_distorted_unit_mesh(cell, cells_per_side=3):
-    """Create a unit square or cube whose inner vertices are moved."""
+    """Create a unit square or cube whose inner vertices are displaced."""
     flat = cell in CELL_NAMES[:2]
     build = create_unit_square if flat else create_unit_cube
     mesh = build(COMM, *[cells_per_side] * (2 if flat else 3), CellType[cell])
@@ -68,7 +69,7 @@ def make_distorted_unit_mesh(cell, cells_per_side=3):
 
 
 def tag_cells(mesh, tag_values):
-    """Create cell tags with the given numbers for the first cells."""
+    """Create cell tags with the given values for the first cells of a mesh."""
     cells = np.arange(len(tag_values), dtype=np.int32)
     return meshtags(mesh, mesh.topology.dim, cells, np.asarray(tag_values, dtype=np.int32))
 
@@ -109,9 +110,9 @@ def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
 
 
 def compute_ring_errors(method, cells_per_side):
-    """Return relative errors of displacement and pressure of an incompressible ring.
+    """Return the relative errors of displacement and pressure in an incompressible ring.
 
-    The ring is axisymmetric, and an inner pressure acts on it.
+    The ring is axisymmetric and is loaded by an inner pressure.
     """
     inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
     C = load / (2 * E / 3 * (1 / inner**2 - 1 / outer**2))
@@ -328,9 +329,10 @@ class ClampedBlock(ElasticBody):
         self.supports = self.make_supports(*self.foot)
 
     def compare_solvers(self):
-        """Return the largest relative difference between both solvers, and Krylov iterations.
+        """Return the largest relative difference between iterative and direct solutions.
 
-        Displacement and pressure are compared.
+        Displacements and pressures are compared. The second value is the number of Krylov
+        iterations.
         """
         a, exact = (
             solve(self.K, self.f, self.supports, solver_type())
@@ -389,7 +391,7 @@ def test_krylov_solver_handles_a_varying_modulus_and_axisymmetry():
 
 @pytest.mark.parametrize(("support_kind", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_vibration_modes_equal_those_of_the_direct_solver(support_kind, nu):
-    """Vibration modes by Krylov's method agree with those by matrix factors.
+    """Vibration modes of the iterative solver agree with those of the direct solver.
 
     Frequencies, displacements and pressures of the modes are compared.
     """
@@ -446,10 +448,10 @@ def make_incompressible_residual(spaces, shear_modulus=1.0):
 @pytest.mark.parametrize(("cell", "mu"), [("triangle", 7e10), ("tetrahedron", 1.0)])
 @pytest.mark.parametrize("method", SPACE_MAKERS_BY_METHOD)
 def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method, cell, mu):
-    """The stretch of an incompressible block is exact in any units.
+    """The solution for a stretched incompressible block is exact in any units.
 
-    The exact stress in plane strain is sigma = mu (l^2 - l^-2), with l the stretch and mu the shear
-    modulus.
+    Displacements, pressures and forces are compared with the exact ones. The exact stress in plane
+    strain is sigma = mu (l^2 - l^-2), with l the stretch and mu the shear modulus.
     """
     size, stretch = 1e-3, 1.4
     mesh = make_distorted_unit_mesh(cell, 2)

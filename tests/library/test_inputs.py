@@ -52,7 +52,7 @@ def solve_for_pair_state(pair, **options):
 def test_facets_may_be_integers_of_any_type_or_a_mask(kind):
     """Facets may be given by numbers of any integer type or by a mask.
 
-    A mask must not be taken for the facets 0 and 1, which give a load of 1 instead of 12.
+    A mask must not be mistaken for the facet numbers 0 and 1, which give a load of 1 instead of 12.
     """
     n_facets = MESH.topology.index_map(1).size_local
     if kind is bool:
@@ -249,7 +249,7 @@ def constant_function(value):
 def test_numbers_that_lose_their_digits_are_refused(call_name):
     """Numbers so small or large that they lose their digits are refused.
 
-    Norms of such numbers underflow or overflow, because their squares do.
+    Norms of such numbers underflow or overflow, because they are computed from squares.
     """
     with pytest.raises(ValueError, match="choose units in which it is nearer to one"):
         CALLS_WITH_OUT_OF_RANGE_NUMBERS[call_name]()

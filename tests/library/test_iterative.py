@@ -1,4 +1,4 @@
-"""Iterative solver: results equal to the direct solver's, multigrid levels, and errors."""
+"""Iterative solver: agreement with the direct solver, multigrid levels, fallbacks and errors."""
 
 import logging
 import os
@@ -86,7 +86,7 @@ ELASTIC_BODY_ARGUMENTS = {
 
 
 class LoadedBody(ElasticBody):
-    """Body with a load, and supports with non-zero prescribed displacements."""
+    """Body with a body force, and supports with non-zero prescribed displacements."""
 
     def __init__(self, name, nu=0.3):
         super().__init__(*ELASTIC_BODY_ARGUMENTS[name](), nu=nu)
@@ -138,18 +138,18 @@ def test_flexible_gmres_applies_one_multigrid_cycle_per_iteration():
 
 @pytest.mark.parametrize("name", ["pw-T10", "pw-H27", "galerkin-H27", "pw-T6", "galerkin-Q8"])
 def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
-    """The coarse matrix equals a matrix assembled from linear trial and test functions.
+    """The coarse matrix equals the stiffness matrix of linear trial and test functions.
 
-    It is P^T K P, with K the stiffness and P the interpolation from linear elements.
+    The coarse matrix is P^T K P, with the stiffness K and the interpolation P from linear elements.
     """
     mesh, method, state = ELASTIC_BODY_ARGUMENTS[name]()
     linear, spaces = fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,))), method(mesh)
-    K, expected = (  # the same rule for both, as cells are no parallelepipeds
+    K, expected = (  # the same rule for both, because cells are not parallelepipeds
         assemble_matrix(Body(pair, Material(1.0, 0.3), state, quadrature_degree=8).stiffness())
         for pair in (spaces, Spaces(linear, linear))
     )
     coarse = Multigrid(K, Reduction.dirichlet(spaces.trial, []).supports).coarse_matrix
-    # integrals of macro functions use points of each sub-cell: exact on straight simplices only
+    # integrals of weights use points in each sub-cell, and are exact on straight simplices only
     exact = "T" in name or name.startswith("galerkin")
     assert (coarse - expected).norm() < (1e-12 if exact else 1e-3) * expected.norm()
 
@@ -157,11 +157,11 @@ def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
 @pytest.mark.parametrize("sprung", [False, True])
 @pytest.mark.parametrize("blocked", [False, True])
 def test_the_coarse_level_follows_the_constraints(blocked, sprung):
-    """The coarse matrix P^T K P changes with the constraints of nodes.
+    """The coarse matrix takes account of the directions in which nodes are constrained.
 
-    DOLFINx computes the interpolation P from linear elements. Constraints are removed from P and
-    from the stiffness K. With springs, these are added to K instead of projections of the nodes'
-    motions.
+    The reference is P^T K P, with the interpolation P from linear elements, which DOLFINx computes.
+    Supports are removed from P and the stiffness K. Constrained directions of nodes are projected
+    out as well or, if `sprung`, springs in these directions are added to K.
     """
     random = np.random.default_rng(3)
     body = ElasticBody(make_distorted_box("tetrahedron"), state="solid")
@@ -373,7 +373,9 @@ def treat_all_bodies_as_large(monkeypatch):
     )  # GMRES then fails where no node sticks
 
 
-@pytest.mark.parametrize(("is_top_clamped", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
+@pytest.mark.parametrize(
+    ("is_top_clamped", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")]
+)
 def test_auto_selects_direct_for_larger_bodies_that_only_contact_supports(
     monkeypatch, is_top_clamped, method
 ):
@@ -425,9 +427,9 @@ def test_auto_raises_if_memory_is_too_small_for_the_direct_solver(monkeypatch):
 @pytest.mark.parametrize("solver", ["auto", Iterative()])
 @pytest.mark.usefixtures("treat_all_bodies_as_large")
 def test_infeasibility_is_proved_before_the_fallback(solver, caplog):
-    """A problem without solution is refused by a proof, before a fallback to factors.
+    """A problem without solution is refused by a proof, before the direct solver is tried.
 
-    The body is pushed by more than friction can carry, so that Krylov's method fails.
+    The body is pushed by more than friction can carry, and Krylov's method fails.
     """
     K, loads, supports, pair, U = nearly_sliding_contact_arguments(
         SolidBlock(n=2), push_over_pressure=0.8
@@ -462,9 +464,10 @@ def test_linear_problems_fall_back_to_the_direct_solver(monkeypatch):
 
 
 def test_memory_of_factors_and_free_memory_are_estimated():
-    """The memory for factors and the free memory are estimated well.
+    """The estimates of the memory for factors and of the free memory are reasonable.
 
-    MUMPS took 6.2 GB for 212 355 unknowns. Free memory is less than the memory of the machine.
+    MUMPS took 6.2 GB for 212 355 unknowns; the estimate must agree within 30 %. Free memory must be
+    less than the memory of the machine.
     """
     assert iterative.estimate_factor_memory_in_bytes(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (

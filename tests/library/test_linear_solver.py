@@ -1,4 +1,4 @@
-"""Linear algebra and direct solvers: dense references, reports, correction of factors."""
+"""Linear algebra and direct solvers: dense references, reports, and corrected factors."""
 
 import gc
 
@@ -39,7 +39,7 @@ def test_displacements_with_prescribed_values_equal_dense_algebra(unit_square_bo
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_raise_singular_system(unit_square_body, components):
-    """Missing supports are detected, even if a balanced load makes the residual small."""
+    """Missing supports are detected even for balanced loads, which make the residual small."""
     supports = unit_square_body.make_supports(*((i, on_plane(0, 0.0)) for i in components))
     pull = unit_square_body.traction_load((1.0, 0.0), on_plane(0, 1.0))
     for f in (pull, pull + unit_square_body.traction_load((-1.0, 0.0), on_plane(0, 0.0))):
@@ -48,7 +48,7 @@ def test_missing_supports_raise_singular_system(unit_square_body, components):
 
 
 def test_bad_conditioning_alone_is_no_singularity():
-    """A badly conditioned matrix is not taken for a singular one.
+    """A badly conditioned matrix is not mistaken for a singular one.
 
     In the matrix of a slender cantilever, entries differ by a factor of 1e11. The tip moves by 1e5
     times the strain.

@@ -67,7 +67,8 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(fiel
 def test_quadrature_is_exact_with_no_more_points_than_needed(make_mesh, state, method):
     """Quadrature of stiffness and mass is exact, with no more points than necessary.
 
-    With four more degrees nothing changes, with fewer points the matrices do. Cells may be oblique.
+    If the degree is increased by four, the matrices do not change. With fewer points, they do. The
+    cells are oblique.
     """
     mesh = make_mesh()
     mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 1] + 0.2 * mesh.geometry.x[:, 2]

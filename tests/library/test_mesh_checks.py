@@ -1,4 +1,4 @@
-"""Mesh checks, compared with elementary geometry of randomly distorted meshes."""
+"""Mesh checks are compared with elementary geometry on randomly distorted meshes."""
 
 import gc
 import logging
@@ -21,13 +21,13 @@ from pw_elements import Body, Material, Spaces
 from pw_elements.checks import DegenerateMesh, check_mesh, meshes
 from pw_elements.meshes import curved_mesh
 from tests.library.random_meshes import SEED_STRATEGY, Grid, grids, structured_grid
-from tests.parallel import PROJECT, run_on
+from tests.parallel import PROJECT, run_on_processes
 
 UNIT_LINE_OF_THREE_CELLS = np.linspace(0.0, 1.0, 4)
 
 
 SQUARE_CORNERS = [[0, 0], [1, 0], [1, 1], [0, 1]]
-# cells beside the edge from (1, 0) to (1, 1), which is divided into two halves
+# cells on the right of the edge from (1, 0) to (1, 1), which they divide into two halves
 TRIANGLES_BESIDE_DIVIDED_EDGE = [[1, 4, 6], [6, 4, 5], [6, 5, 2]]
 NODES_WITH_HANGING_NODE = [*SQUARE_CORNERS, [2, 0], [2, 1], [1, 0.5]]
 CRACKED_MESH_NODES = [
@@ -154,9 +154,9 @@ THREE_CELLS_AT_FACET_MESSAGE = (
 
 
 def make_three_triangles_at_edge():
-    """Return a grid in which three triangles share one edge.
+    """Return the cell name, nodes and cells of a mesh in which three triangles share an edge.
 
-    The grid is needed because DOLFINx may crash for few cells.
+    The mesh has many more cells, because DOLFINx may crash if there are few.
     """
     x = [[i / 4, j / 4] for j in range(5) for i in range(5)] + [[0.5, 0.8]]
     corners = [[i, i + 1, i + 5, i + 6] for i in range(20) if i % 5 < 4]
@@ -165,7 +165,7 @@ def make_three_triangles_at_edge():
 
 
 def build_mesh(comm, cell_name, node_coordinates, cells):
-    """Create a mesh from nodes and cells, of which only those of process 0 are used."""
+    """Create a mesh from the nodes and cells that are given on process 0."""
     node_coordinates, cells = (
         np.array(node_coordinates, dtype=float),
         np.array(cells, dtype=np.int64),
@@ -210,7 +210,7 @@ def test_quadrilaterals_are_refused_unless_convex_and_beside_each_other(seed, di
     ]
     if np.abs(corner_determinants).min() < 1e-6:
         return
-    # then only the boundary may overlap, which small distortions exclude
+    # if all cells are convex, only cells at the boundary can overlap; small distortions exclude it
     is_valid = np.min(corner_determinants) > 0
     if is_valid and distortion > 0.16:
         return
@@ -236,7 +236,7 @@ def test_two_bodies_are_refused_if_a_centre_at_the_side_of_one_is_in_the_other(
     other_x = other_body.x @ R.T + shift
 
     def rim_cell_centres(x, cells):
-        """Return the centres of cells that have a side on the rim of a square."""
+        """Return the centres of the cells that have a side on the boundary of the square."""
         on = [np.isclose(np.abs(x), 0.5)[cells][..., k].sum(axis=1) == 2 for k in (0, 1)]
         return x[cells[on[0] | on[1]]].mean(axis=1)
 
@@ -317,7 +317,8 @@ os._exit(0)
 def test_more_than_two_cells_at_a_facet_are_refused():
     """Meshes with more than two cells at a facet are refused.
 
-    They are built in a separate process, because DOLFINx may crash or hang.
+    They are built in a separate process, because DOLFINx may crash or hang. One of five attempts
+    has to give the error.
     """
     command, outputs = [sys.executable, "-c", THREE_CELLS_AT_FACET_SCRIPT], []
     while THREE_CELLS_AT_FACET_MESSAGE not in outputs and len(outputs) < 5:
@@ -332,7 +333,7 @@ def test_all_processes_give_the_same_mesh_check_outcome():
     expected = {
         name: words for name, (_, words) in DEGENERATE_MESHES_WITH_MESSAGES.items()
     } | dict.fromkeys(VALID_MESHES, "passes")
-    assert run_on(2, collect_outcomes_of_all_meshes) == [expected] * 2
+    assert run_on_processes(2, collect_outcomes_of_all_meshes) == [expected] * 2
 
 
 def test_a_mesh_is_checked_once_until_it_moves_and_is_not_kept_alive(monkeypatch):
@@ -348,7 +349,7 @@ def test_a_mesh_is_checked_once_until_it_moves_and_is_not_kept_alive(monkeypatch
     Body(spaces, Material(1.0), "plane stress")
     assert len(checks) == 2
     mesh.geometry.x[:, 0] = 0.0
-    for _ in range(2):  # failed checks are not remembered, so that the second one fails again
+    for _ in range(2):  # failed checks are not remembered, so the second one fails again
         with pytest.raises(DegenerateMesh, match="have no volume"):
             Body(spaces, Material(1.0), "plane stress")
     reference = weakref.ref(mesh)

@@ -1,4 +1,4 @@
-"""Meshes and sets from files of Gmsh and Abaqus; errors name what is not supported."""
+"""Meshes and sets from files of Gmsh and Abaqus; errors name unsupported content."""
 
 import re
 
@@ -37,7 +37,7 @@ def gmsh_square(gmsh_model):
 
 @pytest.fixture
 def ball_deck(gmsh_model, tmp_path):
-    """Return the path of a deck, written by Gmsh, of an eighth of a ball of radius 1."""
+    """Return the path of a deck of an eighth of a ball of radius 1, written by Gmsh."""
     body = gmsh_model.occ.addSphere(0, 0, 0, 1, -1, 0, np.pi / 2, np.pi / 2)
     gmsh_model.occ.synchronize()
     for dim, tag, name in ((2, 1, "round"), (2, 2, "flat"), (3, body, "ball")):
@@ -98,7 +98,7 @@ def test_gmsh_models_without_usable_mesh_are_refused(gmsh_square, tmp_path):
 
 
 def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(gmsh_square, caplog):
-    """Cells outside of all physical groups are left out, and a message counts them.
+    """Cells outside all physical groups are left out, and a message states their number.
 
     Without groups of cells, all cells are read.
     """
@@ -116,8 +116,9 @@ def test_cells_outside_of_all_physical_groups_are_left_out_and_counted(gmsh_squa
     assert f"{n_omitted} of {len(tags)} cells are in no physical group, and left out" in caplog.text
 
 
-# Two plane cells of a unit square whose upper side bulges. Faces by hand: S1 of the first cell is
-# the lower side, S2 its right side; S2 of the second cell is the upper side, S3 its left side.
+# Two plane cells that form a unit square whose upper side bulges. In this drawing, face S1 of the
+# first cell is the lower side and S2 the right side; face S2 of the second cell is the upper side
+# and S3 the left side.
 #   4 -- 7 -- 3
 #   8    9    6
 #   1 -- 5 -- 2
@@ -237,16 +238,16 @@ Plate-1.upper, S2
 
 
 def get_coordinate_element(mesh):
-    """Return the coordinate element; in DOLFINx 0.11 there is one for each type of cell."""
+    """Return the coordinate element of a mesh; DOLFINx 0.11 has one for each type of cell."""
     geometry = mesh.geometry
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
 
 
 @pytest.mark.parametrize("kind", ["C3D10", "C3D10M"])
 def test_mid_side_nodes_of_abaqus_tetrahedra_keep_their_edges(tmp_path, kind):
-    """Mid-side nodes of Abaqus' tetrahedra are assigned to the edges on which they lie.
+    """Mid-side nodes of Abaqus tetrahedra are assigned to the edges on which they lie.
 
-    Abaqus' nodes 5 to 10 are in the middle of the edges 1-2, 2-3, 3-1, 1-4, 2-4 and 3-4.
+    In Abaqus, nodes 5 to 10 are in the middle of the edges 1-2, 2-3, 3-1, 1-4, 2-4 and 3-4.
     """
     rng = np.random.default_rng(29)
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
@@ -291,7 +292,7 @@ def measure_ball_volume_and_faces(comm, ball_deck):
 
 
 def test_two_processes_read_the_same_mesh(ball_deck):
-    assert_same_on_processes(measure_ball_volume_and_faces, ball_deck, processes=[2])
+    assert_same_on_processes(measure_ball_volume_and_faces, ball_deck, process_counts=[2])
 
 
 SQUARE_DECK_WITHOUT_SETS = CURVED_SQUARE_DECK[: CURVED_SQUARE_DECK.index("*Nset")]

@@ -1,4 +1,4 @@
-"""Mesh files of all formats are read exactly, hostile files are refused, and scripts never run."""
+"""Gmsh files of all formats are read exactly; hostile ones are refused, and scripts never run."""
 
 import logging
 import re
@@ -27,7 +27,7 @@ from tests.library.msh_files import (
     encode_msh,
     make_grouped_lattice_mesh,
 )
-from tests.parallel import run_on
+from tests.parallel import run_on_processes
 
 COMM = MPI.COMM_SELF
 
@@ -224,7 +224,7 @@ def test_invalid_gmsh_models_are_refused_like_files(kinds, words):
 
 
 def collect_error_messages(comm, folder):
-    """Return the error message about each file in a folder, as raised on this process."""
+    """Return the error messages about all files in a folder, as raised on this process."""
     messages = []
     for path in sorted(folder.glob("*.msh")):
         with pytest.raises(ValueError, match="cannot be read") as refused:
@@ -237,7 +237,7 @@ def test_all_processes_refuse_a_file_in_the_same_words(tmp_path):
     files = make_hostile_files_with_error_patterns()
     for name in ("script plain", "missing node 2.2", "two equal cells 4.1", "1e12 4.1"):
         (tmp_path / f"{name}.msh").write_bytes(files[name][0])
-    rank_0, rank_1 = run_on(2, collect_error_messages, tmp_path)
+    rank_0, rank_1 = run_on_processes(2, collect_error_messages, tmp_path)
     assert len(rank_0) == 4
     assert rank_0 == rank_1 == collect_error_messages(COMM, tmp_path)
 

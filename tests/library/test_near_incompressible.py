@@ -1,7 +1,7 @@
 """Displacement elements as Poisson's ratio tends to 1/2.
 
-Tested are the map of singular values, warnings, and the bulk stiffness of tangents relative to
-their shear stiffness.
+The tests cover the least singular values of the stiffness, the warnings, and the ratio of the bulk
+stiffness to the shear stiffness of tangents.
 """
 
 import logging
@@ -41,7 +41,7 @@ SINGULAR_STIFFNESS_WARNING = "may be singular there"
 def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
     """Stiffness matrices are not nearly singular up to the limits of the bulk modulus.
 
-    Some are nearly singular above the limits, which shows that the limits are not too low.
+    Some matrices are nearly singular above the limits, which shows that the limits are not too low.
     """
     distortion = 0.05 if mid_nodes else 0.2
     meshes = [
@@ -56,7 +56,7 @@ def test_up_to_the_limits_no_stiffness_is_nearly_singular(cell, mid_nodes):
     assert all(at_limit.sign == 1 for at_limit, *_ in ratios)
     beyond = [sample for _, *others in ratios for sample in others]
     if np.isinf(limit):
-        # the least singular value falls with the root of 1 - 2 nu, in the same way on every mesh
+        # the least singular value falls like the root of 1 - 2 nu, in the same way on all meshes
         assert all(0.01 < sample.least < 0.15 and sample.sign == 1 for sample in beyond)
     else:
         assert all(at_limit.least > 0.07 for at_limit, *_ in ratios)
@@ -153,8 +153,8 @@ def neo_hookean_energy(F, shear_modulus, lame_parameter):
 def bulk_over_shear_by_differences(F, shear_modulus, lame_parameter, step=1e-4):
     """Return the bulk stiffness divided by the shear stiffness, from differences of the energy.
 
-    Second differences are taken along exp(t H) F, with the deformation gradient F, a symmetric
-    matrix H and a parameter t.
+    Second differences by t are taken along exp(t H) F, with the deformation gradient F and a
+    symmetric matrix H.
     """
     dim = len(F)
     rng = np.random.default_rng(0)
@@ -195,9 +195,10 @@ def test_bulk_over_shear_of_a_deformed_tangent_is_that_of_the_energy(seed):
 
 
 def test_pressure_adds_nothing_to_the_shear_stiffness():
-    """A pressure alone adds nothing to the shear stiffness.
+    """Pressure adds nothing to the shear stiffness.
 
-    Even a pressure of many shear moduli does no work in shear, which preserves volume.
+    Even a pressure of many shear moduli does no work in shear, which preserves volume. The ratio of
+    the stiffnesses has to agree with differences of the energy.
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
     spaces = Spaces.petrov_galerkin(mesh)

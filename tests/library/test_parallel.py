@@ -62,14 +62,14 @@ def make_box_mesh(comm, size=(1, 1, 2), divisions=(3, 3, 5), cell_name="tetrahed
 
 
 def make_lower_end_supports(body, axis, displacements=(0.0, 0.0, 0.0)):
-    """Create supports that fix the lower end of a body along an axis."""
+    """Create supports with the given displacements at the lower end of a body along an axis."""
     return body.make_supports(
         *((i, on_plane(axis, 0.0), displacements[i]) for i in range(body.dim))
     )
 
 
 def displacement_and_pressure_norms(hybrid_space, solution):
-    """Return the norms of displacement and pressure of a hybrid body."""
+    """Return the norms of the displacement and of the pressure in the solution of a hybrid body."""
     fields = zip(("displacement", "pressure"), split(hybrid_space, solution), strict=True)
     return {field: function.x.petsc_vec.norm() for field, function in fields}
 
@@ -109,10 +109,10 @@ def compute_beam_numbers(comm, method):
 
 
 def assert_parallel_identities(comm):
-    """Return no numbers, but assert two identities that hold on any number of processes.
+    """Assert two identities that hold on any number of processes, and return an empty dictionary.
 
-    The stiffness of the new element is the force transfer matrix T times the standard stiffness
-    K_G. The solution of a body in two layers with separate pressures is exact.
+    The stiffness of the new element is the force transfer matrix T times the standard stiffness.
+    The solution of a body in two layers with separate pressures is exact.
     """
     mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), smooth_distortion)
     galerkin, pw = (
@@ -267,7 +267,7 @@ def compute_iterative_incompressible_numbers(comm, cell):
 
 
 def sum_contact_states(states):
-    """Return sums of the numbers in contact states, which do not depend on the order of nodes."""
+    """Return norms, sums and counts of contact states, independent of the order of nodes."""
     sums = {}
     for k, state in enumerate(states):
         sums[f"{k} displacement norm"] = state.displacement.norm()
@@ -290,7 +290,7 @@ def compute_block_matrix_numbers(comm):
             solid.base_supports_moved_by_1_2_3_times(),
             Iterative(),
         ).norm(),
-        "users of K": solid.K.getRefCount(),  # solvers hold no reference to it any more
+        "users of K": solid.K.getRefCount(),  # solvers no longer hold a reference to it
     }
 
 
@@ -401,4 +401,4 @@ def compute_all_iterative_numbers(comm):
 )
 def test_same_numbers_on_several_processes(numbers, rel, request):
     processes = 3 if request.config.getoption("--nightly") else 2
-    assert_same_on_processes(numbers, processes=[processes], rel=rel)
+    assert_same_on_processes(numbers, process_counts=[processes], rel=rel)

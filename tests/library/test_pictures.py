@@ -1,4 +1,4 @@
-"""Pictures of bodies: areas and colours of known shapes."""
+"""Pictures of bodies show known shapes with the right areas and colours."""
 
 from mpi4py import MPI
 
@@ -21,7 +21,7 @@ def polygon_area(polygon):
 
 
 def coloured_polygons(axes):
-    """Return the polygons of a picture in space that are coloured, and their colours."""
+    """Return the coloured (not transparent) polygons of a 3-D picture, with their colours."""
     (collection,) = axes.collections
     colours = collection.get_facecolors()
     paths = [path.vertices[:-1] for path in collection.get_paths()]
@@ -50,7 +50,7 @@ def test_a_plane_body_is_drawn_where_it_has_moved(figure_axes, cell):
     [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
 )
 def test_faces_of_a_box_that_look_at_the_viewer_are_drawn(figure_axes, cell, view, faces):
-    """Faces of a box that are turned to the viewer are drawn.
+    """The faces of a box that are turned to the viewer are drawn, and no others.
 
     Their projected area is the area of the box's shadow along the line of sight.
     """

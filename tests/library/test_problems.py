@@ -48,7 +48,10 @@ def make_rubber_residual(mesh, method=Spaces.petrov_galerkin):
 
 
 def make_pressed_square_problem(vertical_displacement, cells_per_side=4):
-    """Create a square whose left half is pressed from above and cannot slide."""
+    """Create a problem in which the left half of a square's top is pressed and cannot slide.
+
+    Return it with the constant that prescribes the vertical displacement.
+    """
     mesh = create_rectangle(
         MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [cells_per_side, cells_per_side]
     )

@@ -77,7 +77,7 @@ def test_weights_sum_to_one_and_reproduce_linear_functions(cell, seed):
     element, points = cached_weight_element(cell), random_cell_points(cell, 20, seed)
     nodes = element._element.points
     values, *slopes = element.tabulate(1, points)
-    # sums of at most 27 numbers of size one, each of which is made from 27 others
+    # sums of at most 27 numbers of size one, each of which is computed from 27 others
     bound = len(nodes) ** 2 * MACHINE_EPSILON
     assert values.min() > -bound
     assert_small(values.sum(axis=1) - 1, bound)
@@ -93,7 +93,7 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
     dim, A, body = elastic.grid.dim, elastic.placement.matrix, elastic.body
     force = np.random.default_rng(seed).uniform(-1, 1, dim)
     side = np.eye(dim)[0]
-    volume = np.linalg.det(A)  # volume of the skewed unit box; then the area of its side x = 0
+    volume = np.linalg.det(A)  # volume of the skewed unit box; `area` is that of its side x = 0
     area = volume * np.linalg.norm(np.linalg.solve(A.T, side))
     centre = np.full(dim, 0.5)
     surface = boundary_measure(body.spaces.mesh, elastic.side_marker(0))
@@ -102,7 +102,7 @@ def test_load_vectors_have_the_resultant_and_moment_of_the_loads(elastic, seed):
         (body.surface_load(force, surface), area, A @ (centre - side / 2)),
     ]:
         f = assemble_vector(form).array.reshape(-1, dim)
-        # each term has an error of the round-off of its cell's size
+        # the relative error of each term is the round-off of its cell's size
         bound = len(f) * elastic.relative_gradient_round_off * np.abs(f).sum()
         assert_small(f.sum(axis=0) - size * force, bound)
         assert_small(elastic.x.T @ f - size * np.outer(middle, force), bound * 4)
@@ -153,10 +153,10 @@ def test_new_stiffness_and_loads_are_transferred_galerkin_ones(grid, seed, nu, s
     )
     T = to_dense_array(force_transfer(galerkin.space))
     K, K_pw = to_dense_array(galerkin.K), to_dense_array(pw.K)
-    # the compared entries are sums over a row of T of entries of K
+    # each compared entry is a sum of entries of K, weighted by a row of T
     bound = max_nonzeros_per_row(K) * pw.relative_gradient_round_off * (np.abs(T) @ np.abs(K)).max()
     assert_small(T @ K - K_pw, bound)
-    # a wrong T is detected: transposed, or with the shares 1/6, 2/3, 1/6 for 1/8, 3/4, 1/8
+    # a wrong T is detected: transposed, or with 1/6, 2/3, 1/6 in place of 1/8, 3/4, 1/8
     wrong = np.eye(len(T)) + (T - np.eye(len(T))) * 4 / 3
     for candidate in (T.T, wrong):
         assert np.abs(candidate @ K - K_pw).max() > 1e-3 * np.abs(K).max()
@@ -206,7 +206,7 @@ def test_reactions_balance_the_loads(elastic, seed):
 
 @st.composite
 def unit_bodies_with_body_force(draw, cells=BODY_CELL_NAMES):
-    """Draw a body of unit size and Young's modulus, and a body force."""
+    """Draw a body of unit size with Young's modulus 1, and a body force (dim,)."""
     grid = draw(grids(cells))
     method, nu = draw(st.sampled_from(list(SPACE_MAKERS_BY_METHOD))), draw(st.floats(-0.5, 0.45))
     state = draw(st.sampled_from(STRESS_STATES_BY_DIMENSION[grid.dim]))
@@ -215,7 +215,10 @@ def unit_bodies_with_body_force(draw, cells=BODY_CELL_NAMES):
 
 
 def assert_same_solution(elastic, transformed, force, modulus):
-    """Assert that a body and its transformed copy have equal displacements and reactions."""
+    """Assert that a body and its transformed copy have the same displacements and reactions.
+
+    They are compared after transformation, with a bound that follows from round-off.
+    """
     placement, dim = transformed.placement, elastic.grid.dim
     a, r, f = elastic.solve_statics(force)
     # forces per volume scale like modulus / length, nodal forces like modulus times area
@@ -255,9 +258,9 @@ def test_same_statics_in_other_units(problem, unit, modulus):
 def test_same_statics_when_moved_rotated_and_renumbered(
     problem, max_offset, seed, is_rotated, is_renumbered
 ):
-    """A body has the same solution after translation, rotation and renumbering of nodes.
+    """A body has the same solution after translation, rotation and renumbering.
 
-    The body is up to 1e6 times its size away from the origin.
+    The body is moved away from the origin by up to 1e6 times its size.
     """
     elastic, force = problem
     moved_body = make_moved_copy(elastic, max_offset, seed, is_rotated, is_renumbered)
@@ -277,10 +280,10 @@ def make_moved_copy(elastic, max_offset, seed, is_rotated, is_renumbered):
 
 @given(unit_bodies_with_body_force(), SEED_STRATEGY)
 def test_same_contact_when_rotated_and_renumbered(problem, seed):
-    """A body in contact has the same solution after rotation and renumbering of nodes.
+    """A body in contact has the same solution after rotation and renumbering.
 
-    The body is clamped on one side. A ball is pressed with friction on the opposite side and then
-    moved along this side.
+    The body is clamped on one side. In one increment, a ball is pressed with friction into the
+    opposite side and moved along it.
     """
     elastic, _ = problem
     dim, down = elastic.grid.dim, np.array([-0.02, 0.01, 0.005])
@@ -329,7 +332,7 @@ def test_frequencies_scale_with_the_units(problem, unit, modulus, density):
 
     exact, error = eigenvalue_and_error_bound(K, M, index_of_lowest_positive_eigenvalue, *sizes)
     error += 1e-11 * abs(exact)  # the solver stops at 1e-12 of its own residual
-    # SciPy's dense eigenvalues are the same, and so are the eigenvalues in units of one
+    # the eigenvalue is compared with SciPy's dense one, and with the one in units of 1
     assert_small(values[1] - exact, error)
     assert_small(values[0] * modulus / (density * unit**2) - values[1], 2 * error)
 
@@ -365,7 +368,7 @@ def test_buckling_factors_do_not_depend_on_units(problem, unit, modulus, load):
         f.array,
         elastic.relative_gradient_round_off + rescaled.relative_gradient_round_off,
     )[0]
-    # stresses have errors like slopes of displacements, and K_sigma like stresses
+    # stresses have the relative error of displacement gradients, and K_sigma that of stresses
     wrong_S = bound / np.abs(a.array).max() * np.linalg.norm(S, 2)
     wrong_K = (
         len(K)

@@ -36,14 +36,14 @@ PLANE_BODY_SETTINGS = [
 def make_block_of_uneven_cells(
     make_mesh=triangles, method=PETROV_GALERKIN, state="plane stress", thickness=1.0
 ):
-    """Create a block 2 x 1 with cells of different widths."""
+    """Create an elastic block of about 2 x 1 with cells of different widths."""
     mesh = make_mesh(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     mesh = move_nodes(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
     return ElasticBody(mesh, method, state, 10.0, thickness=thickness)
 
 
 def uniform_pressure_forces(body, where, pressure=3.0):
-    """Return the nodal forces of a uniform pressure in the order of the surface's nodes."""
+    """Return the nodal forces (m,) of a uniform pressure, in the order of the surface's nodes."""
     f = body.traction_load(pressure * np.eye(body.dim)[-1], where)
     x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
@@ -53,9 +53,9 @@ def uniform_pressure_forces(body, where, pressure=3.0):
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_a_side_are_ordered_by_position(side, axis):
-    """Forces along a side are in the order of positions along this side.
+    """Forces along a side are ordered by the positions along this side.
 
-    On a side at constant x, round-off of x must not decide the order.
+    On a side at constant x, for example, round-off of x must not affect the order.
     """
     body = make_block_of_uneven_cells()
     body.mesh.geometry.x[::2] *= 1 + 1e-15

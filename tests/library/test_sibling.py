@@ -1,4 +1,7 @@
-"""Symmetric sibling element: basis, spectrum, lumped mass, and contact."""
+"""Tests of the sibling, the symmetric twin of the new element (see `Sibling`).
+
+They cover its basis, spectrum, lumped mass and contact.
+"""
 
 from mpi4py import MPI
 
@@ -15,8 +18,8 @@ from tests.contact.cases import GALERKIN, PETROV_GALERKIN, Q8, ElasticBody, on_p
 COMM, CELL_NAMES = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
 
-class BlockWithSibling(ElasticBody):
-    """Block of cells of different shapes, with its symmetric sibling element."""
+class BlockWithSymmetricSibling(ElasticBody):
+    """Elastic block whose cells have different shapes, with the sibling of its element."""
 
     def __init__(self, cell, divisions=2, method=GALERKIN):
         n = (2 * divisions, divisions, divisions)
@@ -34,7 +37,10 @@ class BlockWithSibling(ElasticBody):
         return self.sibling.dirichlet([prescribe(self.space, *c) for c in conditions])
 
     def solve_contact_state_and_displacements(self, pair):
-        """Solve contact of the block, and return state and displacements of the contact nodes."""
+        """Solve contact with the sibling; return the state and the contact nodes' displacements.
+
+        The block is clamped at its base. Displacements are (m, dim) for m contact nodes.
+        """
         K, up = self.sibling.matrix(self.K), self.dim - 1
         foot = self.make_sibling_supports(*((i, on_plane(up, 0.0)) for i in range(self.dim)))
         (state,) = solve_contact(K, self.zero_load, foot, pair, self.space)
@@ -44,7 +50,7 @@ class BlockWithSibling(ElasticBody):
 
 @pytest.mark.parametrize("cell", CELL_NAMES)
 def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
-    block = BlockWithSibling(cell, 1)
+    block = BlockWithSymmetricSibling(cell, 1)
     T = to_dense_array(force_transfer(block.space))
     assert to_dense_array(block.sibling.basis) == pytest.approx(T.T, abs=1e-15)
     assert to_dense_array(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
@@ -52,7 +58,7 @@ def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
 
 @pytest.mark.parametrize("cell", CELL_NAMES)
 def test_sibling_displacements_and_spectrum_are_galerkins(cell):
-    block = BlockWithSibling(cell, 1)
+    block = BlockWithSymmetricSibling(cell, 1)
     sibling, K, M = block.sibling, block.K, block.M
     f = block.traction_load(np.arange(1.0, block.dim + 1), on_plane(0, 0.0))
     prescribed = [(i, on_plane(1, 1.0), 0.1 * i) for i in range(block.dim)]
@@ -78,11 +84,11 @@ def test_sibling_displacements_and_spectrum_are_galerkins(cell):
 
 @pytest.mark.parametrize("cell", CELL_NAMES)
 def test_lumped_mass_equals_the_load_of_a_unit_body_force(cell):
-    """Lumped masses distribute the mass like a uniform body force.
+    """Lumped masses of the sibling equal its load vector of a unit body force.
 
     Both are integrals of the basis functions, which are the row sums of the mass matrix.
     """
-    block = BlockWithSibling(cell, 1)
+    block = BlockWithSymmetricSibling(cell, 1)
     mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
     load = block.sibling.load(block.body_force_load(np.ones(block.dim)))
     assert load.array == pytest.approx(mass.array, rel=1e-12)
@@ -95,7 +101,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     For this, the sibling uses the gaps T^-T g, with T the force transfer matrix and g the nodal
     gaps. The nodal gaps themselves would leave mid-side nodes off the surface.
     """
-    block = BlockWithSibling(cell, 3)
+    block = BlockWithSymmetricSibling(cell, 3)
     dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
@@ -106,7 +112,7 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     gap = shape.gap(pair_state.position - np.array(down)) - u[:, -1]
     closed = pair_state.status != OPEN
     assert closed.sum() > 3
-    # nodes all of whose neighbours in the basis are closed
+    # closed nodes that the basis couples with closed nodes only
     shares = to_dense_array(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][pair_state.node]
     open_ = np.setdiff1d(np.arange(shares.shape[1]), pair_state.node[closed])
     inner = closed & (shares[:, open_] == 0).all(axis=1)
@@ -116,7 +122,10 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
 
 
 def test_mismatched_matrices_of_the_sibling_are_refused():
-    block, new = BlockWithSibling("triangle", 1), BlockWithSibling("triangle", 1, PETROV_GALERKIN)
+    block, new = (
+        BlockWithSymmetricSibling("triangle", 1),
+        BlockWithSymmetricSibling("triangle", 1, PETROV_GALERKIN),
+    )
     sibling, K, U, f = block.sibling, block.K, block.space, block.body_force_load((0.0, 1.0))
     supports, sibling_K = (
         block.make_sibling_supports((0, on_plane(1, 0.0)), (1, on_plane(1, 0.0))),
@@ -134,7 +143,7 @@ def test_mismatched_matrices_of_the_sibling_are_refused():
         (lambda: sibling.matrix(sibling_K), "belongs to the sibling already"),
         (lambda: new.sibling.matrix(new.K), "other weight functions"),
         (
-            lambda: Sibling.from_space(Q8(BlockWithSibling("quadrilateral").mesh).trial),
+            lambda: Sibling.from_space(Q8(BlockWithSymmetricSibling("quadrilateral").mesh).trial),
             "quadratic Lagrange spaces",
         ),
         (

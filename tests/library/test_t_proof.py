@@ -1,6 +1,6 @@
-"""Proof that the new stiffness is T times the standard one, in exact fractions.
+"""Proof, in exact fractions, that the new stiffness is T times the standard one.
 
-A counterexample is given for each condition. The functions are defined here; only the last test
+A counterexample is given for each condition. All functions are defined here. Only the last test
 uses the library, to compare its force transfer matrix T. Nodes are numbered as in Basix: vertices,
 then the middles of the sides opposite them.
 """
@@ -39,7 +39,10 @@ def quadratic_shape_functions(*coordinates):
 
 
 def force_transfer_matrix(dim):
-    """Return T: a mid-side node keeps 3/4 of its equation, each end of the side gets an eighth."""
+    """Return the matrix T, which adds an eighth of a mid-side node's equation to both side ends.
+
+    The mid-side node keeps three quarters of its equation.
+    """
     T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDE_ENDS_BY_DIMENSION[dim]))
     for middle, ends in enumerate(SIDE_ENDS_BY_DIMENSION[dim], start=dim + 1):
         for end in ends:
@@ -48,7 +51,7 @@ def force_transfer_matrix(dim):
 
 
 def triangle_weight_functions():
-    """Return the corners of each sub-triangle and the weights there, by Eqs (15) to (20)."""
+    """Return the corners of each sub-triangle and the weights there, Eqs (15)-(20) of the paper."""
     printed = {
         (1, 4, 6): (1 - 2 * X - 2 * Y, ZERO, ZERO, 2 * X, ZERO, 2 * Y),
         (4, 2, 5): (ZERO, 2 * X - 1, ZERO, 2 - 2 * X - 2 * Y, 2 * Y, ZERO),
@@ -66,7 +69,8 @@ def triangle_weight_functions():
 def tetrahedron_weight_functions(diagonal):
     """Return the corners of each sub-tetrahedron and the weight functions there.
 
-    Four sub-tetrahedra are at the vertices. The octahedron is cut into the others along a diagonal.
+    Four sub-tetrahedra are at the vertices. The others result from cutting the octahedron along a
+    diagonal.
     """
     middles = {4 + k: set(ends) for k, ends in enumerate(SIDE_ENDS_BY_DIMENSION[3])}
     subs = [(v, *(m for m, ends in middles.items() if v in ends)) for v in range(4)]
@@ -99,7 +103,7 @@ def integrate_over_simplex(polynomial, corners, variables):
 
 
 def transfer_defect(weights, variables, form):
-    """Return integrals of form(weight function), less T times those of form(shape function)."""
+    """Return the integrals of `form` of the weights minus T times those of the shape functions."""
     N = quadratic_shape_functions(*variables)
     new = sp.Matrix(
         [
@@ -116,11 +120,11 @@ def is_transfer_exact(weights, variables, *forms):
     return all(not any(transfer_defect(weights, variables, form)) for form in forms)
 
 
-def stiffness_forms(variables, weight_derivative, shape_derivative, factor=1):
-    """Return the forms of a stiffness matrix, one for each of its columns.
+def stiffness_column_integrands(variables, weight_derivative, shape_derivative, factor=1):
+    """Return the integrands of a stiffness matrix as functions of a weight, one for each column.
 
-    They are products of the first derivative of a weight and the second derivative of a shape
-    function.
+    Each is `factor` times the weight's derivative by `weight_derivative`, times the derivative of
+    the column's shape function by `shape_derivative`.
     """
     return [
         lambda w, n=n: factor * sp.diff(w, weight_derivative) * sp.diff(n, shape_derivative)
@@ -132,9 +136,10 @@ TRIANGLE_WEIGHT_FUNCTIONS = triangle_weight_functions()
 
 
 def test_weights_and_transferred_shape_functions_have_equal_moments():
-    """The difference w - T N of weights w and shape functions N is orthogonal to constants.
+    """Weights w and transferred shape functions T N have equal means and moments.
 
-    Its mean over the triangle vanishes. Along each side its mean and its first moment vanish.
+    The mean of w - T N vanishes over the triangle. Along each side, its mean and its first moment
+    vanish.
     """
     assert is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), lambda w: w)
     for a, b in SIDE_ENDS_BY_DIMENSION[2]:
@@ -165,8 +170,8 @@ def test_weights_and_transferred_shape_functions_have_equal_moments():
 def test_new_stiffness_is_transferred_for_any_triangle_and_constant_elasticity():
     """The new stiffness is T times the standard one for any triangle and any constant elasticity.
 
-    Coordinates of corners and nine moduli are symbols. Each entry times the determinant is a
-    polynomial.
+    The entries of the Jacobian and nine moduli are symbols. Each entry of the stiffness times the
+    determinant is a polynomial in them.
     """
     jacobian = sp.Matrix(2, 2, sp.symbols("x1:3 y1:3"))
     D = sp.Matrix(3, 3, sp.symbols("d1:10"))
@@ -179,7 +184,7 @@ def test_new_stiffness_is_transferred_for_any_triangle_and_constant_elasticity()
         return sp.Matrix([[gx, 0], [0, gy], [gy, gx]])
 
     def stiffness_of(corners_and_weight_functions):
-        """Return the stiffness by quadrature at middles of sides, exact for degree two."""
+        """Return the stiffness by quadrature at the middles of sides, exact for degree 2."""
         K = sp.zeros(12, 12)
         for corners, functions in corners_and_weight_functions:
             for a, b in combinations(corners, 2):
@@ -205,7 +210,7 @@ def test_new_stiffness_of_an_interval_is_transferred():
         ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
         ([middle, end], [ZERO, 2 * X - 1, 2 - 2 * X]),
     ]
-    assert is_transfer_exact(weights, (X,), *stiffness_forms((X,), X, X))
+    assert is_transfer_exact(weights, (X,), *stiffness_column_integrands((X,), X, X))
 
 
 def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
@@ -225,29 +230,32 @@ def test_transfer_is_exact_for_uniform_loads_and_not_for_linear_ones():
     "forms",
     [
         # a linear modulus or prestress
-        stiffness_forms((X, Y), X, Y, factor=1 + X),
+        stiffness_column_integrands((X, Y), X, Y, factor=1 + X),
         # the mass matrix
         [lambda w, n=n: w * n for n in quadratic_shape_functions(X, Y)],
         # axisymmetry: in axial rows, the terms with the shear modulus have the radius as a factor
-        stiffness_forms((X, Y), X, X, factor=1 + X),
-        # one mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y; the
-        # stiffness' derivative by c at c = 0, of the part with both derivatives by x
-        stiffness_forms((X, Y), X, X, factor=-4 * Y),
+        stiffness_column_integrands((X, Y), X, X, factor=1 + X),
+        # one mid-side node moved by c: x = X + 4 c X Y, y = Y, with the determinant 1 + 4 c Y; this
+        # is the derivative by c at c = 0 of the stiffness part with both derivatives by x
+        stiffness_column_integrands((X, Y), X, X, factor=-4 * Y),
     ],
 )
 def test_transfer_fails_without_constant_data_or_straight_sides(forms):
-    assert is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *stiffness_forms((X, Y), X, Y))
+    assert is_transfer_exact(
+        TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *stiffness_column_integrands((X, Y), X, Y)
+    )
     assert not is_transfer_exact(TRIANGLE_WEIGHT_FUNCTIONS, (X, Y), *forms)
 
 
 @pytest.mark.parametrize("cuts", [OCTAHEDRON_DIAGONALS[:1], OCTAHEDRON_DIAGONALS], ids=str)
 def test_tetrahedra_have_no_force_transfer_matrix(cuts):
-    """No matrix T exists that relates the stiffness matrices of tetrahedra.
+    """No matrix T relates the stiffness matrices of tetrahedra.
 
-    A mid-side node's row of the new element is no multiple of its standard row, for any cut. Within
-    one tetrahedron it could be combined from rows of other nodes. After assembly it could not, as
-    those rows have contributions of other elements. Compared are integrals of derivatives times 1
-    and times the coordinates, which multiply a linear stress.
+    For any cut, a mid-side node's row of the new element is not a multiple of its standard row.
+    Within one tetrahedron, it could be combined from rows of other nodes. After assembly it could
+    not, because those rows also have contributions of other elements. The rows are represented by
+    integrals of derivatives times 1 and times the coordinates, by which a linear stress is
+    multiplied.
     """
 
     def mid_side_node_integral_rows(variables, pieces):
@@ -284,7 +292,7 @@ def test_tetrahedra_have_no_force_transfer_matrix(cuts):
 
 
 def test_transferred_forces_violate_contact_laws_at_status_changes():
-    """The transfer matrix T does not keep the contact law where statuses change along a side.
+    """Transferred nodal forces T r violate the contact law where statuses change along a side.
 
     T couples nodes with different statuses: slip and stick, or closed and open.
     """

@@ -26,7 +26,7 @@ ADIOS2_FUNCTIONS_RETURNING_POINTERS = (
 
 
 def load_adios2_library():
-    """Return ADIOS2's C library, next to the one that DOLFINx has loaded; None if it is missing."""
+    """Load ADIOS2's C library from the folder of the one that DOLFINx uses; None if missing."""
     import dolfinx  # noqa: F401
 
     maps = Path("/proc/self/maps")
@@ -42,7 +42,10 @@ def load_adios2_library():
 
 
 def iterate_adios2_steps(path):
-    """Yield the library, the open file and its variables at each step."""
+    """Yield, for each step of a file, ADIOS2's library, the IO object and the open engine.
+
+    The IO object gives access to the variables and attributes, the engine to their values.
+    """
     adios = load_adios2_library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
     io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
@@ -63,7 +66,10 @@ def iterate_adios2_steps(path):
 
 
 def read_times_and_fields(path):
-    """Return time and fields (points, components) of each step, with the blocks of all writers."""
+    """Return the time and the fields (points, components) of each step.
+
+    The blocks of all processes that wrote the file are joined.
+    """
     steps = []
     for adios, io, engine in iterate_adios2_steps(path):
         values = {}
@@ -80,7 +86,7 @@ def read_times_and_fields(path):
 
 
 def read_vtk_schema(path):
-    """Return the XML schema that ParaView reads."""
+    """Return the XML text in the file that tells ParaView how to read it."""
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
     for adios, io, _ in iterate_adios2_steps(path):
         attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))

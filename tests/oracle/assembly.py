@@ -1,12 +1,13 @@
-"""Elasticity matrices and loads of one body, element by element; dof = dim * node + component.
+"""Elasticity matrices and loads of one body, assembled element by element.
 
-Trial functions and geometry are quadratic. Weights are quadratic (Galerkin) or piecewise linear.
-All integrals follow from Hooke's law written in components,
+The degrees of freedom are dim * node + component. Trial functions and geometry are quadratic.
+Weights are quadratic (Galerkin) or piecewise linear. All integrals are those of Hooke's law written
+in components,
 
     sigma(u):eps(w) = lambda div u div w + mu (grad u : grad w + grad u : grad w^T),
 
 with u the displacement, w the weight, and lambda and mu Lame's constants. In axisymmetry the hoop
-strain u_r / r is a further term of div and of the strain products.
+strain u_r / r adds a term to div and to the strain products.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,7 +23,7 @@ NodeMarker = Callable[[np.ndarray], np.ndarray]
 
 
 class GaussPointData(NamedTuple):
-    """Functions and geometry at one Gauss point of all c cells with n nodes in d dimensions."""
+    """Functions and geometry at one Gauss point of each of c cells with n nodes in d dimensions."""
 
     shapes: np.ndarray  # (n,)
     gradients: np.ndarray  # (c, n, d)
@@ -76,7 +77,7 @@ class LinearElasticBody:
     def geometric_stiffness(self, displacement: np.ndarray) -> sparse.csc_matrix:
         """Assemble the geometric stiffness int grad w : grad u S (the form G of the theory page).
 
-        S is the plane stress tensor of the displacement.
+        S is the in-plane stress (2, 2) that belongs to the displacement.
         """
         u = displacement.reshape(self.nodes.shape)[self.cells]
         lame_lambda, mu = self._lame_constants()
@@ -115,21 +116,21 @@ class LinearElasticBody:
         return mask
 
     def _boundary_facets_as_body(self, where: NodeMarker) -> "LinearElasticBody":
-        """Return a body that consists of the facets whose nodes all satisfy `where`."""
+        """Return a body whose cells are the facets whose nodes all satisfy `where`."""
         element = REFERENCE_ELEMENTS[self.element]
         facets = np.concatenate([self.cells[:, facet] for facet in element.facets])
         facets = facets[where(self.nodes)[facets].all(axis=1)]
         return replace(self, cells=facets, element=element.facet, n_gauss=4)
 
     def _lame_constants(self) -> tuple[float, float]:
-        """Return Lame's constants; in plane stress lambda is modified for this state."""
+        """Return Lame's constants lambda and mu; in plane stress lambda is E nu / (1 - nu^2)."""
         E, nu = self.E, self.nu
         if self.state == "plane stress":
             return E * nu / (1 - nu**2), E / (2 * (1 + nu))
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
     def _iterate_gauss_points(self) -> Iterator[GaussPointData]:
-        """Yield the data of each Gauss point of the cells; for facets they contain no gradients."""
+        """Yield the data of all cells for each Gauss point; for facets they have no gradients."""
         functions, x = (
             tabulate_at_gauss_points(self.element, self.linear_weights, self.n_gauss),
             self.nodes[self.cells],
@@ -171,7 +172,7 @@ class LinearElasticBody:
     def _assemble_vector(
         self, scalar_cell_vectors: np.ndarray, constant_vector: tuple[float, ...]
     ) -> np.ndarray:
-        """Assemble the global vector from cell vectors (c, n) times a constant vector (dim,)."""
+        """Assemble a global vector from cell vectors (c, n) times a constant vector (dim,)."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.cells, scalar_cell_vectors)
         return np.outer(total, constant_vector).ravel()

@@ -1,25 +1,26 @@
 """Frictional contact by nonlinear Gauss-Seidel on a dense compliance of the contact nodes.
 
-Let r be the force on a node, n the direction in which it is pushed, g the gap, v the slip since the
-end of the previous increment, and mu the friction coefficient. The law at the node is
+Let r be the force on a node, n the direction in which contact pushes it, g the gap, v the slip
+since the end of the previous increment, and mu the friction coefficient. The law at the node is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 
-A body may be held by contact alone, and a surface by its prescribed force alone. No compliance
-exists in such cases. Therefore springs of stiffness alpha connect every contact node to what it
-faces, and the springs' forces are subtracted from the law exactly. Let z be all free displacements
-of nodes and surfaces, A the stiffness matrix and f the loads. The motion of contact nodes relative
-to what they face is w = B z. From the equations A z = f + B^T r follows
+A body may be held by contact alone, and a surface by its prescribed force alone. In such cases
+there is no compliance. Therefore springs of stiffness alpha connect every contact node to the point
+that it faces, and the law is stated for the contact forces without the forces of these springs. Let
+z be all free displacements of nodes and surfaces, A the stiffness matrix and f the loads. The
+motion of contact nodes relative to the points that they face is w = B z. The equilibrium equations
+A z = f + B^T r become
 
     (A + alpha B^T B) z = f + B^T s,     s = r + alpha w,     w = w_f + C s.
 
-The compliance C exists whatever is free, and w_f is the motion without contact forces. Whatever
-alpha is, s is a solution if w and r = s - alpha w obey the law. Gauss-Seidel visits the nodes in
-turn. If s is fixed at all other nodes, w_i = const + L_i r_i with L_i = (1 - alpha C_ii)^-1 C_ii.
-Then r_i is set to the projection of r_i - (g; v) / |L_i| on the friction cone. Sweeps alternate in
-direction: with a single direction and large friction, a wave of opening nodes can travel forever.
-Every few sweeps the present statuses are put into equations that Newton's method solves; only a
-result that satisfies the law is accepted.
+The compliance C always exists, and w_f is the motion for s = 0. For any alpha, s is a solution if w
+and r = s - alpha w obey the law. Gauss-Seidel visits the nodes in turn. If s is fixed at all other
+nodes, w_i = const + L_i r_i with L_i = (1 - alpha C_ii)^-1 C_ii. Then r_i is set to the projection
+of r_i - (g; v) / |L_i| on the friction cone. Sweeps alternate in direction: with a single direction
+and large friction, a wave of opening nodes can travel forever. Every few sweeps, Newton's method
+solves the equations for the present statuses; its result is used only if it violates the law by
+less than a tenth of the present violation.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,7 +41,11 @@ PointFunction = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class NodesAndSurface:
-    """Contact nodes that face one rigid surface or the nodes of another body."""
+    """Contact nodes that face one rigid surface or the nodes of another body.
+
+    `gap` and `normal` are functions of positions (m, dim). `motions` has the translation of the
+    surface (None for free components) and the force on it for each increment.
+    """
 
     nodes: np.ndarray
     gap: PointFunction
@@ -52,7 +57,10 @@ class NodesAndSurface:
 
 @dataclass(frozen=True)
 class IncrementSolution:
-    """Displacements (n, dim), forces and gaps by pair, translations, and violation of the law."""
+    """Displacements (n, dim), and forces (m, dim), translation and gaps (m,) of each pair.
+
+    `law_error` is the violation of the law divided by its tolerance.
+    """
 
     displacement: np.ndarray
     forces: list[np.ndarray]
@@ -62,7 +70,7 @@ class IncrementSolution:
 
 
 class NotConverged(Exception):
-    """Error if neither Gauss-Seidel nor Newton's method has converged."""
+    """Error that is raised if the iterations of this module do not converge."""
 
 
 def solve_increments(
@@ -73,10 +81,10 @@ def solve_increments(
     node_positions: np.ndarray,
     spring_over_mean_stiffness: float = 1.0,
 ) -> list[IncrementSolution]:
-    """Return the states at the ends of all increments, by the method of this module.
+    """Solve all increments by the method of this module, and return the states at their ends.
 
-    The springs of the method have `spring_over_mean_stiffness` times a mean stiffness of the
-    contact nodes.
+    The stiffness of the springs is `spring_over_mean_stiffness` times the mean diagonal entry of K
+    at the contact nodes, divided by the number of these nodes.
     """
     n_contact = sum(len(pair.nodes) for pair in pairs)
     previous_motion, translations = (
@@ -111,8 +119,8 @@ def relative_law_violation(
 ) -> float:
     """Return the largest violation of the law's conditions, divided by the largest force.
 
-    The forces `forces` and the gaps and slips `scaled_gaps_and_slips`, times a stiffness, have the
-    normal component first.
+    The rows of `forces` (m, dim) and of `scaled_gaps_and_slips` (m, dim), which are gaps and slips
+    times a stiffness, begin with the normal component.
     """
     largest = np.abs(forces).max() or 1.0
     (r_n, r_t), (g, v) = (
@@ -129,7 +137,10 @@ def relative_law_violation(
 def _prescribed_translation_and_force(
     pair: NodesAndSurface, increment: int, node_positions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the prescribed translation in increment k, NaN where it is free, and the force."""
+    """Return the translation and the force that are prescribed in the given increment.
+
+    Free components of the translation are NaN.
+    """
     zero = np.zeros(node_positions.shape[1])
     translation, force = pair.motions[increment] if pair.motions else (zero, zero)
     return np.array([np.nan if u is None else u for u in translation]), np.array(force, dtype=float)
@@ -138,8 +149,8 @@ def _prescribed_translation_and_force(
 def _shrink_to_friction_cone(trial_force: np.ndarray, mu: float) -> np.ndarray:
     """Project a trial force (dim,), normal component first, onto Coulomb's cone.
 
-    The shear is shortened to the friction limit of the normal force, which is no orthogonal
-    projection.
+    The projection is not orthogonal: the shear is shortened to the friction limit of the normal
+    force.
     """
     normal, tangential = max(0.0, trial_force[0]), trial_force[1:]
     friction = np.sqrt(tangential @ tangential)
@@ -148,7 +159,7 @@ def _shrink_to_friction_cone(trial_force: np.ndarray, mu: float) -> np.ndarray:
 
 
 class _ContactCompliance:
-    """Compliance matrix of m contact nodes under given supports, with free surface translations."""
+    """Compliance matrix of m contact nodes for given supports and free surface translations."""
 
     def __init__(self, K, prescribed_mask, pairs, nodes, free, tie) -> None:
         self.pairs, self.nodes, self.free, self.dim = pairs, nodes, free, nodes.shape[1]
@@ -183,8 +194,8 @@ class _ContactCompliance:
     ):
         """Return the state, relative motion w (m, dim) and augmented force s (m, dim) at the end.
 
-        Free translations change the gaps, and they do so linearly only for planes. Therefore gaps
-        are recomputed until they are constant. See the module for w and s.
+        The module defines w and s. Gaps depend on the free translations, and this dependence is
+        linear only for planes. Therefore gaps are recomputed until they no longer change.
         """
         f = np.concatenate([load[self.free_dofs], surface_forces[self.free]])
         for _ in range(100):
@@ -220,7 +231,7 @@ class _ContactCompliance:
         for k, pair in enumerate(self.pairs):
             normal[self.pair == k] = pair.normal(x[self.pair == k])
             gap.append(pair.gap(x[self.pair == k]))
-        # a Householder reflection of the first unit vector into the normal has tangents as rows
+        # rows of the Householder reflection that maps the first unit vector to the normal
         h = normal - np.eye(self.dim)[0]
         size = np.maximum(np.sum(h**2, axis=1), 1e-300)
         frame = np.eye(self.dim) - 2 * np.einsum("ma,mb->mab", h, h) / size[:, None, None]
@@ -229,11 +240,12 @@ class _ContactCompliance:
     def _solve_with_fixed_frames_and_gaps(
         self, load, prescribed_translation, frame, gap, previous_relative_motion, s
     ):
-        """Return z, w and s (m, dim) that obey the law in a fixed geometry, and its violation.
+        """Return z, w and s (m, dim) that obey the law for fixed frames and gaps.
 
-        See the module for z, w, s, C and alpha. Long slips, times alpha, lose digits of C s.
-        Therefore the imbalance of z is computed afterwards, and it is corrected together with its
-        effect on the law.
+        The fourth value is the violation of the law divided by its tolerance. The module defines z,
+        w, s, C and alpha. If slips are long, alpha w is much larger than the contact forces, and
+        digits of C s are lost. Therefore the imbalance of z is computed afterwards, and corrected
+        together with its effect on the law.
         """
         Q = sparse.block_diag(list(frame)).tocsr()
         solver = _ContactLawSolver(Q @ (Q @ self.C.T).T, self.spring_stiffness, self.mu)
@@ -241,9 +253,10 @@ class _ContactCompliance:
         y0[:, 0] = gap
 
         def refine_equilibrium(z, s):
-            """Return z, w, and both y and r in the nodes' frames, after a step of refinement.
+            """Correct the imbalance of z once, and return z, w, y and r.
 
-            Here y are the gaps and slips, and r are the contact forces.
+            The gaps and slips y (m, dim) and the contact forces r (m, dim) are in the frames of the
+            nodes.
             """
             z = z + self.factors.solve(
                 load
@@ -269,8 +282,8 @@ class _ContactCompliance:
 class _ContactLawSolver:
     """The law at m nodes in their frames, as a problem for the augmented forces s.
 
-    Changes of the gaps and slips y are dy = C ds, and the contact forces are r = s - alpha w. See
-    the module for C, alpha and w.
+    Changes of the gaps and slips y are dy = C ds, and the contact forces are r = s - alpha w. The
+    module defines C, alpha and w.
     """
 
     def __init__(self, C, alpha, mu) -> None:
@@ -285,9 +298,9 @@ class _ContactLawSolver:
         """Return the violation of the law, divided by its tolerance.
 
         Gaps and slips are multiplied by a stiffness. The tolerance is
-        `LAW_TOLERANCE_OVER_LARGEST_FORCE` plus the bounded round-off of these products. It is
-        larger only where slips are long compared with the body's deformation, as for a wedge on
-        soft springs.
+        `LAW_TOLERANCE_OVER_LARGEST_FORCE` plus the round-off of these products, which is limited to
+        ten times that value. The round-off matters only if slips are long compared with the body's
+        deformation, for example for a wedge on soft springs.
         """
         as_forces = self.node_stiffness[:, None] * gaps_and_slips
         round_off = 16 * MACHINE_EPSILON * np.abs(as_forces).max() / (np.abs(forces).max() or 1.0)
@@ -296,7 +309,7 @@ class _ContactLawSolver:
         )
 
     def force_change_by_gauss_seidel(self, gaps_and_slips, forces):
-        """Return the change (m, dim) of s from an equilibrium to one that obeys the law."""
+        """Return the change (m, dim) of s that makes a state in equilibrium obey the law."""
         m, dim = forces.shape
         total_ds = np.zeros((m, dim))
         for sweep in range(1, MAX_GAUSS_SEIDEL_SWEEPS + 1):
@@ -327,7 +340,7 @@ class _ContactLawSolver:
         raise NotConverged(f"{MAX_GAUSS_SEIDEL_SWEEPS} sweeps")
 
     def force_change_by_newton(self, gaps_and_slips, forces):
-        """Return the change (m, dim) of s by Newton's method with the present statuses."""
+        """Return the change (m, dim) of s that Newton's method finds for the present statuses."""
         m, dim = forces.shape
         trial = [
             _shrink_to_friction_cone(*node_data)
@@ -362,8 +375,8 @@ class _ContactLawSolver:
 def _linearised_status_equations(trial_force, scaled_gap_and_slip, force, mu):
     """Return the linear equations E dr + G dy = -residual for the status of a node.
 
-    The status is that of the trial force. The gap and slip y (dim,) of the node are multiplied by a
-    stiffness, so that E and G are of one size. Its force is r (dim,).
+    The status is that of the trial force. The node has the force r (dim,), and the gap and slip y
+    (dim,), which are multiplied by a stiffness so that E and G have similar magnitudes.
     """
     dim = len(force)
     identity, zero = np.eye(dim), np.zeros((dim, dim))

@@ -1,4 +1,4 @@
-"""The smallest eigenvalues of a pair of matrices, which may be unsymmetric."""
+"""Eigenvalues near a shift and Guyan's reduction, for matrices that may be unsymmetric."""
 
 import numpy as np
 from scipy import sparse
@@ -14,7 +14,8 @@ def eigenvalues_nearest_to_shift(
 ) -> np.ndarray:
     """Return the `count` eigenvalues lambda of K x = lambda M x that are nearest to the shift.
 
-    Only the real parts of eigenvalues are compared with the shift.
+    Distances from the shift are measured in the complex plane. The eigenvalues are complex and
+    sorted by their real parts.
     """
     free_dofs = np.flatnonzero(~prescribed_mask.ravel())
     K, M = (matrix.tocsc()[free_dofs][:, free_dofs] for matrix in (K, M))
@@ -28,9 +29,10 @@ def eigenvalues_nearest_to_shift(
 def guyan_reduction(
     K: sparse.spmatrix, M: sparse.spmatrix, inner_nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return K and M after Guyan's reduction, in which inner nodes follow the others as in statics.
+    """Return K and M after Guyan's reduction, which condenses the inner nodes statically.
 
-    Rows and columns of both matrices are reduced by those of K, so that M may become unsymmetric.
+    The rows of both matrices are combined with the rows of K, and the columns with its columns.
+    Therefore M becomes unsymmetric if K is.
     """
     inner_dofs = (2 * inner_nodes[:, None] + [0, 1]).ravel()
     outer_dofs = np.setdiff1d(np.arange(K.shape[0]), inner_dofs)

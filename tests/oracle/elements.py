@@ -1,9 +1,10 @@
 """Reference elements: quadratic shape functions, piecewise-linear weights, Gauss rules.
 
-Nodes have Basix's order: vertices, mid-side nodes, centre. Mid-side nodes of simplices are in the
-order of the opposite vertex or edge. Those of quadrilaterals, whose vertices are 00 10 01 11, are
-in the order below, left, right, above. The octahedron inside a tetrahedron is divided into eight
-sub-cells around its centre, where weights are the mean of their values at the mid-side nodes.
+Nodes have Basix's order: vertices, mid-side nodes, centre. Mid-side nodes of simplices are sorted
+by the opposite vertex or edge. The vertices of quadrilaterals are 00 10 01 11, and their mid-side
+nodes are those below, on the left, on the right and above. The octahedron inside a tetrahedron is
+divided into eight sub-cells around its centre. At the centre, weights have the mean of their values
+at the mid-side nodes.
 """
 
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ REFERENCE_ELEMENTS = {
 class FunctionTable(NamedTuple):
     """Values and gradients of n functions at q points of a quadrature rule in d dimensions.
 
-    The functions are shape functions and weights on the reference element; `measure` has the
+    The functions are the shape functions and weights on the reference element. `measure` has the
     weights of the rule.
     """
 
@@ -97,8 +98,8 @@ def tabulate_at_gauss_points(
 ) -> FunctionTable:
     """Tabulate an element's functions at Gauss points, `points_per_direction` in each direction.
 
-    The rule covers the whole element if weights are quadratic, and each sub-cell if they are
-    piecewise linear.
+    The rule is applied to the whole element if weights are quadratic, and to each sub-cell if they
+    are piecewise linear.
     """
     element = REFERENCE_ELEMENTS[element_name]
     return tabulate_at_points(
@@ -111,7 +112,10 @@ def tabulate_at_gauss_points(
 def tabulate_at_points(
     element_name: str, linear_weights: bool, points: np.ndarray, quadrature_weights: np.ndarray
 ) -> FunctionTable:
-    """Tabulate an element's functions at points (q, d) of a rule for a cell or each sub-cell."""
+    """Tabulate an element's functions at the points (q, d) of a rule with weights (q,).
+
+    The rule is applied to the whole element, or to each sub-cell if weights are piecewise linear.
+    """
     element = REFERENCE_ELEMENTS[element_name]
     if not linear_weights:
         values, slopes = shape_functions_and_gradients(element_name, points)
@@ -155,15 +159,15 @@ def gauss_points_and_weights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (q, d) and weights (q,) of a Gauss rule.
 
-    On simplices it is a collapsed rule. The rule is exact for polynomials of degree 2 n_points - 1
-    on lines, squares and cubes, and of degree 2 n_points - d on simplices of dimension d.
+    On simplices it is a collapsed rule. With n points per direction, it is exact for polynomials of
+    degree 2 n - 1 on lines, squares and cubes, and of degree 2 n - d on simplices of dimension d.
     """
     t, w = np.polynomial.legendre.leggauss(points_per_direction)
     t, w = (t + 1) / 2, w / 2
     points = np.array(list(product(t, repeat=dimension)))
     weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
     if is_simplex:
-        remaining = np.ones(len(points))  # 1 - x - y ... with the coordinates so far
+        remaining = np.ones(len(points))  # 1 minus the coordinates set so far
         for axis in range(dimension):
             weights = weights * remaining ** (axis > 0)
             points[:, axis] *= remaining

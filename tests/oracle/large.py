@@ -15,7 +15,7 @@ rotated by 90 degrees, gap g, slip v and the law are
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0,
 
 with mu the friction coefficient. Displacements and translations of a state are inserted into these
-conditions. No node has a status.
+conditions. Statuses of nodes are not used.
 """
 
 from dataclasses import dataclass
@@ -28,8 +28,9 @@ from tests.oracle.elements import tabulate_at_points
 class NeoHookeanBody:
     """A neo-Hookean body of six-node triangles (c, 6) with straight sides, in Basix's order.
 
-    `lame` is Lame's constant lambda divided by the shear modulus. `rule` is a rule for the
-    reference triangle or, with piecewise-linear weights, for each of the four sub-triangles.
+    `lame` is Lame's constant lambda divided by the shear modulus. `rule` has the points and weights
+    of a quadrature rule on the reference triangle, which is applied to the whole cell or, with
+    piecewise-linear weights, to each of its four sub-triangles.
     """
 
     def __init__(self, nodes, cells, linear_weights, lame, rule) -> None:
@@ -42,7 +43,7 @@ class NeoHookeanBody:
         self.volume = functions.measure[:, None] * np.abs(np.linalg.det(jacobian))
 
     def nodal_forces(self, u: np.ndarray) -> np.ndarray:
-        """Return the nodal forces (n, 2) that belong to displacements (n, 2)."""
+        """Return the nodal forces (n, 2) at displacements u (n, 2)."""
         F = np.eye(2) + np.einsum("cna,qcnb->qcab", u[self.cells], self.gradients)
         a, b, c, d = F[..., 0, 0], F[..., 0, 1], F[..., 1, 0], F[..., 1, 1]
         J = a * d - b * c
@@ -85,7 +86,7 @@ class RigidCircle:
 
 @dataclass(frozen=True)
 class CircleContact:
-    """A body, a circle, the nodes that may touch it, and the mask (n, 2) of supports."""
+    """A body and a circle, the nodes that may touch it, and the mask (n, 2) of supports."""
 
     body: NeoHookeanBody
     circle: RigidCircle
@@ -95,8 +96,8 @@ class CircleContact:
     def largest_violations_in_last_increment(self, history) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        A history is a list of displacements (n, 2) and translations (2,) that begins with the
-        undeformed body. Forces and lengths are divided by the largest ones of the history.
+        The history is a list of pairs of displacements (n, 2) and a translation (2,), and begins
+        with the undeformed body. Forces and lengths are divided by the largest ones of the history.
         """
         force = max(np.abs(self.body.nodal_forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)

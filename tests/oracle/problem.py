@@ -1,6 +1,7 @@
-"""Comparison of the study's results with the oracle's, for the problems of all sections.
+"""Comparison of the study's results with those of the oracle, for the problems of all sections.
 
-Only the mesh is taken from a result. Loads, supports, materials and surfaces are defined anew.
+Only the mesh is taken from the study's result. Loads, supports, materials and surfaces are defined
+independently.
 """
 
 from collections.abc import Callable
@@ -16,14 +17,18 @@ from tests.oracle.eigen import guyan_reduction
 NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
 ValuesByName = dict[str, np.ndarray]
 RELATIVE_DIFFERENCE_TOLERANCE = 1e-8
-# The 8-node quadrilateral of two triangles condenses a node without load. The oracle keeps this
-# node and gets the same result in statics. In vibration, condensation changes the result
+# The 8-node quadrilateral made of two triangles (pw-Q8) condenses its inner node. The oracle keeps
+# this node and obtains the same result in statics. In vibration, condensation changes the result
 ELEMENT_NAMES_IN_STATICS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 
 
 @dataclass(frozen=True)
 class StudyComparison:
-    """Values of the study by name, and a function that computes the same values by the oracle."""
+    """Values of the study by name, and a function that computes the same values with the oracle.
+
+    The argument of this function states whether the oracle's weights are piecewise linear. `scales`
+    has the scales of differences by name; by default they are the largest study values.
+    """
 
     study_values: ValuesByName
     compute_oracle_values: Callable[[bool], ValuesByName]
@@ -32,7 +37,7 @@ class StudyComparison:
     def largest_relative_differences(self, linear_weights: bool) -> dict[str, float]:
         """Return the largest difference of each value, divided by its scale.
 
-        The oracle's weights are piecewise linear, or else quadratic.
+        The oracle's weights are piecewise linear if `linear_weights`, otherwise quadratic.
         """
         oracle_values, differences = self.compute_oracle_values(linear_weights), {}
         for name, values in self.study_values.items():
@@ -43,9 +48,9 @@ class StudyComparison:
 
 
 def assert_study_agrees_with_oracle(comparison, element_name):
-    """Assert that the oracle reproduces all values of an element.
+    """Assert that the oracle reproduces all of the study's values for an element.
 
-    Differences are relative to the largest number of each value.
+    Differences are relative to the scale of each value, see `StudyComparison`.
     """
     differences = comparison.largest_relative_differences(element_name.startswith("pw"))
     assert len(differences) > 0
@@ -53,20 +58,20 @@ def assert_study_agrees_with_oracle(comparison, element_name):
 
 
 def assert_quadratic_weights_differ(comparison):
-    """Assert that the oracle with quadratic weights gives other values."""
+    """Assert that values of the oracle with quadratic weights differ from those of the study."""
     differences = comparison.largest_relative_differences(False)
     assert max(differences.values()) > 1e3 * RELATIVE_DIFFERENCE_TOLERANCE, differences
 
 
 def assert_agrees_with_own_weights_alone(comparison, element_name):
-    """Assert that the oracle agrees, and that with quadratic weights it differs from pw-T6."""
+    """Assert that the oracle agrees with the study, and for pw-T6 only with the right weights."""
     assert_study_agrees_with_oracle(comparison, element_name)
     if element_name == "pw-T6":
         assert_quadratic_weights_differ(comparison)
 
 
 def make_plane_row_marker(axis, coordinate):
-    """Return a function that marks the rows of points (n, dim) with x[axis] = value."""
+    """Return a function that marks the rows of points (n, dim) with x[axis] = coordinate."""
     return lambda x: np.isclose(x[:, axis], coordinate)
 
 
@@ -93,9 +98,9 @@ def marked_nodes_sorted_by_x(curves, where):
 
 
 def make_oracle_body(result, element_name, linear_weights, state, E, nu, **options):
-    """Return the oracle's body on the mesh of a result.
+    """Return the oracle's body on the mesh of a study result.
 
-    For pw-Q8 it consists of T6 triangles and keeps their inner nodes.
+    For pw-Q8 the body consists of T6 triangles, and the nodes that the study condenses are kept.
     """
     kind = element_name.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
     kind = "T6" if element_name == "pw-Q8" else kind
@@ -106,7 +111,7 @@ def make_oracle_body(result, element_name, linear_weights, state, E, nu, **optio
 
 
 def plane_gap_and_normal_functions(normal, level=0.0):
-    """Return the gap and normal functions of a horizontal plane, for a `Pair`."""
+    """Return the gap and normal functions of a horizontal plane, for `NodesAndSurface`."""
     return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
@@ -124,10 +129,10 @@ def mask_without_prescribed_displacements(body):
 def make_contact_line_comparison(
     result, solve_by_oracle, normal, tangent=(-1.0, 0.0), with_displacement=True, **further_values
 ):
-    """Compare the forces along a contact line and their sums with those of the oracle.
+    """Return a comparison of the forces along a contact line, and of their sums.
 
-    Displacements are compared if `with_displacement`. `further_values` has, by name, pairs of a
-    study value and a function of the oracle's state.
+    Displacements are included if `with_displacement`. `further_values` maps names to pairs of a
+    value of the study and a function that extracts the corresponding value from the oracle's state.
     """
     names = ["force_n", "force_t"] + ["displacement"] * with_displacement
     study_values = {name: result.curves[name] for name in names}
@@ -161,7 +166,10 @@ def symmetric_part(A):
 
 
 def condensed_stiffness_mass_and_mask(body, element, prescribed_mask):
-    """Return stiffness, mass and support mask after Guyan's reduction of inner nodes, if any."""
+    """Return stiffness, mass and support mask, without the inner nodes that the study condenses.
+
+    The matrices are reduced by Guyan's method. They are unchanged for elements without such nodes.
+    """
     K, M, inner = body.stiffness(), body.mass(), _nodes_to_condense(body, element)
     if not len(inner):
         return K, M, prescribed_mask
@@ -170,7 +178,10 @@ def condensed_stiffness_mass_and_mask(body, element, prescribed_mask):
 
 
 def _nodes_to_condense(body, element):
-    """Return the nodes that Guyan's reduction removes: on diagonals or in the centres of cells."""
+    """Return the nodes that Guyan's reduction removes.
+
+    They are the centres of cells (pw-Q9) or the middles of diagonals between triangles (pw-Q8).
+    """
     if element == "pw-Q9":
         return body.cells[:, 8]
     if element != "pw-Q8":

@@ -1,15 +1,15 @@
 """Check whether a refused problem's rigid velocity proves that it has no equilibrium.
 
-The check uses the problem's data alone: positions, stiffness matrix K, loads, supports and pairs.
-The only result of the library that it uses is the velocity that the error carries. This velocity is
-a proof if
+The check uses the problem's data: positions, stiffness matrix K, loads, supports and pairs. From
+the library it uses nothing but the velocity in the error. This velocity is a proof if
 
 - each node moves rigidly with its connected body, K^T of the motion is zero, and supports rest,
 - loads and forces on free surfaces do positive work,
-- at every node that a surface faces, the velocity relative to it opens the gap at least mu times
-  as fast as it slides; then no contact force in Coulomb's cone does negative work.
+- at every node that a surface faces, the gap opens at least mu times as fast as the node slides
+  along the surface; then no contact force in Coulomb's cone does negative work.
 
-A curved surface that is free to move is sampled at many positions. Its normals may not change.
+The normals of a surface that is free to move must not change with its position. They are sampled at
+many positions.
 """
 
 import numpy as np
@@ -27,11 +27,12 @@ Array = npt.NDArray[np.float64]
 
 
 def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
-    """Return the violations of the conditions of a proof by name, in serial.
+    """Return, by name, how much the conditions of a proof are violated (on one process only).
 
-    Strain forces, motion of supports and violation of cones are relative to the largest ones that
-    velocities of this size could cause. "turning" is the change of normals. "work" is the work of
-    the loads divided by the sum of magnitudes of its terms.
+    The forces K^T v ("strain"), the motion of supports and the violation of cones are relative to
+    the largest ones that velocities of this size could cause. "turning" is the change of normals.
+    "work" is not a violation: it is the work of the loads, divided by the sum of the magnitudes of
+    its terms, and has to be positive.
     """
     space = problem.space
     dim = space.mesh.geometry.dim
@@ -61,7 +62,9 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
             forces = np.zeros(dim) if motion.force is None else np.array(motion.force)
             work += np.where(free, forces, 0.0) @ surfaces[k]
             work_magnitude += np.abs(np.where(free, forces, 0.0)) @ np.abs(surfaces[k])
-        defects["supports"] = max(defects["supports"], np.abs(surfaces[k][~free]).max(initial=0.0))
+        defects["supports"] = max(
+            defects["supports"], np.abs(surfaces[k][~free]).max(initial=0.0) / speed
+        )
         defects["cones"] = max(
             defects["cones"],
             _largest_velocity_cone_violation(
@@ -81,7 +84,8 @@ def measure_proof_defects(problem, increment: int, error: NoEquilibrium) -> dict
 def is_valid_proof(defects: dict[str, float]) -> bool:
     """Return whether the defects are small enough for a valid proof.
 
-    Contact forces would have to be a thousand times the loads to make it invalid by round-off.
+    The work has to be a thousand times the violation of cones. Contact forces would therefore have
+    to be a thousand times the loads to compensate the work.
     """
     exact = all(defects[name] < 1e-9 for name in ("strain", "supports", "turning", "cones"))
     return exact and defects["work"] > 1e-9 + 1e3 * defects["cones"]
@@ -146,8 +150,8 @@ def _largest_velocity_cone_violation(
 ) -> float:
     """Return the largest violation of the condition that gaps open fast enough compared with slip.
 
-    It is the largest mu |v_t| - v_n, with v_t and v_n the tangential and normal relative velocity,
-    divided by the length of the vector (1, mu).
+    The condition is v_n >= mu |v_t|, with v_t and v_n the tangential and normal relative velocity.
+    Its violation is divided by the length of the vector (1, mu).
     """
     nodes, mu = contact_nodes_and_friction(pair, space)
     x = space.tabulate_dof_coordinates()[nodes, : velocities.shape[1]] - translation
@@ -195,8 +199,8 @@ def _largest_normal_change(
 def linearise_next_increment(problem, states) -> LinearIncrement:
     """Return the next increment of a plane problem as linear functions of unknown motions.
 
-    `states` are those before this increment. The whole matrix K is used, in serial. Surfaces that
-    are free to move have to be flat.
+    `states` are the states before this increment. The matrix K is converted into a dense one, on
+    one process. Surfaces that are free to move have to be flat.
     """
     space = problem.space
     dim, i_increment = space.mesh.geometry.dim, len(states)
@@ -241,7 +245,7 @@ def linearise_next_increment(problem, states) -> LinearIncrement:
     a[inner_dofs] = np.linalg.solve(K[np.ix_(inner_dofs, inner_dofs)], right_side)
     r = K @ a
     r[:, -1] -= f
-    r[prescribed_mask.ravel()] = 0.0  # leaves out the forces of supports
+    r[prescribed_mask.ravel()] = 0.0  # excludes the reactions of supports
     a, r = a.reshape(-1, dim, size)[nodes], r.reshape(-1, dim, size)[nodes]
     U = np.zeros((len(problem.pairs), dim, size))
     U[..., -1] = translation

@@ -1,10 +1,11 @@
 """Random contact problems, each of which is defined by a seed.
 
-A problem is made in two steps. `draw_sketch` takes all random decisions as plain numbers.
-`make_problem` builds mesh, matrices and pairs from them. Sketches can be counted without a mesh.
+A problem is made in two steps. `draw_sketch` makes all random decisions and returns them as plain
+numbers. `make_problem` builds mesh, matrices and pairs from them. Therefore the kinds of problems
+can be counted without building meshes.
 
 A body is a box whose last axis points up. Its sides are named by (axis, end). Meshes are smooth
-functions of position, so that they do not depend on the number of processes.
+images of a regular mesh, so they do not depend on the number of processes.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +54,7 @@ CELL_PROBABILITIES = {
     "hexahedron": 0.05,
 }
 SOLID_CELLS = ("tetrahedron", "hexahedron")
-# Factors of pressing and dragging at the ends of the increments, by name
+# Factors of the normal and the tangential load or motion at the end of each increment, by path
 PRESS_AND_DRAG_FACTORS_BY_PATH = {
     "one step": [(1.0, 1.0)],
     "press, then drag": [(1.0, 0.0), (1.0, 0.5), (1.0, 1.0)],
@@ -69,7 +70,8 @@ PRESS_AND_DRAG_FACTORS_BY_PATH = {
 class PairSketch:
     """Numbers that define one pair; lengths are relative to the body's size.
 
-    The tangential force is `drag` times the friction coefficient times the normal force.
+    `drag` has one factor for each tangential axis. The tangential force on a surface that is free
+    to move is this factor times the friction coefficient times the normal force.
     """
 
     side: BoxSide
@@ -219,7 +221,7 @@ def _draw_bool(rng: np.random.Generator, probability: float) -> bool:
 
 
 def _draw_supports(rng, dim, state, is_hollow):
-    """Draw the kind of the supports and the prescribed (side, axis, displacement)."""
+    """Draw the kind of the supports, and a tuple (side, axis, displacement) for each condition."""
     up = dim - 1
     base, left = (up, 0), (0, 0)
     symmetry_conditions: list[tuple[BoxSide, int, float]] = [
@@ -243,7 +245,7 @@ def _draw_supports(rng, dim, state, is_hollow):
 
 
 def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
-    """Draw the contact pairs and loads so that they suit the supports."""
+    """Draw contact pairs and loads that suit the supports."""
     up = dim - 1
     top, base, right, left = (up, 1), (up, 0), (0, 1), (0, 0)
     round_axis = state == "axisymmetric" and not is_hollow  # no node may slide across the axis
@@ -372,8 +374,9 @@ def _draw_friction_coefficient(rng: np.random.Generator) -> float:
 def _draw_surface_kind_and_numbers(rng, side, dim, max_slope, is_centred, must_be_flat, strain):
     """Draw the kind and the numbers of a surface, with lengths relative to the width of the side.
 
-    The number `place` is the position of its middle along the pair's range. `max_slope` bounds the
-    slope. If `must_be_flat`, a body can rest on the surface.
+    The numbers "place" and "place 1" are the positions of the surface's middle along the side.
+    `max_slope` limits the slope of planes. If `must_be_flat`, only surfaces on which a body can
+    rest are drawn.
     """
     flatness = _draw_slope_and_curvature_factor(rng, strain)
     kinds = {"plane": 0.34, "sphere": 0.2, "flat punch": 0.12, "signed distance": 0.12}
@@ -411,12 +414,12 @@ def _draw_surface_kind_and_numbers(rng, side, dim, max_slope, is_centred, must_b
 
 
 def _draw_slope_and_curvature_factor(rng: np.random.Generator, strain: float) -> float:
-    """Draw a factor of slopes and curvatures, often so small that many nodes touch."""
+    """Draw a factor of slopes and curvatures, which is often so small that many nodes touch."""
     return min(1.0, strain * 10 ** rng.uniform(0.0, 1.3)) if _draw_bool(rng, 0.65) else 1.0
 
 
 def _draw_load_path(rng, support, pairs):
-    """Draw the load path: its name, and the factors of press and drag after each increment."""
+    """Draw a load path: its name, and the factors of press and drag after each increment."""
     weights = {
         "one step": 0.2,
         "press, then drag": 0.2,
@@ -430,7 +433,7 @@ def _draw_load_path(rng, support, pairs):
         count = int(rng.integers(2, 6))
         steps = np.column_stack((rng.uniform(0.3, 1.0, count), rng.uniform(-1, 1, count)))
         return name, tuple(map(tuple, steps.tolist()))
-    # bodies that contact alone holds are rarely unloaded, as they then have no solution
+    # bodies that only contact holds are rarely unloaded, because they then have no solution
     is_held = support != "contact alone" and all(pair.normal_drive != "pushed" for pair in pairs)
     if name == "total unloading" and not is_held and not _draw_bool(rng, 0.1):
         return name, tuple(
@@ -465,7 +468,7 @@ class _ProblemBuilder:
         self.owned = self.space.dofmap.index_map.size_local
 
     def build(self) -> RandomContactProblem:
-        """Return the problem; a node on two sides belongs to the first of their pairs."""
+        """Return the problem; a node that lies on two sides belongs to the first pair."""
         sketch = self.sketch
         conditions, prescribed_mask = self._make_conditions_and_prescribed_mask()
         K = assemble_matrix(self.body.stiffness())
@@ -577,13 +580,13 @@ class _ProblemBuilder:
         return lambda x: np.linalg.norm(x[: len(node_x)].T - node_x, axis=1) < tolerance
 
     def _gather_positions(self, nodes: npt.NDArray[np.int32]) -> Array:
-        """Return the positions of nodes of all processes, in the same order on all of them."""
+        """Return the positions of the nodes of all processes, in the same order on each process."""
         local_x = self.x[nodes[nodes < self.owned]]
         x = np.concatenate(self.comm.allgather(local_x))
         return x[np.lexsort(np.round(x / self.size.max(), 9).T)]
 
     def _side_area(self, side: BoxSide) -> float:
-        """Return the area of a side times the thickness, or that of the whole circumference."""
+        """Return the area of a side: with the thickness, or around the axis in axisymmetry."""
         lengths = np.delete(self.size, side[0])
         area = float(np.prod(lengths))
         if self.sketch.state == "axisymmetric":
@@ -597,7 +600,7 @@ class _ProblemBuilder:
     def _contact_node_mask(
         self, pair: PairSketch, prescribed_mask: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.bool_]:
-        """Return the mask of a pair's nodes, whose normal displacements are not prescribed."""
+        """Return the mask of a pair's nodes, without those with prescribed normal displacements."""
         side, dim = pair.side, self.sketch.dim
         range_axis = 0 if side[0] else 1
         s = (self.x[:, range_axis] - self.lower[range_axis]) / self.size[range_axis]
@@ -641,12 +644,12 @@ class _ProblemBuilder:
     def _make_pair(self, pair: PairSketch, node_mask: npt.NDArray[np.bool_]) -> ContactPair:
         """Return the contact pair of a sketch with the nodes in a mask."""
         surface = self._make_surface(pair, self._gather_positions(np.flatnonzero(node_mask)))
-        # by turns, nodes are given as a mask or as numbers, friction as a number or a function
+        # nodes are given as a mask for odd seeds, and as numbers for even ones
         nodes = node_mask if self.sketch.seed % 2 else np.flatnonzero(node_mask).astype(np.int32)
         return ContactPair(nodes, surface, self._make_friction(pair), self._make_motions(pair))
 
     def _make_surface(self, pair: PairSketch, positions: Array) -> Surface:
-        """Return the surface of a pair, at its gap from the nearest of the nodes at positions x."""
+        """Return the surface of a pair, at the pair's gap from the nearest given position."""
         side, shape = pair.side, pair.shape
         axes = self._tangential_axes(side)
         outward = np.zeros(self.sketch.dim)
@@ -672,7 +675,7 @@ class _ProblemBuilder:
     def _make_surface_through(
         self, pair: PairSketch, surface_point: Array, outward: Array, axes: list[int]
     ) -> Surface:
-        """Return the surface of a pair through a point next to the side."""
+        """Return the surface of a pair that passes through a point next to the side."""
         shape, width = pair.shape, self.size[axes].max()
         if pair.kind == "sphere":
             radius = shape["radius"] * width
@@ -689,7 +692,7 @@ class _ProblemBuilder:
         flank_length = 2.0 - shape["flat"]
         depth = width * flank_length * np.array([shape["left"], 0.0, 0.0, shape["right"]])
         points = surface_point + s[:, None] * tangent + depth[:, None] * outward
-        if tangent[1] * outward[0] - tangent[0] * outward[1] < 0:  # the body has to be on the left
+        if tangent[1] * outward[0] - tangent[0] * outward[1] < 0:  # the body has to lie on the left
             points = points[::-1]
         return PolylineSurface(points, shape["rounding"] * shape["flat"] * width)
 
@@ -736,7 +739,7 @@ class _ProblemBuilder:
 def _ellipsoid_level_set(
     surface_point: Array, outward: Array, width: float, shape: dict[str, float]
 ) -> SignedDistance:
-    """Return an ellipse or ellipsoid as a level set that is no distance function."""
+    """Return an ellipse or ellipsoid, given by a level-set function that is not a distance."""
     axes = np.where(outward == 0, shape["long"], shape["short"]) * width
     centre = surface_point + shape["short"] * width * outward
 

@@ -1,7 +1,7 @@
 """Generator of random problems of large strains and large sliding, each defined by a seed.
 
-Seeds 0 to 399 are the fixed set on which the library's accepted states are checked. A rubber block
-of two to six cells in depth lies under a rigid tool, or under another rubber body:
+The tests check the library's accepted states for seeds 0 to 399. A rubber block of two to six cells
+in depth lies under a rigid tool, or under another rubber body:
 
     circle    pressed and dragged, by translations or by a vertical force
     roller    a circle that rotates about its centre, by up to more than a turn per increment, or
@@ -11,7 +11,8 @@ of two to six cells in depth lies under a rigid tool, or under another rubber bo
               supports may move
     bodies    a parabolic or flat die on a block that is wider or narrower, slid over its ends
 
-Friction is 0 to 1, weights are piecewise linear or standard, and nodes are displaced at random.
+Friction coefficients are between 0 and 1, weights are piecewise linear or standard, and the nodes
+of the meshes are displaced at random.
 """
 
 from dataclasses import dataclass, field
@@ -58,7 +59,7 @@ TRIANGLE_QUADRATURE_RULE = basix.make_quadrature(basix.CellType.triangle, QUADRA
 
 @dataclass(frozen=True)
 class PrescribedIncrementEnd:
-    """Prescribed values at the end of one increment, relative to the initial position."""
+    """Prescribed values at the end of one increment; motions are relative to initial positions."""
 
     across: float
     down: float | None  # translation; None if a force is prescribed
@@ -72,7 +73,8 @@ class SlidingSketch:
     """Numbers that define a random problem of large sliding.
 
     Lengths are divided by half the block's width, stresses by the shear modulus. Sketches of two
-    bodies have only steps and arguments of `make_die_on_block`.
+    bodies use only the friction coefficient, the steps, and the arguments of `make_die_on_block` in
+    `die_options`.
     """
 
     seed: int
@@ -89,7 +91,7 @@ class SlidingSketch:
     offset: float = 0.0
     gap: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
-    support_kind: str = "base"  # or "sides", or "ends" of the top, with the base
+    support_kind: str = "base"  # or "sides" or "ends" of the top, besides the base
     die_options: dict = field(default_factory=dict)
 
 
@@ -129,7 +131,7 @@ def draw_sketch(seed: int) -> SlidingSketch:
             angle += float(rng.uniform(-1, 1)) * largest_turn if tool_rotates else 0.0
             support_displacement += float(rng.uniform(-0.2, 0.2)) if supports_move else 0.0
         force_acts = by_force and k > 0
-        # the centre of the circle moves across and down, whatever its pivot is
+        # the centre of the circle moves across and down for any pivot
         arm = np.array([offset, radius + gap]) - pivot if radius else np.zeros(2)
         lift = arm - [
             np.cos(angle) * arm[0] - np.sin(angle) * arm[1],
@@ -185,14 +187,14 @@ def _draw_two_body_sketch(seed: int, rng: np.random.Generator, friction: float) 
 
 
 class RigidToolProblem:
-    """A block and a tool, solved by the library and checked by the oracle's module `tools`."""
+    """A block and a rigid tool, solved by the library and checked by the oracle (`tools`)."""
 
     def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def accepted_states_and_error(self) -> tuple[list[ContactState], ContactFailed | None]:
-        """Return the states, beginning with the undeformed one, and the final error or None."""
+        """Return the undeformed and all accepted states, and the final error or None."""
         sketch, mesh = self.sketch, self._make_mesh()
         spaces = (Spaces.petrov_galerkin if sketch.linear_weights else Spaces.galerkin)(mesh)
         lame = fem.Constant(mesh, 2 * sketch.nu / (1 - 2 * sketch.nu))
@@ -304,7 +306,7 @@ class RigidToolProblem:
         return mask
 
     def tool_state(self, state: ContactState) -> ToolState:
-        """Return the displacements, the tool's position and the nodal forces of a state."""
+        """Return the displacements, the tool's motion and the tool's nodal forces in a state."""
         (pair,) = state.pairs
         force = np.zeros_like(self.nodes)
         force[pair.node] = pair.force_vector
@@ -312,9 +314,9 @@ class RigidToolProblem:
         return ToolState(u, pair.translation, float(pair.rotation), force)
 
     def _prescribed_motion_error(self, body, start, substate, fraction, prescribed_end) -> float:
-        """Return the largest relative error of the tool's translation, angle or force.
+        """Return the largest relative error of the tool's prescribed translation, angle or force.
 
-        They are prescribed as linear functions of the load factor `fraction`.
+        Within an increment, prescribed values are linear in the load factor `fraction`.
         """
         (start_pair,), (pair,) = start.pairs, substate.pairs
         length = max(np.abs(pair.translation).max(), 1e-3)
@@ -340,14 +342,14 @@ class RigidToolProblem:
 
 
 class TwoBodyProblem:
-    """Two bodies, solved by the library and checked by the oracle's module `sliding`."""
+    """Two rubber bodies, solved by the library and checked by the oracle (`sliding`)."""
 
     def __init__(self, sketch: SlidingSketch) -> None:
         self.sketch = sketch
 
     @cached_property
     def accepted_states_and_error(self) -> tuple[list[ContactState], ContactFailed | None]:
-        """Return the states, beginning with the undeformed one, and the final error or None."""
+        """Return the undeformed and all accepted states, and the final error or None."""
         self.bodies = make_die_on_block(friction=self.sketch.friction, **self.sketch.die_options)
         states = [self.bodies.problem.undeformed]
         try:

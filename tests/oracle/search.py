@@ -10,10 +10,10 @@ in common are linear in the motions z of nodes and surfaces:
     v >= 0,  r_t = -mu r_n                 at nodes that can only slip forwards,
 
 and so on. Here r_n and r_t are the normal and tangential force, g the gap, v the slip and mu the
-friction coefficient. A linear program finds the smallest violation of these conditions. If they can
-all hold, Newton's method starts from the solution of the linear program. A node at which r_n g or
-the friction work is wrong has its statuses split between two branches. If the conditions cannot all
-hold, the branch is discarded.
+friction coefficient. A linear program finds the smallest violation of these conditions. If they
+cannot all hold, the branch is discarded. If they can, Newton's method starts from the solution of
+the linear program. If it finds no state, a node is selected at which this solution violates
+r_n g = 0 or the direction of friction, and its statuses are split between two branches.
 """
 
 from collections.abc import Iterator
@@ -40,10 +40,10 @@ STATUS_SET_SPLITS = {
 INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE, ZERO_VIOLATION_OVER_LARGEST_FORCE = (
     1e-7,
     1e-9,
-)  # relative to the largest force: larger violations close a branch, smaller ones count as none
+)  # violations above the first value discard a branch; those below the second count as zero
 MAX_CANDIDATE_NODES_PER_BRANCHING, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
 MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED = (
-    2_500_000  # linear programs times nodes squared, some ten seconds
+    2_500_000  # limit of the search, which takes some ten seconds
 )
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
@@ -59,7 +59,8 @@ class LinearIncrement:
         shear: tangential forces r_t (n, k + 1), zero if a support prescribes the tangential motion.
         gap: gaps (n, k + 1) at nodes that a surface faces.
         slip: slips (n, k + 1) along the tangents since the increment's start.
-        balance: resultant less prescribed forces (b, k + 1) of free surfaces, zero in equilibrium.
+        balance: contact force minus prescribed force (b, k + 1) for each free translation of a
+            surface, zero in equilibrium.
         mu: friction coefficients (n,).
         faced: mask (n,) of the nodes that a surface faces.
         stiffness: stiffness of a node, which converts lengths into forces.
@@ -79,9 +80,9 @@ def find_state_by_status_search(
     increment: LinearIncrement,
     max_linear_programs_times_nodes_squared: float = MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED,
 ) -> np.ndarray | None:
-    """Return the motions z (k,) of a state that obeys the law, or None.
+    """Return the motions z (k,) of a state that obeys the law, or None if none is found.
 
-    The search ends after `max_linear_programs_times_nodes_squared`, which is the number of linear
+    The search is limited by `max_linear_programs_times_nodes_squared`, the number of linear
     programs times the squared number of nodes.
     """
     conditions = _BranchConditions(increment)
@@ -116,9 +117,7 @@ def find_state_by_status_search(
 
 
 def _split_status_set_at_node(status_sets: np.ndarray, node: int) -> Iterator[np.ndarray]:
-    """Yield the sets of statuses `status_sets` of the two branches into which a node's set is
-    split.
-    """
+    """Yield, for each of two branches, the status sets (n,) after splitting the set of a node."""
     for code in STATUS_SET_SPLITS[int(status_sets[node])]:
         child = status_sets.copy()
         child[node] = code
@@ -126,7 +125,7 @@ def _split_status_set_at_node(status_sets: np.ndarray, node: int) -> Iterator[np
 
 
 def _find_state_by_newton(increment: LinearIncrement, motions: np.ndarray) -> np.ndarray | None:
-    """Return the motions of a state by Newton's method from the statuses at z, or None."""
+    """Return the motions of a state found by Newton's method from the given motions, or None."""
     rows = (increment.normal, increment.shear, increment.gap, increment.slip)
     c, mu, faced = increment.stiffness, increment.mu, increment.faced
     has_friction = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
@@ -156,7 +155,7 @@ def _find_state_by_newton(increment: LinearIncrement, motions: np.ndarray) -> np
 def _satisfies_law(
     increment: LinearIncrement, motions: np.ndarray, has_friction: np.ndarray
 ) -> bool:
-    """Return whether z violates no condition of the law by more than 1e-9 of the largest force."""
+    """Return whether motions satisfy the law up to `ZERO_VIOLATION_OVER_LARGEST_FORCE`."""
     z_and_1 = np.append(motions, 1.0)
     r_n, r_t, gap, slip, imbalance = (
         rows @ z_and_1
@@ -193,9 +192,10 @@ def _satisfies_law(
 class _BranchConditions:
     """Inequalities and equations of a branch, which are linear in the motions z.
 
-    At faced nodes they limit r_n, g, mu r_n + r_t, mu r_n - r_t and v (see the module) from below,
-    from above, or from both sides by zero. Further conditions hold in all branches. Lengths are
-    converted into forces by the stiffness of nodes, and forces are divided by the largest one.
+    At faced nodes, a branch requires each of r_n, g, mu r_n + r_t, mu r_n - r_t and v (see the
+    module) to be non-negative, non-positive, zero, or nothing at all. Further equations hold in all
+    branches. Lengths are converted into forces by the stiffness of nodes, and forces are divided by
+    the largest one.
     """
 
     def __init__(self, increment: LinearIncrement) -> None:
@@ -249,7 +249,7 @@ class _BranchConditions:
     def _masks_of_lower_and_upper_bounds(
         self, status_sets: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the masks of the conditions that require values >= 0 and values <= 0."""
+        """Return the masks of the values that must be >= 0 and of those that must be <= 0."""
         n_nodes, has_friction = len(status_sets), self._has_friction
         lower_mask = np.ones((5, n_nodes), dtype=bool)
         lower_mask[2:4] = has_friction
@@ -266,7 +266,7 @@ class _BranchConditions:
         return np.append(lower_mask.ravel(), always), np.append(upper_mask.ravel(), always)
 
     def motions_of_smallest_violation(self, status_sets: np.ndarray) -> np.ndarray | None:
-        """Return the motions z of the smallest violation, or None if the branch is infeasible."""
+        """Return the motions z that violate the conditions least, or None if infeasible."""
         lower_mask, upper_mask = self._masks_of_lower_and_upper_bounds(status_sets)
         sign = np.repeat((1.0, -1.0), (lower_mask.sum(), upper_mask.sum()))
         row = np.concatenate([np.flatnonzero(lower_mask), np.flatnonzero(upper_mask)])
@@ -279,7 +279,7 @@ class _BranchConditions:
             method="highs-ds",
             options=LINPROG_TOLERANCES,
         )
-        # HiGHS may fail, which counts as infeasible
+        # a failure of HiGHS counts as infeasible
         return (
             self._length * solution.x[:n]
             if solution.success and solution.fun <= INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE
@@ -287,7 +287,7 @@ class _BranchConditions:
         )
 
     def law_violation_per_node(self, status_sets: np.ndarray, motions: np.ndarray) -> np.ndarray:
-        """Return by how much each node (n,) violates the conditions that a branch leaves out."""
+        """Return each node's violation (n,) of the conditions that a branch does not impose."""
         values = self._slope @ (motions / self._length) + self._value
         r_n, gap, forward_limit, backward_limit, slip = values[: 5 * len(status_sets)].reshape(
             5, -1

@@ -1,14 +1,14 @@
 """Violations of the contact law by two rubber bodies that slide on each other.
 
 Everything is computed in plain loops. Sides are the polylines through their deformed nodes, ordered
-so that the outside is on the right. A slave node's normal n is that of the chord between its
-neighbours, to the inside. A point x(s) = (1 - s) a + s b of a facet with ends a and b, where the
-normals are n_a and n_b, is projected along n(s) = (1 - s) n_a + s n_b. The part of the facet that
-faces a master facet is the interval of s within [0, 1] between the projections of the master's
-ends, up to the point where the normals meet. Two facets are paired only if their normals oppose
-each other and their midpoints are close. Their distance may exceed that of the nearest midpoint by
-at most half of both lengths, for which the longest facet of the master is taken. With w the linear
-functions of the facets, integrals over this part are
+so that the outside is on the right. The normal n of a slave node is that of the chord between its
+neighbours and points into the body. A point x(s) = (1 - s) a + s b of a facet with ends a and b,
+where the normals are n_a and n_b, is projected along n(s) = (1 - s) n_a + s n_b. The part of the
+facet that faces a master facet is the interval of s within [0, 1] between the projections of the
+master's ends, up to the point where the normals meet. Two facets are paired only if their normals
+oppose each other and their midpoints are close: the distance of the midpoints may exceed that of
+the nearest master midpoint by at most half the sum of the slave facet's length and the length of
+the longest master facet. With w the linear functions of the facets, integrals over this part are
 
     W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
 
@@ -119,7 +119,7 @@ def mortar_matrices_normals_and_areas(slave_positions, master_positions):
 
 @dataclass(frozen=True)
 class SlidingContact:
-    """Two bodies, the nodes of their sides in order, the mask (n, 2) of supports, and friction."""
+    """Two bodies, the ordered nodes of their sides, the mask (n, 2) of supports, and friction."""
 
     bodies: NeoHookeanBody
     slave: np.ndarray
@@ -128,9 +128,10 @@ class SlidingContact:
     friction: float
 
     def largest_violations_in_last_increment(self, history):
-        """Return each condition's largest violation after a history of displacements (n, 2).
+        """Return each condition's largest violation in the last increment, by name.
 
-        Forces and lengths are divided by the largest ones of the history.
+        The history is a list of displacements (n, 2). Forces and lengths are divided by the largest
+        ones of the history.
         """
         previous_u, u = history[-2:]
         force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
@@ -159,5 +160,5 @@ class SlidingContact:
         return {name: float(max(0.0, violation.max())) for name, violation in violations.items()}
 
     def _deformed_positions(self, u, side_nodes):
-        """Return the deformed positions of the nodes of a side."""
+        """Return the positions (m, 2) of the nodes of a side after displacements u (n, 2)."""
         return (self.bodies.nodes + u)[side_nodes]

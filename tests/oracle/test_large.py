@@ -1,4 +1,4 @@
-"""The oracle checks accepted states of contact at large strains, in given and random problems."""
+"""The oracle checks accepted states of contact at large strains, in fixed and random problems."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -30,9 +30,10 @@ MAX_REFUSED_FRACTION_OF_PROBLEMS = 0.05  # of the number of random problems
 class CircleProblem:
     """A block on a fixed base, its top at height 0, and a circle that comes from above.
 
-    An increment is the translation (2,) at its end. If the force is prescribed, it is the
-    horizontal translation, None, and the total vertical force. Nodes are displaced at random by up
-    to `jiggle` times the size of cells; nodes on the boundary stay on their sides.
+    An increment is given by the translation (2,) of the circle at its end. If the force is
+    prescribed, it is given by the horizontal translation, None and the total vertical force. Nodes
+    are displaced at random by up to `jiggle` times the cell size. Nodes on the boundary stay on
+    their sides.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class CircleProblem:
 
     @cached_property
     def accepted_states_and_error(self):
-        """Return the states, beginning with the undeformed one, and the final error or None."""
+        """Return the undeformed and all accepted states, and the final error or None."""
         spaces = (Spaces.petrov_galerkin if self.linear_weights else Spaces.galerkin)(self.mesh)
         lame = fem.Constant(self.mesh, self.lame)
 
@@ -84,8 +85,9 @@ class CircleProblem:
         return states, None
 
     def oracle_contact(self, linear_weights=None):
-        """Return the oracle's model of the problem; `accepted_states_and_error` has to be
-        computed before.
+        """Return the oracle's model of the problem, by default with the problem's weights.
+
+        The property `accepted_states_and_error` has to be evaluated before.
         """
         oracle_weights = self.linear_weights if linear_weights is None else linear_weights
         body = NeoHookeanBody(
@@ -181,9 +183,9 @@ def largest_violation_by_name(violations_of_states):
 
 
 def prescribed_motion_error(contact, start, substate, fraction, prescribed_end):
-    """Return the relative error of translation and force at a fraction of an increment.
+    """Return the relative error of prescribed translations or forces within an increment.
 
-    Both are prescribed as linear functions of the fraction.
+    Prescribed values are linear in the fraction of the increment.
     """
     (u, U), (end_x, end_y, end_force) = displacement_and_translation(substate), prescribed_end
     r = contact.body.nodal_forces(u)
@@ -241,7 +243,7 @@ def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
     assert slip > cell_size or name.endswith("friction") or name == "new, to and fro"
 
 
-# change of displacements and of the translation, factor of friction
+# changes of displacements and of the translation, and factor of the friction coefficient
 DISTURBANCES_BY_CONDITION = {
     "supports": (disturb_supports, 0.0, 1.0),
     "equilibrium": (disturb_inner_node, 0.0, 1.0),
@@ -291,7 +293,7 @@ def assert_law_holds_and_few_are_refused(solve_and_find_violations, seeds):
 
 @pytest.mark.random
 def test_law_holds_in_every_accepted_state_and_few_problems_are_refused(request):
-    # the last three paths have another state that obeys the law but is unstable
+    # the last three problems have a second state that obeys the law but is unstable
     seeds = range(200) if request.config.getoption("--nightly") else (*range(7), 31, 129, 153)
     assert_law_holds_and_few_are_refused(
         lambda seed: solve_and_find_largest_violations(CircleProblem.from_seed(seed)), seeds

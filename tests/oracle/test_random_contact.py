@@ -28,18 +28,20 @@ from tests.oracle.search import find_state_by_status_search
 
 N_SUITE_SEEDS, N_NIGHTLY_SEEDS = 60, 1600
 # Fixed beforehand. The largest value in seeds 0 to 1 599 is 7.7e-10, except 6.5e-9 in seed 637. The
-# solver's tolerance is 1e-9 of the largest force plus round-off, more at Poisson's ratio 0.4997
+# solver's tolerance is 1e-9 of the largest force plus round-off, which is larger if Poisson's ratio
+# is 0.4997
 RELATIVE_LAW_TOLERANCE = 1e-8
-# Seeds that are refused although a search finds a state: locking cells, strain 1.7, no friction
+# Seeds that are refused although a search finds a state. In this problem cells lock, the strain is
+# 1.7, and there is no friction
 SEEDS_REFUSED_DESPITE_SOLUTION = {1397}
 
 
 def solve_and_find_faults(seed):
     """Return the outcome, CPU seconds, dimension, and a list of all faults of the result.
 
-    Only refusals are caught, no other errors. The library's own residuals have to be small if
-    round-off is negligible, or if all forces are round-off. They are not divided by the friction
-    coefficient.
+    Refusals are caught, other errors are not. The library's own residuals have to be small if
+    round-off is negligible, or if all forces are round-off. Their tolerance is multiplied by the
+    friction coefficient if that is above 1.
     """
     problem, faults, outcome = make_problem(seed), [], "solved"
     start = process_time()
@@ -92,7 +94,7 @@ def _has_no_undetermined_motion(increment):
 def _largest_forces_over_round_off(problem, states):
     """Return the largest nodal contact force of each state, divided by the round-off of forces.
 
-    This is the round-off of positions and displacements, times the stiffness.
+    This round-off is estimated by that of positions and displacements times the largest stiffness.
     """
     x = np.abs(problem.space.tabulate_dof_coordinates()).max()
     stiffness = np.abs(problem.K.getValuesCSR()[2]).max()
@@ -105,8 +107,8 @@ def _largest_forces_over_round_off(problem, states):
 def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(request):
     """The contact law holds in every state, and refusals are few, cheap and justified.
 
-    The bounds were fixed before the first run: at most 4 % of the plane problems and 5 % of the
-    solids are refused without a proof. Of 8 000 problems, 91 % are solved.
+    The limits were fixed before the first run: at most 4 % of the plane problems and 5 % of the
+    solid ones may be refused without a proof. In a run of 8 000 problems, 91 % were solved.
     """
     nightly, outcomes = request.config.getoption("--nightly"), []
     for seed in range(N_NIGHTLY_SEEDS if nightly else N_SUITE_SEEDS):
@@ -116,7 +118,7 @@ def test_law_holds_in_every_state_and_refusals_are_few_cheap_and_with_cause(requ
     assert set(kinds) <= {"solved", "FreeBody", "NotUnique", "SolutionNotFound", "NoEquilibrium"}
     assert kinds["solved"] >= (0.88 if nightly else 0.85) * len(outcomes), kinds
     if not nightly:
-        return  # percentages of a few problems mean little
+        return  # percentages of few problems mean little
     for dim, max_share in ((2, 0.04), (3, 0.05)):
         kinds_of_dim = [kind for kind, _, problem_dim, _ in outcomes if problem_dim == dim]
         assert kinds_of_dim.count("SolutionNotFound") <= max_share * len(kinds_of_dim)
@@ -171,9 +173,9 @@ def test_random_problems_are_of_all_kinds():
 
 @cache
 def solve_ball_dragged_on_block():
-    """Return a ball that is pressed on a clamped block, then dragged.
+    """Solve a ball that is pressed on a clamped block and then dragged.
 
-    There are open, sticking and slipping nodes.
+    Return the problem's data and its steps. There are open, sticking and slipping nodes.
     """
     body = ElasticBody(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
     pushes = [Motion((None, None), (factor * 0.3, -1.0)) for factor in (0.0, 0.6)]
@@ -192,7 +194,7 @@ def solve_ball_dragged_on_block():
 
 
 def problem_with_changed_ball_and_steps(**pair_changes):
-    """Return the problem of the dragged ball with a changed contact pair, and its steps."""
+    """Return the problem of the dragged ball after changing its contact pair, and its steps."""
     problem, steps = solve_ball_dragged_on_block()
     ball, wall = problem.pairs
     return replace(problem, pairs=[replace(ball, **pair_changes), wall]), steps

@@ -18,7 +18,7 @@ from tests.oracle.random_sliding import (
 )
 from tests.oracle.tools import ToolContact
 
-# Fixed before any value was known: relative to the largest force, and to the number of problems
+# Both limits were fixed before any value was known. The first is relative to the largest force
 RELATIVE_LAW_TOLERANCE = 1e-8
 MAX_UNDECIDED_FRACTION_OF_PROBLEMS = 0.02
 SEEDS, QUICK_SEEDS = range(400), range(20)
@@ -27,7 +27,7 @@ FRICTION_OF_SEED_3 = 0.145091570812217
 
 
 def find_violations_above_tolerance(seed):
-    """Return the violations above the tolerance in accepted states, and the library's error."""
+    """Return each condition's largest violation if above the tolerance, and the library's error."""
     problem = make_problem(seed)
     _, error = problem.accepted_states_and_error
     largest = {}
@@ -73,9 +73,9 @@ TWO_BODY_SEEDS = [seed for seed in SEEDS if draw_sketch(seed).kind == "bodies"][
 @pytest.mark.random
 @pytest.mark.parametrize("seed", TWO_BODY_SEEDS)
 def test_verification_of_two_bodies_agrees_with_the_iteration(seed):
-    """Independent verification and iteration agree about the mortar integrals of two bodies.
+    """The verification computes the same mortar integrals of two bodies as the iteration.
 
-    Any pair of states is compared, even if they are not consecutive.
+    They are compared for all pairs of a start and an end state, even if not consecutive.
     """
     problem = make_problem(seed)
     states, _ = problem.accepted_states_and_error
@@ -106,7 +106,7 @@ def slipping_contact_and_history(request):
     return oracle_contact_and_history(problem)
 
 
-# changes of the last translation and angle, factor of friction
+# changes of the last translation and angle, and factor of the friction coefficient
 DISTURBANCES_BY_CONDITION = {
     "penetration": ((0.0, -1e-6), 0.0, 1.0),
     "complementarity": ((0.0, 1e-6), 0.0, 1.0),
@@ -137,7 +137,7 @@ def test_a_disturbed_state_violates_the_condition(slipping_contact_and_history, 
     assert violations[name] > 10 * RELATIVE_LAW_TOLERANCE
 
 
-# seeds whose active sets cycled forever, though one of the sets had a solution
+# seeds whose active sets used to cycle forever although one of the sets had a solution
 @pytest.mark.parametrize("seed", [365])
 def test_problems_whose_active_sets_cycle_are_solved(seed):
     violations, error = find_violations_above_tolerance(seed)
@@ -149,7 +149,7 @@ def test_problems_whose_active_sets_cycle_are_solved(seed):
 def test_unloaded_states_obey_the_law_relative_to_the_remaining_forces(seed):
     """States of an unloaded body obey the law relative to the forces that remain.
 
-    Forces are divided by the largest one of the last two states, not of the whole history.
+    Forces are divided by the largest one of the last two states rather than of the whole history.
     """
     sketch = draw_sketch(seed)
     last_step = sketch.steps[-1]

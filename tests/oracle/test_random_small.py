@@ -1,8 +1,8 @@
-"""Random small contact problems, in which library and oracle give equal results.
+"""Random small contact problems, for which library and oracle give equal results.
 
-Forces and displacements are compared. A distorted block is clamped at one side, or it rests on a
-rough rigid floor alone. It is loaded back and forth in increments, by a moved or pushed rigid
-surface or by tractions.
+Forces and displacements are compared. A block with a distorted mesh is clamped at one side, or it
+is supported only by a rigid floor with friction. It is loaded back and forth in increments, by a
+moved or pushed rigid surface or by tractions.
 """
 
 from dataclasses import replace
@@ -58,7 +58,7 @@ class RandomSmallProblem:
         self.mesh = self._make_mesh()
 
     def _make_mesh(self):
-        """Return the mesh of a block [1, 2] x ... x [0, 1] with displaced nodes.
+        """Return the mesh of a block [1, 2] x ... x [0, 1] with randomly displaced nodes.
 
         Nodes on a side are displaced within this side.
         """
@@ -79,7 +79,11 @@ class RandomSmallProblem:
         return mesh
 
     def loads(self, assemble_traction):
-        """Return the load vectors of all increments, of tractions on the top and the right side."""
+        """Return the load vectors of all increments, from tractions on the top and right sides.
+
+        They are zero unless the block rests on the floor. The arguments of `assemble_traction` are
+        the axis and the coordinate of a side, and the traction (dim,).
+        """
         down, sideways = -np.eye(self.dim)[-1], np.eye(self.dim)[0]
         top_load = assemble_traction(self.dim - 1, 1.0, 0.05 * down) * float(self.rests_on_floor)
         side_load = assemble_traction(0, 2.0, 0.05 * sideways) * float(self.rests_on_floor)
@@ -87,7 +91,7 @@ class RandomSmallProblem:
 
     @property
     def motions(self):
-        """Return the translation, None where it is free, and the force of each increment."""
+        """Return the translation (None for free components) and the force of each increment."""
         zero, motions = np.zeros(self.dim), []
         if self.rests_on_floor:
             return []
@@ -135,7 +139,7 @@ class RandomSmallProblem:
 
 
 class SmallLibraryProblem(ElasticBody):
-    """A random small problem, formulated for the library."""
+    """A random small problem in the library's formulation."""
 
     def __init__(self, problem):
         self.problem = problem
@@ -153,7 +157,11 @@ class SmallLibraryProblem(ElasticBody):
         self.nodes, self.cells = self.x, self.space.dofmap.list
 
     def yield_displacements_positions_and_forces(self):
-        """Yield displacements (n, dim), and positions and forces (m, dim) of m contact nodes."""
+        """Yield displacements, positions of contact nodes and contact forces for each increment.
+
+        Displacements (n, dim) are those of all nodes, positions and forces (m, dim) those of the m
+        contact nodes.
+        """
         problem, up_axis = self.problem, self.dim - 1
         supports = (
             self.make_supports()
@@ -173,7 +181,7 @@ class SmallLibraryProblem(ElasticBody):
 
 
 def solve_by_oracle(problem, nodes, cells, linear_weights):
-    """Return the numbers of the contact nodes and the oracle's states."""
+    """Return the numbers of the contact nodes, and the oracle's states at all increment ends."""
     element, count = str(problem.element), 11 if problem.state == "axisymmetric" else 3
     body = assembly.LinearElasticBody(
         nodes, cells, element, linear_weights, problem.state, 1.0, problem.nu, n_gauss=count
@@ -195,9 +203,10 @@ def solve_by_oracle(problem, nodes, cells, linear_weights):
 
 
 def largest_relative_difference(problem, linear_weights):
-    """Return the largest relative difference of forces and displacements.
+    """Return the largest relative difference of forces and displacements of library and oracle.
 
-    They are divided by their largest values in each state.
+    Forces and displacements are divided by their largest values in each state. `linear_weights` are
+    the oracle's weights.
     """
     library = SmallLibraryProblem(problem)
     library_states = list(library.yield_displacements_positions_and_forces())
@@ -221,9 +230,9 @@ def test_library_and_oracle_find_the_same_forces_and_displacements(seed):
 
 
 def test_a_block_on_a_nearly_frictionless_floor_is_solved():
-    """A block on a nearly frictionless floor, which friction alone holds sideways, is solved.
+    """Library and oracle agree on a block that only very small friction holds sideways.
 
-    In the end one node sticks and all others slip.
+    In the end, one node sticks and all others slip.
     """
     problem = RandomSmallProblem(12)
     problem.rests_on_floor, problem.surface, problem.is_pushed, problem.mu = (

@@ -1,15 +1,15 @@
-"""The study's own verification problems V1, V4, V5 and V8, formulated anew for the oracle.
+"""The study's own verification problems V1, V4, V5 and V8, solved independently by the oracle.
 
-The problems of the paper are in `tests/paper`; V2, V3, V6 and V7 have known solutions.
+The problems of the paper are in `tests/paper`. V2, V3, V6 and V7 have known solutions.
 
-The function of a section runs a case of the study on an element, and defines everything but its
-mesh anew. Compared are all nodal forces along the contact, their sums, displacements, translations
-and eigenvalues, relative to the largest value of each.
+The function for each section runs a case of the study with one element, and defines everything but
+the mesh independently for the oracle. All nodal forces along the contact, their sums,
+displacements, translations and eigenvalues are compared, each relative to its largest value.
 
-Two kinds of integrals depend on the quadrature rule: those of curved triangles, and those of
+Two kinds of integrals depend on the quadrature rule: those over curved triangles, and those over
 triangles that touch the axis with one vertex, where 1/r is not smooth. There, the study's rule of
-degree 8 leaves differences above 1e-8, up to 5e-5 of the largest nodal force. For such cases the
-library and the oracle get converged rules (`LIBRARY_DEGREES_AND_ORACLE_POINTS`).
+degree 8 leaves differences above 1e-8, up to 5e-5 of the largest nodal force. In these cases the
+library and the oracle use converged rules (`LIBRARY_DEGREES_AND_ORACLE_POINTS`).
 """
 
 from unittest.mock import patch
@@ -41,9 +41,9 @@ from tests.oracle.problem import (
     symmetric_part,
 )
 
-# Degree of the library's rule, and points per direction of the oracle's rule. On quadrilaterals
-# both have the 5-point Gauss rule for the study's degree 8. On triangles rules cover whole cells
-# if weights are quadratic, and each sub-cell if they are piecewise linear
+# Degree of the library's rule, and points per direction of the oracle's rule. On quadrilaterals,
+# both are the 5-point Gauss rule of the study's degree 8. On triangles, rules are applied to whole
+# cells if weights are quadratic, and to each sub-cell if they are piecewise linear
 LIBRARY_DEGREES_AND_ORACLE_POINTS = {
     "quadrilaterals": (8, 5),
     "triangles": (50, 24),
@@ -52,7 +52,7 @@ LIBRARY_DEGREES_AND_ORACLE_POINTS = {
 
 
 def patch_library_quadrature_degree(element):
-    """Patch the library so that it uses a higher degree for integrands that are no polynomials."""
+    """Make the library use a higher quadrature degree for integrands that are not polynomials."""
     return patch.object(
         body, "_NON_POLYNOMIAL_QUADRATURE_DEGREE", library_degree_and_oracle_points(element)[0]
     )
@@ -121,7 +121,11 @@ def compare_spence_punch(element, state="plane strain"):
 
 
 def compare_partial_slip(element):
-    """Compare two bodies with matching nodes; in the study, each pair of nodes is one unknown."""
+    """Compare partial slip of two bodies with matching nodes.
+
+    In the study, the unknown of a lower contact node is its displacement relative to the opposite
+    node. The oracle has the displacements of both nodes.
+    """
     result = v5_cattaneo.partial_slip(element, 10, far_field=False)
     force = np.pi / (2 * (1 - 0.3**2)) / 4e4
 
@@ -210,7 +214,7 @@ PROBLEMS_AND_ELEMENTS = [
 def test_oracle_agrees_with_the_study_with_the_same_weights_alone(name, element):
     """The oracle agrees with the study if it has the same weights, and only then.
 
-    The comparison therefore distinguishes the weights.
+    The second part is tested for pw-T6. It shows that the comparison distinguishes the weights.
     """
     compare, _, parameters = COMPARISONS_BY_PROBLEM[name]
     assert_agrees_with_own_weights_alone(compare(element, **parameters), element)

@@ -18,7 +18,7 @@ from tests.oracle.test_large import (
 
 
 def make_random_die_and_path(seed):
-    """Return a random die and its path, which goes back and forth in a few increments."""
+    """Return a random die on a block, and its path back and forth in a few increments."""
     rng = np.random.default_rng(seed)
     translation, path = 0.0, []
     for k in range(rng.integers(2, 5)):

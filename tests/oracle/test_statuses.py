@@ -1,4 +1,7 @@
-"""All sets of statuses of five contact nodes, compared with the library, and loose bodies."""
+"""The library finds the states that trying all statuses of five contact nodes finds.
+
+Another test shows that the position of a loose body is not unique.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -52,7 +55,7 @@ class PlateOnFiveNodes(ElasticBody):
         self.conditions = [prescribe(self.space, axis, on_plane(1, 0.0)) for axis in (0, 1)]
 
     def find_equilibria_by_enumeration(self):
-        """Return all motions z of nodes and plate that obey the law, from all sets of statuses."""
+        """Return all motions z of nodes and plate that obey the law, by trying all statuses."""
         law = linearise_next_increment(self, [])
         rows, mu, solutions = (law.normal, law.shear, law.gap, law.slip), law.mu, []
         for statuses in product(range(4), repeat=len(mu)):
@@ -98,8 +101,8 @@ def test_library_and_search_find_a_state_exactly_where_trying_all_statuses_does(
 def test_loose_bodies_are_not_unique(seed):
     """The position of a loose body is not unique: two states without contact forces exist.
 
-    One of them is the state in the error. In the other one, the body is moved away from the node
-    that it just touches.
+    One of them is the state in the error. In the other one, the body is moved by a small rigid
+    motion, away from the surface that one of its nodes may touch without force.
     """
     problem = make_problem(seed)
     with pytest.raises(NotUnique, match="the body is loose") as caught:

@@ -1,4 +1,4 @@
-"""A loose block on another one, pressed and pushed.
+"""Random problems of a loose block that is pressed and pushed on another block.
 
 One of the blocks may be up to a million times as stiff as the other one.
 """
@@ -48,7 +48,10 @@ class LooseBlocks:
         )
 
     def solve_until_refused(self):
-        """Return the accepted states, and the load that is refused without a proof or None."""
+        """Return the accepted states, and the load that is refused without a proof.
+
+        The second value is None if all loads are solved, or if one is refused with a proof.
+        """
         states = [self.problem.undeformed]
         for load in self.loads:
             try:
@@ -62,7 +65,7 @@ class LooseBlocks:
     def relative_force_round_off(self, state):
         """Return the round-off of nodal forces K a, divided by the largest contact force.
 
-        A row of K has some 40 terms; a is the displacement.
+        Here, a is the displacement. A row of K has some 40 entries, each with half an epsilon.
         """
         K = self.problem._K.copy()
         K.setValuesCSR(*K.getValuesCSR()[:2], np.abs(K.getValuesCSR()[2]))
@@ -73,7 +76,7 @@ class LooseBlocks:
         return 20 * np.finfo(float).eps * (K * magnitudes).max()[1] / force
 
     def is_solved_by_search(self, start_state, load):
-        """Return whether a search of all statuses of the contact nodes finds a state."""
+        """Return whether a search over the statuses of the contact nodes finds a state."""
         interface, K = self.problem._small_strain_stepping.interface, self.problem._K[:, :]
         free_dofs = np.flatnonzero(self.x[:, 1].repeat(2) > 0.0)
         G, H = interface.motion[:, :][:, free_dofs], interface.force[:, :][free_dofs]
@@ -111,6 +114,7 @@ def test_loose_blocks_are_refused_with_cause_only_and_iterative_solves_agree_wit
 ):
     """Loose blocks are refused only with a cause, and iterative and direct solvers agree.
 
+    A refusal has a cause if it is proved, or if a search over all statuses finds no state either.
     Either block may be the stiffer one, and the contact nodes may belong to either. Residuals are
     at the round-off of the stiffer body. Iterative solves need no fallbacks.
     """

@@ -11,10 +11,11 @@ with y_0 the value of y at the increment's start. For a circle of radius r with 
     g = |x - m| - r,    v = r (change of the direction of x - m, less the change of a).
 
 The slip is exact for any number of turns, since a node that touches a circle stays on its side. The
-nodal forces F_i(u) at the surface are the tool's forces. Where a support holds a node along the
-surface, F_i contains the reaction. At such nodes the tool's force is the one that the library
-reports, and F_i checks its normal component. As in `large`, the law for the normal force r_n, the
-tangential force r_t and the friction coefficient mu is
+tool's forces on the surface are the nodal forces F_i(u). If a support holds a node along the
+surface, however, F_i also contains the reaction of the support. At such nodes only the vertical
+component is taken from F_i, and the horizontal one from the tool's force that the library reports.
+As in `large`, the law for the normal force r_n, the tangential force r_t and the friction
+coefficient mu is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -39,17 +40,17 @@ class RigidTool:
 
 @dataclass(frozen=True)
 class ToolState:
-    """Displacements, translation, angle and tool force in one state of the library."""
+    """A state of the library: displacements, and the tool's translation, angle and nodal forces."""
 
     displacement: np.ndarray  # (n, 2)
     translation: np.ndarray  # (2,)
     angle: float
-    force: np.ndarray  # (n, 2), force of the tool on the nodes; used at held nodes only
+    force: np.ndarray  # (n, 2), forces of the tool on the nodes; used at held nodes only
 
 
 @dataclass(frozen=True)
 class ToolContact:
-    """A body, a tool, the nodes that may touch it, and the mask (n, 2) of supported components."""
+    """A body and a tool, the nodes that may touch it, and the mask (n, 2) of supports."""
 
     body: NeoHookeanBody
     tool: RigidTool
@@ -61,9 +62,9 @@ class ToolContact:
     ) -> dict[str, float]:
         """Return each condition's largest violation in the last increment, by name.
 
-        `support_displacements` are the displacements (n, 2) at supports. Forces and lengths are
-        divided by the largest ones of the history. For nodes whose tangential motion a support
-        prescribes, names have the prefix "held".
+        `support_displacements` are the prescribed displacements (n, 2), used at supports only.
+        Forces and lengths are divided by the largest ones of the history. Contact nodes whose
+        tangential motion a support prescribes have entries of their own, with the prefix "held ".
         """
         last_state = history[-1]
         force = max(np.abs(self.body.nodal_forces(state.displacement)).max() for state in history)

@@ -24,122 +24,142 @@ from tests.oracle.problem import (
 )
 
 
-def row(result, element):
+def row_comparison(result, element):
     """Squares on a smooth base under unit load, cut in two triangles each (Figs 4 and 5).
 
     Printed: with Galerkin's method the central reaction is four times the others; with the new one
     the distribution is even. Fig. 5 itself is lost in our copy.
     """
 
-    def ours(linear):
-        body = make_oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
-        lower = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
-        held = body.component_mask(make_plane_row_marker(1, 0.0), (1,))
-        held |= body.component_mask(
+    def solve_by_oracle(linear_weights):
+        body = make_oracle_body(result, element, linear_weights, "plane stress", 1.0, 0.3)
+        lower_nodes = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
+        held_components = body.component_mask(make_plane_row_marker(1, 0.0), (1,))
+        held_components |= body.component_mask(
             combine_markers_by_and(make_plane_row_marker(0, 0.0), make_plane_row_marker(1, 0.0)),
             (0,),
         )
         f = body.traction_load(make_plane_row_marker(1, 1.0), (0.0, -1.0))
         K = body.stiffness()
-        residual = (K @ solve_with_zero_supports(K, f, held) - f).reshape(-1, 2)
-        return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
+        residual = (K @ solve_with_zero_supports(K, f, held_components) - f).reshape(-1, 2)
+        return {"reaction": residual[lower_nodes, 1], "sum": residual[lower_nodes, 1].sum()}
 
-    theirs = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
-    return StudyComparison(theirs, ours)
+    study_values = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
+    return StudyComparison(study_values, solve_by_oracle)
 
 
-def block(result, element):
+def block_comparison(result, element):
     """Pressed by 200, then pulled by 60 in ten steps; smooth below its first and last element.
 
     Printed: E = 1000, Poisson's ratio 0.3, friction 0.3, 400 triangles or 200 quadrilaterals, no
     friction below the first and the last element. Dimensions and loads are reconstructed.
     """
 
-    def solved(linear):
-        body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
-        pressure = body.traction_load(make_plane_row_marker(1, 2.0), (0.0, -200.0))
-        pull = body.traction_load(make_plane_row_marker(0, 4.0), (60.0, 0.0))
-        lower = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
-        x = body.nodes[lower, 0]
-        rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
-        loads = [pressure + k / 10 * pull for k in range(11)]
-        pair = NodesAndSurface(lower, *plane_gap_and_normal_functions(NORMAL_UP), rough)
+    def solve_by_oracle(linear_weights):
+        body = make_oracle_body(result, element, linear_weights, "plane stress", 1000.0, 0.3)
+        pressure_load = body.traction_load(make_plane_row_marker(1, 2.0), (0.0, -200.0))
+        pull_load = body.traction_load(make_plane_row_marker(0, 4.0), (60.0, 0.0))
+        lower_nodes = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 0.0))
+        x = body.nodes[lower_nodes, 0]
+        friction = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
+        loads = [pressure_load + k / 10 * pull_load for k in range(11)]
+        pair = NodesAndSurface(lower_nodes, *plane_gap_and_normal_functions(NORMAL_UP), friction)
         return solve_increments(
             body.stiffness(), loads, mask_without_prescribed_displacements(body), [pair], body.nodes
         )[-1]
 
-    return make_contact_line_comparison(result, solved, NORMAL_UP)
+    return make_contact_line_comparison(result, solve_by_oracle, NORMAL_UP)
 
 
-def punch(result, element):
+def punch_comparison(result, element):
     """Pressed in by 0.25 in twenty steps, then pushed aside by a tenth of that force.
 
     Printed: E = 1000, Poisson's ratio 0.25, friction 0.6, 76 8-node quadrilaterals, an indentation
     of 0.25 under about 215, and a tangential force of 10 % of that. Dimensions are reconstructed.
     """
 
-    def solved(linear):
-        body = make_oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
-        K, held = body.stiffness(), body.component_mask(make_plane_row_marker(1, 0.0), (0, 1))
-        top = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 4.0))
-        steps = np.arange(1, 21) / 20
-        down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
+    def solve_by_oracle(linear_weights):
+        body = make_oracle_body(result, element, linear_weights, "plane stress", 1000.0, 0.25)
+        K, held_components = (
+            body.stiffness(),
+            body.component_mask(make_plane_row_marker(1, 0.0), (0, 1)),
+        )
+        top_nodes = marked_nodes_sorted_by_x(result.curves, make_plane_row_marker(1, 4.0))
+        step_fractions = np.arange(1, 21) / 20
+        downward_motions = [
+            ((0.0, -0.25 * step_fraction), (0.0, 0.0)) for step_fraction in step_fractions
+        ]
 
-        def pressed(motions):
-            pair = NodesAndSurface(top, *parabola_gap_and_normal_functions(4.0, 8.0), 0.6, motions)
+        def solve_for_motions(motions):
+            pair = NodesAndSurface(
+                top_nodes, *parabola_gap_and_normal_functions(4.0, 8.0), 0.6, motions
+            )
             return solve_increments(
-                K, [np.zeros(body.nodes.size)] * len(motions), held, [pair], body.nodes
+                K, [np.zeros(body.nodes.size)] * len(motions), held_components, [pair], body.nodes
             )
 
-        force = -pressed(down)[-1].forces[0][:, 1].sum()
-        aside = [((None, -0.25), (0.1 * force * s, 0.0)) for s in steps]
-        return pressed(down + aside)[-1]
+        force = -solve_for_motions(downward_motions)[-1].forces[0][:, 1].sum()
+        sideways_motions = [((None, -0.25), (0.1 * force * s, 0.0)) for s in step_fractions]
+        return solve_for_motions(downward_motions + sideways_motions)[-1]
 
     translation = (result.scalars["translation"], lambda state: state.translations[0, 0])
-    return make_contact_line_comparison(result, solved, NORMAL_DOWN, translation=translation)
+    return make_contact_line_comparison(
+        result, solve_by_oracle, NORMAL_DOWN, translation=translation
+    )
 
 
-def plate(result, element):
+def plate_comparison(result, element):
     """A plate two metres wide, pressed by 40 kN in five steps on a body held all around.
 
     Printed: E = 1.2e8 kN/m2, Poisson's ratio 0.25, friction angle 20 degrees, unit thickness, a
     force of 40 kN, sides and base held. Dimensions are reconstructed.
     """
 
-    def solved(linear):
-        body = make_oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
-        outside = combine_markers_by_or(
+    def solve_by_oracle(linear_weights):
+        body = make_oracle_body(result, element, linear_weights, "plane stress", 1.2e8, 0.25)
+        on_held_sides = combine_markers_by_or(
             make_plane_row_marker(0, -20.0),
             make_plane_row_marker(0, 20.0),
             make_plane_row_marker(1, -10.0),
         )
-        below = marked_nodes_sorted_by_x(
+        contact_nodes = marked_nodes_sorted_by_x(
             result.curves,
             combine_markers_by_and(make_plane_row_marker(1, 0.0), make_abs_x_below_row_marker(1.0)),
         )
         motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
         pair = NodesAndSurface(
-            below, *plane_gap_and_normal_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions
+            contact_nodes, *plane_gap_and_normal_functions(NORMAL_DOWN), np.tan(np.pi / 9), motions
         )
-        loads, held = [np.zeros(body.nodes.size)] * 5, body.component_mask(outside, (0, 1))
-        return solve_increments(body.stiffness(), loads, held, [pair], body.nodes)[-1]
+        loads, held_components = (
+            [np.zeros(body.nodes.size)] * 5,
+            body.component_mask(on_held_sides, (0, 1)),
+        )
+        return solve_increments(body.stiffness(), loads, held_components, [pair], body.nodes)[-1]
 
     translation = (result.scalars["translation"], lambda state: -state.translations[0, 1])
-    return make_contact_line_comparison(result, solved, NORMAL_DOWN, translation=translation)
+    return make_contact_line_comparison(
+        result, solve_by_oracle, NORMAL_DOWN, translation=translation
+    )
 
 
-EXAMPLES = {
-    "7.1/{}-row": (row, ELEMENT_NAMES_IN_STATICS),
-    "7.2/{}": (block, ELEMENT_NAMES_IN_STATICS),
-    "7.3/{}": (punch, ("pw-T6", "galerkin-Q8")),
-    "7.4/{}": (plate, ELEMENT_NAMES_IN_STATICS),
+COMPARISONS_AND_ELEMENTS_BY_KEY = {
+    "7.1/{}-row": (row_comparison, ELEMENT_NAMES_IN_STATICS),
+    "7.2/{}": (block_comparison, ELEMENT_NAMES_IN_STATICS),
+    "7.3/{}": (punch_comparison, ("pw-T6", "galerkin-Q8")),
+    "7.4/{}": (plate_comparison, ELEMENT_NAMES_IN_STATICS),
 }
 
 
 @pytest.mark.parametrize(
     ("key", "element"),
-    [(key, element) for key, (_, elements) in EXAMPLES.items() for element in elements],
+    [
+        (key, element)
+        for key, (_, elements) in COMPARISONS_AND_ELEMENTS_BY_KEY.items()
+        for element in elements
+    ],
 )
 def test_oracle_finds_the_numbers_of_the_study(key, element, results):
-    problem, _ = EXAMPLES[key]
-    assert_agrees_with_own_weights_alone(problem(results[key.format(element)], element), element)
+    make_comparison, _ = COMPARISONS_AND_ELEMENTS_BY_KEY[key]
+    assert_agrees_with_own_weights_alone(
+        make_comparison(results[key.format(element)], element), element
+    )

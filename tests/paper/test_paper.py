@@ -5,15 +5,15 @@ from pathlib import Path
 from pw_elements.contact import OPEN, SLIP, STICK
 from study.model import discretisation, vocabulary
 from study.paper.items import ITEMS, TABLE_1, TABLE_2, section_table
-from study.publish.texts import BLOCKS
+from study.publish.texts import BLOCK_OF_CONSTANT
 from study.run.cases import SECTIONS
 
 PROJECT = Path(__file__).parents[2]
-TEXTS = {*BLOCKS, "FACTS", "SHORT_FACTS"}
+TEXT_CONSTANTS = {*BLOCK_OF_CONSTANT, "FACTS", "SHORT_FACTS"}
 """Constants of a page that report and site print."""
-MAP = PROJECT / "docs" / "study.md"
-PRINTED = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
-TABLES = """
+STUDY_MAP_FILE = PROJECT / "docs" / "study.md"
+PRINTED_NUMBERS_BY_KIND = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
+PRINTED_TABLES = """
 CAX6                  36389.  1.9319E+06  3.8114E+06  3.9787E+06  5.7680E+06  7.6025E+06
 6-node user element   36386.  1.9317E+06  3.8104E+06  3.9763E+06  5.7636E+06  7.5964E+06
 CAX8                  36386.  1.9320E+06  3.8113E+06  3.9784E+06  5.7679E+06  7.6010E+06
@@ -27,7 +27,7 @@ CPS6M                 2.6105E+09  9.6683E+09
 
 
 def test_every_figure_table_and_equation_is_listed_once():
-    for kind, numbers in PRINTED.items():
+    for kind, numbers in PRINTED_NUMBERS_BY_KIND.items():
         assert [item.number for item in ITEMS if item.kind == kind] == [str(n) for n in numbers]
 
 
@@ -39,7 +39,7 @@ def test_each_item_names_its_section_and_files_that_exist():
         assert (PROJECT / item.source_path).is_file(), item
 
 
-def test_equations_are_found_by_their_numbers_where_they_are_treated():
+def test_each_equation_number_stands_in_the_module_that_treats_it():
     for item in ITEMS:
         if item.kind == "equation":
             assert f"Eq. ({item.number})" in (PROJECT / item.module).read_text(), item
@@ -53,7 +53,7 @@ def source_without_texts(path):
     source = path.read_text()
     lines = source.splitlines()
     for node in ast.parse(source).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TEXTS:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TEXT_CONSTANTS:
             lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
     return "\n".join(lines)
 
@@ -64,34 +64,34 @@ def test_figures_belong_to_the_sections_of_their_items():
             assert f'SECTION = "{item.section}"' in (PROJECT / item.figure).read_text(), item
 
 
-def test_the_map_is_the_table_of_what_is_where_and_its_files_exist():
+def test_study_map_is_the_section_table_and_its_files_exist():
     table = section_table()
-    assert table in MAP.read_text(), "python3 -m study.paper.items"
-    named = re.findall(r"`([\w/]+\.py)`", table)
-    assert len(named) > 60
-    for name in named:
+    assert table in STUDY_MAP_FILE.read_text(), "python3 -m study.paper.items"
+    named_files = re.findall(r"`([\w/]+\.py)`", table)
+    assert len(named_files) > 60
+    for name in named_files:
         assert (PROJECT / name).is_file(), name
 
 
-def test_ids_stand_in_names_of_modules_and_figures():
+def test_names_of_modules_and_figures_start_with_the_section_id():
     for section, module in SECTIONS.items():
         name = section.replace(".", "_").lower()
         prefix = f"s{name}_" if section[0].isdigit() else f"{name}_"
         page = module.removesuffix(".page").rpartition(".")[2]  # of a folder, its name
         assert page.startswith(prefix), module
         for path in PROJECT.glob("figures/*.py"):
-            own = f'SECTION = "{section}"' in path.read_text()
-            if own and not re.fullmatch(r"(fig|tab)\d\d(_\d\d)?", path.stem):
+            is_of_section = f'SECTION = "{section}"' in path.read_text()
+            if is_of_section and not re.fullmatch(r"(fig|tab)\d\d(_\d\d)?", path.stem):
                 assert path.stem.startswith(prefix), path
 
 
-def test_the_vocabulary_is_the_librarys_and_the_studys():
+def test_vocabulary_agrees_with_library_and_study():
     assert (vocabulary.OPEN, vocabulary.STICK, vocabulary.SLIP) == (OPEN, STICK, SLIP)
     assert set(vocabulary.ELEMENTS) == {*discretisation._MAKE_SPACES, "exact"}
     assert set(vocabulary.PLANE_ELEMENTS) < set(vocabulary.ELEMENTS)
 
 
-def test_tables_are_the_printed_ones():
-    for text, table in zip(TABLES.strip().split("\n\n"), (TABLE_1, TABLE_2), strict=True):
+def test_tables_1_and_2_are_as_printed():
+    for text, table in zip(PRINTED_TABLES.strip().split("\n\n"), (TABLE_1, TABLE_2), strict=True):
         rows = [(line[:22].rstrip(), line[22:].split()) for line in text.splitlines()]
         assert {name: tuple(map(float, numbers)) for name, numbers in rows} == table

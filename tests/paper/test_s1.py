@@ -8,9 +8,11 @@ import pytest
 from tests.oracle.elements import tabulate_at_gauss_points
 
 
-@pytest.mark.parametrize(("linear_weights", "half"), [(False, True), (True, False)])
-def test_corner_has_half_of_a_mid_side_nodes_force(linear_weights, half):
+@pytest.mark.parametrize(("linear_weights", "corner_has_half"), [(False, True), (True, False)])
+def test_corner_has_half_of_a_mid_side_nodes_force(linear_weights, corner_has_half):
     """Under a uniform pressure; a corner has the shares of two edges."""
     functions = tabulate_at_gauss_points("L3", linear_weights, 4)
-    corner, _, midside = functions.measure @ functions.weights
-    assert 2 * corner / midside == pytest.approx(0.5 if half else 1.0, abs=1e-14)
+    corner_force, _, midside_force = functions.measure @ functions.weights
+    assert 2 * corner_force / midside_force == pytest.approx(
+        0.5 if corner_has_half else 1.0, abs=1e-14
+    )

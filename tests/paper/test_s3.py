@@ -9,11 +9,16 @@ from tests.oracle.elements import tabulate_at_gauss_points
 
 # The paper numbers mid-sides after the vertices 1 2 3: 4 between 1 and 2, 5 between 2 and 3, 6
 # between 3 and 1. Basix and the oracle have the mid-side opposite to each vertex instead
-OF_BASIX = [0, 1, 2, 5, 3, 4]
-A = {1: (0, 0), 2: (0.5, 0), 3: (0, 0.5), 4: None}  # lower left corners of the sub-elements
+BASIX_NODES_IN_PAPER_ORDER = [0, 1, 2, 5, 3, 4]
+SUB_ELEMENT_CORNERS = {
+    1: (0, 0),
+    2: (0.5, 0),
+    3: (0, 0.5),
+    4: None,
+}  # lower left corners of the sub-elements
 
 
-def weights(part, x, y):
+def printed_weights(sub_element, x, y):
     """w1 to w6 in the sub-element A1 to A4."""
     zero = 0 * x
     return {
@@ -21,33 +26,45 @@ def weights(part, x, y):
         2: (zero, 2 * x - 1, zero, 2 - 2 * x - 2 * y, 2 * y, zero),
         3: (zero, zero, 2 * y - 1, zero, 2 * x, 2 - 2 * x - 2 * y),
         4: (zero, zero, zero, 1 - 2 * y, 2 * x + 2 * y - 1, 1 - 2 * x),
-    }[part]
+    }[sub_element]
 
 
-def inside(part, count=40):
-    b = np.random.default_rng(part).dirichlet(np.ones(3), count)[:, :2] / 2
-    return 0.5 - b if A[part] is None else b + A[part]
+def random_points_inside(sub_element, count=40):
+    random_points = np.random.default_rng(sub_element).dirichlet(np.ones(3), count)[:, :2] / 2
+    return (
+        0.5 - random_points
+        if SUB_ELEMENT_CORNERS[sub_element] is None
+        else random_points + SUB_ELEMENT_CORNERS[sub_element]
+    )
 
 
-@pytest.mark.parametrize("part", A)
-def test_basix_element_is_what_is_printed(part):
-    points = inside(part)
-    tabulated = piecewise_linear_sub_cell_element("triangle").tabulate(0, points)[0][:, OF_BASIX]
-    np.testing.assert_allclose(tabulated, np.transpose(weights(part, *points.T)), atol=1e-14)
+@pytest.mark.parametrize("sub_element", SUB_ELEMENT_CORNERS)
+def test_basix_element_has_the_printed_weight_functions(sub_element):
+    points = random_points_inside(sub_element)
+    tabulated = piecewise_linear_sub_cell_element("triangle").tabulate(0, points)[0][
+        :, BASIX_NODES_IN_PAPER_ORDER
+    ]
+    np.testing.assert_allclose(
+        tabulated, np.transpose(printed_weights(sub_element, *points.T)), atol=1e-14
+    )
 
 
-@pytest.mark.parametrize("part", A)
-def test_oracle_has_the_same_functions(part):
+@pytest.mark.parametrize("sub_element", SUB_ELEMENT_CORNERS)
+def test_oracle_has_the_printed_weight_functions(sub_element):
     """At its own Gauss points, which it takes sub-element by sub-element."""
     functions = tabulate_at_gauss_points("T6", True, 3)
     nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0.5), (0, 0.5), (0.5, 0)])
-    points = (functions.shapes @ nodes).reshape(4, -1, 2)[part - 1]
-    theirs = functions.weights.reshape(4, -1, 6)[part - 1][:, OF_BASIX]
-    np.testing.assert_allclose(theirs, np.transpose(weights(part, *points.T)), atol=1e-14)
+    points = (functions.shapes @ nodes).reshape(4, -1, 2)[sub_element - 1]
+    oracle_weights = functions.weights.reshape(4, -1, 6)[sub_element - 1][
+        :, BASIX_NODES_IN_PAPER_ORDER
+    ]
+    np.testing.assert_allclose(
+        oracle_weights, np.transpose(printed_weights(sub_element, *points.T)), atol=1e-14
+    )
 
 
 def test_trial_functions_are_basixs_quadratic_ones(results):
     curves = results.curves("3/weights")
     triangle = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, 2)
-    theirs = triangle.tabulate(0, curves["grid"])[0][:, OF_BASIX, 0]
-    np.testing.assert_allclose(curves["shapes"], theirs, atol=1e-14)
+    basix_functions = triangle.tabulate(0, curves["grid"])[0][:, BASIX_NODES_IN_PAPER_ORDER, 0]
+    np.testing.assert_allclose(curves["shapes"], basix_functions, atol=1e-14)

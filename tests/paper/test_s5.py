@@ -13,11 +13,13 @@ from tests.oracle.eigen import guyan_reduction
 
 @pytest.mark.parametrize(("element", "kind"), [("pw-Q8", "T6"), ("pw-Q9", "Q9")])
 def test_oracle_finds_symmetry_and_rank_of_one_element(element, kind, results):
-    stored = results[f"5/element-{element}"]
-    nodes, inner = stored.curves["nodes"], int(stored.curves["inner"])
-    body = LinearElasticBody(nodes, stored.curves["cells"], kind, True, "plane stress", 1.0, 0.3)
-    K, _ = guyan_reduction(body.stiffness(), body.mass(), np.array([inner]))
-    assert stored.scalars["unknowns"] == len(K) == 16
-    assert stored.scalars["rigid_motions"] == 16 - np.linalg.matrix_rank(K, tol=1e-10) == 3
+    stored_result = results[f"5/element-{element}"]
+    nodes, inner_node = stored_result.curves["nodes"], int(stored_result.curves["inner"])
+    body = LinearElasticBody(
+        nodes, stored_result.curves["cells"], kind, True, "plane stress", 1.0, 0.3
+    )
+    K, _ = guyan_reduction(body.stiffness(), body.mass(), np.array([inner_node]))
+    assert stored_result.scalars["unknowns"] == len(K) == 16
+    assert stored_result.scalars["rigid_motions"] == 16 - np.linalg.matrix_rank(K, tol=1e-10) == 3
     unsymmetry = np.linalg.norm(K - K.T) / np.linalg.norm(K.T)
-    assert stored.scalars["unsymmetry"] == pytest.approx(unsymmetry, rel=1e-9)
+    assert stored_result.scalars["unsymmetry"] == pytest.approx(unsymmetry, rel=1e-9)

@@ -29,36 +29,48 @@ from tests.oracle.test_sections import oracle_points_per_direction, patch_librar
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
+COARSE_PROFILE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 
-def stepped_column(element):
+def stepped_column_comparison(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
-    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), patch_library_quadrature_degree(element):
+    with (
+        patch.dict(s7_5_column.PROFILES, coarse=COARSE_PROFILE),
+        patch_library_quadrature_degree(element),
+    ):
         result = s7_5_column.stepped_column(element, section="coarse")
-    level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
+    face_heights = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
-        (0.0, RADII[0], level[0], NORMAL_UP, 0.0),
-        (RADII[0], RADII[1], level[1], NORMAL_UP, 1e-4),
-        (RADII[1], RADII[2], level[2], NORMAL_UP, 2e-4),
-        (0.0, RADII[3], level[4], NORMAL_DOWN, 0.0),
+        (0.0, RADII[0], face_heights[0], NORMAL_UP, 0.0),
+        (RADII[0], RADII[1], face_heights[1], NORMAL_UP, 1e-4),
+        (RADII[1], RADII[2], face_heights[2], NORMAL_UP, 2e-4),
+        (0.0, RADII[3], face_heights[4], NORMAL_DOWN, 0.0),
     ]
-    count = oracle_points_per_direction(element)
+    n_gauss_points = oracle_points_per_direction(element)
 
-    def ours(linear):
+    def solve_by_oracle(linear_weights):
         body = make_oracle_body(
-            result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, n_gauss=count
+            result,
+            element,
+            linear_weights,
+            "axisymmetric",
+            2.1e8,
+            0.3,
+            rho=7856.0,
+            n_gauss=n_gauss_points,
         )
         K, on_axis = body.stiffness(), body.component_mask(make_plane_row_marker(0, 0.0), (0,))
         descent = [((0.0, -1e-4 * k), (0.0, 0.0)) for k in range(1, 11)]
         pairs = []
         for inner, outer, z, normal, gap in faces:
-            between = combine_markers_by_and(
+            on_face = combine_markers_by_and(
                 make_plane_row_marker(1, z),
-                lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9),
+                lambda x, inner_radius=inner, outer_radius=outer: (
+                    (x[:, 0] > inner_radius - 1e-9) & (x[:, 0] < outer_radius + 1e-9)
+                ),
             )
             motions = descent if normal is NORMAL_DOWN else ()
-            nodes = marked_nodes_sorted_by_x(result.curves, between)
+            nodes = marked_nodes_sorted_by_x(result.curves, on_face)
             pairs.append(
                 NodesAndSurface(
                     nodes, *plane_gap_and_normal_functions(normal, z - gap), 0.3, motions
@@ -66,25 +78,30 @@ def stepped_column(element):
             )
         loads = [np.zeros(body.nodes.size)] * 10
         state = solve_increments(K, loads, on_axis, pairs, body.nodes)[-1]
-        found = {"displacement": state.displacement}
+        oracle_values = {"displacement": state.displacement}
         for k, (face, force) in enumerate(zip(faces, state.forces, strict=True), 1):
-            found[f"force_n_{k}"], found[f"force_t_{k}"] = force @ face[3], -force[:, 0]
-            found[f"force_normal_{k}"] = found[f"force_n_{k}"].sum()
-        standing = on_axis | body.component_mask(make_plane_row_marker(1, 0.0), (1,))
-        K, M, standing = condensed_stiffness_mass_and_mask(body, element, standing)
-        found["omega2"] = eigenvalues_nearest_to_shift(K, M, standing, 6).real
-        return found
+            oracle_values[f"force_n_{k}"], oracle_values[f"force_t_{k}"] = (
+                force @ face[3],
+                -force[:, 0],
+            )
+            oracle_values[f"force_normal_{k}"] = oracle_values[f"force_n_{k}"].sum()
+        held_components = on_axis | body.component_mask(make_plane_row_marker(1, 0.0), (1,))
+        K, M, held_components = condensed_stiffness_mass_and_mask(body, element, held_components)
+        oracle_values["omega2"] = eigenvalues_nearest_to_shift(K, M, held_components, 6).real
+        return oracle_values
 
     scalars, curves = result.scalars, result.curves
-    theirs = {"omega2": np.array([scalars[f"omega2_{i}"] for i in range(1, 7)])}
-    theirs["displacement"] = curves["displacement"]
+    study_values = {"omega2": np.array([scalars[f"omega2_{i}"] for i in range(1, 7)])}
+    study_values["displacement"] = curves["displacement"]
     for k in range(1, 5):
-        theirs |= {f"force_{c}_{k}": curves[f"force_{c}_{k}"] for c in "nt"}
-        theirs[f"force_normal_{k}"] = scalars[f"force_normal_{k}"]
-    scales = {f"force_t_{k}": theirs[f"force_n_{k}"].max() for k in range(1, 5)}
-    return StudyComparison(theirs, ours, scales)
+        study_values |= {
+            f"force_{component}_{k}": curves[f"force_{component}_{k}"] for component in "nt"
+        }
+        study_values[f"force_normal_{k}"] = scalars[f"force_normal_{k}"]
+    scales = {f"force_t_{k}": study_values[f"force_n_{k}"].max() for k in range(1, 5)}
+    return StudyComparison(study_values, solve_by_oracle, scales)
 
 
 @pytest.mark.parametrize("element", ELEMENT_NAMES_IN_STATICS)
 def test_oracle_finds_the_numbers_of_the_study(element):
-    assert_agrees_with_own_weights_alone(stepped_column(element), element)
+    assert_agrees_with_own_weights_alone(stepped_column_comparison(element), element)

@@ -43,59 +43,61 @@ from tests.oracle.problem import (
 )
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8")
-LOADS = {"": False, "-uniform-8x2": True}
+IS_UNIFORM_BY_LOAD_SUFFIX = {"": False, "-uniform-8x2": True}
 
 
-def beam(result, element, uniform):
+def beam_comparison(result, element, is_uniform):
     """Half of the beam, symmetric and antisymmetric, under the load at A or a uniform one."""
 
-    def ours(linear):
+    def solve_by_oracle(linear_weights):
         body = make_oracle_body(
-            result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1
+            result, element, linear_weights, "plane stress", 2.07e11, 0.0, thickness=0.1
         )
-        end, middle = make_plane_row_marker(0, 0.0), make_plane_row_marker(0, 4.0)
-        A, centre = (
-            combine_markers_by_and(end, make_plane_row_marker(1, 0.0)),
-            combine_markers_by_and(middle, make_plane_row_marker(1, 0.0)),
+        on_end, on_middle = make_plane_row_marker(0, 0.0), make_plane_row_marker(0, 4.0)
+        at_A, at_centre = (
+            combine_markers_by_and(on_end, make_plane_row_marker(1, 0.0)),
+            combine_markers_by_and(on_middle, make_plane_row_marker(1, 0.0)),
         )
         symmetrised = element.startswith("pwsym")
         K = symmetric_part(body.stiffness()) if symmetrised else body.stiffness()
-        found = {}
+        critical_stresses = {}
         for mode in (1, 2):
-            held = body.component_mask(end if uniform else A, (1,))
+            held_components = body.component_mask(on_end if is_uniform else at_A, (1,))
             if mode == 1:
-                held |= body.component_mask(middle, (0,))
+                held_components |= body.component_mask(on_middle, (0,))
             else:
-                held |= body.component_mask(centre, (0,))
-                held |= body.component_mask(middle if uniform else centre, (1,))
-            if uniform:
-                f = body.traction_load(end, (1.0, 0.0))
-                f += body.traction_load(middle, (-1.0, 0.0)) * (mode == 2)
+                held_components |= body.component_mask(at_centre, (0,))
+                held_components |= body.component_mask(on_middle if is_uniform else at_centre, (1,))
+            if is_uniform:
+                f = body.traction_load(on_end, (1.0, 0.0))
+                f += body.traction_load(on_middle, (-1.0, 0.0)) * (mode == 2)
             else:
-                f = 0.1 * body.component_mask(A, (0,)).ravel()
-            K_sigma = body.geometric_stiffness(solve_with_zero_supports(K, f, held))
+                f = 0.1 * body.component_mask(at_A, (0,)).ravel()
+            K_sigma = body.geometric_stiffness(solve_with_zero_supports(K, f, held_components))
             K_sigma = symmetric_part(K_sigma) if symmetrised else K_sigma
-            factors = eigenvalues_nearest_to_shift(K, -K_sigma, held, 4).real
-            found[f"sigma_cr_{mode}"] = factors[factors > 0].min()
-        return found
+            factors = eigenvalues_nearest_to_shift(K, -K_sigma, held_components, 4).real
+            critical_stresses[f"sigma_cr_{mode}"] = factors[factors > 0].min()
+        return critical_stresses
 
     return StudyComparison(
-        {name: result.scalars[name] for name in ("sigma_cr_1", "sigma_cr_2")}, ours
+        {name: result.scalars[name] for name in ("sigma_cr_1", "sigma_cr_2")}, solve_by_oracle
     )
 
 
-@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("load", IS_UNIFORM_BY_LOAD_SUFFIX)
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_oracle_finds_the_numbers_of_the_study(element, load, results):
-    problem = beam(results[f"7.6/{element}{load}"], element, LOADS[load])
+    comparison = beam_comparison(
+        results[f"7.6/{element}{load}"], element, IS_UNIFORM_BY_LOAD_SUFFIX[load]
+    )
     (assert_study_agrees_with_oracle if load else assert_agrees_with_own_weights_alone)(
-        problem, element
+        comparison, element
     )
     if load and element == "pw-T6":  # K_PW = T K, and K_sigma alike: no weights make a difference
-        assert_study_agrees_with_oracle(problem, "galerkin-T6")
+        assert_study_agrees_with_oracle(comparison, "galerkin-T6")
 
 
-def test_eulers_stress_by_eq_27(results):
+def test_eulers_stress_follows_from_eq_27(results):
     """With L / h = 8, which follows from the printed stresses: I / A = h**2 / 12."""
     for mode in (1, 2):
         stress = mode**2 * np.pi**2 * 2.07e11 / 12 / 8**2
@@ -103,20 +105,20 @@ def test_eulers_stress_by_eq_27(results):
         assert stress == pytest.approx(TABLE_2["Euler"][mode - 1], rel=2e-4)
 
 
-BEAM = Strip(2.07e11, 0.0, 8.0)
+BEAM_STRIP = Strip(2.07e11, 0.0, 8.0)
 
 # Published or computed independently of this code
-REFERENCES = {
+REFERENCE_STRESSES = {
     "G": (2.549732978e9, 9.099805943e9),
     "J": (2.613156933e9, 9.926530181e9),
     "deflection": (2.580580e9, 9.472353e9),
 }
 
 
-@pytest.mark.parametrize("form", REFERENCES)
-def test_reference_roots(form):
-    for n, value in enumerate(REFERENCES[form], start=1):
-        assert BEAM.elasticity(n, form) == pytest.approx(value, rel=5e-7)
+@pytest.mark.parametrize("form", REFERENCE_STRESSES)
+def test_critical_stresses_of_the_beam_agree_with_references(form):
+    for n, value in enumerate(REFERENCE_STRESSES[form], start=1):
+        assert BEAM_STRIP.elasticity(n, form) == pytest.approx(value, rel=5e-7)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.2, 0.45])
@@ -127,27 +129,30 @@ def test_determinant_and_rayleigh_lamb_have_the_same_root(n, nu):
 
 
 def test_slender_strips_are_euler_beams():
-    for theory in (Strip.engesser, Strip.haringx, lambda s, n: s.elasticity(n, "J")):
-        errors = [theory(Strip(1.0, 0.0, k), 1) / Strip(1.0, 0.0, k).euler(1) - 1 for k in (20, 40)]
+    for theory in (Strip.engesser, Strip.haringx, lambda strip, n: strip.elasticity(n, "J")):
+        errors = [
+            theory(Strip(1.0, 0.0, slenderness), 1) / Strip(1.0, 0.0, slenderness).euler(1) - 1
+            for slenderness in (20, 40)
+        ]
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
         assert abs(errors[1]) < 3e-3
 
 
-def test_shear_stiffness_of_haringx_and_engesser():
+def test_haringx_and_engesser_have_the_same_shear_stiffness():
     # both solve 1 / s = 1 / euler + something / (kappa G), Haringx with s / euler in it
-    rigidity = 5 / 6 * BEAM.shear_modulus
+    rigidity = 5 / 6 * BEAM_STRIP.shear_modulus
     for n in (1, 2):
-        euler = BEAM.euler(n)
-        assert 1 / BEAM.engesser(n) == pytest.approx(1 / euler + 1 / rigidity, rel=1e-13)
-        s = BEAM.haringx(n)
+        euler = BEAM_STRIP.euler(n)
+        assert 1 / BEAM_STRIP.engesser(n) == pytest.approx(1 / euler + 1 / rigidity, rel=1e-13)
+        s = BEAM_STRIP.haringx(n)
         assert s * (1 + s / rigidity) == pytest.approx(euler, rel=1e-12)
-    assert np.isclose(BEAM.euler(2), 4 * BEAM.euler(1))
+    assert np.isclose(BEAM_STRIP.euler(2), 4 * BEAM_STRIP.euler(1))
 
 
 # Table 2 as an inverse problem
 
 RECORD = ModelsRecord()
-RECOMPUTED = [
+RECOMPUTED_MODELS = [
     # mesh of the near hit, all treatments, some set-ups of either load
     (Mesh("right", 6, 1), (0, 3), (0, 5, 11)),
     (Mesh("crossed", 3, 2), (1,), (3,)),
@@ -155,10 +160,10 @@ RECOMPUTED = [
 
 
 @pytest.mark.parametrize("element", TREATMENTS)
-@pytest.mark.parametrize(("mesh", "first", "second"), RECOMPUTED, ids=str)
-def test_models_agree_with_their_record(mesh, first, second, element):
+@pytest.mark.parametrize(("mesh", "mode_1_set_ups", "mode_2_set_ups"), RECOMPUTED_MODELS, ids=str)
+def test_models_agree_with_their_record(mesh, mode_1_set_ups, mode_2_set_ups, element):
     models = MeshModels(mesh)
-    for mode, set_ups in (("mode_1", first), ("mode_2", second)):
+    for mode, set_ups in (("mode_1", mode_1_set_ups), ("mode_2", mode_2_set_ups)):
         recorded = RECORD.mesh(mesh, element, mode)
         for i in set_ups:
             if mode == "mode_1":
@@ -169,7 +174,7 @@ def test_models_agree_with_their_record(mesh, first, second, element):
             np.testing.assert_allclose(stresses, recorded[i], rtol=0, atol=tolerance)
 
 
-SAME_MODELS = {
+FAMILY_MODELS_BY_CASE = {
     "galerkin-T6": ("standard", Treatment("G", "point", 0)),
     "galerkin-T6-J": ("standard", Treatment("J", "point", 0)),
     "pw-T6": ("new", Treatment("G", "point", 3)),
@@ -179,12 +184,12 @@ SAME_MODELS = {
 }
 
 
-@pytest.mark.parametrize("case", SAME_MODELS)
+@pytest.mark.parametrize("case", FAMILY_MODELS_BY_CASE)
 def test_cases_of_the_page_are_models_of_the_family(case, results):
     """Another assembly, another eigenvalue solver: the page's, which the oracle checks."""
-    element, treatment = SAME_MODELS[case]
-    stored = results[f"7.6/{case}"]
-    assert stored.parameters["divisions"] == [5, 2]
+    element, treatment = FAMILY_MODELS_BY_CASE[case]
+    stored_result = results[f"7.6/{case}"]
+    assert stored_result.parameters["divisions"] == [5, 2]
     (mesh,) = (i for i, mesh in enumerate(MESHES) if mesh == ("crossed", 5, 2))
     (set_up,) = (
         i
@@ -195,25 +200,29 @@ def test_cases_of_the_page_are_models_of_the_family(case, results):
     for mode in (1, 2):
         value = values[mesh, set_up, TREATMENTS[element].index(treatment), mode - 1]
         assert value == pytest.approx(
-            stored.scalars[f"sigma_cr_{mode}"], abs=RECORD_TOLERANCE * PASCALS_PER_DIGIT
+            stored_result.scalars[f"sigma_cr_{mode}"], abs=RECORD_TOLERANCE * PASCALS_PER_DIGIT
         )
 
 
 def test_under_uniform_stress_the_weight_functions_change_nothing():
     """Unless a mid-side node is supported alone, whose force T moves to the corners beside it."""
     stresses = RECORD.family().stresses
-    uniform = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
-    supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform])
+    uniform_set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
+    supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform_set_ups])
     is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])
-    same = is_corner[:, None] | (supports == "face").all(axis=1)
+    is_unaffected = is_corner[:, None] | (supports == "face").all(axis=1)
     for form in ("G", "J"):
-        standard, new = (
-            stresses[element][:, uniform, TREATMENTS[element].index(Treatment(form, "point", n))]
+        standard_stresses, new_stresses = (
+            stresses[element][
+                :, uniform_set_ups, TREATMENTS[element].index(Treatment(form, "point", n))
+            ]
             for element, n in (("standard", 0), ("new", 3))
         )
         tolerance = RECORD_TOLERANCE * PASCALS_PER_DIGIT
-        np.testing.assert_allclose(standard[same], new[same], rtol=0, atol=tolerance)
-        np.testing.assert_allclose(standard, new, rtol=3e-6)
+        np.testing.assert_allclose(
+            standard_stresses[is_unaffected], new_stresses[is_unaffected], rtol=0, atol=tolerance
+        )
+        np.testing.assert_allclose(standard_stresses, new_stresses, rtol=3e-6)
 
 
 def _scattered_models(count, seed=0):
@@ -235,15 +244,15 @@ def test_chance_is_the_area_that_a_few_models_cover():
 
 def test_a_model_that_gives_the_print_is_singled_out_and_others_are_not():
     rounding, uncertainty = np.array([0.002, 0.002]), np.array([0.5, 0.5])
-    others = _scattered_models(500)
-    numbers, _ = judge_row(others, uncertainty, rounding)
-    assert numbers["odds"] < MIN_ODDS
-    assert numbers["within_rounding"] == 0
-    deviation = np.vstack([others.deviation, [[0.001, -0.001]]])
-    planted = Models(deviation, np.zeros((501, 3), dtype=int))
-    numbers, _ = judge_row(planted, uncertainty, rounding)
-    assert numbers["odds"] > MIN_ODDS
-    assert numbers["within_rounding"] == 1
+    scattered_models = _scattered_models(500)
+    row_values, _ = judge_row(scattered_models, uncertainty, rounding)
+    assert row_values["odds"] < MIN_ODDS
+    assert row_values["within_rounding"] == 0
+    deviation = np.vstack([scattered_models.deviation, [[0.001, -0.001]]])
+    models_with_exact_one = Models(deviation, np.zeros((501, 3), dtype=int))
+    row_values, _ = judge_row(models_with_exact_one, uncertainty, rounding)
+    assert row_values["odds"] > MIN_ODDS
+    assert row_values["within_rounding"] == 1
 
 
 def test_likelihood_is_shared_by_models_within_their_uncertainty():
@@ -259,11 +268,15 @@ def test_models_with_the_same_values_count_once():
 
 def test_table_2_is_graded_by_the_criterion(results):
     """Not explained, unless a model is singled out with odds of at least 20 to 1."""
-    claims = [c for c in load_claims() if c.id.startswith("76-table2-") and c.grade]
+    claims = [
+        loaded_claim
+        for loaded_claim in load_claims()
+        if loaded_claim.id.startswith("76-table2-") and loaded_claim.grade
+    ]
     assert len(claims) == 4
     for claim in claims:
         row = "cps6" if "galerkin" in claim.id else "user"
-        odds = [results.scalar("7.6/inverse", f"{one}_all_odds") for one in (row, "both")]
+        odds = [results.scalar("7.6/inverse", f"{odds_row}_all_odds") for odds_row in (row, "both")]
         assert (claim.grade == "not explained") == (max(odds) < MIN_ODDS)
         chance = results.scalar("7.6/inverse", f"{row}_all_chance")
         assert f"in {100 * chance:.0f} % of draws" in claim.grade_why

@@ -7,24 +7,34 @@ from pathlib import Path
 import pytest
 
 from study.judge.claims import load_paper_claims
-from study.judge.sentences import begins, digest, disagreements, incomplete, load, main, split
+from study.judge.sentences import (
+    digest_sentence,
+    find_disagreements,
+    find_incomplete_entries,
+    first_words,
+    load_sentences,
+    main,
+    split_sentences,
+)
 
-KNOWN = load()
+SENTENCES = load_sentences()
 CLAIMS = load_paper_claims()
-TEXT = Path(os.environ.get("PW_ELEMENTS_PAPER", ""))  # a file with the paper's text
+PAPER_TEXT_FILE = Path(os.environ.get("PW_ELEMENTS_PAPER", ""))  # a file with the paper's text
 
 
-def test_all_sentences_have_statements_or_a_reason_and_all_statements_a_sentence():
-    assert incomplete(KNOWN, CLAIMS) == []
+def test_every_sentence_has_statements_or_a_reason_and_every_statement_a_sentence():
+    assert find_incomplete_entries(SENTENCES, CLAIMS) == []
 
 
-@pytest.mark.skipif(not TEXT.is_file(), reason="the paper's text is not part of this project")
-def test_they_are_those_of_the_paper(capsys):
-    assert main([str(TEXT)]) == 0, capsys.readouterr().out
+@pytest.mark.skipif(
+    not PAPER_TEXT_FILE.is_file(), reason="the paper's text is not part of this project"
+)
+def test_listed_sentences_are_those_of_the_paper(capsys):
+    assert main([str(PAPER_TEXT_FILE)]) == 0, capsys.readouterr().out
 
 
 def test_no_sentence_of_the_paper_is_in_the_tree():
-    assert max(len(one.begins.split()) for one in KNOWN) <= 5
+    assert max(len(listed_sentence.begins.split()) for listed_sentence in SENTENCES) <= 5
 
 
 def test_sentences_end_at_points_before_capitals_and_blocks_are_whole():
@@ -36,7 +46,7 @@ def test_sentences_end_at_points_before_capitals_and_blocks_are_whole():
         "$x$ is one.",
         "Fig. 2. A b. C d.",
     ]
-    assert split(text + "\n## REFERENCES\n\n- [1] A. B.") == expected
+    assert split_sentences(text + "\n## REFERENCES\n\n- [1] A. B.") == expected
 
 
 @pytest.mark.parametrize(
@@ -48,18 +58,28 @@ def test_sentences_end_at_points_before_capitals_and_blocks_are_whole():
         ({"number": 7}, "sentence 7 stands at place 1"),
     ],
 )
-def test_what_is_incomplete_is_said(changes, message):
-    found = incomplete([replace(KNOWN[0], **changes), *KNOWN[1:]], CLAIMS)
-    assert [line for line in found if message in line]
+def test_incomplete_entries_are_reported(changes, message):
+    messages = find_incomplete_entries([replace(SENTENCES[0], **changes), *SENTENCES[1:]], CLAIMS)
+    assert [reported_line for reported_line in messages if message in reported_line]
 
 
-def test_another_text_and_a_wrong_quote_are_said():
-    (claim,) = [c for c in CLAIMS if c.id == "71-four"]
+def test_changed_text_and_wrong_quote_are_reported():
+    (claim,) = [paper_claim for paper_claim in CLAIMS if paper_claim.id == "71-four"]
     sentence = f"He said that {claim.quote}, or so."
-    one = replace(KNOWN[0], begins=begins(sentence), digest=digest(sentence), claims=(claim.id,))
-    assert disagreements([one], [sentence], [claim]) == []
-    (changed,) = disagreements([one], [sentence + " Not."], [claim])
-    assert "sentence 1 begins" in changed
-    (misquoted,) = disagreements([one], [sentence], [replace(claim, quote="five times")])
-    assert "71-four quotes what is not in its sentences" in misquoted
-    assert "1 sentences are known" in disagreements([one], [sentence, sentence], [claim])[0]
+    listed_sentence = replace(
+        SENTENCES[0],
+        begins=first_words(sentence),
+        digest=digest_sentence(sentence),
+        claims=(claim.id,),
+    )
+    assert find_disagreements([listed_sentence], [sentence], [claim]) == []
+    (changed_text_message,) = find_disagreements([listed_sentence], [sentence + " Not."], [claim])
+    assert "sentence 1 begins" in changed_text_message
+    (wrong_quote_message,) = find_disagreements(
+        [listed_sentence], [sentence], [replace(claim, quote="five times")]
+    )
+    assert "71-four quotes what is not in its sentences" in wrong_quote_message
+    assert (
+        "1 sentences are known"
+        in find_disagreements([listed_sentence], [sentence, sentence], [claim])[0]
+    )

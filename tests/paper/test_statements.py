@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.judge.claims import GRADES, PAPER, judge, load_claims
+from study.judge.claims import GRADES, PAPER_KINDS, judge, load_claims
 from study.judge.facts import (
-    COMPUTED,
-    PRINTED,
-    facts_of,
+    MISPRINT_MUTATIONS,
+    RESULT_MUTATIONS,
+    assign_facts,
+    fact_mutations,
+    find_turning_mutations,
     load_facts,
-    misread,
-    own_number,
-    signature,
-    turned_by,
+    misread_digits,
+    own_number_mutation,
 )
 from study.paper.s7_5_profiles import PROFILES
 from study.run.store import Results, write_json
@@ -33,92 +33,120 @@ from tests.study.computed_results import ComputedResults
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = load_claims()
-STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER]
+STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER_KINDS]
 # What rests on printed numbers but is no statement of the paper; scans take too long
-ON_PRINT = [
+FINDINGS_ON_PRINTED_NUMBERS = [
     claim
     for claim in CLAIMS
-    if claim.kind not in PAPER
-    and re.match("printed|gap_left|computed_over", claim.judgement.measure)
+    if claim.kind not in PAPER_KINDS
+    and re.match("printed|stress_difference_misfit|computed_deviation", claim.judgement.measure)
 ]
-FACTS = load_facts()
-LONG = re.compile("7[25]-even-shear.*")  # on fine meshes; that of 7.4 is measured alike
+LISTED_FACTS = load_facts()
+SLOW_CLAIM_IDS = re.compile("7[25]-even-shear.*")  # on fine meshes; that of 7.4 is measured alike
 
 
-def given(claims):
+def parametrize_claims(claims):
     assert claims
-    marks = {True: [pytest.mark.slow], False: []}
-    named = [pytest.param(c, id=c.id, marks=marks[bool(LONG.match(c.id))]) for c in claims]
-    return pytest.mark.parametrize("claim", named)
+    marks_by_slowness = {True: [pytest.mark.slow], False: []}
+    claim_parameters = [
+        pytest.param(
+            claim, id=claim.id, marks=marks_by_slowness[bool(SLOW_CLAIM_IDS.match(claim.id))]
+        )
+        for claim in claims
+    ]
+    return pytest.mark.parametrize("claim", claim_parameters)
 
 
-def graded(grade, *bases):
-    return given([c for c in STATEMENTS if c.grade == grade and (not bases or c.basis in bases)])
+def parametrize_graded_statements(grade, *bases):
+    return parametrize_claims(
+        [
+            claim
+            for claim in STATEMENTS
+            if claim.grade == grade and (not bases or claim.basis in bases)
+        ]
+    )
 
 
 @pytest.fixture(scope="session")
-def turned(results, request):
+def mutations_by_claim(results, request):
     """What turns each statement: found once for all workers, for it takes long."""
-    path, quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
+    path, is_quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
     if not path.exists():
-        taken = [c for c in STATEMENTS + ON_PRINT if not (quick and LONG.match(c.id))]
-        write_json(path, turned_by(judge(taken, results), results))
+        judged_statements = [
+            claim
+            for claim in STATEMENTS + FINDINGS_ON_PRINTED_NUMBERS
+            if not (is_quick and SLOW_CLAIM_IDS.match(claim.id))
+        ]
+        write_json(path, find_turning_mutations(judge(judged_statements, results), results))
     return json.loads(path.read_text())
 
 
 @pytest.fixture(scope="session")
-def facts(turned):
-    return facts_of(STATEMENTS, turned, FACTS)
+def fact_ids_by_statement(mutations_by_claim):
+    return assign_facts(STATEMENTS, mutations_by_claim, LISTED_FACTS)
 
 
-def verdict(claim, results):
-    (one,) = judge([claim], results)
-    return one
+def judge_claim(claim, results):
+    (judged_claim,) = judge([claim], results)
+    return judged_claim
 
 
-@given(STATEMENTS)
+@parametrize_claims(STATEMENTS)
 def test_statement_has_the_verdict_of_its_grade(claim, results):
-    one = verdict(claim, results)
-    assert not one.differs, (one.verdict, one.measured)
+    judged_claim = judge_claim(claim, results)
+    assert not judged_claim.differs, (judged_claim.verdict, judged_claim.measured)
     if claim.grade == "consistent by construction":
-        assert one.verdict == "by construction"
+        assert judged_claim.verdict == "by construction"
 
 
-@graded("reproduced")
-def test_another_element_or_law_turns_what_is_reproduced(claim, turned):
-    assert {one.name for one in COMPUTED if one.kind in ("element", "law")} & {*turned[claim.id]}
+@parametrize_graded_statements("reproduced")
+def test_another_element_or_law_turns_each_reproduced_statement(claim, mutations_by_claim):
+    assert {
+        mutation.name for mutation in RESULT_MUTATIONS if mutation.kind in ("element", "law")
+    } & {*mutations_by_claim[claim.id]}
 
 
-@graded("consistent by construction", "insensitive")
-def test_no_element_turns_what_does_not_distinguish_them(claim, turned):
-    assert not {one.name for one in COMPUTED if one.kind == "element"} & {*turned[claim.id]}
+@parametrize_graded_statements("consistent by construction", "insensitive")
+def test_no_element_turns_statements_that_do_not_distinguish_elements(claim, mutations_by_claim):
+    assert not {mutation.name for mutation in RESULT_MUTATIONS if mutation.kind == "element"} & {
+        *mutations_by_claim[claim.id]
+    }
 
 
-def test_every_printed_number_is_turned_by_a_misprint(turned):
-    found = {name for names in turned.values() for name in names}
-    assert {one.name for one in PRINTED} <= found
-    for claim in (c for c in STATEMENTS if c.printed):
-        computed = claim.grade == "reproduced"  # "around half" of the examples
-        assert computed or own_number(claim) in turned[claim.id], claim.id
+def test_every_printed_number_is_turned_by_a_misprint(mutations_by_claim):
+    turning_mutations = {name for names in mutations_by_claim.values() for name in names}
+    assert {mutation.name for mutation in MISPRINT_MUTATIONS} <= turning_mutations
+    for claim in (statement for statement in STATEMENTS if statement.printed):
+        is_computed = claim.grade == "reproduced"  # "around half" of the examples
+        assert is_computed or own_number_mutation(claim) in mutations_by_claim[claim.id], claim.id
 
 
-def test_statements_share_a_fact_if_the_same_mutations_turn_them(turned, facts):
-    assert facts.keys() == {claim.id for claim in STATEMENTS}
-    of = {claim.id: signature(claim, turned.get(claim.id, ())) for claim in STATEMENTS}
-    for one in of:
-        for other in of:
-            if of[one] and of[other]:
-                assert (facts[one] == facts[other]) == (of[one] == of[other]), (one, other)
+def test_statements_share_a_fact_if_the_same_mutations_turn_them(
+    mutations_by_claim, fact_ids_by_statement
+):
+    assert fact_ids_by_statement.keys() == {claim.id for claim in STATEMENTS}
+    signatures = {
+        claim.id: fact_mutations(claim, mutations_by_claim.get(claim.id, ()))
+        for claim in STATEMENTS
+    }
+    for statement_id in signatures:
+        for other_id in signatures:
+            if signatures[statement_id] and signatures[other_id]:
+                assert (fact_ids_by_statement[statement_id] == fact_ids_by_statement[other_id]) == (
+                    signatures[statement_id] == signatures[other_id]
+                ), (statement_id, other_id)
 
 
-def test_each_fact_is_one_that_statements_rest_on_and_names_a_test(facts):
-    assert {fact.id for fact in FACTS} == {*facts.values()}
-    assert len({fact.says for fact in FACTS}) == len(FACTS)
-    for fact in FACTS:
-        assert all(facts[name] == fact.id for name in fact.statements), fact.id
-        path, _, name = fact.test.partition("::")
+def test_each_fact_supports_a_statement_and_names_an_existing_test(fact_ids_by_statement):
+    assert {fact.id for fact in LISTED_FACTS} == {*fact_ids_by_statement.values()}
+    assert len({fact.says for fact in LISTED_FACTS}) == len(LISTED_FACTS)
+    for fact in LISTED_FACTS:
+        assert all(fact_ids_by_statement[name] == fact.id for name in fact.statements), fact.id
+        path, _, test_name = fact.test.partition("::")
         module = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-        assert name in {one.name for one in module.body if isinstance(one, ast.FunctionDef)}, name
+        assert test_name in {
+            definition.name for definition in module.body if isinstance(definition, ast.FunctionDef)
+        }, test_name
 
 
 @pytest.mark.parametrize(
@@ -126,22 +154,22 @@ def test_each_fact_is_one_that_statements_rest_on_and_names_a_test(facts):
     [(0.3, (0.2, 0.4)), (76.0, (75.0, 77.0)), (9.6683e9, (9.5683e9, 9.7683e9)), (4.0, (3.0, 5.0))],
 )
 def test_a_misread_number_has_another_second_digit(number, expected):
-    assert misread(number) == pytest.approx(expected)
+    assert misread_digits(number) == pytest.approx(expected)
 
 
-@graded("reproduced")
+@parametrize_graded_statements("reproduced")
 def test_reproduced_claim_reads_computed_results(claim, tmp_path):
-    assert verdict(claim, Results(tmp_path)).verdict == "not judged"
+    assert judge_claim(claim, Results(tmp_path)).verdict == "not judged"
 
 
-@graded("consistent by construction", "printed")
+@parametrize_graded_statements("consistent by construction", "printed")
 def test_arithmetic_on_printed_numbers_needs_no_result(claim, tmp_path):
-    assert verdict(claim, Results(tmp_path)).verdict == "by construction"
+    assert judge_claim(claim, Results(tmp_path)).verdict == "by construction"
 
 
-@graded("consistent by construction", "identity")
+@parametrize_graded_statements("consistent by construction", "identity")
 def test_identity_gives_a_simple_fraction_to_round_off(claim, results):
-    measured = verdict(claim, results).measured
+    measured = judge_claim(claim, results).measured
     assert abs(measured - Fraction(measured).limit_denominator(12)) < 1e-9
 
 
@@ -156,36 +184,38 @@ OTHER_INPUTS = {
 """For what was put in or fitted: another parameter of the cases, or another constant."""
 
 
-@graded("consistent by construction", "input", "fit")
-def test_what_was_put_in_or_fitted_decides_the_verdict(claim, monkeypatch, tmp_path):
+@parametrize_graded_statements("consistent by construction", "input", "fit")
+def test_verdict_follows_the_input_or_fitted_value(claim, monkeypatch, tmp_path):
     """With another input the number is not met: that it is met says what was put in."""
     parameters = {}
     match OTHER_INPUTS[claim.chosen]:
         case dict(parameters):
             pass
         case str(name):
-            coarse = {"ring_divisions": (4, 1, 7, 4), "height_divisions": (6, 4, 5, 2)}
-            monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], **coarse))
+            coarse_divisions = {"ring_divisions": (4, 1, 7, 4), "height_divisions": (6, 4, 5, 2)}
+            monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], **coarse_divisions))
         case constant:
             monkeypatch.setattr(claim.chosen, constant)
-    assert verdict(claim, ComputedResults(tmp_path, parameters)).verdict == "fails"
+    assert judge_claim(claim, ComputedResults(tmp_path, parameters)).verdict == "fails"
 
 
-@graded("consistent by construction", "input")
-def test_input_is_the_number_itself(claim):
-    module, _, name = claim.chosen.rpartition(".")
-    halves = 2 if "T6" in claim.judgement.args["key"] else 1  # of a square
-    assert claim.judgement.value == halves * np.prod(getattr(import_module(module), name))
+@parametrize_graded_statements("consistent by construction", "input")
+def test_input_constant_is_the_number_of_the_statement(claim):
+    module, _, constant_name = claim.chosen.rpartition(".")
+    n_halves = 2 if "T6" in claim.judgement.args["key"] else 1  # of a square
+    assert claim.judgement.value == n_halves * np.prod(
+        getattr(import_module(module), constant_name)
+    )
 
 
-@graded("not testable")
-def test_what_is_not_testable_names_what_is_missing(claim):
+@parametrize_graded_statements("not testable")
+def test_untestable_statement_names_what_is_missing(claim):
     assert claim.missing
     assert claim.missing != claim.grade_why
 
 
 def test_every_statement_of_the_paper_has_a_grade_and_a_short_quote_and_nothing_else_has():
-    assert {claim.grade for claim in CLAIMS if claim.kind not in PAPER} == {None}
+    assert {claim.grade for claim in CLAIMS if claim.kind not in PAPER_KINDS} == {None}
     for claim in STATEMENTS:
         assert claim.grade in GRADES, claim.id
         assert 0 < len(claim.quote.split()) <= 25, claim.id

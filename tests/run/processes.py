@@ -1,6 +1,6 @@
-"""Run commands in separate processes, and find all their descendants.
+"""Run commands in separate processes, and find all descendants of these processes.
 
-Descendants are found by their parents and by a marker in their environment.
+Descendants are found by following parents, and by a marker in their environment.
 """
 
 import os
@@ -69,12 +69,15 @@ class SpawnedCommand:
         raise AssertionError(f"{line!r} was not printed: {self.read_messages()}")
 
     def send_signal(self, signal_number, to_group=False):
-        """Send a signal to the first process or, if `to_group` is True, to its process group."""
+        """Send a signal to the process started directly or, if `to_group` is True, to its group."""
         with suppress(ProcessLookupError):
             (os.killpg if to_group else os.kill)(self.pid, signal_number)
 
     def wait(self, timeout_seconds=1800):
-        """Wait until the first process ends, and return its status."""
+        """Wait until the process that was started directly ends, and return its exit status.
+
+        Its descendants may continue to run.
+        """
         return self.process.wait(timeout_seconds)
 
     def read_messages(self):
@@ -106,7 +109,7 @@ class SpawnedCommand:
         return marked_processes
 
     def list_survivors(self):
-        """Return the IDs of the remaining processes, even if the first one has ended."""
+        """Return the IDs of the processes still running, even if the first one has ended."""
         return sorted({*self.list_marked_processes(), *self.list_descendants()})
 
     def list_survivors_after_waiting(self):

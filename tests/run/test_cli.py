@@ -15,11 +15,11 @@ from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
 from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
-from tests.study.toystudy import NO_FIGURES, claim, install, started
+from tests.study.toystudy import NO_FIGURES, count_started_runs, install_toy_study, make_claim_toml
 
 ROOT = Path(__file__).parents[2]
 
-ORIGINAL_BUILD_REPORT = study.publish.report.build
+ORIGINAL_BUILD_REPORT = study.publish.report.build_report
 
 # Debian combines WeasyPrint with a newer pydyf, in which some methods have other names
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
@@ -28,18 +28,18 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 @pytest.fixture
 def toy_study(tmp_path, monkeypatch):
     """Install a toy study without a report in a temporary folder, and return this folder."""
-    install(tmp_path, monkeypatch)
-    monkeypatch.setattr(study.publish.report, "build", lambda *_: [])
+    install_toy_study(tmp_path, monkeypatch)
+    monkeypatch.setattr(study.publish.report, "build_report", lambda *_: [])
     return tmp_path
 
 
 @pytest.fixture
 def real_report(toy_study, monkeypatch):
-    """Enable the report, which is slow and not needed by most tests of this module."""
+    """Enable the report, which is slow and which most tests of this module do not need."""
     assert toy_study
-    monkeypatch.setattr(study.publish.report, "build", ORIGINAL_BUILD_REPORT)
-    # the texts of the report describe the real sections
-    monkeypatch.setattr(study.publish.report._Paper, "_body", lambda *_: "text")
+    monkeypatch.setattr(study.publish.report, "build_report", ORIGINAL_BUILD_REPORT)
+    # the texts of the report describe the sections of the real study
+    monkeypatch.setattr(study.publish.report._ReportRenderer, "_render_body", lambda *_: "text")
 
 
 @pytest.fixture
@@ -85,21 +85,22 @@ def test_the_whole_study_writes_all_results_and_the_report(run_study, results_fo
 
 def test_changed_and_corrupt_cases_are_computed_again(run_study, toy_study, results_folder, capsys):
     assert run_study("1") == 0
-    assert started(toy_study) == 2
+    assert count_started_runs(toy_study) == 2
     capsys.readouterr()
     assert run_study("1") == 0
-    assert (started(toy_study), capsys.readouterr().err) == (2, "2 of 2 results are reused\n")
+    assert capsys.readouterr().err == "2 of 2 results are reused\n"
+    assert count_started_runs(toy_study) == 2
     assert run_study("1", "--force") == 0
-    assert started(toy_study) == 4
+    assert count_started_runs(toy_study) == 4
     replace_in_file(toy_study / "toy" / "common.py", "2.0", 'float("2.0")')
     assert run_study("1") == 0
-    assert (started(toy_study), Results(results_folder).scalar("1/b", "y")) == (6, 5.0)
+    assert (count_started_runs(toy_study), Results(results_folder).scalar("1/b", "y")) == (6, 5.0)
     (results_folder / "1" / "a.json").write_text("{")
     assert run_study("1") == 0
     assert "1/a: its stored result cannot be read" in capsys.readouterr().err
-    assert (started(toy_study), Results(results_folder).scalar("1/a", "y")) == (7, 2.0)
+    assert (count_started_runs(toy_study), Results(results_folder).scalar("1/a", "y")) == (7, 2.0)
     assert run_study("2", "--force") == 0  # a subset uses the stored results of other cases
-    assert started(toy_study) == 7
+    assert count_started_runs(toy_study) == 7
     assert Results(results_folder).claims()[0]["verdict"] == "holds"
 
 
@@ -108,7 +109,7 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
 ):
     """Recorded results are counted separately, and they are computed only on demand.
 
-    The second case of the section is read from a record, like costly cases.
+    The second case of the section is read from a record, like the costly cases of the study.
     """
     cases_with_record = (
         'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json", '
@@ -146,8 +147,8 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
 
 
 def test_verdicts_of_other_sections_are_not_reported(run_study, toy_study, capsys):
-    other_claim = claim(id='"other"', args='{ key = "2/only", name = "z" }', value="8.0")
-    (toy_study / "claims.toml").write_text(claim() + other_claim)
+    other_claim = make_claim_toml(id='"other"', args='{ key = "2/only", name = "z" }', value="8.0")
+    (toy_study / "claims.toml").write_text(make_claim_toml() + other_claim)
     assert run_study("1") == 0
     assert capsys.readouterr().out.startswith("1 statements of the paper: 1 reproduced; 0 other")
     assert run_study("2") == 1
@@ -169,7 +170,9 @@ def test_results_of_deleted_cases_are_removed(run_study, results_folder):
 def test_an_incomplete_report_gives_status_1_only_after_the_whole_study(
     run_study, monkeypatch, capsys
 ):
-    monkeypatch.setattr("study.publish.report.build", lambda *_: ["section 1: no such result"])
+    monkeypatch.setattr(
+        "study.publish.report.build_report", lambda *_: ["section 1: no such result"]
+    )
     assert run_study("1") == 0
     assert "incomplete" not in capsys.readouterr().err
     assert run_study() == 1
@@ -182,7 +185,9 @@ def test_a_differing_verdict_gives_status_1_and_is_printed(run_study, toy_study,
     for command in ("1", "check", "report"):
         assert run_study(command) == 1
         assert verdict_line.search(capsys.readouterr().out) or command == "report"
-    contradicted_claim = claim(value="4.0", grade='"contradicted"', found="5.0", found_tol="0.1")
+    contradicted_claim = make_claim_toml(
+        value="4.0", grade='"contradicted"', found="5.0", found_tol="0.1"
+    )
     (toy_study / "claims.toml").write_text(contradicted_claim)
     assert run_study("check") == run_study("report") == 0
     replace_in_file(toy_study / "claims.toml", "found = 5.0", "found = 5.5")
@@ -223,11 +228,11 @@ def test_a_corrupt_result_affects_only_its_own_verdicts(
 ):
     """A corrupt result affects only the verdicts that are based on it.
 
-    The status is 3, and a message names the command that repairs each case.
+    The exit status is 3, and a message names the command that computes the result again.
     """
-    other_claim = claim(id='"other"', args='{ key = "2/only", name = "z" }', value="7.0")
-    wrong_claim = claim(id='"wrong"', value="4.0")
-    (toy_study / "claims.toml").write_text(claim() + other_claim + wrong_claim)
+    other_claim = make_claim_toml(id='"other"', args='{ key = "2/only", name = "z" }', value="7.0")
+    wrong_claim = make_claim_toml(id='"wrong"', value="4.0")
+    (toy_study / "claims.toml").write_text(make_claim_toml() + other_claim + wrong_claim)
     assert run_study() == 1
     capsys.readouterr()
     path = results_folder / "2" / "only.json"
@@ -248,8 +253,8 @@ def test_a_corrupt_result_affects_only_its_own_verdicts(
 
 
 def test_a_missing_scalar_does_not_crash_the_check(run_study, toy_study, capsys):
-    other_claim = claim(id='"other"', args='{ key = "2/only", name = "no" }')
-    (toy_study / "claims.toml").write_text(claim() + other_claim)
+    other_claim = make_claim_toml(id='"other"', args='{ key = "2/only", name = "no" }')
+    (toy_study / "claims.toml").write_text(make_claim_toml() + other_claim)
     assert run_study() == 1
     printed = capsys.readouterr()
     assert "study: other is not judged: " in printed.err
@@ -288,9 +293,9 @@ def test_a_folder_in_place_of_a_file_gives_a_one_line_error(run_study, results_f
 
 @pytest.mark.parametrize("command", ["1", "1/b", "report", ""])
 def test_nothing_is_written_to_a_foreign_folder(run_study, results_folder, capsys, command):
-    """No command writes to a folder that the study has not made.
+    """No command writes to a results folder that the study has not created.
 
-    This holds even if the folder has the name of a section and contains a result.
+    This holds even if it contains a folder with the name of a section, and a result.
     """
     (results_folder / "1").mkdir(parents=True)
     for name in ("claims.json", "1/a.json", "1/former.json", "letter.txt"):
@@ -323,9 +328,9 @@ def test_results_of_an_earlier_version_are_outdated_and_computed_again(
     assert "of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1/a 1/b\n" in (
         capsys.readouterr().err
     )
-    assert started(toy_study) == 2
+    assert count_started_runs(toy_study) == 2
     assert run_study("1") == 0
-    assert started(toy_study) == 4
+    assert count_started_runs(toy_study) == 4
 
 
 @pytest.mark.usefixtures("real_report")
@@ -397,14 +402,14 @@ def test_bad_usage_gives_status_2_and_one_line_before_any_computation(
     errors = capsys.readouterr().err
     assert errors.startswith(f"study: {message}")
     assert errors.count("\n") == 1
-    assert started(toy_study) == 0
+    assert count_started_runs(toy_study) == 0
 
 
 def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_study, capsys):
-    (toy_study / "claims.toml").write_text(claim(relation='"~"'))
+    (toy_study / "claims.toml").write_text(make_claim_toml(relation='"~"'))
     assert run_study("1") == 2
     assert "claim the-claim: relation" in capsys.readouterr().err
-    assert started(toy_study) == 0
+    assert count_started_runs(toy_study) == 0
 
 
 @pytest.mark.usefixtures("real_report")
@@ -455,7 +460,7 @@ def test_a_valid_result_survives_a_failed_run_with_force(
 
 def test_only_the_named_cases_are_computed(run_study, toy_study, results_folder, capsys):
     assert run_study("1/b", "2") == 0
-    assert started(toy_study) == 1
+    assert count_started_runs(toy_study) == 1
     assert sorted(
         str(path.relative_to(results_folder)) for path in results_folder.rglob("*.json")
     ) == [
@@ -505,15 +510,15 @@ def test_a_full_disk_keeps_valid_results_and_gives_one_line_per_failure(
     # counts the line about reused results, and a line for each of two sections
     assert len(lines) == 7
     assert [path.name for path in results_folder.rglob(".*")] == [".pw-elements"]
-    assert (read_stored_scalars(), started(toy_study)) == (old_scalars, 4)
-    assert (run_study(), started(toy_study)) == (0, 4)
+    assert (read_stored_scalars(), count_started_runs(toy_study)) == (old_scalars, 4)
+    assert (run_study(), count_started_runs(toy_study)) == (0, 4)
 
 
 @pytest.mark.parametrize("command", ["check", "3 --jobs 2"])
 def test_a_closed_output_pipe_gives_status_141_and_no_traceback(tmp_path, command):
-    """A closed output pipe gives status 141 and no traceback.
+    """If the output pipe is closed, the exit status is 141, and there is no traceback.
 
-    The status is not that of a success, because the work is incomplete.
+    The status does not signal success, because the work is incomplete.
     """
     stored = Result({"y": 1.0}, {"y": "1"})
     save(tmp_path, "7.1", "former", stored, {"problem": "toy"}, {})
@@ -526,9 +531,10 @@ def test_a_closed_output_pipe_gives_status_141_and_no_traceback(tmp_path, comman
 
 
 def test_an_interrupt_during_imports_gives_one_line(tmp_path):
-    """An interrupt during imports gives one line.
+    """An interrupt during imports gives a message of one line.
 
-    Packages may convert the interrupt to an ImportError of an optional dependency.
+    This holds even if a package converts the interrupt to an ImportError, as some packages do for
+    optional dependencies.
     """
     (tmp_path / "toy").mkdir()
     slow = "import os, signal\ntry:\n    os.killpg(0, signal.SIGINT)\n    signal.pause()\n"

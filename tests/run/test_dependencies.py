@@ -63,7 +63,7 @@ def list_module_names(package):
 
 
 def get_top_level_packages(names):
-    """Return the set of top-level packages in some dotted names."""
+    """Return the set of top-level packages in the given dotted names."""
     return {name.split(".")[0] for name in names}
 
 
@@ -84,7 +84,7 @@ def test_a_package_imports_nothing_from_higher_packages(package, forbidden):
 
 
 def test_no_string_names_a_module_of_a_higher_package():
-    """Modules named by strings, as tasks of worker processes, follow the imports' direction."""
+    """No string of the library or the study, for example a worker's task, names such a module."""
     module_pattern = re.compile(r"(figures|tests)(\.\w+)+(:\w+)?")
     named = {
         (str(path.relative_to(ROOT)), node.value)
@@ -95,7 +95,7 @@ def test_no_string_names_a_module_of_a_higher_package():
         if module_pattern.fullmatch(node.value)
     }
     assert named == set()
-    assert module_pattern.fullmatch("figures.drawing:needs")
+    assert module_pattern.fullmatch("figures.drawing:update_figure")
 
 
 def list_module_paths(folder):
@@ -120,7 +120,7 @@ def test_a_folder_of_the_library_has_at_most_eight_modules():
 @pytest.mark.parametrize("package", ["pw_elements", "study"])
 def test_a_module_has_at_most_700_lines(package):
     paths = list((ROOT / package).rglob("*.py"))
-    # pages and what lies beside them are limited in characters
+    # the pages of the benchmarks and the files beside them have a limit of characters instead
     paths = [path for path in paths if "benchmarks" not in path.parts]
     lines = {path.relative_to(ROOT): len(path.read_text().splitlines()) for path in paths}
     assert lines
@@ -128,9 +128,9 @@ def test_a_module_has_at_most_700_lines(package):
 
 
 def find_library_package(module_name):
-    """Return the name in `PACKAGES` to which a module belongs.
+    """Return the name in `PACKAGES_FROM_LOWEST_TO_HIGHEST` of the package of a module.
 
-    The name has two levels for modules in `contact`, otherwise one.
+    The name has two levels for modules in `contact`, and otherwise one.
     """
     parts = module_name.split(".")[1:]
     depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
@@ -175,7 +175,7 @@ def test_every_public_name_has_a_user():
 
 
 def iterate_library_imports():
-    """Yield the module, imported module and imported names of each import within the library."""
+    """For each import within the library, yield its module, the imported module and the names."""
     for name in list_module_names("pw_elements"):
         tree = ast.parse(find_source(name).read_text())
         for node in ast.walk(tree):
@@ -232,10 +232,10 @@ def test_the_iteration_contains_no_type_tests():
 @pytest.mark.parametrize("method", [GALERKIN, PETROV_GALERKIN])
 @pytest.mark.parametrize(("solver", "max_modules"), [(Direct(), 8), (Iterative(), 13)])
 def test_an_iteration_enters_few_modules(monkeypatch, method, solver, max_modules):
-    """One iteration calls functions of few modules.
+    """One iteration calls functions of only a few modules.
 
-    Calls are counted from the second iteration on. Neither the final linearisation for free
-    surfaces nor reports of progress, which only observe the iteration, are counted.
+    Modules are counted from the second iteration on. The final linearisation for free surfaces and
+    the reports of progress, which only observe the iteration, do not count.
     """
     entered, solves = set(), []
     solve, linearise = (
@@ -339,7 +339,7 @@ def test_the_oracle_shares_no_code_with_the_library():
 
 
 def find_reachable_modules(module):
-    """Return all modules of the project that are imported, directly or not, with a module."""
+    """Return all modules of the project that a module imports, directly or indirectly."""
     reachable, waiting = set(), [module]
     while waiting:
         for name in collect_imported_sources(waiting.pop()):
@@ -354,7 +354,8 @@ def find_reachable_modules(module):
 
 
 @pytest.mark.parametrize(
-    "module", sorted({*MODULES_WITHOUT_SOLVER, *list_module_names("figures")} - {"figures.run_study"})
+    "module",
+    sorted({*MODULES_WITHOUT_SOLVER, *list_module_names("figures")} - {"figures.run_study"}),
 )
 def test_modules_that_only_read_results_import_no_solver(module):
     reachable_modules = find_reachable_modules(module)

@@ -7,13 +7,13 @@ import pytest
 
 from study.judge.claims import GRADES, load_paper_claims
 from study.judge.facts import load_facts
-from study.judge.measures.beam import exact_ratio, weights_alone
+from study.judge.measures.beam import exact_stress_difference, stress_change_by_weights
 from study.judge.measures.engineering import (
     answer_changes,
     largest_rule_error,
     least_rule_error,
     middle_distance,
-    n_changes,
+    n_changed_answers,
 )
 from study.paper.items import TABLE_2
 
@@ -64,11 +64,11 @@ def test_the_readme_gives_the_differences_of_table_2():
 def test_the_readme_gives_the_computed_differences_of_critical_stresses(results):
     readme = " ".join((ROOT / "README.md").read_text().split())
     least_at_corner, largest_at_corner, least_at_midside, largest_at_midside = (
-        extreme(weights_alone(results, group, name, mode) for mode in (1, 2))
+        extreme(stress_change_by_weights(results, group, name, mode) for mode in (1, 2))
         for group in ("corner", "midside")
         for name, extreme in (("least", min), ("largest", max))
     )
-    exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]
+    exact = [-exact_stress_difference(results, "G", "euler", mode) for mode in (1, 2)]
     at_corner = f"{least_at_corner:.1g} to {largest_at_corner:.1g} % (load at a corner)"
     at_midside = f"{least_at_midside:.2g} to {largest_at_midside:.2g} % (mid-side)"
     assert f"weights alone change buckling stresses by {at_corner}, {at_midside}" in readme
@@ -84,4 +84,4 @@ def test_the_readme_gives_the_errors_of_section_w(results):
         assert answer_changes(results, problem, "T10", name, rank)
         distance = 100 * middle_distance(results, problem, "T10", name, rank)
         assert round(distance) in (2, 3)  # "coarse tetrahedra (2 to 3 %)"
-    assert sum(n_changes(results, rank) for rank in range(3)) == len(changing)
+    assert sum(n_changed_answers(results, rank) for rank in range(3)) == len(changing)

@@ -18,7 +18,7 @@ EXAMPLES_FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLE_NAMES = sorted(
     path.stem for path in EXAMPLES_FOLDER.glob("*.py") if not path.stem.endswith("_mesh")
 )
-MAX_EXAMPLE_CODE_LINES = 60  # number of lines without docstring and empty lines
+MAX_EXAMPLE_CODE_LINES = 60  # without the docstring and empty lines
 # Replacements of the line that sets the mesh size, by example
 COARSE_MESH_SETTINGS = {
     "bracket": "size = 12.0",
@@ -40,9 +40,9 @@ COARSE_MESH_SETTINGS = {
 
 
 def run_example_source(name, folder, is_coarse=True):
-    """Return the global names and the output of an example that is run in a folder.
+    """Run an example in a folder, and return its global variables and its output.
 
-    See `run_program`. By default, the mesh is coarse.
+    The result is that of `run_program`. The mesh is coarse unless `is_coarse` is False.
     """
     code = (EXAMPLES_FOLDER / f"{name}.py").read_text()
     if is_coarse and name in COARSE_MESH_SETTINGS:
@@ -62,7 +62,7 @@ def run_example(tmp_path):
     """Return a function that runs an example and checks that it draws its picture."""
 
     def run_example_and_check_picture(name):
-        """Return the global names of an example after checking that its picture is not empty."""
+        """Run an example, check that its picture is not empty, and return its global variables."""
         names = run_example_source(name, tmp_path)
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
         return names
@@ -83,7 +83,8 @@ def test_examples_are_short_and_each_is_tested():
 def test_plate_with_hole_has_howlands_stress_factor(run_example):
     """The stress concentration at a hole is close to Howland's factor.
 
-    For a hole of a fifth of the plate's width it is 3.14, relative to the gross stress.
+    This factor is 3.14, relative to the gross stress, if the diameter of the hole is a fifth of the
+    plate's width.
     """
     names = run_example("plate_with_hole")
     assert names["stress"][0] / names["pull"] == pytest.approx(3.14, rel=0.04)
@@ -92,7 +93,10 @@ def test_plate_with_hole_has_howlands_stress_factor(run_example):
 
 
 def test_falling_friction_follows_its_law(run_example):
-    """Falling friction follows from its law alone, since the stress is uniform."""
+    """The ratios of friction to pressure in the example equal those of its friction law.
+
+    Since the stress is uniform, they follow from the pressures alone.
+    """
     names = run_example("falling_friction")
     exact = names["mu"] / (1 + names["pressures"] / names["p_0"])
     for ratio in names["found"].values():
@@ -135,9 +139,9 @@ def test_rubber_punch_force_exceeds_a_lower_bound(run_example):
 
 
 def test_rubber_roller_drives_below_friction_limit(run_example):
-    """The rubber roller drives below the friction limit.
+    """The driving force of the rubber roller is below the friction limit.
 
-    The width of its contact is about that of a circle at this depth.
+    The width of the contact is about that of a chord of the roller's circle at the same depth.
     """
     names = run_example("rubber_roller")
     force, depth = names["pair"].force, names["depth"]
@@ -147,9 +151,9 @@ def test_rubber_roller_drives_below_friction_limit(run_example):
 
 
 def test_driven_wheel_has_the_prescribed_torques(run_example):
-    """The torques of the wheel equal the prescribed ones.
+    """The torques of the wheel equal the prescribed torques.
 
-    The largest torque follows from the friction law.
+    At the end, they are as large as the friction law admits.
     """
     names = run_example("driven_wheel")
     prescribed_torques = np.linspace(0.15, 0.9, 6) * names["friction"] * names["load"] * names["R"]
@@ -161,7 +165,7 @@ def test_driven_wheel_has_the_prescribed_torques(run_example):
 
 
 def test_identify_recovers_the_true_parameters(run_example):
-    """The parameters of the record are identified, up to its noise and the coarser mesh."""
+    """The true parameters are identified from a record, up to its noise and the mesh's error."""
     names = run_example("identify")
     fit, spread = names["fit"], names["spread"]
     assert fit.success
@@ -171,7 +175,7 @@ def test_identify_recovers_the_true_parameters(run_example):
 
 
 def test_shaft_seal_resistance_grows_at_the_shoulder(run_example):
-    """The lip of the seal slides by Coulomb's law; at the shoulder the resistance is larger."""
+    """The friction of the lip obeys Coulomb's law; at the shoulder its resistance is larger."""
     forces = run_example("shaft_seal")["forces"]
     friction_ratio, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
     assert friction_ratio[3] == pytest.approx(0.3, rel=0.03)  # before the shoulder
@@ -233,7 +237,7 @@ def test_tuning_fork_tone_is_below_that_of_a_cantilever(run_example):
 
 
 def test_gasket_carries_bolt_force_minus_thrust(run_example):
-    """The gasket carries the bolt force and then, under pressure, this force minus the thrust."""
+    """The gasket carries the bolt force first, and under pressure this force minus the thrust."""
     names = run_example("gasket")
     bolted, pressed = (state.pairs[0].force[1] for state in names["states"])
     assert bolted == pytest.approx(-names["bolts"], rel=1e-6)
@@ -242,7 +246,7 @@ def test_gasket_carries_bolt_force_minus_thrust(run_example):
 
 
 def test_gears_transmit_force_along_line_of_action(run_example):
-    """The force between the gears is along the line of action up to friction.
+    """Apart from friction, the force between the gears acts along the line of action.
 
     Friction is at most a tenth of the normal force.
     """

@@ -16,9 +16,9 @@ GLOSSARY_ROWS = [
 
 
 def find_object(dotted_name):
-    """Return the module, class or attribute of a dotted name.
+    """Return the module, class or attribute with a given dotted name.
 
-    For a field of a class, return the field's name.
+    If the name is that of a field of a class, return the name of the field.
     """
     parts = dotted_name.split(".")
     for length in range(len(parts), 0, -1):

@@ -1,7 +1,7 @@
-"""The study in unusual environments ends with a result, or with a reason in one line.
+"""In unusual environments, the study ends with its results or with a reason in one line.
 
-The tests run nightly, on one real section. Environments that cannot be created on this machine are
-skipped, with the reason.
+The tests run nightly, with one section of the real study. Tests of environments that cannot be
+created on this machine are skipped, and the reason is given.
 """
 
 import ctypes
@@ -116,7 +116,7 @@ def run_study(
 
 
 def assert_study_complete(process, results_folder):
-    """Assert status 0 of a process, and complete results in the folder `results_folder`."""
+    """Assert that a process has ended with status 0 and that its results are complete."""
     assert process.returncode == 0, process.stderr
     results = Results(results_folder)
     assert [case in results for case in STUDY_CASES] == [True, True]
@@ -124,7 +124,7 @@ def assert_study_complete(process, results_folder):
 
 
 def assert_study_complete_or_reason_given(process, results_folder):
-    """Assert complete results, or a positive status with messages that end with the reason."""
+    """Assert that the results are complete, or that the last message of the process is a reason."""
     if process.returncode == 0:
         assert_study_complete(process, results_folder)
         return
@@ -216,7 +216,7 @@ def test_insufficient_memory_is_refused(tmp_path, command, megabytes):
 
 
 def test_results_from_the_future_remain_valid(tmp_path):
-    """Results with a time in the future remain valid.
+    """Results whose files have a time in the future remain valid.
 
     The clock may have been set back after they were written.
     """
@@ -258,7 +258,7 @@ def test_a_missing_home_folder_gives_results_or_a_reason(tmp_path, home):
 def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
     """Names with spaces, quotes and umlauts are supported.
 
-    They are the names of results, current folder, project folder and TMPDIR.
+    The folder of results, the current folder, the project's folder and TMPDIR have such names.
     """
     folder, project = (
         tmp_path / NAME_WITH_SPECIAL_CHARACTERS,
@@ -291,7 +291,7 @@ def test_names_with_spaces_quotes_and_umlauts_are_supported(tmp_path):
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-"])
 def test_the_study_completes_with_closed_streams(tmp_path, closed):
-    """The study completes with closed streams, with which some daemons start commands."""
+    """The study completes even if a standard stream is closed, as in commands of some daemons."""
     out = tmp_path / "out"
     line = f'exec "$@" {closed}'
     process = run_study(out, command_prefix=["sh", "-c", line, "sh"])

@@ -1,4 +1,4 @@
-"""Complete commands that get signals, or whose processes are killed, at random times."""
+"""Whole commands that receive signals, or whose processes are killed, at random times."""
 
 import multiprocessing
 import os
@@ -18,7 +18,7 @@ from study.run.jit import recover_from_jit_conflict
 from study.run.pool import _run_worker
 from study.run.store import Results, remove_unfinished_files
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
-from tests.study.toystudy import install
+from tests.study.toystudy import install_toy_study
 
 ROOT = Path(__file__).parents[2]
 RUN_SCRIPT = ROOT / "run"
@@ -60,7 +60,7 @@ class SupervisedStudyCommand(SpawnedCommand):
         ]
 
     def list_killable_processes(self):
-        """Return the IDs of leader, guard, main process and workers, but not of compilers."""
+        """Return the IDs of leader, guard, main process and workers, without those of compilers."""
         supervised = [
             process
             for process in self.list_descendants()
@@ -80,7 +80,7 @@ def read_stored_numbers(results_folder):
 
 
 def make_interruptible_commands(folder):
-    """Return the commands that are interrupted: for results, a figure and the site."""
+    """Return the commands to be interrupted, which make results, a figure and the site."""
     results = str(folder / "results")
     return {
         "study": [RUN_SCRIPT, "study", "3", "--force", "--jobs", "2", "--out", results],
@@ -109,9 +109,9 @@ def make_interruptible_commands(folder):
 @pytest.mark.random
 @pytest.mark.parametrize("name", N_SIGNALS_BY_COMMAND)
 def test_a_signal_at_any_time_gives_one_line_and_leaves_no_process(tmp_path, request, name):
-    """A signal at any time gives one line of messages, and leaves no process.
+    """A signal at any time gives a message of one line and leaves no process.
 
-    This holds for every phase of the command. Foreign files are kept.
+    This holds for every phase of the command. Stored results and foreign files are kept.
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
@@ -175,10 +175,11 @@ def test_an_interrupt_keeps_stored_results_and_workers_end_with_a_killed_main_pr
 
 @pytest.mark.random
 def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
-    """Random kills of processes lose no result, and leave no process.
+    """Killing a random process loses no stored result and leaves no process.
 
-    Leader, guard, main process or worker is killed; half of the results is computed each time.
-    Every tenth run starts without compiled forms, because a killed compilation may block its form.
+    In each run, about half of the results are computed, and the leader, guard, main process or a
+    worker is killed. Every tenth run starts without compiled forms, because a compilation that was
+    killed may block its form.
     """
     if not request.config.getoption("--nightly"):
         pytest.skip("takes ten minutes, with --nightly")
@@ -212,7 +213,7 @@ def test_random_kills_lose_no_result_and_leave_no_process(tmp_path, request):
             assert not errors, run.read_messages()
         new_numbers = read_stored_numbers(out)
         assert {key: new_numbers.get(key) for key in old_numbers} == old_numbers
-    # number of killed workers with a case, and number of killed main processes
+    # the statuses after a worker with a case, and after a main process, has been killed
     assert set(statuses) >= {1, 128 + signal.SIGKILL}
     with SupervisedStudyCommand(out, *STUDY_SECTIONS, **cache) as run:
         assert run.wait() == 0, run.read_messages()
@@ -299,12 +300,12 @@ def run(value, log, do=""):
 
 
 def test_a_killed_compilation_loses_no_case(tmp_path, monkeypatch, abandoned_form_source):
-    install(tmp_path, monkeypatch)
+    install_toy_study(tmp_path, monkeypatch)
     section = tmp_path / "toy" / "one.py"
     text = section.read_text().replace(
         'def run(value, log, do=""):', CASE_SOURCE_WITH_TIMEOUT.strip()
     )
     section.write_text(text.replace('case("a")', f'case("a", do="{abandoned_form_source}")'))
-    monkeypatch.setattr("study.publish.report.build", lambda *_: [])
+    monkeypatch.setattr("study.publish.report.build_report", lambda *_: [])
     assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0
     assert Results(tmp_path / "results").cases("1") == ["a", "b"]

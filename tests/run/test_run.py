@@ -236,7 +236,7 @@ def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
 ):
     """A missing Debian mirror is asked for, and a given mirror is used.
 
-    A mirror of sid is listed under "sid" instead of the name of a release.
+    A mirror of Debian's sid is listed under "sid" instead of under the name of a release.
     """
     env = {"PW_ELEMENTS_MIRROR": mirror} if mirror else {}
     apt_get = APT_GET_STUB.replace(CODENAME_VARIABLE, suite)

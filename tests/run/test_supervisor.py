@@ -1,4 +1,4 @@
-"""The supervisor of all commands: no descendant survives a signal, which one line reports."""
+"""The supervisor of all commands: no descendant survives a signal, and one line reports it."""
 
 import os
 import signal
@@ -78,9 +78,9 @@ def interruption_message(signal_number, kept_message=RESUME_HINTS["study"], name
 @pytest.mark.parametrize("group", [False, True])
 @pytest.mark.parametrize("number", TERMINATION_SIGNALS)
 def test_a_signal_ends_every_descendant_and_gives_one_line(tmp_path, number, group):
-    """A signal to a command ends every descendant, and gives one line of messages.
+    """A signal to a command ends all its descendants and gives a message of one line.
 
-    No process remains when the command has ended, although its pipe is still open.
+    No process remains when the command has ended, although the pipe of its output is still open.
     """
     with start_process_family(tmp_path) as family:
         # some processes have left their parent
@@ -192,9 +192,9 @@ def test_a_supervisor_that_is_not_an_ancestor_is_disregarded(tmp_path):
 
 
 def test_a_module_runs_under_the_supervisor_as_without_it(tmp_path):
-    """A module runs under the supervisor as it runs without it.
+    """A module runs under the supervisor in the same way as without it.
 
-    It receives its arguments. If no module is given, the message asks for one.
+    It receives its arguments. If no module is given, a message asks for one.
     """
     (tmp_path / "shown.py").write_text("import sys\nprint(__name__, sys.argv)\nsys.exit(4)\n")
     command = [sys.executable, "-m", "study.run.supervisor"]
@@ -266,7 +266,7 @@ def test_a_signal_to_a_figure_also_ends_the_study_that_it_started(tmp_path, numb
 
 
 def test_a_signal_before_the_command_starts_gives_one_line_and_leaves_no_process(tmp_path):
-    """A signal before the command starts gives one line of messages, and leaves no process.
+    """A signal before the command starts gives a message of one line and leaves no process.
 
     The signal arrives while ./run searches for DOLFINx, which takes long with the slow Python of
     this test.

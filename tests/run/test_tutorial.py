@@ -22,14 +22,14 @@ ELEMENT_NAMES = ("standard", "piecewise linear")
 
 
 def extract_python_code(page):
-    """Return the code blocks of a page in Python as one program."""
+    """Return the Python code blocks of a page, joined to one program."""
     return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
 
 
 def run_program(code, script_path):
-    """Run a program in the folder of a file, and return its global names.
+    """Write a program to a file, run it in the folder of the file, and return its variables.
 
-    The name "printed" is added for its output.
+    The result contains the global variables by name, and the program's output as "printed".
     """
     script_path.write_text(code)
     with chdir(script_path.parent), redirect_stdout(io.StringIO()) as printed:
@@ -49,7 +49,7 @@ def run_tutorial(folder, element_size="0.1"):
 
 
 def extract_numbers_without_residuals(text):
-    """Return the numbers in the output of the program, except residuals at round-off level."""
+    """Return the numbers in the program's output, except residuals at the level of round-off."""
     text = re.sub(r"missed by .*", "", text)
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
 
@@ -61,7 +61,7 @@ def find_picture_names():
 
 @pytest.fixture(scope="module")
 def tutorial_globals(tmp_path_factory):
-    """Run the program of the tutorial, and return its global names."""
+    """Run the program of the tutorial, and return its global variables."""
     return run_tutorial(tmp_path_factory.mktemp("dome"))
 
 

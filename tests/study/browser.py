@@ -9,16 +9,16 @@ from pathlib import Path
 
 from tests.study.pages import find_faults
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
-SECONDS = 60  # for one answer
+BROWSER_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+WINDOW_WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
+TIMEOUT_SECONDS = 60  # for one answer
 
-FLAGS = (
+BROWSER_FLAGS = (
     "headless no-sandbox disable-gpu disable-dev-shm-usage disable-background-networking "
     "hide-scrollbars"
 )
 
-LOOK = """return (async () => {
+PAGE_STATE_SCRIPT = """return (async () => {
   const images = [...document.images]
   images.forEach(image => image.loading = 'eager')
   await Promise.allSettled(images.map(image => image.decode()))
@@ -33,7 +33,7 @@ LOOK = """return (async () => {
   }
 })()"""
 
-FAULTY = {
+BODIES_BY_FAULT = {
     "image does not load": '<img src="data:image/png;base64,AAAA" alt="x">',
     "console-api: ": "<script>console.error('failed')</script>",
     "javascript: ": "<script>nothing.at.all</script>",
@@ -43,101 +43,117 @@ FAULTY = {
 """What is to be told of a page, and a page it is true of."""
 
 
-def executable():
+def find_chromium():
     """Path of a Chromium that can be driven, or None."""
-    return shutil.which("chromedriver") and next(filter(None, map(shutil.which, NAMES)), None)
+    return shutil.which("chromedriver") and next(
+        filter(None, map(shutil.which, BROWSER_NAMES)), None
+    )
 
 
-def started():
+def start_chromium():
     """A Chromium with one empty page, for a `with` statement."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
-    options.binary_location = executable()
+    options.binary_location = find_chromium()
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for flag in FLAGS.split():
+    for flag in BROWSER_FLAGS.split():
         options.add_argument(f"--{flag}")
     browser = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
-    browser.set_script_timeout(SECONDS)
+    browser.set_script_timeout(TIMEOUT_SECONDS)
     return browser
 
 
-def faults(browser, url, width):
+def find_page_faults(browser, url, width):
     """Open a page in a window of this width; return what is wrong, in words."""
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    window_size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window_size)
     browser.get_log("browser")  # of the page before
     browser.get(url)
-    seen = browser.execute_script(LOOK)
-    found = [f"image does not load: {alt}" for alt in seen["broken"]]
-    found += [f"link to nowhere: {name}" for name in seen["unknown"]]
-    if seen["width"] != width:
-        found.append(f"the window is {seen['width']} wide, not {width}")
-    if seen["scrollWidth"] > seen["width"]:
-        found.append(f"wider than the window: {seen['scrollWidth']} pixels")
-    logged = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    return found + [f"{entry['source']}: {entry['message']}" for entry in logged]
+    page_state = browser.execute_script(PAGE_STATE_SCRIPT)
+    messages = [f"image does not load: {alt}" for alt in page_state["broken"]]
+    messages += [f"link to nowhere: {name}" for name in page_state["unknown"]]
+    if page_state["width"] != width:
+        messages.append(f"the window is {page_state['width']} wide, not {width}")
+    if page_state["scrollWidth"] > page_state["width"]:
+        messages.append(f"wider than the window: {page_state['scrollWidth']} pixels")
+    error_entries = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    return messages + [f"{entry['source']}: {entry['message']}" for entry in error_entries]
 
 
-def searched(browser, folder, word):
+def count_search_results(browser, folder, word):
     """Number of pages that the site's own search finds for a word."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     url = (folder / "search.html").resolve().as_uri()
     browser.get(f"{url}?q={word}")
-    count = "return document.querySelectorAll('#search-results li').length"
-    return WebDriverWait(browser, SECONDS).until(lambda page: page.execute_script(count))
+    count_script = "return document.querySelectorAll('#search-results li').length"
+    return WebDriverWait(browser, TIMEOUT_SECONDS).until(
+        lambda page: page.execute_script(count_script)
+    )
 
 
-def filtered(browser, folder, query):
+def read_claim_counts(browser, folder, query):
     """What the page of claims says of how many it shows, as "10 of 86", for a query."""
     url = (folder / "evidence" / "claims.html").resolve().as_uri()
     browser.get(f"{url}?{query}")
-    count = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
-    return browser.execute_script(f"return document.getElementById('count').value + ': ' + {count}")
+    count_script = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
+    return browser.execute_script(
+        f"return document.getElementById('count').value + ': ' + {count_script}"
+    )
 
 
-def site(browser, folder):
+def find_site_faults(browser, folder):
     """What is wrong with a site: its pages, the links between them, and its search."""
-    told = find_faults(folder)
+    site_faults = find_faults(folder)
     for page in sorted(folder.rglob("*.html")):
-        for width in WIDTHS:
-            found = faults(browser, page.resolve().as_uri(), width)
-            told += [f"{page.relative_to(folder)} at {width} pixels: {one}" for one in found]
-    searched(browser, folder, "friction")
-    some, every = (filtered(browser, folder, f"verdict={v}") for v in ("fails", ""))
-    for count in (some, every):
-        if int(count.split(" ")[0]) != int(count.split(": ")[1]):
-            told.append(f"claims are counted as {count}")
-    if int(some.split(" ")[0]) >= int(every.split(" ")[0]):
-        told.append(f"the filter shows {some} and {every}")
-    return told
+        for width in WINDOW_WIDTHS:
+            page_faults = find_page_faults(browser, page.resolve().as_uri(), width)
+            site_faults += [
+                f"{page.relative_to(folder)} at {width} pixels: {fault}" for fault in page_faults
+            ]
+    count_search_results(browser, folder, "friction")
+    failing_counts, all_counts = (
+        read_claim_counts(browser, folder, f"verdict={verdict}") for verdict in ("fails", "")
+    )
+    for counts in (failing_counts, all_counts):
+        if int(counts.split(" ")[0]) != int(counts.split(": ")[1]):
+            site_faults.append(f"claims are counted as {counts}")
+    if int(failing_counts.split(" ")[0]) >= int(all_counts.split(" ")[0]):
+        site_faults.append(f"the filter shows {failing_counts} and {all_counts}")
+    return site_faults
 
 
 def main(paths):
     """Check pages and folders of them, and first that faults are seen at all; return the status."""
-    if executable() is None:
-        print(f"browser: there is no chromedriver, or none of {', '.join(NAMES)}", file=sys.stderr)
+    if find_chromium() is None:
+        print(
+            f"browser: there is no chromedriver, or none of {', '.join(BROWSER_NAMES)}",
+            file=sys.stderr,
+        )
         return 2
-    wrong = 0
-    with started() as browser:
-        for fault, body in FAULTY.items():
-            if not any(fault in told for told in faults(browser, faulty(body), WIDTHS[0])):
+    n_failures = 0
+    with start_chromium() as browser:
+        for fault, body in BODIES_BY_FAULT.items():
+            if not any(
+                fault in told
+                for told in find_page_faults(browser, make_page_url(body), WINDOW_WIDTHS[0])
+            ):
                 print(f"browser: does not see the fault {fault!r}", file=sys.stderr)
-                wrong += 1
+                n_failures += 1
         for folder in (Path(path) for path in paths if Path(path).is_dir()):
-            told = site(browser, folder.resolve())
-            print("\n".join(f"browser: {line}" for line in told or [f"{folder}: good"]))
-            wrong += bool(told)
+            messages = find_site_faults(browser, folder.resolve())
+            print("\n".join(f"browser: {line}" for line in messages or [f"{folder}: good"]))
+            n_failures += bool(messages)
         for path in (path for path in paths if Path(path).is_file()):
-            for width in WIDTHS:
-                found = faults(browser, Path(path).resolve().as_uri(), width)
-                print(f"browser: {path} at {width} pixels: {'; '.join(found) or 'good'}")
-                wrong += bool(found)
-    return int(wrong > 0)
+            for width in WINDOW_WIDTHS:
+                page_faults = find_page_faults(browser, Path(path).resolve().as_uri(), width)
+                print(f"browser: {path} at {width} pixels: {'; '.join(page_faults) or 'good'}")
+                n_failures += bool(page_faults)
+    return int(n_failures > 0)
 
 
-def faulty(body):
+def make_page_url(body):
     return f"data:text/html,<!doctype html><title>x</title>{body.replace('#', '%23')}"
 
 

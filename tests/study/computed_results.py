@@ -9,24 +9,24 @@ from study.run.store import Results, StoredResult, save
 
 
 @cache
-def cases():
+def load_cases_by_key():
     return {case.key: case for section in SECTIONS for case in load_section(section).cases}
 
 
-def listed(text):
+def parse_section_case_pairs(text):
     """Section and name of each that lines such as "V1: own round" list."""
     rows = [line.split(": ") for line in text.strip().splitlines()]
     return [(section, name) for section, names in rows for name in names.split()]
 
 
-class Lazy:
+class LazyResult:
     """A stored result whose case is computed when its numbers are read."""
 
     def __init__(self, results, key):
         self.key = key
         self.section, _, self.case = key.partition("/")
         self._results = results
-        self.parameters = cases()[key].stored_parameters | results.parameters
+        self.parameters = load_cases_by_key()[key].stored_parameters | results.parameters
 
     has = StoredResult.has
 
@@ -42,12 +42,12 @@ class ComputedResults(Results):
         self.parameters = parameters or {}
 
     def __getitem__(self, key):
-        if key not in self and key in cases():
+        if key not in self and key in load_cases_by_key():
             self.folder.mkdir(parents=True, exist_ok=True)
             with (self.folder / f".{key.replace('/', '-')}").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)  # others wait: two that save would mix their files
                 if key not in self:
-                    self._compute(cases()[key])
+                    self._compute(load_cases_by_key()[key])
         return super().__getitem__(key)
 
     def _compute(self, case):
@@ -56,4 +56,6 @@ class ComputedResults(Results):
         save(self.folder, case.section, case.name, result, case.stored_parameters, {})
 
     def section(self, section):
-        return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]
+        return [
+            LazyResult(self, key) for key in load_cases_by_key() if key.startswith(f"{section}/")
+        ]

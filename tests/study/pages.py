@@ -12,15 +12,15 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-SOURCES = ("href", "src", "srcset")
-VERBATIM = {"code", "pre", "script", "style", "annotation", "textarea"}
-LEFTOVERS = {
+REFERENCE_ATTRIBUTES = ("href", "src", "srcset")
+VERBATIM_TAGS = {"code", "pre", "script", "style", "annotation", "textarea"}
+LEFTOVER_PATTERNS = {
     "a template": re.compile(r"\{\{|\{%|%\}|\{#|\bUndefined\b"),
     "LaTeX": re.compile(r"\\(?:[A-Za-z]{2,}|[,;!({[])|\$\$|\$\\"),
     "Markdown": re.compile(r"\]\((?:https?:|\.\./|\w+\.md)|^```", re.MULTILINE),
 }
 
-FAULTY = {
+BODIES_BY_FAULT = {
     "link leads nowhere": '<a href="nowhere.html">x</a>',
     "anchor leads nowhere": '<a href="#nowhere">x</a>',
     "image is missing": '<img src="nowhere.png" alt="x">',
@@ -45,93 +45,99 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
-        self._verbatim += tag in VERBATIM
+        self._verbatim += tag in VERBATIM_TAGS
 
     def handle_endtag(self, tag: str) -> None:
-        self._verbatim -= tag in VERBATIM
+        self._verbatim -= tag in VERBATIM_TAGS
 
     def handle_data(self, data: str) -> None:
         if not self._verbatim:
             self.text += data
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def tag_attributes(self, tag: str) -> list[dict[str, str | None]]:
         """Return the attributes of all tags of a name."""
         return [attributes for name, attributes in self.tags if name == tag]
 
-    def values(self, *keys: str, tags: tuple[str, ...] = ()) -> set[str]:
+    def attribute_values(self, *names: str, tags: tuple[str, ...] = ()) -> set[str]:
         """Return the values of attributes, of all tags or of those that are named."""
         return {
             value
             for tag, attributes in self.tags
             if not tags or tag in tags
-            for key in keys
+            for key in names
             if (value := attributes.get(key))
         }
 
 
-def find_faults(folder: Path, names: list[Path] | None = None) -> list[str]:
+def find_faults(folder: Path, chosen_paths: list[Path] | None = None) -> list[str]:
     """Return the faults of the pages in a folder, or of some of them, a line for each."""
-    paths = sorted(folder.rglob("*.html")) if names is None else names
+    paths = sorted(folder.rglob("*.html")) if chosen_paths is None else chosen_paths
     pages = {path: Page(path.read_text("utf-8")) for path in paths}
     return [
         f"{path.relative_to(folder)}: {fault}"
         for path, page in pages.items()
-        for fault in _faults(path, page, pages)
+        for fault in _find_page_faults(path, page, pages)
     ]
 
 
-def _faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[str]:
-    silent = {str(image.get("src"))[:60] for image in page.all("img") if not image.get("alt")}
-    faults = [f"no alternative text: {image}" for image in sorted(silent)]
-    loaded = page.values(*SOURCES, tags=("script", "img", "link", "source"))
-    images = page.values(*SOURCES, tags=("img", "source"))
-    for target in sorted(page.values(*SOURCES)):
-        parts = urlsplit(target)
+def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[str]:
+    images_without_text = {
+        str(image.get("src"))[:60] for image in page.tag_attributes("img") if not image.get("alt")
+    }
+    faults = [f"no alternative text: {image}" for image in sorted(images_without_text)]
+    loaded_references = page.attribute_values(
+        *REFERENCE_ATTRIBUTES, tags=("script", "img", "link", "source")
+    )
+    image_references = page.attribute_values(*REFERENCE_ATTRIBUTES, tags=("img", "source"))
+    for reference in sorted(page.attribute_values(*REFERENCE_ATTRIBUTES)):
+        parts = urlsplit(reference)
         if parts.scheme or parts.netloc:
-            if target in loaded and parts.scheme != "data":
-                faults.append(f"{target} comes from elsewhere")
+            if reference in loaded_references and parts.scheme != "data":
+                faults.append(f"{reference} comes from elsewhere")
             continue
         file = (path.parent / unquote(parts.path)).resolve() if parts.path else path
         anchor = unquote(parts.fragment)
         if not file.is_file():
-            what = "image is missing" if target in images else "link leads nowhere"
-            faults.append(f"{what}: {target}")
-        elif anchor and file in pages and anchor not in pages[file].values("id", "name"):
-            faults.append(f"anchor leads nowhere: {target}")
-    for kind, pattern in LEFTOVERS.items():
-        if left := pattern.search(page.text):
-            around = page.text[max(0, left.start() - 30) : left.end() + 30]
-            faults.append(f"text has {kind}: {' '.join(around.split())}")
+            fault_kind = (
+                "image is missing" if reference in image_references else "link leads nowhere"
+            )
+            faults.append(f"{fault_kind}: {reference}")
+        elif anchor and file in pages and anchor not in pages[file].attribute_values("id", "name"):
+            faults.append(f"anchor leads nowhere: {reference}")
+    for kind, pattern in LEFTOVER_PATTERNS.items():
+        if leftover := pattern.search(page.text):
+            context = page.text[max(0, leftover.start() - 30) : leftover.end() + 30]
+            faults.append(f"text has {kind}: {' '.join(context.split())}")
     return faults
 
 
-def unseen_faults() -> list[str]:
+def find_unseen_faults() -> list[str]:
     """Return the kinds of faults that pages with one of them are not told to have."""
     unseen = []
     with tempfile.TemporaryDirectory() as name:
         page = Path(name) / "page.html"
-        for fault, body in FAULTY.items():
+        for fault, body in BODIES_BY_FAULT.items():
             page.write_text(f"<!doctype html><title>x</title>{body}", "utf-8")
-            if not any(fault in told for told in find_faults(page.parent)):
+            if not any(fault in line for line in find_faults(page.parent)):
                 unseen.append(fault)
     return unseen
 
 
 def main(paths: list[str]) -> int:
     """Check pages and folders of pages; return 1 if something is wrong."""
-    wrong = [f"the check does not see the fault {fault!r}" for fault in unseen_faults()]
+    messages = [f"the check does not see the fault {fault!r}" for fault in find_unseen_faults()]
     for path in map(Path, paths):
-        folder, names = (path, None) if path.is_dir() else (path.parent, [path.resolve()])
-        pages = len(list(path.rglob("*.html"))) if path.is_dir() else int(path.is_file())
-        if not pages:
-            wrong.append(f"there is no page in {path}")
+        folder, chosen_paths = (path, None) if path.is_dir() else (path.parent, [path.resolve()])
+        n_pages = len(list(path.rglob("*.html"))) if path.is_dir() else int(path.is_file())
+        if not n_pages:
+            messages.append(f"there is no page in {path}")
             continue
-        found = find_faults(folder.resolve(), names)
-        wrong += found
-        print(f"pages: {path}: {pages} pages, {len(found)} faults")
-    for line in wrong:
+        faults = find_faults(folder.resolve(), chosen_paths)
+        messages += faults
+        print(f"pages: {path}: {n_pages} pages, {len(faults)} faults")
+    for line in messages:
         print(f"pages: {line}", file=sys.stderr)
-    return int(bool(wrong))
+    return int(bool(messages))
 
 
 if __name__ == "__main__":

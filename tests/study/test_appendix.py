@@ -10,31 +10,40 @@ from study.run.store import Result, Results, save
 
 
 @pytest.fixture
-def one(tmp_path):
+def summary_after_storing_case(tmp_path):
     """A function that stores a case of V1 and returns what the section was computed with."""
 
-    def computed(parameters, dofs=None, curves=None, record=""):
+    def store_case_and_summarise(parameters, dofs=None, curves=None, record=""):
         name = f"case-{len(list(tmp_path.rglob('*.json')))}"
         provenance = {"record": record} | ({} if dofs is None else {"dofs": dofs})
         result = Result({"y": 1.0}, {"y": "1"}, curves or {})
         save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
-        return appendix.computed(Results(tmp_path), "V1")
+        return appendix.describe_computation(Results(tmp_path), "V1")
 
-    return computed
-
-
-def test_unknowns_are_the_fewest_and_the_most_and_mesh_sizes_are_listed_once(one):
-    one({"divisions": [80, 40]}, dofs=40)
-    one({"dofs": 900, "divisions": [20, 10]})  # a recorded case keeps them among its parameters
-    assert one({"divisions": [20, 10]}, dofs=120)[:4] == (3, 0, (40, 900), ["20 × 10", "80 × 40"])
-    assert one({"measured": {}}, dofs=120, record="study/run/records.json")[:2] == (4, 1)
+    return store_case_and_summarise
 
 
-def test_results_that_were_computed_and_that_were_read_are_counted(one, tmp_path):
-    one({}, dofs=1)
-    one({}, dofs=1)
-    one({}, dofs=1, record="study/run/records.json")
-    assert appendix.computed_and_recorded(Results(tmp_path)) == (2, 1)
+def test_summary_gives_fewest_and_most_unknowns_and_each_mesh_size_once(summary_after_storing_case):
+    summary_after_storing_case({"divisions": [80, 40]}, dofs=40)
+    summary_after_storing_case(
+        {"dofs": 900, "divisions": [20, 10]}
+    )  # a recorded case keeps them among its parameters
+    assert summary_after_storing_case({"divisions": [20, 10]}, dofs=120)[:4] == (
+        3,
+        0,
+        (40, 900),
+        ["20 × 10", "80 × 40"],
+    )
+    assert summary_after_storing_case({"measured": {}}, dofs=120, record="study/run/records.json")[
+        :2
+    ] == (4, 1)
+
+
+def test_computed_and_recorded_results_are_counted(summary_after_storing_case, tmp_path):
+    summary_after_storing_case({}, dofs=1)
+    summary_after_storing_case({}, dofs=1)
+    summary_after_storing_case({}, dofs=1, record="study/run/records.json")
+    assert appendix.count_computed_and_recorded(Results(tmp_path)) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -47,8 +56,10 @@ def test_results_that_were_computed_and_that_were_read_are_counted(one, tmp_path
         ({"friction": 0.3}, {"x": [1.0, 2.0]}, []),
     ],
 )
-def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, meshes):
-    assert one(parameters, dofs=1, curves=curves).meshes == meshes
+def test_mesh_sizes_come_from_parameters_and_series(
+    summary_after_storing_case, parameters, curves, meshes
+):
+    assert summary_after_storing_case(parameters, dofs=1, curves=curves).mesh_sizes == meshes
 
 
 @pytest.mark.parametrize(
@@ -60,17 +71,17 @@ def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, mes
         ("V2", None),
     ],
 )
-def test_degrees_are_those_that_the_modules_use(section, module):
+def test_quadrature_degrees_are_those_that_the_modules_use(section, module):
     degree = import_module(module).DEGREE if module else {}
     expected = {*degree.values()} if isinstance(degree, dict) else {degree}
-    assert appendix._degrees(appendix.SECTIONS[section]) == expected
+    assert appendix._quadrature_degrees(appendix.SECTIONS[section]) == expected
 
 
-def test_the_librarys_degree_is_the_one_that_it_loads():
+def test_rational_degree_is_the_librarys_quadrature_degree():
     import_module("pw_elements")
-    loaded = [
+    library_degrees = [
         vars(module)["_NON_POLYNOMIAL_QUADRATURE_DEGREE"]
         for name, module in sys.modules.items()
         if name.startswith("pw_elements") and "_NON_POLYNOMIAL_QUADRATURE_DEGREE" in vars(module)
     ]
-    assert loaded == [appendix.RATIONAL_DEGREE]
+    assert library_degrees == [appendix.NON_POLYNOMIAL_DEGREE]

@@ -9,7 +9,7 @@ from study.run.cases import load_section
 
 
 @pytest.mark.parametrize("section", UNPRINTED_DATA)
-def test_variants_differ_in_nothing_but_what_they_vary(section):
+def test_variants_differ_from_their_base_in_the_varied_parameters_only(section):
     cases = {case.key: case.stored_parameters for case in load_section(section).cases}
     for variants in (UNPRINTED_DATA, OTHER_DIAGONALS):
         complete = [key for key in cases if set(list_case_family(key, variants)) <= set(cases)]
@@ -24,7 +24,9 @@ def test_variants_differ_in_nothing_but_what_they_vary(section):
 
 @pytest.mark.parametrize("section", OTHER_DIAGONALS)
 def test_variants_have_all_diagonals(section):
-    (case,) = (c for c in load_section(section).cases if c.name == "pw-T6")
+    (case,) = (
+        section_case for section_case in load_section(section).cases if section_case.name == "pw-T6"
+    )
     patterns = {changes["pattern"] for changes in OTHER_DIAGONALS[section].values()}
     patterns.add(case.stored_parameters["pattern"])
     assert patterns == {"right", "left", "left_right", "right_left", "crossed"}
@@ -50,7 +52,7 @@ def test_envelope_encloses_every_line_within_the_first():
 
 
 @pytest.mark.parametrize(("standard", "weights"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
-def test_test_functions_along_a_line(standard, weights):
+def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(standard, weights):
     """They sum to one; one edge's integrals are those of the element, over its length."""
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)

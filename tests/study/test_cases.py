@@ -9,29 +9,29 @@ import pytest
 from study.run import cases, provenance
 from study.run.cases import Case, compute_fingerprints, load_section, title
 from study.run.store import StudyError
-from tests.study.toystudy import install
+from tests.study.toystudy import install_toy_study
 
 
 @pytest.fixture
-def toy(tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch)
+def toy_package(tmp_path, monkeypatch):
+    install_toy_study(tmp_path, monkeypatch)
     return tmp_path / "toy"
 
 
-def fingerprint(case):
+def compute_fingerprint(case):
     return compute_fingerprints([case])[case.key]
 
 
-def add(path, text="CHANGED = 1\n"):
+def append_text(path, text="CHANGED = 1\n"):
     path.write_text(path.read_text() + text)
 
 
-def test_section_has_its_title_and_cases(toy):
+def test_section_has_its_title_and_cases(toy_package):
     section = load_section("1")
     assert (section.id, section.title) == ("1", "First toy")
     assert [case.key for case in section.cases] == ["1/a", "1/b"]
     assert section.cases[1].run(**section.cases[1].parameters).scalars["y"] == 5.0
-    add(toy / "one.py", "raise SystemExit\n")
+    append_text(toy_package / "one.py", "raise SystemExit\n")
     assert title("1") == "First toy"  # without an import
 
 
@@ -44,8 +44,8 @@ def test_section_has_its_title_and_cases(toy):
         ("1", 'CASES[0] = Case("2", "x", run)\n', "2/x"),
     ],
 )
-def test_section_that_cannot_be_loaded_is_one_sentence(toy, section, line, message):
-    add(toy / "one.py", line)
+def test_section_that_cannot_be_loaded_raises_a_one_line_error(toy_package, section, line, message):
+    append_text(toy_package / "one.py", line)
     with pytest.raises(StudyError, match=message):
         load_section(section)
 
@@ -56,69 +56,71 @@ def test_name_that_is_no_file_name_is_refused(name):
         Case("1", name, print)
 
 
-def test_fingerprint_is_the_same_in_another_process(toy):
+def test_fingerprint_is_the_same_in_another_process(toy_package):
     case = load_section("2").cases[0]
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); from study.run import cases;"
         "cases.SECTIONS.update({'2': 'toy.two'});"
         "print(*cases.compute_fingerprints(cases.load_section('2').cases).values())"
     )
-    command = [sys.executable, "-c", code, str(toy.parent)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == fingerprint(case)
+    command = [sys.executable, "-c", code, str(toy_package.parent)]
+    completed = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert completed.stdout.strip() == compute_fingerprint(case)
 
 
-def test_change_of_a_definition_that_the_case_uses_invalidates_and_of_others_does_not(toy):
-    case, path = load_section("1").cases[0], toy / "one.py"
-    before = fingerprint(case)
-    add(path, 'TEXT = "Text of the page."\n\n\ndef draw():\n    return TEXT\n')
-    assert fingerprint(case) == before
+def test_change_of_a_definition_that_the_case_uses_invalidates_and_of_others_does_not(toy_package):
+    case, path = load_section("1").cases[0], toy_package / "one.py"
+    fingerprint_before = compute_fingerprint(case)
+    append_text(path, 'TEXT = "Text of the page."\n\n\ndef draw():\n    return TEXT\n')
+    assert compute_fingerprint(case) == fingerprint_before
     path.write_text(path.read_text().replace("FACTOR * value", "FACTOR * value * SCALE"))
-    add(path, "SCALE = 1.0\n")
-    with_scale = fingerprint(case)
-    assert with_scale != before
+    append_text(path, "SCALE = 1.0\n")
+    with_scale = compute_fingerprint(case)
+    assert with_scale != fingerprint_before
     path.write_text(path.read_text().replace("SCALE = 1.0", "SCALE = 2.0"))
-    assert fingerprint(case) not in (before, with_scale)
+    assert compute_fingerprint(case) not in (fingerprint_before, with_scale)
 
 
-@pytest.mark.parametrize("name", ["common.py", "__init__.py"])
-def test_change_of_a_source_that_the_section_uses_invalidates_and_a_comment_does_not(toy, name):
-    case, path = load_section("1").cases[0], toy / name
-    add(path, "class Own:\n    pass\n")
-    before = fingerprint(case)
+@pytest.mark.parametrize("file_name", ["common.py", "__init__.py"])
+def test_change_of_a_source_that_the_section_uses_invalidates_and_a_comment_does_not(
+    toy_package, file_name
+):
+    case, path = load_section("1").cases[0], toy_package / file_name
+    append_text(path, "class Own:\n    pass\n")
+    fingerprint_before = compute_fingerprint(case)
     path.write_text(f'"""About the module."""\n\n# a comment\n{path.read_text()}# another\n')
-    assert fingerprint(case) == before
-    add(path)
-    assert fingerprint(case) != before
+    assert compute_fingerprint(case) == fingerprint_before
+    append_text(path)
+    assert compute_fingerprint(case) != fingerprint_before
 
 
-def test_change_of_another_section_does_not_invalidate(toy):
+def test_change_of_another_section_does_not_invalidate(toy_package):
     case = load_section("1").cases[0]
-    before = fingerprint(case)
-    add(toy / "two.py")
-    (toy / "three.py").write_text("TITLE = 'Third'\n")
-    assert fingerprint(case) == before
+    fingerprint_before = compute_fingerprint(case)
+    append_text(toy_package / "two.py")
+    (toy_package / "three.py").write_text("TITLE = 'Third'\n")
+    assert compute_fingerprint(case) == fingerprint_before
 
 
-def test_a_comprehension_whose_variable_has_a_parameters_name_does_not_invalidate(toy):
+def test_a_comprehension_whose_variable_has_a_parameters_name_does_not_invalidate(toy_package):
     case = load_section("1").cases[0]
-    before = fingerprint(case)
-    add(toy / "one.py", "LABELS = [str(value) for value in (1.0, 2.0)]\n")
-    assert fingerprint(case) == before
+    fingerprint_before = compute_fingerprint(case)
+    append_text(toy_package / "one.py", "LABELS = [str(value) for value in (1.0, 2.0)]\n")
+    assert compute_fingerprint(case) == fingerprint_before
 
 
-def test_change_behind_two_imports_invalidates(toy):
-    (toy / "deep").mkdir()
-    (toy / "deep" / "__init__.py").write_text("")
-    (toy / "deep" / "far.py").write_text("X = 1\n")
-    add(toy / "common.py", "def late():\n    from .deep import far\n")
+def test_change_of_an_indirectly_imported_module_invalidates(toy_package):
+    (toy_package / "deep").mkdir()
+    (toy_package / "deep" / "__init__.py").write_text("")
+    (toy_package / "deep" / "far.py").write_text("X = 1\n")
+    append_text(toy_package / "common.py", "def late():\n    from .deep import far\n")
     case = load_section("1").cases[0]
-    before = fingerprint(case)
-    add(toy / "deep" / "far.py")
-    assert fingerprint(case) != before
+    fingerprint_before = compute_fingerprint(case)
+    append_text(toy_package / "deep" / "far.py")
+    assert compute_fingerprint(case) != fingerprint_before
 
 
-@pytest.mark.usefixtures("toy")
+@pytest.mark.usefixtures("toy_package")
 def test_parameters_name_library_and_versions_invalidate_and_order_does_not(tmp_path, monkeypatch):
     names = {path.name for path in cases.list_package_sources("pw_elements")}
     assert {"elements.py", "spaces.py"} <= names
@@ -126,17 +128,19 @@ def test_parameters_name_library_and_versions_invalidate_and_order_does_not(tmp_
     library.write_text("x = 1\n")
     monkeypatch.setattr(cases, "list_package_sources", lambda _: [library])
     case = load_section("1").cases[0]
-    turned = replace(case, parameters=dict(reversed(case.parameters.items())))
-    assert fingerprint(turned) == fingerprint(case)
-    marks = {fingerprint(case)}
-    marks.add(fingerprint(replace(case, parameters=case.parameters | {"value": 1.5})))
-    marks.add(fingerprint(replace(case, name="c")))
-    marks.add(fingerprint(replace(case, implied={"state": "solid"})))
-    add(library)
-    marks.add(fingerprint(case))
+    reordered_case = replace(case, parameters=dict(reversed(case.parameters.items())))
+    assert compute_fingerprint(reordered_case) == compute_fingerprint(case)
+    fingerprints = {compute_fingerprint(case)}
+    fingerprints.add(
+        compute_fingerprint(replace(case, parameters=case.parameters | {"value": 1.5}))
+    )
+    fingerprints.add(compute_fingerprint(replace(case, name="c")))
+    fingerprints.add(compute_fingerprint(replace(case, implied={"state": "solid"})))
+    append_text(library)
+    fingerprints.add(compute_fingerprint(case))
     monkeypatch.setattr(cases, "package_versions", lambda: {"dolfinx": "99"})
-    marks.add(fingerprint(case))
-    assert len(marks) == 6
+    fingerprints.add(compute_fingerprint(case))
+    assert len(fingerprints) == 6
 
 
 def test_stored_parameters_have_the_defaults_and_the_types_of_json():
@@ -155,34 +159,44 @@ def test_stored_parameters_have_the_defaults_and_the_types_of_json():
 
 
 @pytest.mark.parametrize(
-    ("commit", "flag", "told"),
+    ("commit", "flag", "commit_and_dirty"),
     [("abc", "1", ("abc", True)), ("abc", "0", ("abc", False)), (None, "1", ("unknown", None))],
 )
-def test_commit_of_the_entry_script_is_taken_over(monkeypatch, tmp_path, commit, flag, told):
+def test_provenance_takes_commit_from_the_environment_of_the_entry_script(
+    monkeypatch, tmp_path, commit, flag, commit_and_dirty
+):
     monkeypatch.setenv("PW_ELEMENTS_DIRTY", flag)
     if commit:
         monkeypatch.setenv("PW_ELEMENTS_COMMIT", commit)
     else:
         monkeypatch.delenv("PW_ELEMENTS_COMMIT", raising=False)
         monkeypatch.setenv("PATH", str(tmp_path))
-    origin = provenance.create_provenance(1.5, 42, 2, "mark")
-    assert (origin["commit"], origin["dirty"]) == told
-    assert (origin["seconds"], origin["dofs"], origin["processes"]) == (1.5, 42, 2)
-    assert origin["fingerprint"] == "mark"
-    assert origin["time"].endswith("+00:00")
-    assert set(origin["versions"]) == {"dolfinx", "basix", "ffcx", "ufl", "petsc", "slepc", "numpy"}
-    assert "absent" not in origin["versions"].values()
+    entries = provenance.create_provenance(1.5, 42, 2, "mark")
+    assert (entries["commit"], entries["dirty"]) == commit_and_dirty
+    assert (entries["seconds"], entries["dofs"], entries["processes"]) == (1.5, 42, 2)
+    assert entries["fingerprint"] == "mark"
+    assert entries["time"].endswith("+00:00")
+    assert set(entries["versions"]) == {
+        "dolfinx",
+        "basix",
+        "ffcx",
+        "ufl",
+        "petsc",
+        "slepc",
+        "numpy",
+    }
+    assert "absent" not in entries["versions"].values()
 
 
-def test_texts_of_a_page_that_lends_a_definition_do_not_invalidate(toy):
-    lender = toy / "lender.py"
-    lender.write_text('SECTION = "3"\nPROBLEM = "old"\n\n\ndef shared():\n    return 1\n')
-    add(toy / "two.py", "from toy.lender import shared\n")
-    path = toy / "two.py"
+def test_texts_of_a_page_that_another_section_imports_do_not_invalidate(toy_package):
+    imported_page = toy_package / "lender.py"
+    imported_page.write_text('SECTION = "3"\nPROBLEM = "old"\n\n\ndef shared():\n    return 1\n')
+    append_text(toy_package / "two.py", "from toy.lender import shared\n")
+    path = toy_package / "two.py"
     path.write_text(path.read_text().replace('{"z": 7.0}', '{"z": 7.0 * shared()}'))
     case = load_section("2").cases[0]
-    before = fingerprint(case)
-    lender.write_text(lender.read_text().replace("old", "new"))
-    assert fingerprint(case) == before
-    lender.write_text(lender.read_text().replace("return 1", "return 2"))
-    assert fingerprint(case) != before
+    fingerprint_before = compute_fingerprint(case)
+    imported_page.write_text(imported_page.read_text().replace("old", "new"))
+    assert compute_fingerprint(case) == fingerprint_before
+    imported_page.write_text(imported_page.read_text().replace("return 1", "return 2"))
+    assert compute_fingerprint(case) != fingerprint_before

@@ -14,54 +14,55 @@ from pathlib import Path
 import pytest
 
 from study.judge import checks, pins
-from study.judge.claims import PAPER, judge, load_claims
+from study.judge.claims import PAPER_KINDS, judge, load_claims
 from study.judge.measures.general import largest
 from study.run import runner
 from study.run.expected import read_expected_table
 from study.run.store import Results, StudyError
-from tests.study.computed_results import ComputedResults, cases
+from tests.study.computed_results import ComputedResults, load_cases_by_key
 
-STORED = Path(__file__).parents[2] / "results"
-RECORDED_VERDICTS = [claim for claim in load_claims() if claim.kind not in PAPER]
+STORED_RESULTS_FOLDER = Path(__file__).parents[2] / "results"
+FINDINGS_AND_PINS = [claim for claim in load_claims() if claim.kind not in PAPER_KINDS]
 
 
-def _name(claim):
+def _claim_id(claim):
     return claim.id
 
 
 @cache
 def stored_results():
     """Return the stored results of the project, and whether each is of the present code."""
-    results = Results(STORED)
-    slow = [case for key, case in cases().items() if key in read_expected_table()]
-    return results, runner.states(slow, results)
+    results = Results(STORED_RESULTS_FOLDER)
+    slow_cases = [case for key, case in load_cases_by_key().items() if key in read_expected_table()]
+    return results, runner.states(slow_cases, results)
 
 
 class QuickOrStoredResults(ComputedResults):
     """Results that are computed if this takes less than a second, and else read."""
 
     def __getitem__(self, key):
-        if key not in read_expected_table() or cases()[key].record:
+        if key not in read_expected_table() or load_cases_by_key()[key].record:
             return super().__getitem__(key)
         results, states = stored_results()
         if states[key] == "stored":
             return results[key]
-        message = f"{key} is {states[key]} in {STORED}: run ./run study"
+        message = f"{key} is {states[key]} in {STORED_RESULTS_FOLDER}: run ./run study"
         if os.environ.get("STUDY_RESULTS_REQUIRED"):
             pytest.fail(message)
         pytest.skip(message)
 
 
 @pytest.fixture(scope="module")
-def quick_or_stored(results):
+def quick_or_stored_results(results):
     return QuickOrStoredResults(results.folder)
 
 
-@pytest.mark.parametrize("claim", RECORDED_VERDICTS, ids=_name)
-def test_check(claim, quick_or_stored):
-    (verdict,) = judge([claim], quick_or_stored)
+@pytest.mark.parametrize("claim", FINDINGS_AND_PINS, ids=_claim_id)
+def test_check_has_its_recorded_verdict(claim, quick_or_stored_results):
+    (verdict,) = judge([claim], quick_or_stored_results)
     assert not verdict.differs, (
-        f"{claim.statement} {verdict.verdict} with {verdict.measured}, not {verdict.expected}"
+        f"{claim.statement} {verdict.verdict} with {verdict.measured}, not "
+        f"{verdict.expected_verdict}"
     )
 
 
@@ -79,12 +80,16 @@ def test_pins_with_unknown_keys_are_refused(tmp_path):
         pins.load_pins(path)
 
 
-@pytest.mark.parametrize("claim", random.Random(20).sample(RECORDED_VERDICTS, 20), ids=_name)
-def test_a_wrong_number_is_noticed(claim):
+@pytest.mark.parametrize("claim", random.Random(20).sample(FINDINGS_AND_PINS, 20), ids=_claim_id)
+def test_number_beyond_its_bound_changes_the_verdict(claim):
     """Judged with a number on the wrong side of its bound, a check drawn at random differs."""
-    how = claim.judgement
-    wrong = {"<": 1, "<=": 1, "=": 1, ">": -1, ">=": -1}[how.relation]
-    number = how.value + wrong * (2 * how.tol + 1e-6 * (abs(how.value) + 1))
-    planted = replace(claim, judgement=replace(how, function=lambda *_, **__: number))
-    (verdict,) = judge([planted], Results(STORED))
+    judgement = claim.judgement
+    wrong_direction = {"<": 1, "<=": 1, "=": 1, ">": -1, ">=": -1}[judgement.relation]
+    wrong_number = judgement.value + wrong_direction * (
+        2 * judgement.tol + 1e-6 * (abs(judgement.value) + 1)
+    )
+    altered_claim = replace(
+        claim, judgement=replace(judgement, function=lambda *_, **__: wrong_number)
+    )
+    (verdict,) = judge([altered_claim], Results(STORED_RESULTS_FOLDER))
     assert verdict.differs

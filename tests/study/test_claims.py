@@ -6,19 +6,19 @@ import jsonschema
 import pytest
 
 from study.judge.claims import (
-    SCHEMA,
-    claims_of_pins,
+    SCHEMA_FILE,
+    claims_from_pins,
+    format_verdict_table,
     judge,
     load_claims,
     read_claims,
-    summary,
-    table,
-    write,
+    summarise_verdicts,
+    write_claims,
 )
 from study.run.store import Result, Results, StudyError, save
-from tests.study.toystudy import MEASURED, claim, finding
+from tests.study.toystudy import TOY_MEASURES, make_claim_toml, make_finding_toml
 
-PIN = {
+PIN_ENTRIES = {
     "id": "number",
     "source": "This study, section 1",
     "statement": "It is five.",
@@ -28,10 +28,10 @@ PIN = {
     "bound": 5.0,
     "tolerance": 1e-12,
 }
-CONTRADICTED = '"contradicted"'
-CONSTRUCTED = '"consistent by construction"'
-FOUND = {"found": 1, "found_tol": 0}
-NOT_TESTABLE = {
+CONTRADICTED_GRADE = '"contradicted"'
+BY_CONSTRUCTION_GRADE = '"consistent by construction"'
+FOUND_NUMBER_ENTRIES = {"found": 1, "found_tol": 0}
+NOT_TESTABLE_ENTRIES = {
     "grade": '"not testable"',
     "missing": '"A second force."',
     **dict.fromkeys(
@@ -47,18 +47,18 @@ def results(tmp_path):
 
 
 @pytest.fixture
-def load(tmp_path):
-    def read(*texts):
+def read_toml_claims(tmp_path):
+    def write_and_read_claims(*texts):
         path = tmp_path / "claims.toml"
         path.write_text("\n".join(texts))
-        return read_claims([path], MEASURED)
+        return read_claims([path], TOY_MEASURES)
 
-    return read
+    return write_and_read_claims
 
 
-def verdict(load, results, **changes):
-    (one,) = judge(load(claim(**changes)), results)
-    return one
+def judge_changed_claim(read_toml_claims, results, **changes):
+    (judged_claim,) = judge(read_toml_claims(make_claim_toml(**changes)), results)
+    return judged_claim
 
 
 @pytest.mark.parametrize(
@@ -71,31 +71,44 @@ def verdict(load, results, **changes):
         (">=", [(5.0, 0.0), (5.25, 0.25)], [(5.5, 0.25)]),
     ],
 )
-def test_verdict_follows_from_relation_and_tolerance(load, results, relation, holds, fails):
-    for expected, numbers in (("holds", holds), ("fails", fails)):
-        for value, tol in numbers:
-            one = verdict(load, results, relation=f'"{relation}"', value=value, tol=tol)
-            assert (one.measured, one.verdict) == (5.0, expected)
-            assert one.differs == (expected == "fails")
+def test_verdict_follows_from_relation_and_tolerance(
+    read_toml_claims, results, relation, holds, fails
+):
+    for expected, values_and_tolerances in (("holds", holds), ("fails", fails)):
+        for value, tol in values_and_tolerances:
+            judged_claim = judge_changed_claim(
+                read_toml_claims, results, relation=f'"{relation}"', value=value, tol=tol
+            )
+            assert (judged_claim.measured, judged_claim.verdict) == (5.0, expected)
+            assert judged_claim.differs == (expected == "fails")
 
 
-def test_arguments_reach_the_measure(load, results):
+def test_arguments_reach_the_measure(read_toml_claims, results):
     args = '{ key = "1/b", name = "y", factor = 2.0 }'
-    assert verdict(load, results, args=args).measured == 10.0
+    assert judge_changed_claim(read_toml_claims, results, args=args).measured == 10.0
 
 
-@pytest.mark.parametrize(("found", "differs"), [(5.1, False), (4.5, True), (5.5, True)])
-def test_pinned_failure_with_another_number_differs(load, results, found, differs):
-    one = verdict(load, results, value=1, grade=CONTRADICTED, found=found, found_tol=0.2)
-    assert (one.verdict, one.differs) == ("fails", differs)
-    assert one.expected == f"fails with {found} ± 0.2"
+@pytest.mark.parametrize(("pinned_number", "differs"), [(5.1, False), (4.5, True), (5.5, True)])
+def test_pinned_failure_with_another_number_differs(
+    read_toml_claims, results, pinned_number, differs
+):
+    judged_claim = judge_changed_claim(
+        read_toml_claims,
+        results,
+        value=1,
+        grade=CONTRADICTED_GRADE,
+        found=pinned_number,
+        found_tol=0.2,
+    )
+    assert (judged_claim.verdict, judged_claim.differs) == ("fails", differs)
+    assert judged_claim.expected_verdict == f"fails with {pinned_number} ± 0.2"
 
 
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"grade": CONSTRUCTED, "basis": '"identity"'}, "by construction"),
-        ({"grade": CONSTRUCTED, "basis": '"identity"', "value": 4.0}, "fails"),
+        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"identity"'}, "by construction"),
+        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"identity"', "value": 4.0}, "fails"),
         (
             {"grade": '"not explained"', "value": 1.0, "found": 5.0, "found_tol": 0.1},
             "not explained",
@@ -103,31 +116,44 @@ def test_pinned_failure_with_another_number_differs(load, results, found, differ
         ({"grade": '"not explained"', "found": 5.0, "found_tol": 0.1}, "holds"),
     ],
 )
-def test_what_cannot_fail_does_not_hold_and_what_is_not_explained_does_not_fail(
-    load, results, changes, expected
+def test_verdict_by_construction_or_not_explained_replaces_holds_or_fails(
+    read_toml_claims, results, changes, expected
 ):
-    one = verdict(load, results, **changes)
-    assert one.verdict == expected
-    assert one.differs == (expected in ("fails", "holds"))
+    judged_claim = judge_changed_claim(read_toml_claims, results, **changes)
+    assert judged_claim.verdict == expected
+    assert judged_claim.differs == (expected in ("fails", "holds"))
 
 
 @pytest.mark.parametrize(
     ("factor", "expected"), [(0.1, "holds"), (1.0, "not judged: no reference")]
 )
-def test_a_reference_is_one_if_its_error_is_below_a_third_of_the_tolerance(
-    load, results, factor, expected
+def test_reference_is_accepted_if_its_error_is_below_a_third_of_the_tolerance(
+    read_toml_claims, results, factor, expected
 ):
     args = f'{{ key = "1/b", name = "y", factor = {factor} }}'
     reference = f'{{ measure = "value", args = {args} }}'
-    one = verdict(load, results, value=4.0, tol=2.0, reference=reference)
-    assert (one.verdict, one.measured) == (expected, 5.0)
-    open_ = {"grade": NOT_TESTABLE["grade"], "missing": NOT_TESTABLE["missing"]}
-    assert verdict(load, results, tol=2.0, reference=reference, **open_).differs == (factor == 0.1)
+    judged_claim = judge_changed_claim(
+        read_toml_claims, results, value=4.0, tol=2.0, reference=reference
+    )
+    assert (judged_claim.verdict, judged_claim.measured) == (expected, 5.0)
+    not_testable_entries = {
+        "grade": NOT_TESTABLE_ENTRIES["grade"],
+        "missing": NOT_TESTABLE_ENTRIES["missing"],
+    }
+    assert judge_changed_claim(
+        read_toml_claims, results, tol=2.0, reference=reference, **not_testable_entries
+    ).differs == (factor == 0.1)
 
 
-def test_claim_without_result_is_not_judged(load, results):
-    one = verdict(load, results, args='{ key = "7/no", name = "y" }')
-    assert (one.verdict, one.measured, one.differs) == ("not judged", None, True)
+def test_claim_without_result_is_not_judged(read_toml_claims, results):
+    judged_claim = judge_changed_claim(
+        read_toml_claims, results, args='{ key = "7/no", name = "y" }'
+    )
+    assert (judged_claim.verdict, judged_claim.measured, judged_claim.differs) == (
+        "not judged",
+        None,
+        True,
+    )
 
 
 @pytest.mark.parametrize(
@@ -138,55 +164,71 @@ def test_claim_without_result_is_not_judged(load, results):
         ({"value": "nan"}, "the-claim: value cannot be nan"),
         ({"relation": '"=="'}, "the-claim: relation is '=='"),
         ({"pinned": '"holds"'}, "the-claim: pinned is not a key of it"),
-        ({"grade": CONTRADICTED, "found": 1}, "the-claim: found_tol is missing"),
+        ({"grade": CONTRADICTED_GRADE, "found": 1}, "the-claim: found_tol is missing"),
         ({"found": 1.0}, "the-claim: found belongs to statements that fail"),
         ({"measure": '"velocity"'}, "the-claim: measure 'velocity' is not in toy_measures"),
         ({"args": '{ key = "1/b" }'}, "the-claim: args do not suit value: .*'name'"),
-        ({"grade": CONTRADICTED, "basis": '"fit"', **FOUND}, "the-claim: basis is not a key"),
+        (
+            {"grade": CONTRADICTED_GRADE, "basis": '"fit"', **FOUND_NUMBER_ENTRIES},
+            "the-claim: basis is not a key",
+        ),
         ({"reference": '{ measure = "value" }'}, "the-claim: reference.args is missing"),
-        ({"grade": CONSTRUCTED}, "the-claim: basis is missing"),
-        ({"grade": CONSTRUCTED, "basis": '"fit"'}, "the-claim: chosen is missing"),
+        ({"grade": BY_CONSTRUCTION_GRADE}, "the-claim: basis is missing"),
+        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"fit"'}, "the-claim: chosen is missing"),
         ({"grade": '"not testable"'}, "the-claim: missing is missing"),
         ({"grade": '"not testable"', "missing": '"x"'}, "the-claim: (args|measure) is not a key"),
         ({"reading_of": '"another"'}, "the-claim: reading_of names no other claim"),
     ],
 )
-def test_mistake_is_named_by_claim_and_key(load, changes, message):
+def test_error_names_claim_and_key(read_toml_claims, changes, message):
     with pytest.raises(StudyError, match=message):
-        load(claim(**changes))
+        read_toml_claims(make_claim_toml(**changes))
 
 
-def test_grades_are_the_paper_s_alone(load):
-    (one,) = load(finding())
-    assert (one.kind, one.grade) == ("finding", None)
+def test_only_statements_of_the_paper_have_grades(read_toml_claims):
+    (claim_read,) = read_toml_claims(make_finding_toml())
+    assert (claim_read.kind, claim_read.grade) == ("finding", None)
     with pytest.raises(StudyError, match="finding the-claim: grade is not a key of it"):
-        load(finding(grade='"reproduced"'))
+        read_toml_claims(make_finding_toml(grade='"reproduced"'))
 
 
-def test_what_is_not_testable_has_no_measure_and_never_differs(load, results):
-    (one,) = judge(load(claim(**NOT_TESTABLE)), results)
-    assert (one.verdict, one.measured, one.differs) == ("not testable", None, False)
-    assert "not testable" in table([one])
+def test_untestable_statement_has_no_measure_and_never_differs(read_toml_claims, results):
+    (judged_claim,) = judge(read_toml_claims(make_claim_toml(**NOT_TESTABLE_ENTRIES)), results)
+    assert (judged_claim.verdict, judged_claim.measured, judged_claim.differs) == (
+        "not testable",
+        None,
+        False,
+    )
+    assert "not testable" in format_verdict_table([judged_claim])
 
 
-@pytest.mark.parametrize("text", ["[[claim]", "title = 1", "claim = 3", claim() + claim()])
-def test_file_that_is_no_list_of_different_claims_is_named(load, text):
+@pytest.mark.parametrize(
+    "text", ["[[claim]", "title = 1", "claim = 3", make_claim_toml() + make_claim_toml()]
+)
+def test_error_names_a_file_without_a_list_of_distinct_claims(read_toml_claims, text):
     with pytest.raises(StudyError, match=r"claims\.toml|the-claim: its id"):
-        load(text)
+        read_toml_claims(text)
 
 
 @pytest.mark.parametrize(
     ("measure", "message"),
     [("broken", "broken failed with ZeroDivisionError"), ("nothing", "nothing gave nan")],
 )
-def test_measure_that_breaks_is_named_with_its_claim(load, results, measure, message):
+def test_error_names_a_failing_measure_and_its_claim(read_toml_claims, results, measure, message):
     with pytest.raises(StudyError, match=f"the-claim: {message}"):
-        verdict(load, results, measure=f'"{measure}"', args=None)
+        judge_changed_claim(read_toml_claims, results, measure=f'"{measure}"', args=None)
 
 
-def test_verdicts_are_written_for_the_report(load, results):
-    found = judge(load(claim(), claim(id='"other"', args='{ key = "7/no", name = "y" }')), results)
-    write(results.folder, found, {"the-claim": "force"}, {"the-claim": ("exchange",)})
+def test_verdicts_are_written_for_the_report(read_toml_claims, results):
+    judged_claims = judge(
+        read_toml_claims(
+            make_claim_toml(), make_claim_toml(id='"other"', args='{ key = "7/no", name = "y" }')
+        ),
+        results,
+    )
+    write_claims(
+        results.folder, judged_claims, {"the-claim": "force"}, {"the-claim": ("exchange",)}
+    )
     first, second = results.claims()
     assert first == {
         "id": "the-claim", "kind": "paper", "source": "Sec. 1, Eq. 3", "quote": "a force of 5",
@@ -201,32 +243,39 @@ def test_verdicts_are_written_for_the_report(load, results):
     assert json.loads((results.folder / "claims.json").read_text()) == [first, second]
 
 
-def test_summary_counts_and_table_names(load, results):
-    found = judge(
-        load(
-            claim(),
-            claim(id='"wrong"', value=4.0),
-            claim(id='"absent"', args='{ key = "7/no", name = "y" }'),
-            claim(id='"open"', **NOT_TESTABLE),
-            finding(id='"own"'),
+def test_summary_counts_verdicts_and_table_lists_differing_claims(read_toml_claims, results):
+    judged_claims = judge(
+        read_toml_claims(
+            make_claim_toml(),
+            make_claim_toml(id='"wrong"', value=4.0),
+            make_claim_toml(id='"absent"', args='{ key = "7/no", name = "y" }'),
+            make_claim_toml(id='"open"', **NOT_TESTABLE_ENTRIES),
+            make_finding_toml(id='"own"'),
         )
-        + claims_of_pins([PIN]),
+        + claims_from_pins([PIN_ENTRIES]),
         results,
     )
-    assert summary(found) == (
+    assert summarise_verdicts(judged_claims) == (
         "4 statements of the paper: 3 reproduced, 1 not testable; 1 findings: 1 hold, 0 fail; "
         "1 pins: 1 hold, 0 fail; 1 not judged; 1 other than pinned"
     )
-    lines = table([one for one in found if one.differs]).splitlines()
+    lines = format_verdict_table(
+        [judged_claim for judged_claim in judged_claims if judged_claim.differs]
+    ).splitlines()
     assert [line.split()[0] for line in lines] == ["wrong", "absent"]
     assert "= 4 ± 1e-12" in lines[0]
     assert lines[0].endswith("fails, pinned: holds")
-    assert table([]) == ""
+    assert format_verdict_table([]) == ""
 
 
-def test_the_schema_is_one():
-    jsonschema.Draft202012Validator.check_schema(json.loads(SCHEMA.read_bytes()))
+def test_schema_is_a_valid_json_schema():
+    jsonschema.Draft202012Validator.check_schema(json.loads(SCHEMA_FILE.read_bytes()))
 
 
 def test_the_paper_s_own_claims_are_well_formed():
-    assert {claim.kind for claim in load_claims()} == {"paper", "implied", "finding", "pin"}
+    assert {loaded_claim.kind for loaded_claim in load_claims()} == {
+        "paper",
+        "implied",
+        "finding",
+        "pin",
+    }

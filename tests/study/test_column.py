@@ -16,27 +16,29 @@ from study.paper import s7_5_column, s7_5_fit, s7_5_profiles
 def test_mesh_fills_the_section(profile, cell):
     mesh = s7_5_profiles.mesh_column(profile, cell)
     assert mesh.topology.index_map(2).size_local == {"quadrilateral": 759, "triangle": 1518}[cell]
-    one = fem.Constant(mesh, 1.0)
-    area = fem.assemble_scalar(fem.form(one * ufl.dx(domain=mesh)))
+    unit_field = fem.Constant(mesh, 1.0)
+    area = fem.assemble_scalar(fem.form(unit_field * ufl.dx(domain=mesh)))
     assert area == pytest.approx(np.dot(profile.radii, profile.heights), rel=1e-12)
     # conforming: edges on the outline, each in one cell only, are as long as the outline
-    outline = fem.assemble_scalar(fem.form(one * ufl.ds(domain=mesh)))
+    outline = fem.assemble_scalar(fem.form(unit_field * ufl.ds(domain=mesh)))
     radii = np.array([0.0, *profile.radii, 0.0])
     assert outline == pytest.approx(2 * sum(profile.heights) + np.abs(np.diff(radii)).sum())
 
 
 def test_eigenvalues_agree_with_an_independent_program():
     # its 8-node elements of 12 mm on the section from which the first one was fitted
-    start = s7_5_fit.make_profile(s7_5_fit.STARTS["first"])
-    coarse = replace(start, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3))
-    independent = (36398, 1.93064e6, 3.81184e6, 3.97913e6, 5.77631e6, 7.59933e6)
-    assert s7_5_column.compute_eigenvalues("galerkin-Q8", coarse) == pytest.approx(
-        independent, rel=3e-4
+    start_profile = s7_5_fit.make_profile(s7_5_fit.STARTS["first"])
+    coarse_profile = replace(
+        start_profile, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3)
+    )
+    independent_eigenvalues = (36398, 1.93064e6, 3.81184e6, 3.97913e6, 5.77631e6, 7.59933e6)
+    assert s7_5_column.compute_eigenvalues("galerkin-Q8", coarse_profile) == pytest.approx(
+        independent_eigenvalues, rel=3e-4
     )
 
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
-def test_columns_have_table_1(profile):
+def test_columns_reproduce_the_eigenvalues_of_table_1(profile):
     deviations = s7_5_fit.deviations_from_table_1(profile)
     assert np.abs(deviations).max() < 0.3
     assert np.abs(deviations.mean(axis=0)).max() < 0.1  # none of the printed columns is preferred
@@ -44,12 +46,12 @@ def test_columns_have_table_1(profile):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", s7_5_profiles.PROFILES)
-def test_columns_are_those_of_the_fit(name):
+def test_stored_profiles_are_those_of_the_fit(name):
     lengths = s7_5_fit.fit_lengths(s7_5_fit.STARTS[name])
-    stored = s7_5_profiles.PROFILES[name]
-    assert lengths == pytest.approx([*stored.radii, *stored.heights], abs=2e-5)
+    stored_profile = s7_5_profiles.PROFILES[name]
+    assert lengths == pytest.approx([*stored_profile.radii, *stored_profile.heights], abs=2e-5)
 
 
-def test_printed_differences():
-    pairs = [["6-node user element", "CAX6"], ["8-node user element", "CAX8"]]
-    assert measures.largest_printed_shift(None, pairs) == pytest.approx(0.2908, abs=5e-5)
+def test_largest_printed_shift_between_elements_is_as_computed_by_hand():
+    column_pairs = [["6-node user element", "CAX6"], ["8-node user element", "CAX8"]]
+    assert measures.largest_printed_shift(None, column_pairs) == pytest.approx(0.2908, abs=5e-5)

@@ -4,36 +4,38 @@ from study.run import compare_versions
 from study.run.compare_versions import KINDS, compare, find_kind, format_differences, main
 from study.run.store import Result, Results, save
 
-BASE = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
+DEFAULT_SCALARS = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
 
 
 @pytest.fixture
-def stored(tmp_path, monkeypatch):
+def store_scalars(tmp_path, monkeypatch):
     """A function that stores scalars of one case in one of two folders."""
     monkeypatch.setattr(compare_versions, "SECTIONS", {"1": "", "C": ""})
 
     def store(folder, key="1/a", **scalars):
         section, case = key.split("/")
-        versions = {"versions": {"dolfinx": folder, "petsc": "3"}}
-        numbers = BASE | scalars
+        provenance = {"versions": {"dolfinx": folder, "petsc": "3"}}
+        numbers = DEFAULT_SCALARS | scalars
         result = Result(numbers, dict.fromkeys(numbers, "1"))
-        save(tmp_path / folder, section, case, result, {"problem": "toy"}, versions)
+        save(tmp_path / folder, section, case, result, {"problem": "toy"}, provenance)
         return str(tmp_path / folder)
 
     return store
 
 
-def compared(*folders):
+def compare_folders(*folders):
     return compare(*map(Results, folders))
 
 
-def test_equal_results_do_not_differ_and_none_are_no_agreement(stored, capsys, tmp_path):
+def test_equal_results_do_not_differ_and_missing_results_are_no_agreement(
+    store_scalars, capsys, tmp_path
+):
     assert main([str(tmp_path), str(tmp_path)]) == 1
-    folders = stored("0.9"), stored("0.11")
+    folders = store_scalars("0.9"), store_scalars("0.11")
     assert main(list(folders)) == 0
-    out = capsys.readouterr().out
-    assert "DOLFINx 0.9, PETSc 3" in out
-    assert "4 scalars: 0 differ" in out
+    printed = capsys.readouterr().out
+    assert "DOLFINx 0.9, PETSc 3" in printed
+    assert "4 scalars: 0 differ" in printed
 
 
 @pytest.mark.parametrize(
@@ -47,26 +49,28 @@ def test_equal_results_do_not_differ_and_none_are_no_agreement(stored, capsys, t
         ("residual", 1.1e-7, True),
     ],
 )
-def test_each_kind_has_its_scale(stored, name, value, too_large):
-    folders = stored("0.9"), stored("0.11", **{name: value})
-    differences, alone = compared(*folders)
-    assert alone == []
-    assert [d.name for d in differences if d.too_large] == [name] * too_large
+def test_difference_is_relative_to_the_scale_of_its_kind(store_scalars, name, value, too_large):
+    folders = store_scalars("0.9"), store_scalars("0.11", **{name: value})
+    differences, only_in_one_folder = compare_folders(*folders)
+    assert only_in_one_folder == []
+    assert [difference.name for difference in differences if difference.too_large] == [
+        name
+    ] * too_large
     assert main(list(folders)) == int(too_large)
-    assert ("TOO LARGE" in format_differences(differences, alone)) is too_large
+    assert ("TOO LARGE" in format_differences(differences, only_in_one_folder)) is too_large
 
 
-def test_a_change_of_sign_of_a_small_number_is_a_difference(stored):
-    assert main([stored("0.9", x=1e-12), stored("0.11", x=-1e-12)]) == 1
+def test_a_change_of_sign_of_a_small_number_is_a_difference(store_scalars):
+    assert main([store_scalars("0.9", x=1e-12), store_scalars("0.11", x=-1e-12)]) == 1
 
 
-def test_what_is_in_one_folder_only_is_told(stored):
-    folders = stored("0.9", y=1.0), stored("0.11")
-    stored("0.11", key="C/b")
-    differences, alone = compared(*folders)
-    assert alone == ["1/a y", "C/b"]
+def test_scalars_and_cases_in_one_folder_only_are_reported(store_scalars):
+    folders = store_scalars("0.9", y=1.0), store_scalars("0.11")
+    store_scalars("0.11", key="C/b")
+    differences, only_in_one_folder = compare_folders(*folders)
+    assert only_in_one_folder == ["1/a y", "C/b"]
     assert main(list(folders)) == 1
-    assert len(differences) == len(BASE)
+    assert len(differences) == len(DEFAULT_SCALARS)
 
 
 @pytest.mark.parametrize(
@@ -88,22 +92,30 @@ def test_what_is_in_one_folder_only_is_told(stored):
         ("V11/patch-3d-pw-dual master_force_min", "errors"),
     ],
 )
-def test_kinds(scalar, kind):
+def test_scalar_has_the_kind_that_its_case_and_name_say(scalar, kind):
     assert find_kind(scalar).name == kind
-    assert len({one.name for one in KINDS}) == len(KINDS)
+    assert len({listed_kind.name for listed_kind in KINDS}) == len(KINDS)
 
 
-def test_one_tolerance_for_a_redesign(stored, capsys):
+def test_a_given_tolerance_replaces_those_of_all_kinds_but_counts(store_scalars, capsys):
     """Counts of iterations aside: 1e-9 for everything, by the scale of its kind."""
-    before = stored("before", iterations=7.0, iterations_most=3.0)
-    same = stored("same", iterations=9.0, iterations_most=4.0, x=2.0 * (1 + 0.9e-9))
-    other = stored("other", iterations=7.0, iterations_most=3.0, x=2.0 * (1 + 1.1e-9))
-    residual = stored("residual", iterations=7.0, iterations_most=3.0, residual=2e-9)
-    assert main([before, same, "--tolerance", "1e-9"]) == 0
+    reference_folder = store_scalars("before", iterations=7.0, iterations_most=3.0)
+    within_tolerance = store_scalars(
+        "same", iterations=9.0, iterations_most=4.0, x=2.0 * (1 + 0.9e-9)
+    )
+    beyond_tolerance = store_scalars(
+        "other", iterations=7.0, iterations_most=3.0, x=2.0 * (1 + 1.1e-9)
+    )
+    with_larger_residual = store_scalars(
+        "residual", iterations=7.0, iterations_most=3.0, residual=2e-9
+    )
+    assert main([reference_folder, within_tolerance, "--tolerance", "1e-9"]) == 0
     assert (
         "counts of iterations, and times: 2, largest difference 2.5e-01" in capsys.readouterr().out
     )
-    assert main([before, other, "--tolerance", "1e-9"]) == 1
-    assert main([before, residual, "--tolerance", "1e-9"]) == 1
-    assert main([before, other]) == 0  # within what versions of libraries may differ by
-    assert main([before, same]) == 1  # counts included
+    assert main([reference_folder, beyond_tolerance, "--tolerance", "1e-9"]) == 1
+    assert main([reference_folder, with_larger_residual, "--tolerance", "1e-9"]) == 1
+    assert (
+        main([reference_folder, beyond_tolerance]) == 0
+    )  # within what versions of libraries may differ by
+    assert main([reference_folder, within_tolerance]) == 1  # counts included

@@ -24,12 +24,13 @@ from study.meshes.mesh_families import (
 
 
 def measure_orders(element, setting, *cell_sides):
-    rows = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
-    h = np.array([row["h"] for row in rows])
-    norms = [name for name in rows[0] if name.startswith("error_")]
+    errors_by_mesh = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
+    h = np.array([errors["h"] for errors in errors_by_mesh])
+    error_names = [name for name in errors_by_mesh[0] if name.startswith("error_")]
     return {
-        name: convergence_order(h, np.array([row[name] for row in rows])) for name in norms
-    }, rows[-1]
+        name: convergence_order(h, np.array([row[name] for row in errors_by_mesh]))
+        for name in error_names
+    }, errors_by_mesh[-1]
 
 
 @pytest.mark.parametrize(
@@ -41,32 +42,32 @@ def measure_orders(element, setting, *cell_sides):
     ],
 )
 def test_quadratic_elements_have_orders_two_and_three(element, setting):
-    orders, error = measure_orders(element, setting, 1 / 4, 1 / 8, 1 / 16)
+    orders, finest_errors = measure_orders(element, setting, 1 / 4, 1 / 8, 1 / 16)
     assert orders["error_H1"] == pytest.approx(2, abs=0.2)
     assert orders["error_L2"] == pytest.approx(3, abs=0.3)
     assert orders["error_stress"] == pytest.approx(2, abs=0.25)
     assert orders["error_force"] > 1.7
-    bound = 1e-2 if setting == "curved-ring" else 1e-3
-    assert error["error_H1"] < bound
-    assert error["error_L2"] < 0.03 * bound
-    assert error["error_force"] < 6 * bound
+    h1_bound = 1e-2 if setting == "curved-ring" else 1e-3
+    assert finest_errors["error_H1"] < h1_bound
+    assert finest_errors["error_L2"] < 0.03 * h1_bound
+    assert finest_errors["error_force"] < 6 * h1_bound
 
 
 def test_tetrahedra_have_orders_two_and_three():
-    orders, error = measure_orders("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
+    orders, finest_errors = measure_orders("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
     assert orders["error_H1"] == pytest.approx(2, abs=0.3)
     assert orders["error_L2"] == pytest.approx(3, abs=0.4)
-    assert error["error_H1"] < 1e-2
-    assert error["error_force"] < 1e-2
+    assert finest_errors["error_H1"] < 1e-2
+    assert finest_errors["error_force"] < 1e-2
 
 
 def test_nodal_forces_of_linear_field_are_exact_for_all_test_functions():
-    def field(_, x, __):
+    def linear_field(_, x, __):
         return 0.3 * x[0] + x[1], 0.2 * x[1] - x[0]
 
-    linear = replace(SETTINGS["plane-strain"], field=field)
+    linear_setting = replace(SETTINGS["plane-strain"], field=linear_field)
     for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
-        errors = compute_errors(element, linear, 1 / 4)
+        errors = compute_errors(element, linear_setting, 1 / 4)
         assert max(errors[name] for name in errors if name.startswith("error_")) < 1e-11
 
 

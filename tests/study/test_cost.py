@@ -11,7 +11,7 @@ from study.benchmarks.k_cost.tasks import TASKS, Measurement
 from study.run import records
 from study.run.cases import load_section
 
-NUMBERS_OF_PROCESS = {"wall_seconds", "whole_seconds", "megabytes"}
+PROCESS_NUMBER_NAMES = {"wall_seconds", "whole_seconds", "megabytes"}
 """Numbers that are added to those of a task."""
 SMALL_MEASUREMENTS = [
     Measurement("assembly", "galerkin-T6", 2),
@@ -36,16 +36,25 @@ def read_measured_numbers():
 
 @pytest.mark.parametrize("measurement", SMALL_MEASUREMENTS, ids=lambda one: one.name)
 def test_a_task_measures_what_the_record_has(measurement):
-    recorded = {(m.task, m.method): set(numbers) for m, numbers in read_measured_numbers().items()}
+    recorded_names = {
+        (recorded_measurement.task, recorded_measurement.method): set(numbers)
+        for recorded_measurement, numbers in read_measured_numbers().items()
+    }
     numbers = TASKS[measurement.task](measurement)
-    assert numbers.keys() == recorded[measurement.task, measurement.method] - NUMBERS_OF_PROCESS
+    assert (
+        numbers.keys()
+        == recorded_names[measurement.task, measurement.method] - PROCESS_NUMBER_NAMES
+    )
     assert numbers["dofs"] > 0
     assert numbers["seconds"] > 0
 
 
-def test_every_task_is_tried():
-    tried, listed = ({one.task for one in s} for s in (SMALL_MEASUREMENTS, list_measurements()))
-    assert tried == TASKS.keys() == listed
+def test_small_and_listed_measurements_cover_every_task():
+    tried_tasks, listed_tasks = (
+        {measurement.task for measurement in measurements}
+        for measurements in (SMALL_MEASUREMENTS, list_measurements())
+    )
+    assert tried_tasks == TASKS.keys() == listed_tasks
 
 
 def test_all_measurements_are_recorded():
@@ -65,15 +74,20 @@ def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
         return replace(row, content=row.content | {"measured": doubled})
 
     monkeypatch.setattr(measure, "measure", measure_with_doubled_time)
-    tracked = load_section("K").cases
-    remeasured = study.publish.command._recomputed(tracked, tmp_path)
-    assert [case.name for case in remeasured] == [case.name for case in tracked]
+    recorded_cases = load_section("K").cases
+    remeasured = study.publish.command._replace_recorded_cases(recorded_cases, tmp_path)
+    assert [case.name for case in remeasured] == [case.name for case in recorded_cases]
     assert len(measured_keys) == len({*measured_keys}) == len(rows) - 2
-    for case, before in zip(remeasured, tracked, strict=True):
-        assert before.record == "study/run/recorded/time_and_memory.json"
+    for case, recorded_case in zip(remeasured, recorded_cases, strict=True):
+        assert recorded_case.record == "study/run/recorded/time_and_memory.json"
         is_measured = case.key in measured_keys
         assert is_measured is (CALCULIX not in case.name)
         assert bool(case.record) is not is_measured
-        assert case.run(**case.parameters).dofs == before.run(**before.parameters).dofs
-        seconds = [one.parameters["measured"]["whole_seconds"] for one in (case, before)]
+        assert (
+            case.run(**case.parameters).dofs == recorded_case.run(**recorded_case.parameters).dofs
+        )
+        seconds = [
+            timed_case.parameters["measured"]["whole_seconds"]
+            for timed_case in (case, recorded_case)
+        ]
         assert seconds[0] == (2 if is_measured else 1) * seconds[1]

@@ -6,18 +6,18 @@ from pathlib import Path
 import pytest
 from docutils.utils.math import latex2mathml
 
-from tests.study.pages import FAULTY, find_faults, main, unseen_faults
+from tests.study.pages import BODIES_BY_FAULT, find_faults, find_unseen_faults, main
 
-DOCS = Path(__file__).parents[2] / "docs"
-FORMULA = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$]+?)\$(?!\w)", re.DOTALL)
+DOCS_FOLDER = Path(__file__).parents[2] / "docs"
+FORMULA_PATTERN = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$]+?)\$(?!\w)", re.DOTALL)
 
 
 def test_each_kind_of_fault_is_seen(tmp_path):
-    assert unseen_faults() == []
-    for number, body in enumerate(FAULTY.values()):
-        (tmp_path / f"{number}.html").write_text(f"<title>x</title>{body}")
+    assert find_unseen_faults() == []
+    for number, page_body in enumerate(BODIES_BY_FAULT.values()):
+        (tmp_path / f"{number}.html").write_text(f"<title>x</title>{page_body}")
     assert main([str(tmp_path)]) == 1
-    assert len(find_faults(tmp_path)) >= len(FAULTY)
+    assert len(find_faults(tmp_path)) >= len(BODIES_BY_FAULT)
 
 
 def test_a_good_page_has_no_fault(tmp_path, capsys):
@@ -30,9 +30,9 @@ def test_a_good_page_has_no_fault(tmp_path, capsys):
     assert "there is no page" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", sorted(DOCS_FOLDER.rglob("*.md")), ids=lambda page: page.stem)
 def test_formulas_of_the_guide_can_be_typeset(page):
     """By docutils, as the site does it, which knows part of LaTeX."""
     text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
-    for block, inline in FORMULA.findall(text):
+    for block, inline in FORMULA_PATTERN.findall(text):
         latex2mathml.tex2mathml((block or inline).strip(), as_block=bool(block))

@@ -35,7 +35,7 @@ def test_recorded_answer_belongs_to_the_deck(case):
     assert calculix.load_answer(case).deck_sha256 == deck_digest
 
 
-def test_rows_have_the_version_and_numbers_alone():
+def test_recorded_rows_have_only_the_version_and_numbers():
     for row in records.read_rows(records.CALCULIX).values():
         assert row.versions.keys() == {"calculix"}
         assert row.content.keys() == {"numbers"}
@@ -72,12 +72,13 @@ def test_a_deck_that_calculix_refuses_is_an_error(monkeypatch):
 
 
 def test_largest_difference_depends_on_shape_and_size():
-    peer = calculix.CalculixAnswer("1", "", {"a": np.array([1.0, 2.0])})
-    assert calculix.largest_difference(peer, peer) == 0.0
-    other = replace(peer, numbers={"a": np.array([1.0, 2.0 + 1e-3])})
-    assert calculix.largest_difference(other, peer) == pytest.approx(1e-3 / 2.001)
+    answer = calculix.CalculixAnswer("1", "", {"a": np.array([1.0, 2.0])})
+    assert calculix.largest_difference(answer, answer) == 0.0
+    changed_answer = replace(answer, numbers={"a": np.array([1.0, 2.0 + 1e-3])})
+    assert calculix.largest_difference(changed_answer, answer) == pytest.approx(1e-3 / 2.001)
     assert (
-        calculix.largest_difference(replace(peer, numbers={"a": np.array([1.0])}), peer) == np.inf
+        calculix.largest_difference(replace(answer, numbers={"a": np.array([1.0])}), answer)
+        == np.inf
     )
 
 
@@ -103,11 +104,11 @@ def test_tables_are_read_below_their_headings():
 
 def test_no_number_of_a_deck_is_longer_than_calculix_reads():
     for problem in (*SPECIMENS.values(), rough_block(8)):
-        data = (line for line in problem.deck().splitlines() if not line.startswith("*"))
-        assert max(len(number) for line in data for number in line.split(",")) <= 20
+        data_lines = (line for line in problem.deck().splitlines() if not line.startswith("*"))
+        assert max(len(number) for line in data_lines for number in line.split(",")) <= 20
 
 
-def test_blocks_of_the_benchmark_have_the_documented_sizes(tmp_path):
+def test_benchmark_blocks_have_the_documented_sizes_and_decks(tmp_path):
     assert [3 * len(rough_block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
     command = [sys.executable, "-m", "tests.speed.calculix_block", "--cells", "2"]
     subprocess.run([*command, "--deck", str(tmp_path)], cwd=ROOT, check=True)
@@ -129,12 +130,14 @@ def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
 def test_script_starts_without_dolfinx():
     module = "study.publish.renew_records"
     code = f"import sys, {module}; print({{'dolfinx', 'mpi4py'}} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout == "set()\n"
+    completed = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert completed.stdout == "set()\n"
 
 
 def test_node_values_are_read_from_a_file_of_results():
-    written = (
+    file_text = (
         "    1PSTEP                         1\n"
         " -4  DISP        4    1\n"
         " -5  D1          1    2    1    0\n"
@@ -146,17 +149,17 @@ def test_node_values_are_read_from_a_file_of_results():
         " -1         9 4.00000E+00\n"
         " -3\n"
     )
-    assert read_node_values(written) == {
+    assert read_node_values(file_text) == {
         "DISP": {442: [-1.09849e-6, 0.0, 197.729], 7: [1.0, -2.0, 3.0]},
         "CONTACT": {9: [4.0]},
     }
 
 
 @pytest.mark.parametrize("problem", ["two-triangles", "statics-C3D10"])
-def test_an_answer_that_has_changed_meanwhile_is_refused(problem):
+def test_recorded_answer_with_another_digest_is_refused(problem):
     pytest.importorskip("dolfinx", reason="DOLFINx is not installed")
     from study.benchmarks.p_calculix import page
 
-    run = page.reactions if problem == "two-triangles" else page.against_standard
+    compare = page.reactions if problem == "two-triangles" else page.against_standard
     with pytest.raises(ValueError, match=f"{problem} has changed"):
-        run(problem, "0")
+        compare(problem, "0")

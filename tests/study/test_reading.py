@@ -45,20 +45,20 @@ BODIES = {
 
 
 @pytest.mark.parametrize("body_name", BODIES)
-def test_even_pressure_is_read_with_each_elements_own_weights(body_name):
+def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
     body, on_face = BODIES[body_name]()
     space = body.spaces.trial
-    up = np.eye(space.mesh.geometry.dim)[-1]
-    standard = assemble_vector(
-        body.surface_load(tuple(3 * up), boundary_measure(space.mesh, on_face))
+    vertical = np.eye(space.mesh.geometry.dim)[-1]
+    standard_load = assemble_vector(
+        body.surface_load(tuple(3 * vertical), boundary_measure(space.mesh, on_face))
     )
-    sibling_load = Sibling.from_space(space).load(standard)
-    for transfer, force in ((None, standard), (force_transfer(space), sibling_load)):
+    sibling_load = Sibling.from_space(space).load(standard_load)
+    for transfer, force in ((None, standard_load), (force_transfer(space), sibling_load)):
         surface = SurfaceNodes.from_body(body, on_face)
         if transfer is not None:
             surface = with_transferred_weights(surface, transfer)
-        nodal = force.array_r.reshape(-1, len(up))[surface.node, -1]
-        pressure = surface.pressure(nodal)
+        nodal_force = force.array_r.reshape(-1, len(vertical))[surface.node, -1]
+        pressure = surface.pressure(nodal_force)
         has_reading = ~np.isnan(pressure)
         assert pressure[has_reading] == pytest.approx(3.0)
         # a corner of the standard T10, and a standard node on the axis, have no weight
@@ -66,7 +66,7 @@ def test_even_pressure_is_read_with_each_elements_own_weights(body_name):
             {"plane": 0, "axisymmetric": 1, "solid": 4 * 3}[body_name] if transfer is None else 0
         )
         assert (~has_reading).sum() == n_without_reading
-        assert nodal[~has_reading] == pytest.approx(0.0, abs=1e-12)
+        assert nodal_force[~has_reading] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_siblings_weights_are_integrals_of_its_basis():
@@ -74,20 +74,20 @@ def test_siblings_weights_are_integrals_of_its_basis():
     body, on_face = make_solid_body()
     space = body.spaces.trial
     surface = with_transferred_weights(SurfaceNodes.from_body(body, on_face), force_transfer(space))
-    basis, function = Sibling.from_space(space).basis, fem.Function(space)
+    basis, basis_function = Sibling.from_space(space).basis, fem.Function(space)
     ds = boundary_measure(space.mesh, on_face)
     for row in (0, 1, len(surface.node) // 2):
-        unit = basis.createVecRight()
-        unit.array[3 * surface.node[row] + 2] = 1.0
-        function.x.array[:] = (basis * unit).array_r
-        integral = fem.assemble_scalar(fem.form(ufl.as_vector(function)[2] * ds))
+        unit_vector = basis.createVecRight()
+        unit_vector.array[3 * surface.node[row] + 2] = 1.0
+        basis_function.x.array[:] = (basis * unit_vector).array_r
+        integral = fem.assemble_scalar(fem.form(ufl.as_vector(basis_function)[2] * ds))
         assert surface.weight_area[row] == pytest.approx(integral, rel=1e-12)
 
 
 def test_errors_on_common_nodes_and_on_the_others():
     nan = np.nan
-    error, other = np.array([1.0, -3.0, nan, 2.0, nan]), np.array([5.0, nan, 1.0, 0.0, nan])
-    assert error_norms_on_common_and_other_nodes(error, other) == pytest.approx(
+    error, other_error = np.array([1.0, -3.0, nan, 2.0, nan]), np.array([5.0, nan, 1.0, 0.0, nan])
+    assert error_norms_on_common_and_other_nodes(error, other_error) == pytest.approx(
         {
             "common_median": 1.5,
             "common_rms": np.sqrt(2.5),
@@ -99,4 +99,4 @@ def test_errors_on_common_nodes_and_on_the_others():
             "alone_nodes": 1.0,
         }
     )
-    assert "alone_max" not in error_norms_on_common_and_other_nodes(other, np.zeros(5))
+    assert "alone_max" not in error_norms_on_common_and_other_nodes(other_error, np.zeros(5))

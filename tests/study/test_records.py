@@ -18,32 +18,38 @@ from study.run.store import StudyError
 from study.solutions.calculix import calculix
 
 QUICK_CASE, TIMED_CASE = "V13/square-own-64", "Q/seconds-penalty-16"
-COSTLY = renew_records.find_costly_cases()
-KINDS = (renew_records.CostlyCases, renew_records.TimeAndMemory, renew_records.CalculixAnswers)
+COSTLY_CASES_BY_KEY = renew_records.find_costly_cases()
+RECORD_CLASSES = (
+    renew_records.CostlyCases,
+    renew_records.TimeAndMemory,
+    renew_records.CalculixAnswers,
+)
 
 
 def read_costly_rows():
     return records.read_rows(records.COSTLY_CASES)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_rows_of_a_record_have_the_head_and_are_those_that_can_be_computed(kind):
-    rows = records.read_rows(kind().path)
-    assert rows.keys() <= set(kind().list_keys())
-    if kind is not renew_records.CostlyCases:  # these may be computed where they have no row
-        assert rows.keys() == set(kind().list_keys())
+@pytest.mark.parametrize("record_class", RECORD_CLASSES)
+def test_rows_of_a_record_have_complete_headers_and_known_keys(record_class):
+    rows = records.read_rows(record_class().path)
+    assert rows.keys() <= set(record_class().list_keys())
+    if (
+        record_class is not renew_records.CostlyCases
+    ):  # these may be computed where they have no row
+        assert rows.keys() == set(record_class().list_keys())
     for key, row in rows.items():
-        assert kind().may_have_key(key)
+        assert record_class().may_have_key(key)
         assert row.versions
         assert date(2026, 11, 1) <= date.fromisoformat(row.date)
         assert re.fullmatch("[0-9a-f]{64}", row.input_sha256)
-        assert (row.machine is not None) is (kind is renew_records.TimeAndMemory)
+        assert (row.machine is not None) is (record_class is renew_records.TimeAndMemory)
 
 
 def test_costly_rows_have_the_parameters_of_their_cases():
     for key, row in read_costly_rows().items():
-        assert row.content["parameters"] == COSTLY[key].stored_parameters
-        assert row.input_sha256 == records.digest_input(COSTLY[key].stored_parameters)
+        assert row.content["parameters"] == COSTLY_CASES_BY_KEY[key].stored_parameters
+        assert row.input_sha256 == records.digest_input(COSTLY_CASES_BY_KEY[key].stored_parameters)
 
 
 def test_measured_rows_have_the_digest_of_their_measurement():
@@ -81,29 +87,35 @@ def test_two_rows_of_one_key_are_refused(tmp_path):
         records.read_rows(tmp_path / "record.json")
 
 
-@pytest.mark.parametrize("section", sorted({case.section for case in COSTLY.values()}))
-def test_sections_show_the_record(section):
-    shown = {case.key: case for case in load_section(section).cases}
-    for key, computed in COSTLY.items():
-        if computed.section == section and key in read_costly_rows():
-            case = shown[key]
+@pytest.mark.parametrize("section", sorted({case.section for case in COSTLY_CASES_BY_KEY.values()}))
+def test_sections_read_costly_cases_from_the_record(section):
+    section_cases = {case.key: case for case in load_section(section).cases}
+    for key, costly_case in COSTLY_CASES_BY_KEY.items():
+        if costly_case.section == section and key in read_costly_rows():
+            case = section_cases[key]
             assert case.record == "study/run/recorded/costly_cases.json"
-            assert case.recomputed == computed
-            assert computed.stored_parameters.items() <= case.stored_parameters.items()
+            assert case.recomputed == costly_case
+            assert costly_case.stored_parameters.items() <= case.stored_parameters.items()
             assert case.run(**case.parameters).dofs > 0
 
 
 def test_a_record_of_other_parameters_is_not_read(tmp_path, monkeypatch):
     key, row = next(iter(read_costly_rows().items()))
     monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
-    other = replace(row, input_sha256=records.digest_input({"problem": "another"}))
-    records.write_rows(records.COSTLY_CASES, [other])
-    (case,) = (one for one in load_section(COSTLY[key].section).cases if one.key == key)
+    row_of_other_parameters = replace(
+        row, input_sha256=records.digest_input({"problem": "another"})
+    )
+    records.write_rows(records.COSTLY_CASES, [row_of_other_parameters])
+    (case,) = (
+        listed_case
+        for listed_case in load_section(COSTLY_CASES_BY_KEY[key].section).cases
+        if listed_case.key == key
+    )
     assert not case.record
 
 
 def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys):
-    cases = {key: replace(find_case(key), costly=True) for key in (QUICK_CASE, TIMED_CASE)}
+    cases = {key: replace(find_case_by_key(key), costly=True) for key in (QUICK_CASE, TIMED_CASE)}
     monkeypatch.setattr(renew_records, "find_costly_cases", lambda: cases)
     monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
     monkeypatch.setattr(records, "COSTLY_SECONDS", 0.0)
@@ -119,10 +131,14 @@ def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys
     assert renew_records.main(["--check", QUICK_CASE]) == 0
 
 
-def find_case(key):
-    if key in COSTLY:
-        return COSTLY[key]
-    (case,) = (one for one in load_section(key.partition("/")[0]).cases if one.key == key)
+def find_case_by_key(key):
+    if key in COSTLY_CASES_BY_KEY:
+        return COSTLY_CASES_BY_KEY[key]
+    (case,) = (
+        listed_case
+        for listed_case in load_section(key.partition("/")[0]).cases
+        if listed_case.key == key
+    )
     return case
 
 
@@ -130,13 +146,13 @@ def test_check_of_costs_compares_counts_and_not_times(monkeypatch, capsys):
     key = "K/contact-pw-T10-5-Iterative"
     row = records.read_rows(records.TIME_AND_MEMORY)[key]
 
-    def remeasured(**changes):
+    def make_measure(**changes):
         measured = row.content["measured"] | {"seconds": 99.0, "iterations": 9} | changes
         return lambda *_: replace(row, content=row.content | {"measured": measured})
 
-    monkeypatch.setattr(measure, "measure", remeasured())
+    monkeypatch.setattr(measure, "measure", make_measure())
     assert renew_records.main(["--check", key]) == 0
-    monkeypatch.setattr(measure, "measure", remeasured(sticking=1.0))
+    monkeypatch.setattr(measure, "measure", make_measure(sticking=1.0))
     assert renew_records.main(["--check", key]) == 1
     assert f"TOO LARGE: {key} sticking" in capsys.readouterr().out
 
@@ -148,7 +164,7 @@ def test_unknown_keys_are_refused(key, capsys):
     assert f"{key}, but " in capsys.readouterr().err
 
 
-def test_rows_of_calculix_are_skipped_loudly_where_it_is_not_installed(monkeypatch, capsys):
+def test_check_reports_skipped_rows_where_calculix_is_not_installed(monkeypatch, capsys):
     monkeypatch.setattr(calculix, "find_calculix", lambda: None)
     assert renew_records.main(["--check", "calculix/block-*", "K/*-CalculiX"]) == 1
     lines = capsys.readouterr().err.splitlines()
@@ -156,17 +172,19 @@ def test_rows_of_calculix_are_skipped_loudly_where_it_is_not_installed(monkeypat
     assert "8 rows of answers of CalculiX: ccx" in lines[0]
 
 
-def test_the_documents_say_how_long_the_recorded_results_take():
+def test_docs_and_usage_give_the_recorded_computing_times():
     """As the records say: CPU time of the costly cases, and of all runs that measure costs."""
-    minutes = round(sum(row.content["seconds"] for row in read_costly_rows().values()) / 60)
-    whole = [
+    costly_minutes = round(sum(row.content["seconds"] for row in read_costly_rows().values()) / 60)
+    run_seconds = [
         row.content["measured"]["whole_seconds"]
         for row in records.read_rows(records.TIME_AND_MEMORY).values()
         if measure.measurement_of_row(row).method != measure.CALCULIX
     ]
-    repeats = [1 if seconds > measure.LONG_RUN_SECONDS else measure.N_RUNS for seconds in whole]
-    cost_minutes = round(sum(map(operator.mul, whole, repeats)) / 60)
-    page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
-    for text in (page, study.publish.command.USAGE):
-        assert f"{minutes} CPU minutes more" in text
+    n_runs = [
+        1 if seconds > measure.LONG_RUN_SECONDS else measure.N_RUNS for seconds in run_seconds
+    ]
+    cost_minutes = round(sum(map(operator.mul, run_seconds, n_runs)) / 60)
+    study_page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
+    for text in (study_page, study.publish.command.USAGE):
+        assert f"{costly_minutes} CPU minutes more" in text
         assert re.search(rf"\b{cost_minutes}\s+minutes (more|for the times of section K)", text)

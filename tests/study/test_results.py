@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from figures.drawing import load_script, scripts
+from figures.drawing import list_scripts, load_script
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
-from study.judge.measures.stored_cases import like, matching
+from study.judge.measures.stored_cases import find_variant, select_results
 from study.model.units import DIMENSIONLESS_UNITS, KN_M_UNITS, N_MM_UNITS, SI_UNITS, UNSTATED_UNITS
 from study.model.vocabulary import ELEMENTS
 from study.publish import texts
-from study.publish.texts import BLOCKS
+from study.publish.texts import BLOCK_OF_CONSTANT
 from study.run.cases import SECTIONS, find_page_source, load_section
 from study.run.expected import read_expected_table
 from study.run.pages import read_constants
@@ -22,7 +22,7 @@ from study.run.store import StoredResult
 CASES = {case.key: case for section in SECTIONS for case in load_section(section).cases}
 
 
-def quickest_cases():
+def find_quickest_case_keys():
     """Return the keys of one computed case of each problem, that of the shortest expected time."""
     by_problem = {}
     for key, case in CASES.items():
@@ -32,21 +32,25 @@ def quickest_cases():
     return [min(keys, key=lambda key: seconds.get(key, 0.0)) for keys in by_problem.values()]
 
 
-QUICKEST = [
+QUICKEST_CASE_KEYS = [
     pytest.param(key, marks=[pytest.mark.slow] * (read_expected_table().get(key, 0.0) > 3.0))
-    for key in quickest_cases()
+    for key in find_quickest_case_keys()
 ]
 UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
 OTHER_UNITS = {"1", "s", "MB", "1/s²", "1000/s²", "Pa"}
 # What names say, whatever the section; the first pattern counts
-KINDS = {
+NAME_PATTERNS_BY_KIND = {
     "1": "error* smallest_* *_error order* *difference* *residual* iterations* imaginary* ratio* "
     "sawtooth* peak_over_mean*",
     "force": "*force* reaction_*",
     "stress": "peak_pressure* mean_pressure sigma_cr_*",
     "length": "closed_* stick_from* translation *radius*",
 }
-NAMED = {pattern: kind for kind, patterns in KINDS.items() for pattern in patterns.split()}
+KIND_BY_NAME_PATTERN = {
+    pattern: kind
+    for kind, patterns in NAME_PATTERNS_BY_KIND.items()
+    for pattern in patterns.split()
+}
 
 
 def is_element(name):
@@ -58,78 +62,92 @@ def is_element(name):
 def test_every_case_states_its_element_where_it_has_one(section):
     cases = [case for case in CASES.values() if case.section == section]
     for case in cases:
-        stated = case.stored_parameters
-        assert stated["problem"], case.key
-        assert {*case.parameters, *case.implied} <= set(stated), case.key
-        if "element" in stated:
-            assert is_element(stated["element"]), case.key
-        elif "compared" in stated:
-            assert stated["compared"], case.key
-            assert all(map(is_element, stated["compared"])), case.key
-        elif "peer_element" in stated:
-            assert not is_element(stated["peer_element"]), case.key
+        parameters = case.stored_parameters
+        assert parameters["problem"], case.key
+        assert {*case.parameters, *case.implied} <= set(parameters), case.key
+        if "element" in parameters:
+            assert is_element(parameters["element"]), case.key
+        elif "compared" in parameters:
+            assert parameters["compared"], case.key
+            assert all(map(is_element, parameters["compared"])), case.key
+        elif "peer_element" in parameters:
+            assert not is_element(parameters["peer_element"]), case.key
         else:
-            assert stated["problem"] in ("exact", "trefftz", "reference") or stated["method"], (
-                case.key
-            )
+            assert (
+                parameters["problem"] in ("exact", "trefftz", "reference") or parameters["method"]
+            ), case.key
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_parameters_tell_cases_apart(section):
-    stated = [case.stored_parameters for case in CASES.values() if case.section == section]
-    assert all(stated.count(one) == 1 for one in stated)
+def test_parameters_distinguish_cases(section):
+    parameters_by_case = [
+        case.stored_parameters for case in CASES.values() if case.section == section
+    ]
+    assert all(parameters_by_case.count(parameters) == 1 for parameters in parameters_by_case)
 
 
-def test_element_in_a_name_is_the_one_stated():
+def test_element_in_a_case_name_is_that_of_its_parameters():
     for key, case in CASES.items():
         element = case.stored_parameters.get("element")
-        named = [name for name in ELEMENTS if f"-{name}-" in f"-{case.name}-"]
-        if element and named:
-            assert named == [element], key
+        elements_in_name = [name for name in ELEMENTS if f"-{name}-" in f"-{case.name}-"]
+        if element and elements_in_name:
+            assert elements_in_name == [element], key
 
 
-@pytest.mark.parametrize("key", QUICKEST)
-def test_every_number_has_a_suitable_unit(key, results):
-    case, read = CASES[key], results[key]
-    assert read.parameters == case.stored_parameters
-    assert set(read.units) == set(read.scalars)
-    suitable = [
+@pytest.mark.parametrize("key", QUICKEST_CASE_KEYS)
+def test_every_scalar_has_a_suitable_unit(key, results):
+    case, stored_result = CASES[key], results[key]
+    assert stored_result.parameters == case.stored_parameters
+    assert set(stored_result.units) == set(stored_result.scalars)
+    suitable_systems = [
         units
         for units in map(vars, UNIT_SYSTEMS)
-        if set(read.units.values()) <= {*units.values()} | OTHER_UNITS and _has_units(read, units)
+        if set(stored_result.units.values()) <= {*units.values()} | OTHER_UNITS
+        and _has_units(stored_result, units)
     ]
-    assert suitable, read.units
+    assert suitable_systems, stored_result.units
 
 
 def _has_units(result, units):
     """Whether numbers whose names tell their kind have the unit of this kind."""
     for name, unit in result.units.items():
-        kind = next((NAMED[pattern] for pattern in NAMED if fnmatchcase(name, pattern)), None)
+        kind = next(
+            (
+                KIND_BY_NAME_PATTERN[pattern]
+                for pattern in KIND_BY_NAME_PATTERN
+                if fnmatchcase(name, pattern)
+            ),
+            None,
+        )
         if kind and unit != units.get(kind, kind):
             return False
     return True
 
 
 def test_measures_select_by_parameters_or_by_names(results):
-    found = matching(results, "7.1", {"element": "pw-T6", "squares": 1})
-    (named,) = matching(results, "7.1", "pw-T6")
-    assert named.case in [one.case for one in found]
-    assert like(results, named, element="galerkin-T6").case == "galerkin-T6"
-    (recorded,) = matching(
+    selected_results = select_results(results, "7.1", {"element": "pw-T6", "squares": 1})
+    (result_by_name,) = select_results(results, "7.1", "pw-T6")
+    assert result_by_name.case in [selected_result.case for selected_result in selected_results]
+    assert find_variant(results, result_by_name, element="galerkin-T6").case == "galerkin-T6"
+    (recorded_result,) = select_results(
         results, "C", {"element": "pw-T10", "problem": "statics", "setting": "ball"}
     )
-    assert like(results, recorded, element="galerkin-T10").case == "galerkin-T10-ball"
-    by_name = largest(results, "7.1", "pw-T6.*", "sum")
-    assert largest(results, "7.1", {"element": "pw-T6"}, "sum") == by_name == pytest.approx(6)
+    assert (
+        find_variant(results, recorded_result, element="galerkin-T10").case == "galerkin-T10-ball"
+    )
+    largest_by_name = largest(results, "7.1", "pw-T6.*", "sum")
+    assert (
+        largest(results, "7.1", {"element": "pw-T6"}, "sum") == largest_by_name == pytest.approx(6)
+    )
 
 
-TEXTS = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
-TEXTS += [find_page_source(section) for section in SECTIONS]
-LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
+TEXT_FILES = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
+TEXT_FILES += [find_page_source(section) for section in SECTIONS]
+CASE_KEY_PATTERN = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
 
 
-@pytest.mark.parametrize("name", scripts())
-def test_figures_need_cases(name):
+@pytest.mark.parametrize("name", list_scripts())
+def test_figures_need_existing_cases_only(name):
     assert set(load_script(name).needs) <= set(CASES)
 
 
@@ -138,30 +156,30 @@ def _read_text(path):
     if path.suffix != ".py":
         return path.read_text(encoding="utf-8")
     constants = read_constants(path)
-    return "\n".join(constants.get(name, "") for name in ("MACROS", *BLOCKS))
+    return "\n".join(constants.get(name, "") for name in ("MACROS", *BLOCK_OF_CONSTANT))
 
 
-@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)
-def test_texts_show_cases_and_figures(text):
-    content = _read_text(text)
-    assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(scripts())
-    for key, beginning in LITERAL.findall(content):
-        assert key in CASES or (beginning and any(case.startswith(key) for case in CASES)), key
+@pytest.mark.parametrize("path", TEXT_FILES, ids=lambda path: path.stem)
+def test_texts_refer_to_existing_cases_and_figures_only(path):
+    content = _read_text(path)
+    assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(list_scripts())
+    for key, is_beginning in CASE_KEY_PATTERN.findall(content):
+        assert key in CASES or (is_beginning and any(case.startswith(key) for case in CASES)), key
 
 
 @pytest.mark.parametrize("claim", load_claims(), ids=lambda claim: claim.id)
-def test_claims_measure_cases(claim):
+def test_claims_measure_existing_cases_only(claim):
     args = claim.judgement.args if claim.judgement else {}
-    named = [value for value in args.values() if isinstance(value, str) and "/" in value]
-    assert set(named) <= set(CASES)
+    named_keys = [value for value in args.values() if isinstance(value, str) and "/" in value]
+    assert set(named_keys) <= set(CASES)
     if {"section", "cases"} <= set(args):
-        section = [case for case in CASES.values() if case.section == args["section"]]
-        assert any(_selects(args["cases"], case) for case in section)
+        section_cases = [case for case in CASES.values() if case.section == args["section"]]
+        assert any(_is_selected(args["cases"], case) for case in section_cases)
 
 
-def _selects(cases, case):
-    if isinstance(cases, str):
-        return re.fullmatch(cases, case.name)
+def _is_selected(selection, case):
+    if isinstance(selection, str):
+        return re.fullmatch(selection, case.name)
     return StoredResult(case.section, case.name, case.stored_parameters, {}, {}, dict, {}).has(
-        **cases
+        **selection
     )

@@ -58,18 +58,21 @@ def test_nodal_forces_of_each_method_add_up_to_hertz_force(method):
 
 
 def test_new_element_has_the_displacements_of_the_standard_one():
-    new, standard = (
+    new_displacement, standard_displacement = (
         solve_with_usual_parameter(method).u.x.array for method in ("pw-T6", "snes-vi")
     )
-    assert np.abs(new - standard).max() < 1e-13 * np.abs(standard).max()
+    assert (
+        np.abs(new_displacement - standard_displacement).max()
+        < 1e-13 * np.abs(standard_displacement).max()
+    )
 
 
 def test_proximal_galerkin_has_the_pressure_of_the_mortar_method():
-    mortar, proximal = (
+    mortar_pressure, proximal_pressure = (
         sample_traction(make_problem(), solve_with_usual_parameter(method).pressure)[1]
         for method in ("mortar-p1", "proximal-p1")
     )
-    assert proximal == pytest.approx(mortar, abs=1e-6 * mortar.max())
+    assert proximal_pressure == pytest.approx(mortar_pressure, abs=1e-6 * mortar_pressure.max())
 
 
 def test_symmetric_nitsche_is_accurate_at_its_best_parameter_only():
@@ -83,12 +86,14 @@ def test_symmetric_nitsche_is_accurate_at_its_best_parameter_only():
 
 
 def test_errors_of_scaled_exact_pressure_are_the_change_of_scale():
-    standard = solve_with_usual_parameter("snes-vi")
-    exact = make_problem().exact.peak_pressure * ufl.sqrt(
+    standard_solution = solve_with_usual_parameter("snes-vi")
+    exact_pressure = make_problem().exact.peak_pressure * ufl.sqrt(
         ufl.max_value(0, 1 - make_problem().distance_from_middle ** 2)
     )
     for factor, error in ((1.1, 0.1), (0.5, 0.5)):
-        errors = measure_errors(make_problem(), standard._replace(pressure=factor * exact))[0]
+        errors = measure_errors(
+            make_problem(), standard_solution._replace(pressure=factor * exact_pressure)
+        )[0]
         for name in ("pressure_l2", "pressure_l2_inner", "pressure_l2_edge"):
             assert errors[name] == pytest.approx(error, abs=1e-12)
         assert errors["variation"] == pytest.approx(0.0, abs=1e-12)

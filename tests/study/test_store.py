@@ -31,69 +31,88 @@ RESULT = Result(
 PARAMETERS = {"element": "pw-T6", "divisions": [20, 10], "friction": 0.3, "smooth": None}
 
 
-def number(value=1.0, unit="1", curves=None):
+def make_result(value=1.0, unit="1", curves=None):
     return Result({"y": value}, {"y": unit}, curves or {})
 
 
 @pytest.fixture
-def stored(tmp_path):
+def stored_folder(tmp_path):
     save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {"seconds": 1.5, "fingerprint": "f"})
     return tmp_path
 
 
-def test_what_is_read_is_what_was_saved_and_nothing_else_lies_there(stored):
-    read = Results(stored)[KEY]
-    assert (read.section, read.case, read.key) == ("7.1", "pw-T6", KEY)
-    assert read.scalars == {"reaction_1": 0.1 + 0.2, "count": 3.0, "tiny": 5e-324}
-    assert (read.units, read.parameters) == (RESULT.units, PARAMETERS)
-    assert read.provenance["seconds"] == 1.5
+def test_saved_result_is_read_unchanged_and_leaves_two_files_only(stored_folder):
+    stored_result = Results(stored_folder)[KEY]
+    assert (stored_result.section, stored_result.case, stored_result.key) == ("7.1", "pw-T6", KEY)
+    assert stored_result.scalars == {"reaction_1": 0.1 + 0.2, "count": 3.0, "tiny": 5e-324}
+    assert (stored_result.units, stored_result.parameters) == (RESULT.units, PARAMETERS)
+    assert stored_result.provenance["seconds"] == 1.5
     for name, curve in RESULT.curves.items():
-        np.testing.assert_array_equal(read.curves[name], curve)
-        assert read.curves[name].dtype == curve.dtype
-    content = json.loads((stored / "7.1" / "pw-T6.json").read_text())
-    parts = {"parameters", "scalars", "units", "provenance"}
-    assert set(content) == {"format", "section", "case", "digest"} | parts
-    assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+        np.testing.assert_array_equal(stored_result.curves[name], curve)
+        assert stored_result.curves[name].dtype == curve.dtype
+    content = json.loads((stored_folder / "7.1" / "pw-T6.json").read_text())
+    content_keys = {"parameters", "scalars", "units", "provenance"}
+    assert set(content) == {"format", "section", "case", "digest"} | content_keys
+    assert sorted(os.listdir(stored_folder / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
 
 
-ODD = {"odd": np.array([{}, None])}
-UNITS = {"y": "N", "z": "1"}
+UNSTORABLE_CURVES = {"odd": np.array([{}, None])}
+UNITS_OF_TWO_SCALARS = {"y": "N", "z": "1"}
 
 
 @pytest.mark.parametrize(
     ("result", "parameters", "message"),
     [
-        *[(number(value), PARAMETERS, r"\by = -?(nan|inf)") for value in (math.nan, -math.inf)],
+        *[
+            (make_result(value), PARAMETERS, r"\by = -?(nan|inf)")
+            for value in (math.nan, -math.inf)
+        ],
         (Result({"y": 1.0, "z": 2.0}, {}), PARAMETERS, "numbers without a unit: y, z$"),
-        (Result({"y": 1.0, "z": 2.0}, UNITS | {"z": ""}), PARAMETERS, "without a unit: z$"),
-        (Result({"y": 1.0, "z": 2.0}, UNITS | {"x": "m"}), PARAMETERS, "units of no number: x$"),
-        (number(), {}, "has no parameters$"),
-        (number(curves=ODD), PARAMETERS, "odd"),
+        (
+            Result({"y": 1.0, "z": 2.0}, UNITS_OF_TWO_SCALARS | {"z": ""}),
+            PARAMETERS,
+            "without a unit: z$",
+        ),
+        (
+            Result({"y": 1.0, "z": 2.0}, UNITS_OF_TWO_SCALARS | {"x": "m"}),
+            PARAMETERS,
+            "units of no number: x$",
+        ),
+        (make_result(), {}, "has no parameters$"),
+        (make_result(curves=UNSTORABLE_CURVES), PARAMETERS, "odd"),
     ],
 )
-def test_what_cannot_be_stored_is_refused_by_name(tmp_path, result, parameters, message):
+def test_error_names_what_cannot_be_stored(tmp_path, result, parameters, message):
     with pytest.raises(StudyError, match=message):
         save(tmp_path, "7.1", "pw-T6", result, parameters, {})
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_results_are_asked_for_by_parameters(stored):
-    other = {"element": "galerkin-T6", "divisions": [20, 10], "friction": 0.3}
-    save(stored, "7.1", "galerkin-T6", number(), other, {})
-    results = Results(stored)
+def test_results_are_selected_by_parameters(stored_folder):
+    other_parameters = {"element": "galerkin-T6", "divisions": [20, 10], "friction": 0.3}
+    save(stored_folder, "7.1", "galerkin-T6", make_result(), other_parameters, {})
+    results = Results(stored_folder)
 
-    def found(**parameters):
-        return [one.case for one in results.where("7.1", **parameters)]
+    def find_case_names(**parameters):
+        return [selected_result.case for selected_result in results.where("7.1", **parameters)]
 
-    assert found() == ["galerkin-T6", "pw-T6"]
-    assert found(element="pw-T6") == ["pw-T6"]
-    assert found(element=["pw-T6", "galerkin-T6"], friction=0.3) == ["galerkin-T6", "pw-T6"]
-    assert found(divisions=(20, 10), smooth=None) == ["pw-T6"]
-    assert found(friction=0.4) == found(divisions=[[20, 10]]) == found(mesh=1) == []
+    assert find_case_names() == ["galerkin-T6", "pw-T6"]
+    assert find_case_names(element="pw-T6") == ["pw-T6"]
+    assert find_case_names(element=["pw-T6", "galerkin-T6"], friction=0.3) == [
+        "galerkin-T6",
+        "pw-T6",
+    ]
+    assert find_case_names(divisions=(20, 10), smooth=None) == ["pw-T6"]
+    assert (
+        find_case_names(friction=0.4)
+        == find_case_names(divisions=[[20, 10]])
+        == find_case_names(mesh=1)
+        == []
+    )
     assert results.where("7.6", element="pw-T6") == []
 
 
-KILLED = """
+KILLED_SAVE_SCRIPT = """
 import os, sys
 from pathlib import Path
 import numpy as np
@@ -105,40 +124,47 @@ save(Path(sys.argv[1]), "7.1", "pw-T6", result, {"element": "pw-T6"}, {})
 """
 
 
-def kill_between_curves_and_numbers(folder):
-    done = subprocess.run([sys.executable, "-c", KILLED, str(folder)], check=False)
-    assert done.returncode == 9
+def kill_save_between_curves_and_scalars(folder):
+    completed = subprocess.run([sys.executable, "-c", KILLED_SAVE_SCRIPT, str(folder)], check=False)
+    assert completed.returncode == 9
     assert (folder / "7.1" / "pw-T6.npz").exists()
 
 
-def test_kill_before_the_numbers_leaves_no_result_and_mixes_none(tmp_path):
-    kill_between_curves_and_numbers(tmp_path)
+def test_kill_before_the_scalars_are_written_leaves_no_result_and_no_mixture(tmp_path):
+    kill_save_between_curves_and_scalars(tmp_path)
     assert KEY not in Results(tmp_path)
     assert Results(tmp_path).section("7.1") == []
     save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {})
-    kill_between_curves_and_numbers(tmp_path)
+    kill_save_between_curves_and_scalars(tmp_path)
     with pytest.raises(CorruptResult, match=r"not of the same run.*study 7\.1/pw-T6$"):
         Results(tmp_path)[KEY]
 
 
-def test_failed_write_leaves_the_old_result_and_no_litter(stored, monkeypatch):
-    def full(*_):
+def test_failed_write_leaves_the_old_result_and_no_other_files(stored_folder, monkeypatch):
+    def raise_disk_full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", full)
+    monkeypatch.setattr(os, "replace", raise_disk_full)
     with pytest.raises(OSError, match="No space"):
-        save(stored, "7.1", "pw-T6", number(9.0, curves={"x": np.ones(1)}), PARAMETERS, {})
-    path = stored / "7.1" / "pw-T6.json"  # in another layout, it has the same numbers
+        save(
+            stored_folder,
+            "7.1",
+            "pw-T6",
+            make_result(9.0, curves={"x": np.ones(1)}),
+            PARAMETERS,
+            {},
+        )
+    path = stored_folder / "7.1" / "pw-T6.json"  # in another layout, it has the same numbers
     path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
-    assert Results(stored).scalar(KEY, "reaction_1") == 0.1 + 0.2
-    assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+    assert Results(stored_folder).scalar(KEY, "reaction_1") == 0.1 + 0.2
+    assert sorted(os.listdir(stored_folder / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
     monkeypatch.undo()
-    save(stored, "7.1", "pw-T6", number(), PARAMETERS, {})
-    assert Results(stored).curves(KEY) == {}  # those of the earlier result went with it
-    assert os.listdir(stored / "7.1") == ["pw-T6.json"]
+    save(stored_folder, "7.1", "pw-T6", make_result(), PARAMETERS, {})
+    assert Results(stored_folder).curves(KEY) == {}  # those of the earlier result went with it
+    assert os.listdir(stored_folder / "7.1") == ["pw-T6.json"]
 
 
-EDITED = [
+EDITS_OF_CONTENT = [
     ('"count": 3.0', '"count": 3.0000000000000004'),
     ('"reaction_1": "N"', '"reaction_1": "kN"'),
     ('"friction": 0.3', '"friction": 0.4'),
@@ -151,9 +177,9 @@ EDITED = [
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    ("replaced", "replacement"),
     [
-        *EDITED,
+        *EDITS_OF_CONTENT,
         ("3.0", "NaN"),
         ("3.0", '"3.0"'),
         ('"units"', '"unit"'),
@@ -169,90 +195,105 @@ EDITED = [
         (".npz", None),
     ],
 )
-def test_damaged_or_edited_result_is_named_with_its_remedy(stored, old, new):
-    path = stored / "7.1" / "pw-T6.json"
-    if old.startswith("."):
-        path = path.with_suffix(old)
-        path.unlink() if new is None else path.write_bytes(new)
+def test_error_names_a_damaged_or_edited_result_and_its_remedy(
+    stored_folder, replaced, replacement
+):
+    path = stored_folder / "7.1" / "pw-T6.json"
+    if replaced.startswith("."):
+        path = path.with_suffix(replaced)
+        path.unlink() if replacement is None else path.write_bytes(replacement)
     else:
         text = path.read_text()
-        assert old in text
-        path.write_text(text.replace(old, new))
-    assert KEY in Results(stored)
-    with pytest.raises(CorruptResult) as caught:
-        Results(stored)[KEY]
-    message = str(caught.value)
-    assert str(stored / "7.1" / "pw-T6.") in message
+        assert replaced in text
+        path.write_text(text.replace(replaced, replacement))
+    assert KEY in Results(stored_folder)
+    with pytest.raises(CorruptResult) as error_info:
+        Results(stored_folder)[KEY]
+    message = str(error_info.value)
+    assert str(stored_folder / "7.1" / "pw-T6.") in message
     assert message.endswith("run ./run study 7.1/pw-T6")
     assert "\n" not in message
-    assert "edited since the run" in message or (old, new) not in EDITED
+    assert "edited since the run" in message or (replaced, replacement) not in EDITS_OF_CONTENT
 
 
-def test_a_result_in_another_place_is_not_that_of_the_place(stored):
+def test_copy_of_a_result_is_refused_as_another_case(stored_folder):
     """Nor if its digest is made anew, as the numbers of a forger would have one."""
-    for place in ("7.2/pw-T6", "7.1/pw-Q8"):
+    for other_key in ("7.2/pw-T6", "7.1/pw-Q8"):
         for suffix in (".json", ".npz"):
-            copy = stored / f"{place}{suffix}"
+            copy = stored_folder / f"{other_key}{suffix}"
             copy.parent.mkdir(exist_ok=True)
-            copy.write_bytes((stored / f"{KEY}{suffix}").read_bytes())
+            copy.write_bytes((stored_folder / f"{KEY}{suffix}").read_bytes())
         with pytest.raises(CorruptResult, match=r"it is of the case 7\.1/pw-T6"):
-            Results(stored)[place]
-        edit = {"section": place.partition("/")[0], "case": place.partition("/")[2]}
-        content = json.loads((stored / f"{KEY}.json").read_text()) | edit
-        (stored / f"{place}.json").write_text(json.dumps(content))
+            Results(stored_folder)[other_key]
+        other_section_and_case = {
+            "section": other_key.partition("/")[0],
+            "case": other_key.partition("/")[2],
+        }
+        content = json.loads((stored_folder / f"{KEY}.json").read_text()) | other_section_and_case
+        (stored_folder / f"{other_key}.json").write_text(json.dumps(content))
         with pytest.raises(CorruptResult, match="it has been edited"):
-            Results(stored)[place]
+            Results(stored_folder)[other_key]
 
 
-def test_a_result_of_another_version_is_there_but_outdated(stored):
-    path = stored / f"{KEY}.json"
+def test_result_in_another_format_version_exists_but_is_outdated(stored_folder):
+    path = stored_folder / f"{KEY}.json"
     content = json.loads(path.read_text())
-    first = {name: content[name] for name in ("case", "parameters", "scalars", "units")}
-    for other in (first | {"provenance": {}}, content | {"format": FORMAT.replace("2", "3")}):
-        path.write_text(json.dumps(other))
+    first_format_content = {
+        name: content[name] for name in ("case", "parameters", "scalars", "units")
+    }
+    for other_format_content in (
+        first_format_content | {"provenance": {}},
+        content | {"format": FORMAT.replace("2", "3")},
+    ):
+        path.write_text(json.dumps(other_format_content))
         assert is_result_file(path)
-        assert KEY in Results(stored)
+        assert KEY in Results(stored_folder)
         with pytest.raises(OutdatedResult, match=r"another version: run \./run study 7\.1/pw-T6$"):
-            Results(stored)[KEY]
+            Results(stored_folder)[KEY]
         assert (
-            Results(stored).readable_results("7.1"),
-            Results(stored).corrupt_results("7.1"),
+            Results(stored_folder).readable_results("7.1"),
+            Results(stored_folder).corrupt_results("7.1"),
         ) == ([], {})
     path.write_text('{"case": "pw-T6"}')
     assert not is_result_file(path)
 
 
-def test_a_section_has_what_can_be_read_and_what_cannot(stored):
-    save(stored, "7.1", "galerkin-T6", number(), PARAMETERS, {})
-    (stored / f"{KEY}.json").write_text("{")
-    results = Results(stored)
-    assert [one.case for one in results.readable_results("7.1")] == ["galerkin-T6"]
+def test_section_separates_readable_and_corrupt_results(stored_folder):
+    save(stored_folder, "7.1", "galerkin-T6", make_result(), PARAMETERS, {})
+    (stored_folder / f"{KEY}.json").write_text("{")
+    results = Results(stored_folder)
+    assert [readable_result.case for readable_result in results.readable_results("7.1")] == [
+        "galerkin-T6"
+    ]
     assert {*results.corrupt_results("7.1")} == {KEY}
     assert results.corrupt_results("7.1")[KEY].endswith("run ./run study 7.1/pw-T6")
     with pytest.raises(CorruptResult):
         results.section("7.1")
 
 
-def test_missing_result_or_scalar_is_named(stored):
-    assert "7.6/pw-T6" not in Results(stored)
+def test_error_names_a_missing_result_or_scalar(stored_folder):
+    assert "7.6/pw-T6" not in Results(stored_folder)
     with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6/pw-T6$"):
-        Results(stored)["7.6/pw-T6"]
+        Results(stored_folder)["7.6/pw-T6"]
     with pytest.raises(MissingScalar, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
-        Results(stored).scalar(KEY, "reaction_9")
+        Results(stored_folder).scalar(KEY, "reaction_9")
 
 
-def test_section_is_sorted_and_ignores_unfinished_files(stored):
-    save(stored, "7.1", "galerkin-T6", Result({}, {}), PARAMETERS, {})
-    save(stored, "7.6", "other", Result({}, {}), PARAMETERS, {})
-    (stored / "7.1" / ".pw-Q8.json.77").write_text("{")
-    (stored / "7.1" / ".half.json").write_text("{")
-    assert [one.case for one in Results(stored).section("7.1")] == ["galerkin-T6", "pw-T6"]
+def test_section_is_sorted_and_ignores_unfinished_files(stored_folder):
+    save(stored_folder, "7.1", "galerkin-T6", Result({}, {}), PARAMETERS, {})
+    save(stored_folder, "7.6", "other", Result({}, {}), PARAMETERS, {})
+    (stored_folder / "7.1" / ".pw-Q8.json.77").write_text("{")
+    (stored_folder / "7.1" / ".half.json").write_text("{")
+    assert [stored_result.case for stored_result in Results(stored_folder).section("7.1")] == [
+        "galerkin-T6",
+        "pw-T6",
+    ]
 
 
 @pytest.mark.parametrize(
     ("text", "error"), [(None, MissingResult), ("{}", CorruptResult), ("[", CorruptResult)]
 )
-def test_claims_that_cannot_be_read(tmp_path, text, error):
+def test_unreadable_claims_raise_an_error_with_its_remedy(tmp_path, text, error):
     if text is not None:
         (tmp_path / "claims.json").write_text(text)
     with pytest.raises(error, match=r"claims\.json.*study report"):

@@ -30,8 +30,8 @@ def test_dual_quadratic_functions_are_biorthogonal(cell):
             biorthogonal_functions[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
     rows = np.searchsorted(slave.nodes, node)
     M = np.zeros((len(slave.nodes), len(slave.nodes)))
-    products = np.einsum("q,qa,qb->qab", overlap.measure, psi, biorthogonal_functions)
-    np.add.at(M, (rows[:, :, None], rows[:, None, :]), products)
+    integrated_products = np.einsum("q,qa,qb->qab", overlap.measure, psi, biorthogonal_functions)
+    np.add.at(M, (rows[:, :, None], rows[:, None, :]), integrated_products)
     off_diagonal = M - np.diag(np.diag(M))
     assert np.abs(off_diagonal).max() < 1e-12 * np.abs(M).max()
 

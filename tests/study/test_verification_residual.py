@@ -8,29 +8,33 @@ from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_e
 from study.benchmarks.v14_rubber.moments import moments_about_origin, triangle_moment_contributions
 from study.benchmarks.v14_rubber.page import DEGREE, RubberBlock
 
-RATIO = 20.0
+CONDUCTIVITY_RATIO = 20.0
 
 
-def derivative(f, x, axis, h=1e-4):
+def central_difference(f, x, axis, h=1e-4):
     step = np.zeros_like(x)
     step[axis] = h
     return (8 * (f(x + step) - f(x - step)) - f(x + 2 * step) + f(x - 2 * step)) / (12 * h)
 
 
-@pytest.mark.parametrize("problem", [GradedWall(RATIO), SourcedSquare(RATIO)])
+@pytest.mark.parametrize(
+    "problem", [GradedWall(CONDUCTIVITY_RATIO), SourcedSquare(CONDUCTIVITY_RATIO)]
+)
 def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem):
     x = np.random.default_rng(0).uniform(0.05, 0.95, (2, 20))
 
-    def k(p):
-        return RATIO ** p[0] * (1 + problem.temperature(*p))
+    def conductivity(p):
+        return CONDUCTIVITY_RATIO ** p[0] * (1 + problem.temperature(*p))
 
     def flux(axis):
-        return lambda p: k(p) * derivative(lambda q: problem.temperature(*q), p, axis)
+        return lambda p: (
+            conductivity(p) * central_difference(lambda q: problem.temperature(*q), p, axis)
+        )
 
-    balance = sum(derivative(flux(axis), x, axis, 1e-3) for axis in (0, 1))
-    assert np.abs(balance / RATIO ** x[0] + problem.source(*x)).max() < 1e-6
-    right = np.array([np.ones(20), x[1]])
-    assert flux(0)(right) == pytest.approx(problem.flux(x[1]), rel=1e-6)
+    balance = sum(central_difference(flux(axis), x, axis, 1e-3) for axis in (0, 1))
+    assert np.abs(balance / CONDUCTIVITY_RATIO ** x[0] + problem.source(*x)).max() < 1e-6
+    points_on_right_side = np.array([np.ones(20), x[1]])
+    assert flux(0)(points_on_right_side) == pytest.approx(problem.flux(x[1]), rel=1e-6)
     if problem.is_insulated:
         for end in (0.0, 1.0):
             assert np.abs(flux(1)(np.array([x[0], np.full(20, end)]))).max() < 1e-7
@@ -50,14 +54,14 @@ def test_trefftz_uses_exact_temperatures_on_the_boundary_only(problem, degree, t
         """Problem whose exact temperature is NaN inside."""
 
         def temperature(self, x, y):
-            inside = np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) < 0.5 - 1e-12
-            return np.where(inside, np.nan, super().temperature(x, y))
+            is_inside = np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) < 0.5 - 1e-12
+            return np.where(is_inside, np.nan, super().temperature(x, y))
 
-    exact = problem(RATIO)
-    solution = TrefftzSolution(BoundaryOnly(RATIO), degree, transformed)
+    exact_problem = problem(CONDUCTIVITY_RATIO)
+    solution = TrefftzSolution(BoundaryOnly(CONDUCTIVITY_RATIO), degree, transformed)
     x = np.random.default_rng(1).uniform(0, 1, (2, 50))
-    assert np.abs(solution.temperature(*x) - exact.temperature(*x)).max() < error
-    assert solution.flux(x[1]) == pytest.approx(exact.flux(x[1]), abs=300 * error)
+    assert np.abs(solution.temperature(*x) - exact_problem.temperature(*x)).max() < error
+    assert solution.flux(x[1]) == pytest.approx(exact_problem.flux(x[1]), abs=300 * error)
 
 
 @pytest.mark.parametrize("transformed", [True, False])

@@ -19,13 +19,13 @@ from tests.contact.cases import ElasticBody, on_plane
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
-def test_inf_sup_constants_are_smallest_singular_values_between_norms(element):
+def test_inf_sup_constant_is_the_smallest_singular_value_between_norms(element):
     mesh = mesh_distorted_grid(element, 2)
     dim = mesh.geometry.dim
-    pair = spaces(element, mesh)
+    hybrid_spaces = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
     # a shear modulus other than the page's; the norms make the constant independent of it
-    body, mu = ElasticBody(mesh, lambda _: pair, state, 12.0, 0.5), 4.0
+    body, mu = ElasticBody(mesh, lambda _: hybrid_spaces, state, 12.0, 0.5), 4.0
     supports = body.make_clamping_supports(on_plane(dim - 1, 0.0))
 
     def norm_factor(space):
@@ -35,8 +35,8 @@ def test_inf_sup_constants_are_smallest_singular_values_between_norms(element):
         return cholesky(to_dense_array(gram), lower=True)
 
     b = to_dense_array(supports.matrix(body.K))
-    scaled = solve_triangular(norm_factor(pair.test), b, lower=True)
-    scaled = solve_triangular(norm_factor(pair.trial), scaled.T, lower=True)
+    scaled = solve_triangular(norm_factor(hybrid_spaces.test), b, lower=True)
+    scaled = solve_triangular(norm_factor(hybrid_spaces.trial), scaled.T, lower=True)
     assert infsup(element, 2).scalars["inf_sup"] == pytest.approx(svdvals(scaled)[-1], rel=1e-6)
 
 

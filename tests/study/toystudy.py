@@ -10,11 +10,11 @@ import pytest
 
 from study.judge import claims, facts
 from study.publish.command import FigureDrawing
-from study.publish.report import build
+from study.publish.report import build_report
 from study.run.cases import SECTIONS
 from study.run.store import Result, Results, save, write_json
 
-ONE = """
+FIRST_SECTION_SOURCE = """
 import os
 import time
 from pathlib import Path
@@ -48,7 +48,7 @@ def case(name, value=1.0, **parameters):
 CASES = [case("a"), case("b", 2.5)]
 """
 
-TWO = """
+SECOND_SECTION_SOURCE = """
 from study.run.cases import Case
 from study.run.store import Result
 
@@ -62,7 +62,7 @@ def run():
 CASES = [Case("2", "only", run)]
 """
 
-MEASURES = """
+MEASURES_SOURCE = """
 def value(results, key, name, factor=1.0):
     return factor * results.scalar(key, name)
 
@@ -76,17 +76,17 @@ def nothing(results):
 """
 
 
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
+SVG_PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
 
-TOY = {"problem": "toy"}
-ORIGIN = {
+TOY_PARAMETERS = {"problem": "toy"}
+PROVENANCE = {
     "commit": "0123456789abcdef", "dirty": True, "time": "2026-01-02T03:04:05+00:00",
     "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
     "seconds": 1.239, "dofs": 4290, "processes": 2, "fingerprint": "f",
 }  # fmt: skip
 
 
-def claim(**changes):
+def make_claim_toml(**changes):
     """Return a statement of the paper as TOML; a change to None leaves the key out."""
     entry = {
         "id": '"the-claim"', "kind": '"paper"', "source": '"Sec. 1, Eq. 3"',
@@ -96,34 +96,39 @@ def claim(**changes):
         "value": "5.0", "tol": "1e-12", "tol_why": '"Round-off."', "tol_set": '"after"',
         "unit": '"N"', "why": '"Twice 2.5."',
     } | changes  # fmt: skip
-    lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
-    return "\n".join(["[[claim]]", *lines, ""])
+    toml_lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
+    return "\n".join(["[[claim]]", *toml_lines, ""])
 
 
-def finding(**changes):
+def make_finding_toml(**changes):
     """Return a finding of the study as TOML."""
-    paper = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
-    entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper, **changes}
-    return claim(**entry).replace("[[claim]]", "[[finding]]")
+    paper_only_keys = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
+    entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper_only_keys, **changes}
+    return make_claim_toml(**entry).replace("[[claim]]", "[[finding]]")
 
 
-def module(name, text, **values):
-    made = ModuleType(name)
-    made.__dict__.update(values)
-    exec(text, made.__dict__)
-    return made
+def make_module(name, source, **attributes):
+    new_module = ModuleType(name)
+    new_module.__dict__.update(attributes)
+    exec(source, new_module.__dict__)
+    return new_module
 
 
-MEASURED = module("toy_measures", MEASURES)
+TOY_MEASURES = make_module("toy_measures", MEASURES_SOURCE)
 
 
-def install(folder, monkeypatch):
+def install_toy_study(folder, monkeypatch):
     """Replace sections, claims, measures and figures by toys with sources in the folder."""
     package = folder / "toy"
     package.mkdir()
-    sources = {"__init__": "", "common": "FACTOR = 2.0\n", "one": ONE, "two": TWO}
-    for name, text in sources.items():
-        (package / f"{name}.py").write_text(text)
+    sources = {
+        "__init__": "",
+        "common": "FACTOR = 2.0\n",
+        "one": FIRST_SECTION_SOURCE,
+        "two": SECOND_SECTION_SOURCE,
+    }
+    for name, source in sources.items():
+        (package / f"{name}.py").write_text(source)
     for name in [name for name in sys.modules if name.split(".")[0] == "toy"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.syspath_prepend(str(folder))
@@ -133,46 +138,55 @@ def install(folder, monkeypatch):
     monkeypatch.setitem(SECTIONS, "1", "toy.one")
     monkeypatch.setitem(SECTIONS, "2", "toy.two")
     path = folder / "claims.toml"
-    path.write_text(claim())
-    monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], MEASURED))
+    path.write_text(make_claim_toml())
+    monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], TOY_MEASURES))
 
 
-def reported(folder, monkeypatch):
+def write_toy_results(folder, monkeypatch):
     """Install the toys; return a folder of results with claims and three figures."""
-    install(folder, monkeypatch)
-    out = folder / "results"
-    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), TOY, ORIGIN)
-    versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
-    other = {**ORIGIN, "versions": versions, "dirty": False}
-    save(out, "1", "b", Result({"y": 5.0}, {"y": "1"}), TOY, other)
-    path = folder / "claims.toml"
-    path.write_text(
-        claim()
-        + claim(id='"wrong"', value=4.0, source='"Table 1"')
-        + claim(id='"open"', args='{ key = "7/no", name = "y" }', source='"Sec. 2"')
+    install_toy_study(folder, monkeypatch)
+    results_folder = folder / "results"
+    save(
+        results_folder,
+        "1",
+        "a",
+        Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}),
+        TOY_PARAMETERS,
+        PROVENANCE,
     )
-    results = Results(out)
-    facts.write(out, claims.judge(claims.load_claims(), results), results)
-    figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
-    return out
+    versions = {**PROVENANCE["versions"], "dolfinx": "0.10.0"}
+    other_provenance = {**PROVENANCE, "versions": versions, "dirty": False}
+    save(results_folder, "1", "b", Result({"y": 5.0}, {"y": "1"}), TOY_PARAMETERS, other_provenance)
+    claims_path = folder / "claims.toml"
+    claims_path.write_text(
+        make_claim_toml()
+        + make_claim_toml(id='"wrong"', value=4.0, source='"Table 1"')
+        + make_claim_toml(id='"open"', args='{ key = "7/no", name = "y" }', source='"Sec. 2"')
+    )
+    results = Results(results_folder)
+    facts.write_claims_with_facts(
+        results_folder, claims.judge(claims.load_claims(), results), results
+    )
+    write_toy_figures(results_folder, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
+    return results_folder
 
 
-def figures(out, *sections):
-    size = {"width": 672, "height": 288, "narrow": [355, 400]}
+def write_toy_figures(results_folder, *names_and_sections):
+    sizes = {"width": 672, "height": 288, "narrow": [355, 400]}
     entries = [
-        {"name": name, "title": f"Title of {name}", "section": section, **size}
+        {"name": name, "title": f"Title of {name}", "section": section, **sizes}
         | {"caption": f"Caption of {name}: a < b.", "alt": f'Line "{name}"'}
-        for name, section in sections
+        for name, section in names_and_sections
     ]
-    folder = out / "figures"
-    folder.mkdir(exist_ok=True)
-    (folder / "index.json").write_text(json.dumps(entries))
-    for name, _ in sections:
-        for ending in ("svg", "narrow.svg"):
-            (folder / f"{name}.{ending}").write_text(SVG)
+    figures_folder = results_folder / "figures"
+    figures_folder.mkdir(exist_ok=True)
+    (figures_folder / "index.json").write_text(json.dumps(entries))
+    for name, _ in names_and_sections:
+        for suffix in ("svg", "narrow.svg"):
+            (figures_folder / f"{name}.{suffix}").write_text(SVG_PICTURE)
 
 
-def started(folder):
+def count_started_runs(folder):
     log = folder / "log"
     return len(log.read_text().split()) if log.exists() else 0
 
@@ -190,5 +204,5 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1]).resolve()
     folder.mkdir(parents=True)
     with pytest.MonkeyPatch.context() as patch:
-        results = reported(folder, patch)
-        build(Results(results), folder)
+        results = write_toy_results(folder, patch)
+        build_report(Results(results), folder)

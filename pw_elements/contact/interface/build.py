@@ -1,9 +1,9 @@
 """Construction of the contact interface from the user's contact pairs.
 
 The other side of a pair may be a rigid surface, matching nodes of another body, or facets of
-another body that are coupled by mortars. The module guarantees that pairs, supports and surfaces
-have been checked, and that user functions give the same values on all processes. All functions
-except `_is_axisymmetric` are collective.
+another body that are coupled by mortar integrals. The module guarantees that pairs, supports and
+surfaces have been checked, and that user functions give the same values on all processes. All
+functions except `_is_axisymmetric` are collective.
 """
 
 import logging
@@ -56,7 +56,7 @@ from pw_elements.spaces import (
     is_hybrid,
 )
 
-# Names of those attributes of surfaces that are vectors (dim,)
+# Attributes of surfaces that are vectors (dim,)
 _SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
 
 
@@ -69,17 +69,18 @@ def build_interface(
 ) -> ContactInterface:
     """Build and check the interface of contact pairs; collective.
 
-    Everything that is known before a computation is checked.
+    All conditions that can be checked before the first increment are checked here.
 
     Args:
         pairs: contact pairs, as given by the user.
         space: space of all unknowns.
         reduction: supports of the body.
-        assembly: record of how the stiffness was assembled, if there is one. It tells whether areas
-            are those of the whole circumference. It also tells whether the unknowns are
-            coefficients of the symmetric sibling element. Gaps are then transformed to its basis.
-        large_sliding: whether two bodies may slide far on each other. Mortars are then evaluated at
-            deformed positions.
+        assembly: record of how the stiffness was assembled; None if there is no record. It says
+            whether the body is axisymmetric, so that areas are those of the whole circumference,
+            and whether the unknowns are coefficients of the symmetric sibling element, so that gaps
+            have to be transformed to its basis.
+        large_sliding: whether two bodies may slide on each other over large distances. Mortar
+            integrals are then evaluated at the deformed positions.
 
     Raises:
         ValueError: for pairs, supports or surfaces that do not define a contact problem.
@@ -158,7 +159,7 @@ def build_interface(
 
 
 def _warn_of_large_finite_difference_steps(interface: ContactInterface) -> None:
-    """Log a warning for each `SignedDistance` with too large a difference step; collective."""
+    """Log a warning for each `SignedDistance` whose difference step is too large; collective."""
     comm = interface.comm
     for k, surface in enumerate(interface.surfaces):
         if not isinstance(surface, SignedDistance):
@@ -185,8 +186,8 @@ def _warn_of_large_finite_difference_steps(interface: ContactInterface) -> None:
 def _warn_of_nodes_without_facet(pair_name: str, nodes: LocalIndices, body: BodyNodes) -> None:
     """Log a warning for nodes of a pair that belong to none of its facets; collective.
 
-    Such nodes have no pressure. Functions that write or plot pressures would refuse the states
-    after the computation.
+    Such nodes have no pressure. Functions that write or plot pressures would reject the states, but
+    only after the computation.
     """
     comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
     pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
@@ -204,10 +205,11 @@ def _warn_of_nodes_without_facet(pair_name: str, nodes: LocalIndices, body: Body
 
 
 def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
-    """Raise ValueError for invalid nodes of all pairs; collective.
+    """Raise ValueError if any of the given nodes cannot be a contact node; collective.
 
-    Nodes are invalid if they belong to two pairs, if they lie inside the body, or if the reduction
-    combines their displacements with others.
+    A node cannot be a contact node if it belongs to two pairs, lies inside the body, or has a
+    displacement that the reduction combines with others. `nodes` are the nodes of all pairs,
+    including matching opposite nodes.
     """
     unique, count = np.unique(nodes, return_counts=True)
     body.raise_error_for_invalid_nodes(
@@ -233,7 +235,7 @@ def _evaluate_nominal_interference_if_coincident(
 ) -> Array | None:
     """Return the nominal interference (n,) of a pair at positions x (n, dim).
 
-    The result is None if the surface of the pair is not `coincident`.
+    The result is None unless the pair's surface is declared `coincident`.
     """
     depth = pair.interference
     if not getattr(pair.surface, "coincident", False):
@@ -250,8 +252,9 @@ def _evaluate_user_function_at_gathered_points(
 ) -> Array:
     """Return the values (n,) of a user's function at positions x (n, dim); collective.
 
-    Each process evaluates the function at the points of all processes, so that all processes call
-    it equally often. `name_in_messages` is the name of the function in error messages.
+    Each process evaluates the function at the points of all processes and keeps the values at its
+    own points. All processes therefore call the function equally often. `name_in_messages` is the
+    name of the function in error messages.
     """
     all_x, owned = gather_points_and_local_slice(comm, x)
     points = np.zeros((3, len(all_x)))
@@ -273,10 +276,10 @@ def _evaluate_user_function_at_gathered_points(
 def _is_axisymmetric(
     pair_index: int, master: DeformableSurface, assembly: AssemblyRecord, dim: int
 ) -> bool:
-    """Return whether areas of a pair are those of the whole circumference.
+    """Return whether the areas of a pair are those of the whole circumference.
 
-    This follows from the stress state in the record of the stiffness. If there is none in the
-    record, `master.revolved` decides.
+    The stress state in the record of the stiffness determines the result. If the record has no
+    stress state, the result is given by `master.revolved`.
 
     Args:
         pair_index: index of the pair, used in error messages.

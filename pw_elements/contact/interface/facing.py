@@ -1,13 +1,13 @@
-"""Mortar integrals of two sides in the plane, which verify accepted states.
+"""Mortar integrals of two sides in the plane, by which accepted states are verified.
 
-The integrals are computed from the positions of the nodes alone. The theory page has the formulas
-("Large strains"). The module shares no code with `sliding`, whose integrals the iteration uses.
+The integrals are computed from the node positions alone. The theory page has the formulas ("Large
+strains"). The module shares no code with `sliding`, whose integrals are used in the iteration.
 
-A facet of the slave with ends a and b, and with normals n_a and n_b at its ends, has the points
-x(s) = (1 - s) a + s b and the directions n(s) = (1 - s) n_a + s n_b. A facet of the master has the
-ends c and d. The node p = c or p = d is projected to the coordinate s at which the cross product
-(x(s) - p) x n(s) is zero. Both sides are traversed in opposite directions. Hence the two facets
-face each other from the coordinate s of d to the coordinate s of c.
+On a slave facet with ends a and b, and with normals n_a and n_b at these ends, points and
+projection directions are x(s) = (1 - s) a + s b and n(s) = (1 - s) n_a + s n_b. A master facet has
+the ends c and d. An end p of the master facet is projected onto the slave facet at the coordinate s
+for which the cross product (x(s) - p) x n(s) is zero. Since the two sides are traversed in opposite
+directions, the facets face each other from the projection of d to the projection of c.
 """
 
 from dataclasses import dataclass
@@ -17,31 +17,31 @@ import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
 
-# Gauss' rule of three points on [0, 1]; it is part of the definition of the integrals
+# Three-point Gauss rule on [0, 1], which is part of the definition of the integrals
 _GAUSS_POINTS_ON_UNIT_INTERVAL = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 _GAUSS_WEIGHTS_ON_UNIT_INTERVAL = np.array([5.0, 8.0, 5.0]) / 18
 # Smallest cosine between the mean normal of a facet of the slave and the outward normal of a facet
 # of the master, at which the two can face each other
 _MIN_COSINE_OF_CONTACT_TO_MASTER_NORMAL = 0.01
-# Smallest fraction of a facet of the slave that has to face the master
+# A slave facet is ignored unless a larger fraction than this faces the master
 _MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
-# Number of distances between facets that are computed at a time, to limit memory
+# Number of distances between facets that are computed at once, to limit memory
 _MAX_FACET_DISTANCES_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
 class MortarSides:
-    """Data of slave and master that do not depend on the state.
+    """Data of slave and master that are independent of the state.
 
     The m nodes of the slave are numbered first, followed by the nodes of the master.
 
     Args:
         slave_facets: (f, 2), nodes of the slave's straight facets. The outside is on the right of
             the direction from the first to the second node.
-        master_facets: (e, 2), nodes of the master's straight facets, in the same order.
-        allowed_components: (m, 2), mask of the components that normals at the slave's nodes may
-            have.
-        revolved: whether areas are those of the whole circumference.
+        master_facets: (e, 2), nodes of the master's straight facets, with the same orientation.
+        allowed_components: (m, 2), mask of the components in which normals at the slave's nodes may
+            be nonzero.
+        revolved: whether areas are those of the whole circumference (axisymmetric bodies).
     """
 
     slave_facets: Indices
@@ -52,13 +52,14 @@ class MortarSides:
 
 @dataclass(frozen=True)
 class MortarMatrices:
-    """Normals, areas and mortar matrices of the m nodes of the slave.
+    """Normals, areas and mortar matrices at the m nodes of the slave.
 
-    Slave and master have n nodes together.
+    Slave and master together have n nodes.
 
     Args:
         normals: (m, 2), unit vectors out of the master.
-        areas: (m,), integrals of the weight functions, zero for nodes that face nothing.
+        areas: (m,), integrals of the weight functions over the facing parts; zero for nodes that do
+            not face the master.
         distance_rows: (m, n), matrix that turns nodal values of both sides into weighted means of
             the difference between the slave's and the master's values.
         master_fractions: (m, n - m), fractions of the force at each node of the slave that the
@@ -83,7 +84,7 @@ class MortarMatrices:
         return self.normals[:, ::-1] * [-1.0, 1.0]
 
     def measure_gaps(self, x: Array) -> Array:
-        """Return gaps (m,) for node positions x (n, 2); infinite for nodes that face nothing."""
+        """Return gaps (m,) at node positions x (n, 2); infinite where the master is not faced."""
         distance = self.distance_rows @ x
         return np.where(self.faces_master, np.sum(self.normals * distance, axis=1), np.inf)
 
@@ -93,7 +94,7 @@ def measure_gap_and_slip(
 ) -> tuple[Array, Array]:
     """Return gaps (m,) at the end of an increment, and slips (m, 2) since its start.
 
-    Nodes that face nothing at the end have an infinite gap and no slip.
+    Nodes that do not face the master at the end have an infinite gap and zero slip.
 
     Args:
         start: matrices at the start of the increment.
@@ -102,8 +103,8 @@ def measure_gap_and_slip(
         x_end: (n, 2), positions of the nodes at the end.
     """
     distance = end.distance_rows @ x_end
-    # slip of nodes that faced the master at the start, from the distance of the points that were
-    # paired at the start
+    # for nodes that faced the master at the start: the slip between the points that were opposite
+    # each other at the start
     slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
     entered = np.sum(end.tangents * distance, axis=1)
     entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
@@ -162,9 +163,9 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
 def _sum_blocks_into_matrix(
     blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the sparse matrix with values (q, 2, 2) at rows (q, 2) and columns (q, 2).
+    """Return the sparse matrix with blocks (q, 2, 2) at rows (q, 2) and columns (q, 2).
 
-    Values at the same place are summed.
+    Entries at the same position are summed.
     """
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None])
     return sp.csr_array(sp.coo_array((blocks.ravel(), (row.ravel(), column.ravel())), shape))
@@ -181,8 +182,9 @@ def _find_facing_facet_parts(
         slave_normals: (m, 2), normals at the slave's nodes.
 
     Returns:
-        Facets of the slave (q,); lower and upper limit (q,) of the coordinate s of each part, which
-        is 0 and 1 at the ends of a facet; and facets of the master (q,).
+        The slave facet (q,) of each part; the lower and upper limits (q,) of each part in the
+        coordinate s, which runs from 0 to 1 along the slave facet; and the master facet (q,) that
+        each part faces.
     """
     slave, master = _find_near_facing_facet_pairs(sides, x, slave_normals)
     ends = sides.slave_facets[slave]
@@ -212,10 +214,10 @@ def _find_facing_facet_parts(
 def _find_central_parabola_root_and_slope(
     value_at_start: Array, value_at_middle: Array, value_at_end: Array
 ) -> tuple[Array, Array]:
-    """Return the roots (q,) of parabolas that are nearest to s = 1/2, and the slopes (q,) there.
+    """Return the root of each parabola that is nearest to s = 1/2, and the slope at the root.
 
-    A parabola is defined by its values (q,) at s = 0, 1/2 and 1. If it has no root, root and slope
-    are NaN.
+    The q parabolas are defined by their values (q,) at s = 0, 1/2 and 1. Root (q,) and slope (q,)
+    are NaN for a parabola without a root.
     """
     rise, bend = (
         value_at_end - value_at_start,
@@ -230,16 +232,19 @@ def _find_central_parabola_root_and_slope(
 def _find_near_facing_facet_pairs(
     sides: MortarSides, x: Array, slave_normals: Array
 ) -> tuple[Indices, Indices]:
-    """Return pairs of a slave's and a master's facet that are near and face each other.
+    """Return the pairs of a slave facet and a master facet that are near and face each other.
 
-    The distance between the midpoints of such a pair exceeds the distance to the nearest midpoint
-    of the master by at most the sum of two lengths: half the length of the slave's facet, and half
-    the length of the longest facet of the master.
+    A master facet is near if its midpoint is at most h farther from the slave facet's midpoint than
+    the nearest master midpoint is. Here h is half the length of the slave facet plus half the
+    length of the longest master facet.
 
     Args:
         sides: facets of both sides.
         x: (n, 2), positions of the nodes.
         slave_normals: (m, 2), normals at the slave's nodes.
+
+    Returns:
+        Slave facets (q,) and master facets (q,) of the pairs.
     """
     (middle, edge), (master_middle, master_edge) = (
         (x[facets].mean(axis=1), x[facets[:, 1]] - x[facets[:, 0]])
@@ -264,8 +269,8 @@ def _find_near_facing_facet_pairs(
 def _average_normals_at_slave_nodes(sides: MortarSides, x: Array) -> Array:
     """Return unit normals (m, 2) at the slave's nodes.
 
-    A normal is perpendicular to the chord between the two neighbours of its node, apart from
-    components that are not allowed. The positions x of the nodes are (n, 2).
+    Each normal is perpendicular to the chord between the two neighbours of its node, except that
+    components that are not allowed are set to zero. The node positions x are (n, 2).
     """
     chord = np.zeros((len(sides.allowed_components), 2))
     edge = x[sides.slave_facets[:, 1]] - x[sides.slave_facets[:, 0]]

@@ -5,10 +5,9 @@ functions psi_j of the slave's weight functions w_j, with coefficients t_j. Let 
 of w_j, and M_jk that of psi_j w_k with the weight function w_k of a master node k. Slave node j
 then receives the force r_j = A_j t_j, and master node k receives the forces -M_jk r_j / A_j.
 
-The operator of contact forces has a unit entry in the equation of each contact point, as for
-matching nodes. It is not the transpose of the operator of contact motions, because tractions are
-weighted with dual functions and gaps with weight functions (B. Wohlmuth,
-https://doi.org/10.1137/S0036142999350929).
+As for matching nodes, the force operator has a unit entry in the equation of each contact point. It
+is not the transpose of the motion operator, because tractions are weighted with dual functions and
+gaps with weight functions (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
 """
 
 from dataclasses import dataclass, replace
@@ -44,11 +43,11 @@ _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT = {
     3: basix.CellType.triangle,
     4: basix.CellType.quadrilateral,
 }
-# Edges are sharp if the cosine of the angle between the normals of adjacent facets is smaller
+# An edge is sharp if the cosine between the normals of its adjacent facets is below this value
 _MAX_NORMAL_COSINE_AT_SHARP_EDGE = float(np.cos(np.pi / 4)) - 1e-9
 # Polynomial degree of products of a weight function, a quadratic function and, in axisymmetry, the
 # radius, by the number of corners of a sub-facet; and degree of the rule for quadrilaterals that
-# are not parallelograms, where the integrand is not a polynomial
+# are not parallelograms, on which the integrand is not a polynomial
 _QUADRATURE_DEGREE_BY_CORNER_COUNT = {2: 4, 3: 4, 4: 6}
 _NON_PARALLELOGRAM_QUADRATURE_DEGREE = 10
 # Largest difference between opposite sides of a parallelogram, relative to its size
@@ -57,7 +56,7 @@ _RELATIVE_PARALLELOGRAM_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class BoundaryFacets:
-    """A part of the boundary, gathered from all processes. It has f facets with k nodes each."""
+    """Part of a body's boundary, gathered from all processes: f facets with k nodes each."""
 
     facet_nodes: Indices  # (f, k), global nodes; vertices first, then the middles of edges
     facet_x: Array  # (f, k, dim), positions of the nodes of each facet
@@ -94,7 +93,7 @@ class BoundaryFacets:
     def evaluate_trial_functions(
         self, sub_facet: Indices, corner_shape_functions: Array
     ) -> tuple[Indices, Array]:
-        """Return the quadratic trial functions of a facet at points (q).
+        """Evaluate the quadratic trial functions of facets at q points.
 
         Args:
             sub_facet: (q,), index of the sub-facet that contains each point.
@@ -118,7 +117,7 @@ class BoundaryFacets:
 
         Args:
             sub_facet: (q,), index of the sub-facet that contains each point.
-            trial_function_values: (q, n), trial functions of the facet's nodes at each point.
+            trial_function_values: (q, n), values of the facet's trial functions at each point.
         """
         facet_x = self.facet_x[sub_facet // len(self._local_sub_facet_nodes)]
         return np.einsum("qk,qkd->qd", trial_function_values, facet_x)
@@ -129,13 +128,14 @@ class BoundaryFacets:
         return np.unique(self.facet_nodes)
 
     def with_positions(self, x: Array) -> "BoundaryFacets":
-        """Return a copy of the trace with its nodes at positions x (n, dim)."""
+        """Return a copy with the nodes at positions x (n, dim), in the order of `nodes`."""
         return replace(self, facet_x=x[np.searchsorted(self.nodes, self.facet_nodes)])
 
     def average_normals(self, nodes: Indices) -> Array:
-        """Return unit normals (..., dim) at global nodes (...).
+        """Return unit normals (..., dim) at nodes with global numbers (...).
 
-        They are means of the normals of adjacent sub-facets, weighted with the sub-facets' sizes.
+        Each normal is the mean of the normals of the adjacent sub-facets, weighted with the lengths
+        or areas of the sub-facets.
         """
         sub_facet_nodes, corners, normal = self.sub_facet_nodes_corners_and_normals
         position = np.searchsorted(self.nodes, sub_facet_nodes)
@@ -149,7 +149,7 @@ class BoundaryFacets:
     def find_sharp_edge_node_positions(self) -> Array:
         """Return positions (n, dim) of nodes at which adjacent facets meet at a sharp edge.
 
-        The normals of the facets differ by more than 45 degrees at such an edge.
+        At a sharp edge, the normals of the two facets differ by more than 45 degrees.
         """
         k, element = self.facet_nodes.shape[1], self._quadratic_facet_element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
@@ -180,7 +180,7 @@ class BoundaryFacets:
 
 
 def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> BoundaryFacets:
-    """Return the trace of the exterior facets of all processes; collective.
+    """Gather the given exterior facets from all processes; collective.
 
     Args:
         space: space of displacements.
@@ -197,7 +197,7 @@ def compute_facet_nodes_positions_and_facet_normals(
 ) -> tuple[LocalIndices, Array, Array]:
     """Return nodes (f, k), node positions (f, k, dim) and outward normals (f, dim) of facets.
 
-    Normals are unit vectors. Facets are treated as flat.
+    Normals are unit vectors, computed as if the facets were flat.
 
     Args:
         space: space of displacements.
@@ -217,11 +217,11 @@ def compute_facet_nodes_positions_and_facet_normals(
 class OverlapQuadrature:
     """Quadrature points (q) where sub-facets of the slave overlap with sub-facets of the master.
 
-    Only those sub-facets of the slave are included that have a contact point of this process as a
-    corner.
+    A sub-facet of the slave is included only if one of its corners is a contact point of this
+    process.
     """
 
-    point: Indices  # (q, k), contact point at each corner; -1 if another process has it
+    point: Indices  # (q, k), contact point at each corner; -1 if another process owns it
     weight: Array  # (q, k), weight functions of the corners
     dual: Array  # (q, k), dual functions of the corners
     measure: Array  # (q,), quadrature weights times lengths or areas
@@ -240,14 +240,14 @@ class OverlapQuadrature:
         owned_slave_nodes: Indices,
         revolved: bool,
     ) -> "OverlapQuadrature":
-        """Return the overlap of two traces.
+        """Build the quadrature on the overlap of slave and master.
 
         Args:
-            slave: trace of the slave.
-            master: trace of the master.
+            slave: boundary facets of the slave.
+            master: boundary facets of the master.
             owned_slave_nodes: (m,), global numbers of the slave's nodes that are contact points of
                 this process.
-            revolved: whether areas are those of the whole circumference.
+            revolved: whether areas are those of the whole circumference (axisymmetric bodies).
         """
         slave_nodes, slave_corners, _ = slave.sub_facet_nodes_corners_and_normals
         master_nodes, master_corners, outward = master.sub_facet_nodes_corners_and_normals
@@ -313,10 +313,11 @@ class OverlapQuadrature:
         )
 
     def average_edge_length(self, sub_facet_sizes: Array, comm: MPI.Comm) -> float:
-        """Return a mean edge length, weighted with `measure`, for the overlaps of all processes.
+        """Return the mean edge length over the overlaps of all processes; collective.
 
-        `sub_facet_sizes` (q,) are lengths in the plane, and areas in space, of which square roots
-        are taken. For ratios of sizes the result is a mean ratio of edge lengths.
+        The mean is weighted with `measure`. The `sub_facet_sizes` (q,) are lengths in the plane and
+        areas in space; the edge length is the square root of an area. If ratios of sizes are given
+        instead, the result is a mean ratio of edge lengths.
         """
         edges = sub_facet_sizes ** (1 / (self.separation.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
@@ -343,14 +344,14 @@ class OverlapQuadrature:
         column_functions: Array,
         shape: tuple[int, int],
     ) -> sp.csr_array:
-        """Return the matrix of integrals of products of two functions.
+        """Assemble the integrals of row functions times column functions into a matrix.
 
-        The first function belongs to a contact point, which is the row, the second to a column.
+        Each row belongs to a contact point of this process.
 
         Args:
-            row_functions: (q, k), values of the contact points' functions.
-            columns: (q, n), column of each second function.
-            column_functions: (q, n), values of the second functions.
+            row_functions: (q, k), values of the functions of the contact points at the corners.
+            columns: (q, n), column number of each column function.
+            column_functions: (q, n), values of the column functions.
             shape: shape of the matrix.
         """
         products = np.einsum("q,qa,qk->qak", self.measure, row_functions, column_functions)
@@ -361,10 +362,10 @@ class OverlapQuadrature:
 
 
 def compute_tributary_areas(boundary_facets: BoundaryFacets, revolved: bool) -> Array:
-    """Return the integral (n,) of the weight function of each node over a whole trace.
+    """Return the integral (n,) of each node's weight function over all boundary facets.
 
-    Sub-facets are treated like the sub-facets of an `OverlapQuadrature`. With `revolved`, areas are
-    those of the whole circumference.
+    Sub-facets are integrated in the same way as in an `OverlapQuadrature`. If `revolved` is true,
+    areas are those of the whole circumference.
     """
     nodes, corners, _ = boundary_facets.sub_facet_nodes_corners_and_normals
     k = corners.shape[1]
@@ -382,7 +383,7 @@ def compute_tributary_areas(boundary_facets: BoundaryFacets, revolved: bool) -> 
 
 
 def _has_non_parallelogram(corners: Array) -> bool:
-    """Return whether any cell with corners (q, k, d) is a quadrilateral but no parallelogram."""
+    """Return whether the cells, with corners (q, k, d), include a non-parallelogram."""
     if corners.shape[1] < 4:
         return False
     difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
@@ -392,8 +393,8 @@ def _has_non_parallelogram(corners: Array) -> bool:
 def _evaluate_dual_functions(sub_facet: Indices, weight_functions: Array, measure: Array) -> Array:
     """Return the dual functions (q, k) of the weight functions at quadrature points.
 
-    On each sub-facet the duals are D M^-1 w, with the weight functions w, the integrals M of their
-    products, and the diagonal matrix D of their own integrals.
+    On each sub-facet the dual functions are D M^-1 w. Here w are the weight functions, M is the
+    matrix of the integrals of their products, and D is the diagonal matrix of their integrals.
 
     Args:
         sub_facet: (q,), sub-facet that contains each point.

@@ -1,4 +1,4 @@
-"""The interface, which consists of contact points and of two operators that couple them to a body.
+"""The contact interface: contact points, and two operators that couple them to the bodies.
 
 Let a be the displacements (n,) of all nodes, r the contact forces at the m points, K the stiffness
 and f the load. The motion operator G and the force operator H are defined by
@@ -9,10 +9,10 @@ and f the load. The motion operator G and the force operator H are defined by
 `build_interface` makes the `ContactPairPoints` of each pair. Contact law, kinematics and iteration
 deal with points only.
 
-The module guarantees operators, and values of surfaces, at the points of each process, and the same
-errors on all processes. It assumes that each force component appears alone in the equation that
-`ContactPairPoints.equation` gives for it. It also assumes units in which G K^-1 H is a length per
-force, since the factor c of the contact law is a force per length.
+The module guarantees operators and surface values at the points of each process, and that errors
+are raised on all processes. It assumes that each force component is the only contact force in its
+equation, which `ContactPairPoints.equation` gives. It also assumes units in which G K^-1 H is a
+length per force, since the factor c of the contact law is a force per length.
 """
 
 from collections.abc import Mapping, Sequence
@@ -61,7 +61,7 @@ _MAX_INITIAL_PENETRATION_PER_BODY_DIAGONAL = 1e-6
 _MAX_COSINE_OF_NORMAL_TO_SUPPORTED_AXIS = 1e-8
 # Largest relative difference between prescribed displacements that count as equal
 _RELATIVE_SUPPORT_DISPLACEMENT_TOLERANCE = 1e-9
-# Largest difference between the length of a unit normal and one
+# Largest deviation of a unit normal's length from 1
 _MAX_DEVIATION_FROM_UNIT_LENGTH = 1e-6
 # Smallest cosine between a surface's normal and the body's outward normal at which the surface
 # pushes the body outwards
@@ -72,7 +72,7 @@ MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL = 0.1
 # evaluation cannot fail
 _SURFACE_TYPES_EVALUATED_LOCALLY = (*CLOSED_FORM_SURFACE_TYPES, TangentPlaneSurface)
 _SURFACE_TYPES_THAT_NEVER_RAISE = (*SURFACE_TYPES_WITH_NORMAL_EVERYWHERE, TangentPlaneSurface)
-# For each method of a surface, its result and the layout of valid points and results, both used in
+# For each method of a surface: name of its result, and layout of its argument and results, both for
 # error messages
 _RESULT_NAME_AND_LAYOUT_BY_SURFACE_METHOD = {
     "gap": ("gap", "it takes points as rows (n, dim) and gives (n,)"),
@@ -85,21 +85,21 @@ _RESULT_NAME_AND_LAYOUT_BY_SURFACE_METHOD = {
 
 
 class InvalidContactNodes(ValueError):
-    """The position or surface of some contact nodes does not allow contact conditions there."""
+    """Contact conditions cannot be stated at some nodes, due to their positions or surfaces."""
 
 
 class ContactInterface:
-    """All contact points (m) of this process, in the order of the pairs.
+    """The m contact points of this process, sorted by pair, with motion and force operators.
 
     Args:
         points: contact points of each pair.
         surfaces: surfaces of the pairs at their initial positions.
-        field: displacements among the unknowns (n,).
+        field: subspace of the displacements in the space of all n unknowns.
         allows_interference: for each pair, whether its points may be inside its surface initially.
         sibling_inverse: matrix (n, n) that turns displacements into the coefficients of the
             symmetric sibling element; None if the unknowns are displacements.
-        mortars: mortar of each pair of two bodies at large sliding, by index of the pair. It
-            replaces `force` and the kinematics of the pair.
+        mortars: mortar of each pair of two bodies at large sliding, keyed by pair index. For these
+            pairs it takes the place of `force` and of the kinematics.
 
     Attributes:
         pair: (m,), index of the pair of each point.
@@ -171,8 +171,7 @@ class ContactInterface:
         """Check pairs, friction laws, supports, normals and initial gaps; collective.
 
         Args:
-            body_diagonal: diagonal of the body's bounding box. Penetrations are judged relative to
-                it.
+            body_diagonal: diagonal of the body's bounding box, to which penetrations are compared.
 
         Raises:
             ValueError: if pairs, laws, supports, normals or gaps do not define a contact problem.
@@ -214,8 +213,8 @@ class ContactInterface:
         """Raise the collected errors of users' friction laws on all processes; collective.
 
         Args:
-            normal_force: normal forces (m,) at which limits and slopes are checked. None if only
-                collected errors are raised.
+            normal_force: normal forces (m,) at which slopes and coefficients are checked. If None,
+                only collected errors are raised.
 
         Raises:
             ValueError: if a law gives a wrong slope or a coefficient that rises with the force.
@@ -255,7 +254,7 @@ class ContactInterface:
         return np.where(self._allows_interference, np.maximum(0.0, -gap), 0.0)
 
     def check_gaps_normals_and_supports(self, gap: Array, normal: Array) -> None:
-        """Check gaps (m,) and normals (m, dim), and that points can move along their normals.
+        """Check gaps (m,), normals (m, dim), and that points can move along normals; collective.
 
         Raises:
             InvalidContactNodes: if the gap or normal of a node is invalid, or if a support
@@ -283,14 +282,14 @@ class ContactInterface:
     def check_supports_move_both_sides_equally(
         self, prescribed_displacements: PETSc.Vec, master_translations: Array, pressed: Mask
     ) -> None:
-        """Check that supports prescribe the same motion of both sides of pairs with friction.
+        """Check that supports move both sides of each pair with friction equally; collective.
 
-        Pairs of two bodies are checked. With the same motion of both sides, as on a plane of
-        symmetry, there is no friction along the supports.
+        The check applies to pairs of two bodies. If supports prescribe the same motion of both
+        sides, as on a plane of symmetry, there is no friction along the supports.
 
         Args:
-            prescribed_displacements: prescribed displacements, (n,).
-            master_translations: translations of the masters, (pairs, dim), NaN where they are free.
+            prescribed_displacements: prescribed displacements (n,).
+            master_translations: translations (pairs, dim) of the masters, NaN where they are free.
             pressed: (m,), mask of nodes with a contact force. Other nodes are not checked.
 
         Raises:
@@ -371,9 +370,13 @@ class ContactInterface:
     def gather_all_pairs_in_position_order(
         self, values: Mapping[str, npt.NDArray]
     ) -> list[dict[str, npt.NDArray]]:
-        """Return named values at the points of each pair, in the order of positions; collective.
+        """Gather named values at the points of each pair, sorted by position; collective.
 
-        `values` are arrays (m, ...) at the points of this process by their names.
+        Args:
+            values: arrays (m, ...) at the points of this process, by name.
+
+        Returns:
+            For each pair, arrays (k, ...) at its points of all processes, by name.
         """
         of_ranks = self.comm.allgather((self.pair, dict(values)))
         return [
@@ -387,7 +390,7 @@ class ContactInterface:
     def extract_local_pair_state_values(
         self, pair_states: Sequence[PairState], *attribute_names: str
     ) -> list[npt.NDArray]:
-        """Return attributes (m, ...) of the pairs' states at the points of this process.
+        """Return attributes (m, ...) of the pairs' states at this process' contact points.
 
         Args:
             pair_states: state of each pair.
@@ -402,10 +405,10 @@ class ContactInterface:
         ]
 
     def assemble_matrix_over_all_unknowns(self, displacement_rows: sp.csr_matrix) -> PETSc.Mat:
-        """Return the distributed matrix with these rows, extended to all unknowns.
+        """Return the distributed matrix with the given rows and one column per unknown.
 
-        Each process contributes its own `displacement_rows`. Their columns are displacements,
-        whereas the matrix has a column for each of the n unknowns.
+        Each process contributes its own `displacement_rows`, in which a column belongs to a
+        displacement. The matrix has a column for each of the n unknowns.
         """
         csr = (
             displacement_rows.indptr.astype(PETSc.IntType),
@@ -431,7 +434,7 @@ class ContactInterface:
 
     @cached_property
     def _rows_of_local_points_in_position_order(self) -> list[Indices]:
-        """Indices of this process' points of each pair in `gather_pair_in_position_order`."""
+        """For each pair, rows of this process' points in `gather_pair_in_position_order`."""
         rows = []
         for k, order in enumerate(self._position_order_of_each_pair):
             counts = self.comm.allgather(int(np.sum(self.pair == k)))
@@ -441,7 +444,7 @@ class ContactInterface:
 
     @property
     def local_node_indices(self) -> Indices:
-        """Local indices (m,) of the nodes at the points. This process owns the nodes."""
+        """Local indices (m,) of the nodes at the points, all of which this process owns."""
         node_offset: int = self.field.space.dofmap.index_map.local_range[0]
         return np.asarray(self.node - node_offset)
 
@@ -449,8 +452,8 @@ class ContactInterface:
     def first_node_position_of_each_pair(self) -> list[Array]:
         """Position (1, dim) of the first node of each pair.
 
-        Processes without points evaluate users' surfaces at this position. All processes then call
-        a surface the same number of times, so that it may use collective communication.
+        Processes without points evaluate users' surfaces at this position. Thus all processes call
+        a surface equally often, and the surface may use collective communication.
         """
         return [self.gather_pair_in_position_order(k, self.position)[:1] for k in range(self.pairs)]
 
@@ -465,7 +468,7 @@ class ContactInterface:
         """Return the nodal forces (k, dim) on the `opposite` nodes of each pair; collective.
 
         Args:
-            point_forces: forces on the points, (m, dim).
+            point_forces: forces (m, dim) on the points.
             force_operator: matrix (n, m dim) that turns forces on the points into nodal forces.
         """
         forces: list[Array] = [np.zeros((0, point_forces.shape[1])) for _ in self.opposite]
@@ -482,7 +485,10 @@ class ContactInterface:
         return np.asarray(values[self.local_node_indices])
 
     def extract_displacements_at_nodes(self, global_nodes: Indices, unknowns: PETSc.Vec) -> Array:
-        """Return the displacements (k, dim) in unknowns (n,) at global nodes (k,); collective."""
+        """Return the displacements (k, dim) at nodes with global numbers (k,); collective.
+
+        The displacements are taken from all `unknowns` (n,).
+        """
         values = self.field.extract(unknowns).array_r.reshape(-1, self.position.shape[1])
         return gather_nodal_values(self.field.space, global_nodes, values)
 
@@ -491,9 +497,9 @@ class ContactInterface:
     ) -> tuple[Array, Array]:
         """Return gaps (m,) and normals (m, dim) of translated surfaces; collective.
 
-        They are evaluated at the undeformed points. `surface_translations` (pairs, dim) are zero if
-        None. For the symmetric sibling element, gaps are transformed to its basis like
-        displacements.
+        Surfaces are evaluated at the undeformed points. They are translated by
+        `surface_translations` (pairs, dim), or not at all if these are None. For the symmetric
+        sibling element, gaps are transformed to its basis in the same way as displacements.
         """
         normal, gap = self._evaluate_surfaces_at_undeformed_points(
             surface_translations, "normal", "gap"
@@ -505,7 +511,8 @@ class ContactInterface:
     def evaluate_undeformed_normals(self, surface_translations: Array | None) -> Array:
         """Return the normals (m, dim) of translated surfaces at the undeformed points; collective.
 
-        `surface_translations` (pairs, dim) are zero if None.
+        Surfaces are translated by `surface_translations` (pairs, dim), or not at all if these are
+        None.
         """
         (normal,) = self._evaluate_surfaces_at_undeformed_points(surface_translations, "normal")
         return normal
@@ -513,7 +520,7 @@ class ContactInterface:
     def _evaluate_surfaces_at_undeformed_points(
         self, translations: Array | None, *method_names: str
     ) -> list[Array]:
-        """Return the values (m, ...) of methods of translated surfaces; collective."""
+        """Return values (m, ...) of methods of surfaces translated by (pairs, dim); collective."""
         shapes = {"gap": self.position[:, 0], "normal": self.position}
         values = [np.empty_like(shapes[method]) for method in method_names]
         translation = 0.0 if translations is None else translations[self.pair]
@@ -529,8 +536,8 @@ class ContactInterface:
         A node keeps its own gap if its coefficient depends on another node that no surface faces.
 
         Args:
-            sibling_inverse: matrix (n, n) that turns displacements into coefficients of the
-                sibling.
+            sibling_inverse: matrix (n, n) that turns displacements into coefficients of the sibling
+                element.
             gap: gaps (m,) at the nodes.
             normal: normals (m, dim) at the nodes.
         """
@@ -564,8 +571,7 @@ class ContactInterface:
                 surfaces.
 
         Raises:
-            SolutionNotFound: if there is no point of the surface that is closest to a contact
-                point.
+            SolutionNotFound: if a surface has no point that is closest to a contact point.
         """
         gap, normal, curvature = self.evaluate_gaps_normals_and_curvatures_or_nan(
             motion_in_surface_frame
@@ -601,14 +607,14 @@ class ContactInterface:
     ) -> None:
         """Call methods of all surfaces at points x (m, dim); write the values to `output_arrays`.
 
-        A user's surface is called on each process with the points of all processes. All processes
-        then call the surface equally often, so that it may communicate between processes, or
+        Each process calls a user's surface with the points of all processes. Thus all processes
+        call the surface equally often, and the surface may communicate between processes, or
         iterate until all points converge.
 
         Args:
-            x: positions of the points in the frames of their surfaces, (m, dim).
-            output_arrays: arrays (m, ...), one for each array that a method returns, by the name of
-                the method: "gap", "normal" or "gap_normal_and_curvature".
+            x: positions (m, dim) of the points in the frames of their surfaces.
+            output_arrays: for each method ("gap", "normal" or "gap_normal_and_curvature"), one
+                array (m, ...) for each array that the method returns.
 
         Raises:
             ValueError: on all processes, if a user's surface raises an error or returns arrays of
@@ -653,5 +659,5 @@ class ContactInterface:
 
 
 def _wrap_single_result_in_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401
-    """Return the result of a surface's method as a sequence of arrays."""
+    """Return the result of a surface's method, one or several arrays, as a sequence."""
     return value if method == "gap_normal_and_curvature" else (value,)

@@ -1,14 +1,14 @@
 """Overlaps of the sub-facets of two surfaces, split into simplices.
 
 A sub-facet is an interval, a triangle or a quadrilateral, defined by its corners and treated as
-flat. Each sub-facet of the slave has a direction, along which sub-facets of the master are
-projected onto it. The overlaps are intervals or polygons. They are split into simplices, in
+flat. Each sub-facet of the slave has a projection direction, along which sub-facets of the master
+are projected onto it. The overlaps are intervals or polygons. They are split into simplices, in
 coordinates along the edges of the slave's sub-facet, so that a quadrature rule for a simplex
 integrates polynomials on both surfaces exactly.
 
 Corners of quadrilaterals are in tensor-product order. The weight functions of quadrilaterals are
-bilinear in reference coordinates. These are polynomials of the coordinates along the edges on
-parallelograms only.
+bilinear in the reference coordinates. Only on parallelograms are these polynomials of the
+coordinates along the edges.
 """
 
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ _MIN_OVERLAP_FRACTION_OF_SLAVE_SUB_FACET = 1e-12
 MAX_COSINE_OF_FACING_OUTWARD_NORMALS = -1e-2
 # Corners of a sub-facet in the order along its rim, by its number of corners
 _RIM_CORNER_ORDER_BY_CORNER_COUNT = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-# Newton's method for reference coordinates in a quadrilateral: limit of steps; and largest change
-# of a coordinate in the final step
+# Newton's method for reference coordinates in a quadrilateral: maximum number of steps, and largest
+# change of a coordinate in the final step
 _MAX_INVERSE_MAPPING_NEWTON_STEPS = 25
 _REFERENCE_COORDINATE_TOLERANCE = 1e-14
 
@@ -67,7 +67,8 @@ def _compute_edge_or_diagonal_vectors(corners: Array) -> Array:
 class OverlapSimplices:
     """Simplices (q) of dimension d into which the overlaps of sub-facets are split.
 
-    The coordinates of corners are along the first edges of the slave's sub-facet.
+    Corners are given in coordinates along the edges of the slave's sub-facet that start at its
+    first corner.
     """
 
     slave_sub_facet: Indices  # (q,), index of the slave's sub-facet
@@ -84,7 +85,7 @@ def find_overlap_simplices(
     projection_directions: Array,
     master_normals: Array,
 ) -> OverlapSimplices:
-    """Return the overlaps of the sub-facets of two surfaces.
+    """Find the overlaps of the sub-facets of two surfaces and split them into simplices.
 
     Args:
         slave_sub_facets: (s, k, dim), corners of the slave's sub-facets.
@@ -131,8 +132,8 @@ def find_overlap_simplices(
 def evaluate_corner_shape_functions(corners: Array, points: Array) -> Array:
     """Return the shape functions (q, g, k) of cells with corners (q, k, d) at points (q, g, d).
 
-    Shape functions are linear on intervals and triangles. They are bilinear on quadrilaterals, on
-    which Newton's method computes the reference coordinates of the points.
+    Shape functions are linear on intervals and triangles, and bilinear on quadrilaterals. On
+    quadrilaterals, the reference coordinates of the points are computed by Newton's method.
     """
     k, d = corners.shape[1:]
     edges = corners[:, 1 : d + 1] - corners[:, :1]
@@ -163,7 +164,7 @@ def evaluate_corner_shape_functions(corners: Array, points: Array) -> Array:
 
 
 def _compute_coordinates_in_edge_basis(edges: Array, vectors: Array) -> Array:
-    """Return coordinates (q, g, d) of vectors (q, g, d) in bases whose vectors are `edges`.
+    """Return the coordinates (q, g, d) of vectors (q, g, d) in the bases formed by `edges`.
 
     The rows of `edges` (q, d, d) are the basis vectors.
     """
@@ -201,17 +202,21 @@ def compute_jacobian_factors(corners: Array, corner_shape_functions: Array | Non
 def _find_sub_facet_pairs_with_intersecting_boxes(
     slave_sub_facets: Array, master_sub_facets: Array, projection_directions: Array
 ) -> tuple[Indices, Indices]:
-    """Return pairs (q,) of sub-facets of slave and master whose bounding boxes intersect.
+    """Return the pairs of a slave and a master sub-facet whose bounding boxes intersect.
 
-    The box of a slave's sub-facet is aligned with the direction of the sub-facet, along which it
-    extends as far as the search radius. Boxes of the master are aligned with the coordinate axes.
-    In the order of a k-d tree they are merged two by two, until one box contains the whole master.
-    From this box the search descends for all sub-facets of the slave at once.
+    The box of a slave sub-facet is aligned with its projection direction, along which it extends as
+    far as the search radius. The boxes of master sub-facets are aligned with the coordinate axes.
+    Taken in the order of a k-d tree, they are merged two by two into a binary tree, whose root
+    contains the whole master. All slave sub-facets are searched for in this tree at the same time,
+    from the root downwards.
 
     Args:
         slave_sub_facets: (s, k, dim), corners of the slave's sub-facets.
         master_sub_facets: (m, k, dim), corners of the master's sub-facets.
         projection_directions: (s, dim), unit vectors out of the slave's body.
+
+    Returns:
+        Indices (q,) of the slave sub-facets and of the master sub-facets of the pairs.
     """
     if not len(slave_sub_facets) or not len(master_sub_facets):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
@@ -225,7 +230,7 @@ def _find_sub_facet_pairs_with_intersecting_boxes(
     search_radius = slave_radius + master_radius.max() + tree.query(slave_middle)[0]
     axes = np.linalg.svd(projection_directions[:, None])[
         2
-    ]  # of the slave's boxes; the first is the direction
+    ]  # axes of the slave's boxes; the first is the projection direction
     half_width = np.abs(from_middle @ np.swapaxes(axes, 1, 2)).max(axis=1)
     half_width[:, 0] = search_radius
     boxes = [np.stack([end(master_sub_facets[tree.indices], axis=1) for end in (np.min, np.max)])]
@@ -256,7 +261,7 @@ def _find_sub_facet_pairs_with_intersecting_boxes(
 def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
     """Return the pairs (q,) of intervals that overlap, and the ends (q, 2, 1) of their overlaps.
 
-    Coordinates are along the slave's intervals, which are [0, 1]. `slave` is therefore not used.
+    Coordinates run along the slave's intervals, all of which are [0, 1]. Hence `slave` is not used.
     """
     low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
     pair = np.flatnonzero(high > low)
@@ -266,7 +271,7 @@ def _intersect_intervals(slave: Array, master: Array) -> tuple[Indices, Array]: 
 def _intersect_polygons_into_triangles(slave: Array, master: Array) -> tuple[Indices, Array]:
     """Return the triangles into which the overlaps of pairs of polygons are split.
 
-    The polygon of the master is clipped at each side of the slave's polygon in turn (Sutherland and
+    The master's polygon is clipped at each side of the slave's polygon in turn (Sutherland and
     Hodgman, https://doi.org/10.1145/360767.360802). The remaining polygon is split into a fan of
     triangles.
 
@@ -302,7 +307,7 @@ def _clip_polygons_at_zero_height(
         height: (n, max_count), heights at the corners.
 
     Returns:
-        Corners (n, max_count, 2) of the clipped polygons, and numbers (n,) of these corners.
+        Corners (n, max_count, 2) of the clipped polygons, and the number (n,) of corners of each.
     """
     n, max_count, _ = polygon.shape
     clipped, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)

@@ -1,8 +1,8 @@
 """Contact points of one pair: against rigid surfaces, with matching nodes, and by mortars.
 
 The module guarantees points whose equations and opposite sides exist and are unique. It assumes
-pairs that `build_interface` has checked. All functions except `find_reduced_column_of_each_unknown`
-are collective.
+pairs that `build_interface` has checked. Functions are collective, unless they only rearrange
+values of this process, such as `find_reduced_column_of_each_unknown`.
 """
 
 import logging
@@ -56,7 +56,7 @@ from pw_elements.spaces import (
 # surface with many nodes
 FACED_INDEX_OF_RIGID_SURFACE, FACED_INDEX_OF_DEFORMABLE_SURFACE = -1, -2
 
-# Number of cells that are processed at a time, to limit memory
+# Number of cells that are processed at once, to limit memory
 _MAX_CELLS_AT_ONCE = 20_000
 # Largest distance of a node from the expected position of its opposite node, relative to the body's
 # diagonal
@@ -94,16 +94,17 @@ class ContactPairPoints:
     Args:
         position: (m, dim), undeformed positions.
         cone: friction laws of the points.
-        equation: (m, dim), row of the reduced system in which this component of the point's force
-            is the only contact force. The row is owned by this process. It is -1 where the contact
-            law does not apply, because supports prescribe the displacement.
+        equation: (m, dim), for each component of a point's force, row of the reduced system in
+            which it is the only contact force. This process owns the row. The number is -1 where
+            the contact law does not apply because supports prescribe the displacement.
         motion_rows: (m dim, n), rows of the motion operator, which turns displacements into motions
             of the points.
-        force_columns: (m dim, n), transposed columns of the force operator, which turns forces on
-            the points into nodal forces.
+        force_columns: (m dim, n), columns of the force operator as rows. The operator turns forces
+            on the points into nodal forces.
         mean_cell_midpoint: (m, dim), mean midpoint of the adjacent cells. It distinguishes
             coincident points, for example of two bodies in contact.
-        outward: (m, dim), outward normal of the body, zero where it is not defined.
+        outward: (m, dim), vectors along the outward normal of the body, not normalised; zero where
+            it is not defined.
         node: (m,), global index of the node at the point.
         faced: (m,), global index of the node that the point faces, or
             `FACED_INDEX_OF_RIGID_SURFACE` or `FACED_INDEX_OF_DEFORMABLE_SURFACE`.
@@ -130,7 +131,7 @@ class ContactPairPoints:
 
 @dataclass(frozen=True)
 class TangentPlaneSurface:
-    """Surface that is defined by its gaps and normals at given points. Its normals are constant.
+    """Surface that is defined by its gaps and its constant normals at given points.
 
     Args:
         position: (m, dim), initial positions of the points.
@@ -151,7 +152,7 @@ class TangentPlaneSurface:
 
 
 class BodyNodes:
-    """Nodes of a body, with positions, normals, and columns of unknowns in the reduced system.
+    """Nodes of a body, with their positions, normals, and columns in the reduced system.
 
     Args:
         unknowns_space: space of all unknowns.
@@ -192,7 +193,7 @@ class BodyNodes:
         self.on_axis: Mask = np.zeros(self.x.shape, dtype=bool)
 
     def mark_axis_nodes(self, assembly: AssemblyRecord | None) -> None:
-        """Mark radial components at nodes on the axis, if the stiffness is known as axisymmetric.
+        """Mark radial components at nodes on the axis if the stiffness is known as axisymmetric.
 
         `assembly` is the record of how the stiffness was assembled, or None if there is none.
         """
@@ -210,9 +211,9 @@ class BodyNodes:
         return selected[selected < self.space.dofmap.index_map.size_local]
 
     def raise_error_for_invalid_nodes(self, invalid_nodes: LocalIndices, reason: str) -> None:
-        """Raise ValueError if any process passes nodes; collective.
+        """Raise ValueError if `invalid_nodes` is not empty on some process; collective.
 
-        The message lists the positions of the nodes, followed by `reason`.
+        The message lists the positions of these nodes of all processes, followed by `reason`.
         """
         positions = np.concatenate(self.space.mesh.comm.allgather(self.x[invalid_nodes]))
         if len(positions):
@@ -239,11 +240,11 @@ def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace) -> Array:
 
 
 def find_reduced_column_of_each_unknown(right_reduction_matrix: PETSc.Mat) -> Indices:
-    """Return the reduced unknown, or column, to which each owned unknown is equal.
+    """Return the column (reduced unknown) to which each owned unknown is equal.
 
-    The rows of `right_reduction_matrix` express all unknowns by the reduced ones. The column is -1
-    for rows without entries, which are prescribed values, and -2 for other rows that are not rows
-    of the identity.
+    The rows of `right_reduction_matrix` express all unknowns in terms of the reduced ones. The
+    column is -1 if the row has no entries, which means that the unknown is prescribed. It is -2 if
+    the row has entries but is not a row of the identity.
     """
     indptr, indices, data = right_reduction_matrix.getValuesCSR()
     count = np.diff(indptr)
@@ -257,7 +258,7 @@ def find_reduced_column_of_each_unknown(right_reduction_matrix: PETSc.Mat) -> In
 def make_contact_points_at_nodes(
     body: BodyNodes, nodes: LocalIndices, cone: FrictionCone, opposite_nodes: Indices | None
 ) -> ContactPairPoints:
-    """Return contact points at owned nodes.
+    """Return contact points at owned nodes that face a rigid surface or matching nodes.
 
     Args:
         body: nodes of the body.
@@ -368,7 +369,7 @@ def check_piecewise_linear_weight_functions(K: PETSc.Mat, space: fem.FunctionSpa
 def _slave_node_numbers_and_facets_of_both_sides(
     pair_index: int, pair: ContactPair, nodes: LocalIndices, body: BodyNodes
 ) -> tuple[Indices, BoundaryFacets, BoundaryFacets]:
-    """Return the global numbers (m,) of a pair's owned nodes and the traces of both sides.
+    """Return global numbers (m,) of a pair's owned nodes, and boundary facets of both sides.
 
     Args:
         pair_index: index of the pair.
@@ -412,7 +413,7 @@ def make_large_sliding_mortar_points(
     body: BodyNodes,
     revolved: bool,
 ) -> tuple[ContactPairPoints, TangentPlaneSurface, SlidingMortar]:
-    """Return points, initial gaps and mortar of a pair of two bodies that may slide far.
+    """Return points, initial gaps and mortar of a pair of two bodies at large sliding.
 
     Args:
         pair_index: index of the pair.
@@ -420,7 +421,7 @@ def make_large_sliding_mortar_points(
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
         body: nodes of both bodies.
-        revolved: whether areas are those of the whole circumference.
+        revolved: whether areas are those of the whole circumference (axisymmetric bodies).
     """
     owned, slave, master = _slave_node_numbers_and_facets_of_both_sides(
         pair_index, pair, nodes, body
@@ -450,7 +451,13 @@ def _make_master_fields_of_contact_points(
 ) -> dict[str, Any]:
     """Return the fields `faced`, `opposite` and `counterpart` of `ContactPairPoints`.
 
-    They describe the master, given its trace and the global and local numbers of owned nodes.
+    These fields describe the master.
+
+    Args:
+        global_nodes: (m,), global numbers of the pair's owned nodes.
+        local_nodes: (m,), local numbers of the same nodes.
+        master: boundary facets of the master.
+        body: nodes of both bodies.
     """
     x = master.node_positions()
     order, prescribed = order_by_position(x), _find_prescribed_components(master.nodes, body)
@@ -476,9 +483,9 @@ def make_small_sliding_mortar_points(
     revolved: bool,
     nominal_interference: Array | None,
 ) -> tuple[ContactPairPoints, TangentPlaneSurface]:
-    """Return points and initial gaps of a pair with a deformable surface.
+    """Return points and initial gaps of a pair of two bodies at small sliding.
 
-    Points that face nothing have an infinite gap.
+    Points that do not face the master have an infinite gap.
 
     Args:
         pair_index: index of the pair.
@@ -486,9 +493,9 @@ def make_small_sliding_mortar_points(
         nodes: (m,), owned nodes of the pair.
         cone: friction laws of the points.
         body: nodes of both bodies.
-        revolved: whether areas are those of the whole circumference.
-        nominal_interference: (m,), nominal interference if both sides coincide, None for other
-            pairs.
+        revolved: whether areas are those of the whole circumference (axisymmetric bodies).
+        nominal_interference: (m,), nominal interference if both sides are declared coincident; None
+            for other pairs.
     """
     comm = body.space.mesh.comm
     owned, slave, master = _slave_node_numbers_and_facets_of_both_sides(
@@ -569,7 +576,7 @@ def _warn_of_mesh_gaps_large_for_interference(
     body: BodyNodes,
     mean_edge_length: float,
 ) -> None:
-    """Log a warning if gaps between the meshes are a large part of an interference.
+    """Log a warning if gaps between the meshes are large relative to the interference.
 
     Args:
         pair_index: index of the pair.
@@ -600,9 +607,9 @@ def _find_prescribed_components(global_nodes: Indices, body: BodyNodes) -> Mask:
 def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask) -> Array:
     """Return unit normals (n, dim) in which small components along supports are set to zero.
 
-    The normal at a node on a symmetry plane is a mean of facets on one side of the plane only, and
-    may therefore point out of the plane slightly. `is_free_component` (n, dim) is a mask of the
-    components that supports do not prescribe.
+    The normal at a node on a symmetry plane is the mean of the normals of facets on one side of the
+    plane only, and may therefore point slightly out of the plane. `is_free_component` (n, dim) is a
+    mask of the components that supports do not prescribe.
     """
     inside = np.where(is_free_component, normal, 0.0)
     length = np.linalg.norm(inside, axis=1, keepdims=True)
@@ -611,9 +618,10 @@ def _project_normals_into_symmetry_planes(normal: Array, is_free_component: Mask
 
 
 def gather_points_and_local_slice(comm: MPI.Comm, x: Array) -> tuple[Array, slice]:
-    """Return the points (n, dim) of all processes, and the slice with those of this process.
+    """Gather the points x (n, dim) of all processes; collective.
 
-    Collective.
+    Returns:
+        The points of all processes in rank order, and the slice with the points of this process.
     """
     parts = comm.allgather(x)
     offset = sum(map(len, parts[: comm.rank]))
@@ -621,7 +629,7 @@ def gather_points_and_local_slice(comm: MPI.Comm, x: Array) -> tuple[Array, slic
 
 
 def compute_bounding_box_extents(comm: MPI.Comm, x: Array) -> Array:
-    """Return the extents (dim,), along the axes, of the points x of all processes; collective."""
+    """Return the extents (dim,) along the axes of the points x of all processes; collective."""
     ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
     return -ends.sum(axis=0)

@@ -1,9 +1,9 @@
-"""Values of the user's surfaces and laws at selected points, to compare and to check them.
+"""Values of users' surfaces and friction laws at sample points, for comparisons and checks.
 
-Functions of the user can be compared by their values only. The values are compared between
-processes, and identify a problem. Derivatives are compared with finite differences. The selected
-points follow from the positions of the contact nodes and are independent of the partition of the
-mesh, so that values are equal on all processes.
+Functions given by the user can be compared only by their values. These values are compared between
+processes, and they identify a problem. Derivatives are compared with finite differences. The sample
+points are derived from the positions of the contact nodes and do not depend on the partition of the
+mesh. Therefore the values have to be equal on all processes.
 """
 
 from collections.abc import Callable, Sequence
@@ -72,8 +72,8 @@ def sample_surface_around_pair(
 ) -> Array:
     """Return values of a rigid surface's methods at points around a pair's nodes; collective.
 
-    Gaps, normals and closest points are made dimensionless and put into one array. It is empty for
-    a deformable surface. A method that raises an error on all processes contributes NaN.
+    Gaps, normals and closest points are made dimensionless and put into one array. The array is
+    empty for a deformable surface. A method that raises an error on all processes contributes NaN.
 
     Args:
         interface: all contact points.
@@ -107,7 +107,7 @@ def sample_surface_around_pair(
 def sample_friction_coefficients(
     interface: ContactInterface, pair_index: int, pair: ContactPair
 ) -> Array:
-    """Return friction coefficients at some nodes of a pair for several forces; collective.
+    """Return friction coefficients at some nodes for several normal forces; collective.
 
     `pair_index` is the index of the pair.
     """
@@ -136,7 +136,8 @@ def sample_friction_coefficients(
 def sample_interference(interface: ContactInterface, pair_index: int, pair: ContactPair) -> Array:
     """Return the interference of a pair at some of its nodes; collective.
 
-    `pair_index` is the index of the pair.
+    If the interference is not a function, the result is this single value. `pair_index` is the
+    index of the pair.
     """
     depth: Any = pair.interference
     if not arguments.is_user_function(depth):
@@ -156,8 +157,8 @@ def _evaluate_user_function_or_nan(
 ) -> list[Array]:
     """Return the arrays that a user's function returns at points x, or NaN; collective.
 
-    The result is NaN if the function raises an error on all processes. An error on only some of the
-    processes is raised. `name_in_messages` is the name of the function in error messages.
+    The result is NaN if the function raises an error on all processes. An error that occurs on only
+    some of the processes is raised. In error messages the function is called `name_in_messages`.
     """
     values, error = [np.array(np.nan)], None
     with raise_errors_on_all_processes(comm), np.errstate(all="ignore"):
@@ -175,10 +176,10 @@ def _evaluate_user_function_or_nan(
 
 
 def _make_points_in_box_around_nodes(node_positions: Array) -> Array:
-    """Return points (n, dim) that fill a box around nodes (m, dim) evenly.
+    """Return points (n, dim) that evenly fill a box around nodes at positions (m, dim).
 
-    The points are a Kronecker sequence. Their coordinates are the fractional parts of multiples of
-    the inverse powers of r, which is the real root of r^(dim+1) = r + 1.
+    The points are a Kronecker sequence: their coordinates, relative to the box, are the fractional
+    parts of multiples of the inverse powers of r, the real root of r^(dim+1) = r + 1.
     """
     lower, upper = node_positions.min(axis=0), node_positions.max(axis=0)
     margin = _BOX_MARGIN_PER_DIAGONAL * (
@@ -194,7 +195,7 @@ def _make_points_in_box_around_nodes(node_positions: Array) -> Array:
 def check_user_surface_derivatives(
     interface: ContactInterface, motion_in_surface_frame: Array, pressed: Mask
 ) -> None:
-    """Check the derivatives of users' surfaces by finite differences; collective.
+    """Compare the derivatives of users' surfaces with finite differences; collective.
 
     Args:
         interface: all contact points.

@@ -1,7 +1,7 @@
 """Mortars of two deformed sides in the plane, with derivatives with respect to all positions.
 
 Dual functions, forces and gaps are defined as in `mortar`, but at the current positions of both
-sides, for which the search for facing facets is repeated. The theory page gives reasons ("Large
+sides, for which the search for facing facets is repeated. The theory page gives the reasons ("Large
 strains"). Let w be weight functions, j and i nodes of the slave, and k a node of the master. With
 the integrals over the parts of the slave's facets that face the master,
 
@@ -10,8 +10,8 @@ the integrals over the parts of the slave's facets that face the master,
 the mean distance of slave nodes at x_1 from the master's nodes at x_2 is (D x_1 - M x_2) / A. It is
 written S x, with a matrix S and the positions x of all nodes. With the normal n and the tangent t,
 the gap of a slave node is n·S x. Its slip since the start of the increment, where S was S_0, is
-t·(S_0 - S) x. A node that faced nothing at the start has no S_0. With positions x_0 and the tangent
-t_0 at the start, the slip of such a node is t·S x - t_0·S x_0.
+t·(S_0 - S) x. A node that did not face the master at the start has no S_0. Its slip is
+t·S x - t_0·S x_0, with the positions x_0 and the tangent t_0 at the start.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,13 +31,14 @@ from pw_elements.contact.interface.facing import (
 from pw_elements.contact.interface.mortar import BoundaryFacets
 from pw_elements.contact.interface.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
 
-# Gauss' rule on [-1, 1]. It is exact for the product of two weight functions and a radius along a
-# segment, which is a cubic. Projections onto the master are not polynomials
+# Three-point Gauss rule on [-1, 1]. It is exact for the product of two weight functions and a
+# radius along a segment, which is a cubic. Weight functions of the master, projected onto the
+# slave, are not polynomials
 _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 # Number of pieces of the straight path along which slip is integrated
 N_SLIP_PATH_PIECES = 8
-# Smallest fraction of a facet that has to face the master. Below it the dual functions are
-# dominated by round-off
+# A slave facet is ignored unless a larger fraction than this faces the master. At smaller fractions
+# the dual functions would be dominated by round-off
 _MIN_FACING_FRACTION_OF_SLAVE_FACET = 1e-6
 
 
@@ -55,9 +56,9 @@ def _dot(a: PlaneVector, b: PlaneVector) -> Any:  # noqa: ANN401
 def sum_into_matrix(
     values: Array, row: Indices, column: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the sparse matrix with given values, which are summed where places coincide.
+    """Return the sparse matrix with the given values; values at the same position are summed.
 
-    `row` and `column` are broadcast to the shape of `values`.
+    The indices `row` and `column` are broadcast to the shape of `values`.
     """
     indices = tuple(np.broadcast_to(index, values.shape).ravel() for index in (row, column))
     return sp.csr_array(sp.coo_array((values.ravel(), indices), shape))
@@ -69,14 +70,14 @@ class MortarSlipReference:
 
     Args:
         distance_rows: (m, n), matrix that turns positions into mean distances of the slave's nodes
-            from the master; zero for nodes that faced nothing.
-        faced_master: (m,), whether a node of the slave faced the master.
+            from the master; zero for nodes that did not face the master.
+        is_facing_master: (m,), mask of the slave's nodes that faced the master.
         x: (n, 2), positions of the nodes of both sides.
         tangents: (m, 2), unit tangents at the slave's nodes.
     """
 
     distance_rows: sp.csr_array
-    faced_master: Mask
+    is_facing_master: Mask
     x: Array
     tangents: Array
 
@@ -89,20 +90,21 @@ class LinearisedMortar:
     the matrix that turns values at the nodes into weighted mean differences between both sides.
 
     Args:
-        faces_master: (m,), whether a node of the slave faces the master.
+        faces_master: (m,), mask of the slave's nodes that face the master.
         normals: (m, 2), unit vectors out of the master.
-        mean_distance: (m, 2), mean distances S x of the slave's nodes from the master, for
-            positions x; zero for nodes that face nothing.
+        mean_distance: (m, 2), mean distances S x of the slave's nodes from the master, at positions
+            x; zero for nodes that do not face the master.
         distance_rows: (m, n), the matrix S.
         master_fractions: (m, k), fractions of the force at each node of the slave that the nodes of
             the master receive. They add up to one.
         areas: (m,), integrals of the slave's weight functions.
         angle_rate: (m, 2 n), derivative of the angles of the normals.
-        differentiate_mean_differences: function that returns the derivative (2 m, 2 n) of S y,
-            given constant values y (n, 2).
+        differentiate_mean_differences: function that returns the derivative (2 m, 2 n) of S y with
+            respect to the positions, for constant values y (n, 2).
         distance_rate: (2 m, 2 n), derivative of the mean distances S x.
         differentiate_master_forces: function that returns the derivative (2 k, 2 n) of the forces
-            on the master's nodes, given constant forces (m, 2) on the slave's nodes.
+            on the master's nodes with respect to the positions, for constant forces (m, 2) on the
+            slave's nodes.
     """
 
     faces_master: Mask
@@ -123,7 +125,7 @@ class LinearisedMortar:
 
     @property
     def gaps(self) -> Array:
-        """Gaps (m,), mean distances along the normals; zero for nodes that face nothing."""
+        """Gaps (m,), mean distances along the normals; zero where the master is not faced."""
         return np.asarray(np.sum(self.normals * self.mean_distance, axis=1))
 
     def measure_slip_and_gap_slip_angle_derivatives(
@@ -133,14 +135,14 @@ class LinearisedMortar:
 
         Args:
             reference: state at the start of the increment.
-            x: (n, 2), the positions of this mortar.
+            x: (n, 2), positions at which this mortar has been linearised.
 
         Returns:
-            The slip (m,); and a list of three derivatives (m, 2 n) with respect to the positions,
-            of the gap, the slip and the angle of the normal.
+            The slips (m,); and a list of three derivatives (m, 2 n) with respect to the positions:
+            those of the gaps, of the slips and of the angles of the normals.
         """
         n, t, m = self.normals, self.tangents, len(self.faces_master)
-        entering = self.faces_master & ~reference.faced_master
+        entering = self.faces_master & ~reference.is_facing_master
         # S_0 x - S x for nodes that faced the master at the start, S x for all other nodes
         distance = np.where(
             entering[:, None], self.mean_distance, reference.distance_rows @ x - self.mean_distance
@@ -176,13 +178,13 @@ class SlidingMortar:
     """Mortar between two sides in the plane, which can be evaluated at any node positions.
 
     Args:
-        slave: trace of the undeformed slave.
-        master: trace of the undeformed master.
-        revolved: whether areas are those of the whole circumference.
+        slave: boundary facets of the undeformed slave.
+        master: boundary facets of the undeformed master.
+        revolved: whether areas are those of the whole circumference (axisymmetric bodies).
 
     Attributes:
-        allowed_components: (m, 2), mask of the components that normals at the slave's nodes may
-            have; all of them by default.
+        allowed_components: (m, 2), mask of the components in which normals at the slave's nodes may
+            be nonzero; by default all components.
         nodes: (m + k,), global numbers of the slave's nodes, followed by the master's.
         n_slave_nodes: number m of the slave's nodes.
         x: (m + k, 2), undeformed positions of the nodes.
@@ -208,11 +210,14 @@ class SlidingMortar:
         )
 
     def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
-        """Return the mortar for node positions x (n, 2), computed by independent code to verify."""
+        """Return the mortar matrices at node positions x (n, 2), for verification.
+
+        They are computed by code that `linearise` does not use.
+        """
         return evaluate_mortar_matrices(self.sides, x)
 
     def linearise(self, x: Array) -> LinearisedMortar:
-        """Return the mortar for node positions x (n, 2), with its derivatives."""
+        """Return the mortar at node positions x (n, 2), with its derivatives."""
         n, m, f = len(x), self.n_slave_nodes, len(self._slave_facets)
         facet, nodes, (W, dW), (Q, dQ) = self._integrate_weight_products_over_facing_segments(x)
         slave_nodes, master_nodes = nodes[:, 1:3], nodes[:, 4:]
@@ -301,8 +306,9 @@ class SlidingMortar:
     def _average_slave_normals_and_angle_derivatives(self, x: Array) -> tuple[Array, sp.csr_array]:
         """Return unit normals (m, 2) at the slave's nodes, and derivatives of their angles.
 
-        A normal is perpendicular to the chord between the two neighbours of its node. The
-        derivative (m, 2 n) is zero where a component of the normal is not allowed.
+        Each normal is perpendicular to the chord between the two neighbours of its node. The
+        derivatives (m, 2 n) are with respect to the positions x (n, 2). They are zero where a
+        component of the normal is not allowed.
         """
         chord = x[self._next_node] - x[self._previous_node]
         perpendicular = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
@@ -321,17 +327,17 @@ class SlidingMortar:
     def _integrate_weight_products_over_facing_segments(
         self, x: Array
     ) -> tuple[Indices, Indices, tuple, tuple]:
-        """Integrate products of weight functions over segments (q) that face each other.
+        """Integrate products of weight functions over all q segments.
 
-        A segment is a part of a slave's facet that faces a facet of the master. It depends on six
-        nodes: the node before the slave's facet, its ends a and b, the node after it, and both ends
-        of the master's facet.
+        A segment is a part of a slave facet that faces one master facet. It depends on six nodes:
+        the node before the slave facet, the ends a and b of the slave facet, the node after it, and
+        both ends of the master facet.
 
         Returns:
-            Indices (q,) of the slave's facets. The six nodes (q, 6). Integrals (q, 3) of products
-            of the slave's functions, for the ends aa, ab and bb. Integrals (q, 2, 2) of products of
-            a slave's and a master's function. Both integrals are tuples of values and derivatives
-            (..., 12) with respect to the positions of the six nodes.
+            The slave facet (q,) of each segment; its six nodes (q, 6); the integrals (q, 3) of the
+            products aa, ab and bb of the slave's weight functions; and the integrals (q, 2, 2) of
+            the products of a slave and a master weight function. Both kinds of integrals are tuples
+            of values and derivatives (..., 12) with respect to the positions of the six nodes.
         """
         facet, master_facet = self._find_near_facing_facet_pairs(x)
         (a, b), (c, d) = self._slave_facets[facet].T, self._master_facets[master_facet].T
@@ -366,9 +372,10 @@ class SlidingMortar:
     def integrate_slip_along_path(self, start_positions: Array, end_positions: Array) -> Array:
         """Return the slip (m, 2) along the straight path from start to end positions (n, 2).
 
-        On each piece of the path, the slip of a slave node j is measured relative to the point p of
-        the master that is closest to j at the end of the piece. With the tangent t, it is the
-        change of t·(x_j - x_p) from the start to the end of the piece.
+        The path is divided into `N_SLIP_PATH_PIECES` pieces. On each piece, the slip of a slave
+        node j is measured relative to the material point p of the master that is closest to j at
+        the end of the piece. It is the change of t·(x_j - x_p) from the start to the end of the
+        piece, with the tangent t.
         """
         slip, previous_x = np.zeros(self.n_slave_nodes), start_positions
         previous_tangents = self._average_slave_tangents(start_positions)
@@ -390,10 +397,10 @@ class SlidingMortar:
     ) -> Array:
         """Return the largest depth (m,) to which slave nodes penetrate the master on their path.
 
-        The path from positions `start_positions` to `end_positions` (n, 2) is straight, and is
-        sampled in `2 N_SLIP_PATH_PIECES` pieces. The depth is zero for nodes that start inside the
-        master by more than the length of a facet, and wherever the closest point is an end of the
-        master.
+        The path from `start_positions` (n, 2) to `end_positions` (n, 2) is straight, and is sampled
+        at the ends of `2 N_SLIP_PATH_PIECES` pieces. The depth counts as zero for nodes that start
+        inside the master by more than the length of a facet, and wherever the closest point is an
+        end of the master.
         """
         end_nodes = np.setdiff1d(*self._master_facets.T), np.setdiff1d(*self._master_facets.T[::-1])
         depth, outside = np.zeros(self.n_slave_nodes), np.zeros(self.n_slave_nodes, dtype=bool)
@@ -423,11 +430,11 @@ class SlidingMortar:
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)
 
     def _find_closest_master_facets_and_weights(self, x: Array) -> tuple[Indices, Array]:
-        """Return the points of the master that are closest to the slave's nodes.
+        """Find the point of the master that is closest to each of the slave's nodes.
 
         Returns:
-            Both nodes (m, 2) of the master's facet with the point, and the weights (m, 2) of these
-            nodes in the position of the point.
+            The two nodes (m, 2) of the master facet that contains the closest point, and their
+            weights (m, 2), by which the point is interpolated between them.
         """
         start = x[self._master_facets[:, 0]]
         edge = x[self._master_facets[:, 1]] - start
@@ -449,12 +456,15 @@ class SlidingMortar:
         return x * inverse_length, y * inverse_length
 
     def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
-        """Return pairs of a slave's and a master's facet that are near and face each other.
+        """Return the pairs of a slave facet and a master facet that are near and face each other.
 
-        The distance between the midpoints of such a pair exceeds the distance to the nearest
-        midpoint of the master by at most the sum of two lengths: half the length of the slave's
-        facet, and half the length of the longest facet of the master. Since distances do not depend
-        on the coordinate axes, the result is the same for rotated bodies.
+        A master facet is near if its midpoint is at most h farther from the slave facet's midpoint
+        than the nearest master midpoint is. Here h is half the length of the slave facet plus half
+        the length of the longest master facet. Since distances do not depend on the coordinate
+        axes, the result is the same for rotated bodies.
+
+        Returns:
+            Slave facets (q,) and master facets (q,) of the pairs.
         """
         (middles, half_lengths), (master_middles, master_half_lengths) = (
             (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
@@ -475,10 +485,10 @@ class SlidingMortar:
     def _compute_linear_coefficients_of_points_and_normals(
         self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
     ) -> tuple[PlaneVector, ...]:
-        """Return vectors x_0, x_1, n_0 and n_1, which define points and normals of slave's facets.
+        """Return x_0, x_1, n_0 and n_1, which define points and normals on slave facets.
 
-        Points are x_0 + s x_1 and normals n_0 + s n_1 with the coordinate s from -1 to 1. Normals
-        are interpolated between the normals at both ends.
+        Points are x_0 + s x_1 and normals n_0 + s n_1, with the coordinate s from -1 to 1 along the
+        facet. Normals are interpolated linearly between the unit normals at both ends.
         """
         previous_node, a, b, next_node = node_positions[:4]
         normals = [
@@ -496,13 +506,13 @@ class SlidingMortar:
     def _find_limits_of_facing_parts(
         self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
     ) -> tuple[Array, Array]:
-        """Return lower and upper limits (q,) of parts of slave's facets that face master's facets.
+        """Return lower and upper limits (q,) of the parts of slave facets that face the master.
 
         Limits are values of the coordinate s and may be outside [-1, 1]. With the point x(s) and
-        the normal n(s), they are roots of f(s) = (x(s) - p) x n(s), where p is a node of the
-        master's facet. On the side of p on which the facet of the master is, f is positive for the
-        lower limit and negative for the upper limit. A facet that is visible only beyond the point
-        where normals intersect does not face the slave's facet. There f decreases with s.
+        the normal n(s), they are roots of f(s) = (x(s) - p) x n(s), where p is an end of the master
+        facet. On the side of p on which the master facet lies, f is positive for the lower limit
+        and negative for the upper limit. If f decreases with s, the master facet is visible only
+        beyond the point where the normals intersect, and does not face the slave facet.
         """
         limits = []
         for side, (c0, c1, c2) in zip(
@@ -519,11 +529,12 @@ class SlidingMortar:
     def _compute_polynomials_of_facing_limits(
         self, node_positions: Sequence[PlaneVector], segment_nodes: Indices
     ) -> list[tuple[Any, Any, Any]]:
-        """Return the coefficients c_0, c_1 and c_2 of f(s) = (x(s) - p) x n(s), quadratic in s.
+        """Return the coefficients c_0, c_1 and c_2 of the quadratic f(s) = (x(s) - p) x n(s).
 
-        x(s) and n(s) are points and normals of the slave's facets. The node p is first the second,
-        then the first node of the master's facet. This order follows from the opposite directions
-        in which both sides are traversed.
+        x(s) and n(s) are points and normals on the slave facets. The first polynomial is for the
+        lower limit, at which p is the second node of the master facet. The second polynomial is for
+        the upper limit, at which p is the first node. The reason for this order is that the two
+        sides are traversed in opposite directions.
         """
         x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(
             node_positions, segment_nodes
@@ -543,13 +554,18 @@ class SlidingMortar:
         segment_nodes: Indices,
         reaches_facet_end: tuple[Mask, Mask],
     ) -> tuple[list[Any], list[Any]]:
-        """Integrate products of two slave's functions, and of a slave's and a master's function.
+        """Integrate the products of weight functions that `linearise` needs over segments.
 
         Args:
             node_positions: positions of the six nodes of each segment, with derivatives.
             segment_nodes: (q, 6), the six nodes of each segment.
-            reaches_facet_end: two masks (q,), for the lower and the upper limit of a segment. They
-                tell whether the segment extends to this end of the slave's facet.
+            reaches_facet_end: masks (q,) for the lower and the upper limit: whether the segment
+                extends to this end of the slave facet.
+
+        Returns:
+            With the ends a and b of the slave facet, and c and d of the master facet: integrals of
+            w_a w_a, w_a w_b and w_b w_b; and integrals of w_a w_c, w_a w_d, w_b w_c and w_b w_d.
+            All of them have derivatives with respect to the node positions.
         """
         q, ends = len(segment_nodes), list[Any]()
         x0, x1, n0, n1 = self._compute_linear_coefficients_of_points_and_normals(
@@ -596,7 +612,7 @@ class SlidingMortar:
 
 
 def _find_quadratic_root_nearest_zero(c0: Any, c1: Any, c2: Any) -> Any:  # noqa: ANN401
-    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, or NaN without a root."""
+    """Return the root of c_0 + c_1 s + c_2 s^2 that is nearer to zero, or NaN if there is none."""
     sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
@@ -605,16 +621,16 @@ def _find_quadratic_root_nearest_zero(c0: Any, c1: Any, c2: Any) -> Any:  # noqa
 def _set_constant_where(
     is_constant: Mask, constant: float, numbers: AutoDiffArray
 ) -> AutoDiffArray:
-    """Return numbers (n,) in which a constant replaces those where `is_constant` (n,) is true.
+    """Return a copy of numbers (n,), set to a constant where `is_constant` (n,) is true.
 
-    The replaced numbers may be NaN.
+    The numbers that the constant replaces may be NaN.
     """
     derivative = np.where(is_constant[:, None], 0.0, numbers.derivative)
     return AutoDiffArray(np.where(is_constant, constant, numbers.value), derivative)
 
 
 def _orient_facets_with_outside_on_right(boundary_facets: BoundaryFacets) -> Indices:
-    """Return the two nodes (f, 2) of each sub-facet, as indices of the trace's nodes.
+    """Return the two nodes (f, 2) of each sub-facet, as indices into `boundary_facets.nodes`.
 
     The outside is on the right of the direction from the first to the second node.
     """

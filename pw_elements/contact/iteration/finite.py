@@ -6,7 +6,7 @@ residual's entries at the contact points. The linear equilibrium of the next ite
 
     K a = f + H r,    K = F'(u_k),    f = K u_k - F(u_k)
 
-with the current iterate u_k. Newton's step is halved until it inverts no cell. For two bodies that
+with the current iterate u_k. Newton's step is halved until no cell is inverted. For two bodies that
 slide on each other, `MortarKinematics` evaluates H(u), and K includes the derivative of -H(u) r.
 
 The module guarantees that no iterate has an inverted cell. It assumes a residual whose tangent is
@@ -37,15 +37,14 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system import ContactSystem
 from pw_elements.spaces import SubSpace, is_hybrid
 
-# Estimate of the largest sum of magnitudes in a row of the tangent K, divided by the largest
-# diagonal entry
+# Estimated largest absolute row sum of the tangent K, divided by the largest diagonal entry of K
 _ESTIMATED_ROW_SUM_TO_MAX_DIAGONAL = 4.0
 # Largest number of halvings of a Newton step
 _MAX_NEWTON_STEP_HALVINGS = 10
 
 
 class CellInversionCheck:
-    """Check of det(I + grad u) > 0 at all quadrature points of a form's cell integrals.
+    """Check that det(I + grad u) > 0 at all quadrature points of a form's cell integrals.
 
     Args:
         u: displacements, or displacements and pressure in a hybrid space.
@@ -70,7 +69,7 @@ class CellInversionCheck:
         self.extent: float = self._mesh.comm.allreduce(max_coordinate, MPI.MAX)
 
     def compute_min_volume_ratio(self) -> float:
-        """Return the smallest determinant on all processes; collective.
+        """Return the smallest determinant det(I + grad u) over all processes; collective.
 
         The result is minus infinity if any determinant is NaN.
         """
@@ -203,9 +202,9 @@ class LargeStrainEquilibrium:
         """Return the largest ratio of an unbalanced force to its tolerance.
 
         The ratio is infinite until the prescribed displacements are reached. The tolerance is a
-        fraction of the largest nodal force plus round-off, because a body that has lost contact may
-        have large displacements and no forces. In the pressure equations of hybrid bodies, the
-        round-off is that of volumes.
+        fraction of the largest nodal force plus round-off. Round-off is included because a body
+        that has lost contact may have large displacements and no forces. In the pressure equations
+        of hybrid bodies, the round-off of volumes replaces the round-off of displacements.
 
         Args:
             unbalanced_magnitudes: magnitudes (n_r,) of the unbalanced forces in the equations
@@ -251,7 +250,7 @@ class LargeStrainEquilibrium:
     def _set_contact_system_tangent(
         self, body_tangent: PETSc.Mat, torque_map: TorqueMap
     ) -> PETSc.Mat:
-        """Pass the tangent to the contact system and return it.
+        """Pass the tangent of the equilibrium to the contact system and return it.
 
         Args:
             body_tangent: tangent (n, n) of the body alone.
@@ -264,10 +263,13 @@ class LargeStrainEquilibrium:
         return body_tangent
 
     def _estimate_round_off_of_pressure_equations(self, tangent: PETSc.Mat) -> Array | float:
-        """Return the round-off (n_r,) of the reduced equations of pressure in a hybrid body.
+        """Return the round-off (n_r,) of the reduced pressure equations of a hybrid body.
 
-        The array is zero in the equations of displacements; without a pressure, the result is 0.
-        `tangent` is the tangent (n, n).
+        The entries of displacement equations are zero. For a body without pressure unknowns, the
+        result is the number 0.
+
+        Args:
+            tangent: tangent (n, n) of the equilibrium.
         """
         if not is_hybrid(self._body.u.function_space):
             return 0.0
@@ -296,7 +298,7 @@ class SlidingBodiesEquilibrium(LargeStrainEquilibrium):
 
     Args:
         body, system, reduction, guard, start: arguments of `LargeStrainEquilibrium`.
-        mortars: kinematics of all pairs of two bodies.
+        mortars: kinematics of all pairs that consist of two bodies.
     """
 
     def __init__(

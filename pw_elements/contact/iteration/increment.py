@@ -38,8 +38,9 @@ from pw_elements.solvers import SingularSystem
 
 # Round-off in the product of stiffness K and displacements a, relative to |K| |a|
 RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
-# Relative change of the friction coefficient that makes a singular tangent regular; and largest
-# relative difference between solutions with less and more friction that counts as continuous
+# Relative change of the friction coefficient by which a singular tangent becomes regular; and
+# largest relative difference, between the solutions with slightly less and slightly more friction,
+# at which the solution counts as a continuous function of friction
 _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR = 1e-6
 _MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION = 1e-3
 
@@ -95,8 +96,8 @@ class Equilibrium(Protocol):
         Args:
             unbalanced_magnitudes: magnitudes (n_r,) of the unbalanced forces in the equations
                 of this process.
-            tolerance_from_contact_forces: part of the tolerance that follows from the contact
-                forces, a force.
+            tolerance_from_contact_forces: part of the tolerance that is derived from the contact
+                forces; it is a force.
             unknowns: all unknowns (n,).
         """
 
@@ -111,7 +112,7 @@ class LinearEquilibrium:
         right: matrix (n, n_r) that expands reduced displacements to all unknowns.
         prescribed_displacements: prescribed displacements (n,), which are added to the expanded
             displacements.
-        max_row_sum: largest sum of magnitudes in a row of the full stiffness.
+        max_row_sum: largest absolute row sum of the full stiffness.
     """
 
     stiffness: PETSc.Mat
@@ -185,21 +186,23 @@ class NewtonIterate:
         reduced_unknowns: displacements (n_r,), reduced by the supports.
         unknowns: all unknowns (n,).
         q: motions (pairs, k) of the surfaces.
-        displacement: displacements (m, dim) of the contact points.
+        displacement: displacements (m, dim) of the contact points, relative to opposite nodes if
+            there are any.
         force: forces (m, dim) of the surfaces on the contact points.
         unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
         nodes: gaps, slips and forces in the frames of the contact nodes.
         kinematics: kinematics from which gaps and slips were evaluated.
-        displacement_size: sum (m, dim) of the magnitudes of the displacements of a point and of the
-            opposite nodes.
-        allowance: tolerance of all conditions, a force.
+        displacement_size: sums (m, dim) of the magnitudes of the displacements of each point and of
+            its opposite nodes.
+        allowance: tolerance of all conditions, expressed as a force.
         round_off: part of the allowance that accounts for round-off.
         violation: largest ratio of a residual to its tolerance.
         is_solution: whether all conditions hold and the linear system was solved to the final
             accuracy.
         is_exact: whether solving the linear system again would not improve the accuracy.
         is_final: whether the linear system was solved to the final accuracy.
-        step_length: fraction of the step to the linear solution that led to this iterate.
+        step_length: length of the Newton step to this iterate, as a fraction of the full step to
+            the linear solution.
     """
 
     reduced_unknowns: PETSc.Vec
@@ -228,12 +231,11 @@ class IncrementEquations:
         equilibrium: equilibrium of the body at the end of the increment.
         kinematics: kinematics of the contact points since the start of the increment.
         start: state at the start of the increment, from which slip is measured.
-        prescribed_motions: prescribed motions (pairs, k) of the surfaces, NaN where a motion is
-            free.
-        free_motion_forces: prescribed forces and torques (free,) of the free motions.
+        prescribed: prescribed motions (pairs, k) of the surfaces, NaN where a motion is free.
+        totals: prescribed forces and torques (free,) of the free motions.
 
     Attributes:
-        best_state: iterate with the smallest violation so far, None before the first one.
+        best_state: iterate with the smallest violation so far; None before the first iteration.
     """
 
     def __init__(
@@ -257,7 +259,7 @@ class IncrementEquations:
 
     @cached_property
     def support_friction(self) -> FrictionAtSupportedNodes:
-        """Friction at nodes that a support holds along a rough surface."""
+        """Friction at nodes that supports hold along a surface with friction."""
         return FrictionAtSupportedNodes(
             self.system, self.start, self.prescribed_motions, self._support_displacement
         )
@@ -265,9 +267,9 @@ class IncrementEquations:
     def add_initial_support_friction(
         self, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> ActiveSet:
-        """Return the active set, including the support friction at the start of the increment.
+        """Return the active set, completed by the support friction at the start of the increment.
 
-        Support friction acts at nodes that a support holds along a rough surface.
+        Support friction acts at nodes that supports hold along a surface with friction.
         """
         if not self.interface.holds_friction:
             return active
@@ -339,8 +341,8 @@ class IncrementEquations:
             reduced_unknowns: displacements (n_r,), reduced by the supports.
             surface_motions: motions (pairs, k) of the surfaces.
             kinematics: kinematics of the linear system that was solved.
-            previous_support_friction: that of the previous iteration (m, dim - 1). By default
-                it is the support friction at the start of the increment.
+            previous_support_friction: support friction (m, dim - 1) of the previous iteration; by
+                default, the support friction at the start of the increment.
             is_exact: whether solving the linear system again would not improve the accuracy.
             is_final: whether the linear system was solved to the final accuracy.
         """
@@ -392,7 +394,7 @@ class IncrementEquations:
         return replace(state, violation=violation, is_solution=violation <= 1 and is_final)
 
     def reevaluate_with_kinematics_at_solution(self, state: NewtonIterate) -> NewtonIterate:
-        """Return a solution, evaluated again with kinematics that are linearised at it.
+        """Return a solution, evaluated again with kinematics linearised at this solution.
 
         A state that is not a solution is returned unchanged. A solution is returned unchanged if
         the new kinematics violate a condition although the surfaces have moved by no more than the
@@ -426,7 +428,7 @@ class IncrementEquations:
     def local_relative_residuals(
         self, state: NewtonIterate, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
-        """Return the relative residuals at the nodes and equations of this process.
+        """Return the relative residuals at the contact nodes and in the equations of this process.
 
         The keys are the fields of `Residuals`. Forces are divided by `reference_force`. Lengths are
         divided by `reference_length`, which is a number or one length (m,) per contact node.
@@ -448,7 +450,7 @@ class IncrementEquations:
     ) -> Residuals:
         """Return the largest relative residuals on all processes; collective.
 
-        The arguments are those of `residuals`.
+        The arguments are those of `local_relative_residuals`.
         """
         residuals = self.local_relative_residuals(state, reference_force, reference_length)
         largest = self.nonnegative_max_over_ranks(*residuals.values())
@@ -457,9 +459,9 @@ class IncrementEquations:
     def updated_scale_and_reference_force_and_length(
         self, state: NewtonIterate, start_scale: ResidualScale
     ) -> tuple[ResidualScale, float, float]:
-        """Return the scale of the load history, and the reference force and length of residuals.
+        """Return the updated scale of the load history, and the reference force and length.
 
-        The call is collective.
+        Residuals are divided by the reference force or length. The call is collective.
 
         Args:
             state: iterate at the end of the increment.
@@ -496,14 +498,14 @@ class IncrementEquations:
     ) -> float:
         """Return the largest ratio of a residual to its tolerance on all processes; collective.
 
-        All residuals are forces: lengths are multiplied by the stiffness of the contact law.
+        All residuals are expressed as forces: lengths are multiplied by the stiffness of the law.
 
         Args:
             state: iterate.
-            force_tolerance: tolerance of the residuals, a force.
+            force_tolerance: tolerance of all residuals, a force.
             coordinate_round_off_force: force that corresponds to the round-off of coordinates. It
-                is added to the tolerances of gaps and force balances. For friction, the additional
-                tolerance follows from `ContactNodes.friction_round_off`.
+                is added to the tolerances of gaps and force balances. The additional tolerance for
+                friction is computed from it by `ContactNodes.friction_round_off`.
         """
         nodes = state.nodes
         if self.interface.cone.has_user_law:
@@ -552,7 +554,7 @@ class IncrementEquations:
 class LinearIncrementEquations(IncrementEquations):
     """Equations of an increment at small strains, with a diagnosis of singular tangents.
 
-    All rigid motions are held, so that only friction can make the tangent singular.
+    No rigid motion is free, so only friction can make the tangent singular.
     """
 
     equilibrium: LinearEquilibrium

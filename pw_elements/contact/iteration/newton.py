@@ -11,8 +11,8 @@ from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIt
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 
-# Function that is called with the iteration number, the active set and the violation. An exception
-# that it raises ends the iteration
+# Function that is called with the iteration number, the active set and the violation. If it raises
+# an exception, the iteration ends
 IterationCallback: TypeAlias = Callable[[int, ActiveSet, float], None]
 
 
@@ -37,7 +37,7 @@ def solve_increment(
 
     Raises:
         NotUnique: if the tangent is singular at a solution.
-        SolutionNotFound: if no active set satisfies the conditions.
+        SolutionNotFound: if no active set that satisfies the conditions has been found.
         NotConverged: if an iterative solver fails.
     """
     active = increment.add_initial_support_friction(active, kinematics)

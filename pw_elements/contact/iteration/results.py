@@ -1,7 +1,7 @@
 """Construction of contact states from the last iterate on all processes.
 
 The module guarantees that the pair states and scalars of a contact state are the same on all
-processes. It assumes an iterate that was returned by `Increment.evaluate`.
+processes. It assumes an iterate that was returned by `IncrementEquations.evaluate_all_conditions`.
 """
 
 from petsc4py import PETSc
@@ -39,12 +39,13 @@ def make_contact_state(
         increment: equations of the increment.
         state: iterate.
         start_state: contact state at the start of the increment.
-        scale: scale of the load history at the end, from
-            `Increment.updated_scale_and_reference_force_and_length`.
+        scale: scale of the load history at the end of the increment, from
+            `IncrementEquations.updated_scale_and_reference_force_and_length`.
         iterations: number of linear systems solved.
         report: report of the linear solver.
-        smallness: check of the small-strain assumption; None at large strains.
-        can_slide_at_same_forces: whether the body may slide by any distance at the same forces.
+        smallness: measures of how small the displacements are; None at large strains.
+        can_slide_at_same_forces: whether the body may slide any distance while all forces stay the
+            same.
     """
     system = increment.system
     signs = frozenset(system.tangent.solver.determinant_signs)
@@ -148,8 +149,8 @@ def make_pair_states(
         surface_motions: motions (pairs, k) of the surfaces.
         contact_forces: forces (m, dim) of the surfaces on the points of this process.
         force_operator: matrix (n, m dim) that distributes contact forces to the equations.
-        nodal_values: other attributes of `PairState` at the points of this process, arrays (m,
-            ...). An omitted attribute is zero, except the status, which is open.
+        nodal_values: arrays (m, ...) of the other attributes of `PairState` at the points of this
+            process. Omitted attributes are zero, except the status, which is open.
     """
     no_vector, dim = np.zeros_like(contact_forces), contact_forces.shape[1]
     values = {"position": interface.position, "node": interface.node}

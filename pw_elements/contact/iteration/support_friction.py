@@ -1,8 +1,8 @@
-"""Support friction: friction at a node along a direction that a support holds.
+"""Support friction: friction at a node along a direction in which a support holds the node.
 
-No equation determines this force, because the support carries any value. The force nevertheless
-acts on the surface and counts in the friction limit. The rules are in docs/theory.md ("The law,
-linearised").
+No equation determines this force, because the support can balance any value. The force nevertheless
+acts on the surface and counts towards the friction limit. The rules are in docs/theory.md ("The
+law, linearised").
 
 The module guarantees that the forces of nodes without supports do not change. It assumes that each
 tangent of a node is either parallel or perpendicular to the supported components.
@@ -27,22 +27,23 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system import ContactSystem
 
 # Stiffness of support friction against a surface that is free to slide, divided by the stiffness of
-# the node's contact law: if supports hold all tangents, and if another tangent is free
+# the node's contact law. The first value applies if supports hold all tangents of the node, the
+# second value if one of its tangents is free
 _FRICTION_TO_LAW_STIFFNESS_IF_FULLY_HELD, _FRICTION_TO_LAW_STIFFNESS_IF_PARTLY_HELD = 1e3, 3.0
 # Round-off in the slip, relative to the sum of a node's coordinates and displacement
 _SLIP_ROUND_OFF_RELATIVE_TO_COORDINATES = 1e-13
 # Largest derivative of a slip with respect to a free motion of the surface that counts as zero
-_NEGLIGIBLE_SLIP_PER_SURFACE_MOTION = 1e-9
+_MAX_ZERO_SLIP_DERIVATIVE = 1e-9
 # Support friction along a support that is not parallel to the surface: largest number of
 # fixed-point iterations, and their tolerance relative to the friction limit
 _MAX_FIXED_POINT_ITERATIONS, _FIXED_POINT_TOLERANCE_PER_FRICTION_LIMIT = 60, 1e-13
 
 
 class FrictionAtSupportedNodes:
-    """Support friction in one increment: friction at nodes that a support holds along a surface.
+    """Support friction in one increment: friction at nodes that supports hold along a surface.
 
     A prescribed slip between support and surface determines the friction. If the prescribed slip is
-    zero, friction keeps its value at the start of the increment, reduced to its limit. If the
+    zero, friction keeps its value at the start of the increment, or is reduced to its limit. If the
     surface is free to slide, the new friction is the friction of the previous iteration minus a
     stiffness times the slip (method of multipliers). The slip of sticking nodes then converges to
     zero.
@@ -86,7 +87,7 @@ class FrictionAtSupportedNodes:
     def subtract_friction_and_get_stiffness(
         self, free_motion_forces: Array, active: ActiveSet, kinematics: LinearisedKinematics
     ) -> tuple[Array, Array]:
-        """Return the prescribed totals minus the support friction, and its stiffness.
+        """Return the forces of free motions minus the support friction, and the friction stiffness.
 
         Support friction depends linearly on the free motions of the surfaces.
 
@@ -96,8 +97,8 @@ class FrictionAtSupportedNodes:
             kinematics: linearised kinematics.
 
         Returns:
-            The totals minus the constant part of the support friction, and the stiffness (free,) of
-            the support friction against each free motion.
+            The forces and torques (free,) minus the constant part of the support friction, and the
+            stiffness (free,) of the support friction against each free motion.
         """
         interface, system = self._interface, self._system
         dim, factor = interface.position.shape[1], _friction_stiffness_per_law_stiffness(kinematics)
@@ -109,8 +110,9 @@ class FrictionAtSupportedNodes:
         coupled = self._find_held_tangents_of_free_surfaces(kinematics).any(axis=1, keepdims=True)
         iterated = closed & kinematics.held_tangents & coupled
         sticks = (active.status == STICK)[:, None]
-        # A slip that changes its direction has the stiffness l / |v|, with friction limit l and
-        # slip v; this equals c M / (1 - M) with the stiffness c of the law and friction ratio M
+        # Against a change of the direction of slip, friction has the stiffness l / |v| with the
+        # limit l and the slip v; it equals c M / (1 - M) with the law's stiffness c and the
+        # friction ratio M
         slip_stiffness = system.law_scale * active.friction_ratio
         slip_stiffness = slip_stiffness / np.maximum(1 - active.friction_ratio, 1 / factor)
         slip_stiffness = slip_stiffness + active.friction_per_slip
@@ -134,7 +136,7 @@ class FrictionAtSupportedNodes:
         global_force: Array,
         previous_friction: Array,
     ) -> tuple[ContactNodes, Array]:
-        """Return the nodes and their forces (m, dim) in global components, with support friction.
+        """Return nodes and global force components (m, dim) that include support friction.
 
         Args:
             nodes: contact nodes with forces from the equations that supports do not eliminate.
@@ -180,11 +182,11 @@ class FrictionAtSupportedNodes:
         )
 
     def _find_held_tangents_of_free_surfaces(self, kinematics: LinearisedKinematics) -> Mask:
-        """Return where supports prevent motion along a tangent on which the surface is free.
+        """Return a mask (m, dim - 1) of held tangents along which the surface is free to move.
 
-        The result is a mask (m, dim - 1).
+        A tangent is held if supports prevent the node from moving along it.
         """
-        depends = np.abs(kinematics.motion_by_q[:, 1:]) > _NEGLIGIBLE_SLIP_PER_SURFACE_MOTION
+        depends = np.abs(kinematics.motion_by_q[:, 1:]) > _MAX_ZERO_SLIP_DERIVATIVE
         depends = depends & self._free_motions[:, None]
         return np.asarray(depends.any(axis=2) & kinematics.held_tangents)
 
@@ -207,7 +209,7 @@ def _add_support_friction_by_fixed_point(
     friction_stiffness: Array,
     supported_components: Mask,
 ) -> tuple[ContactNodes, Array]:
-    """Add friction along the tangents that supports hold to the forces of the nodes.
+    """Add support friction to the forces of the nodes, along the tangents that supports hold.
 
     If a support is not parallel to the surface, it carries a part of the normal force, on which the
     friction limit depends. Friction and normal force are determined by fixed-point iteration.
@@ -229,7 +231,7 @@ def _add_support_friction_by_fixed_point(
     held_force = np.einsum("nta,na->nt", tangents, global_force)
 
     def compute_support_and_normal_forces(tangential_forces: Array) -> tuple[Array, Array]:
-        """Return forces (m, dim) along supports, and normal forces (m,) that include them.
+        """Return support forces (m, dim), and normal forces (m,) that include their normal parts.
 
         `tangential_forces` are the tangential forces (m, dim - 1).
         """

@@ -1,4 +1,4 @@
-"""Loads and motions of surfaces at the end of an increment or of a substep.
+"""Loads and surface motions at the end of an increment or of a substep.
 
 The module guarantees that the targets of substeps lie on the straight path from the start of the
 increment to its end. It assumes that motions and forces have been checked in the functions called
@@ -31,7 +31,7 @@ class TargetLoadsAndMotions:
         q: motions (pairs, k) of the surfaces, NaN where a motion is free. If surfaces may rotate,
             the last component is the angle.
         forces: total forces and torques (pairs, k) of the surfaces, used where the motion is free.
-        load_factor: fraction of the prescribed displacements and of the interference.
+        load_factor: applied fraction of the prescribed displacements and of the interference.
     """
 
     load: PETSc.Vec | None
@@ -50,9 +50,9 @@ class TargetLoadsAndMotions:
 
         Args:
             load: total load vector (n,), or None if the residual includes the loads.
-            motions: motion of each pair's surface; None for a surface that does not move.
-            n_motions_per_surface: number of motions of each surface, which are its translations
-                and, if surfaces may rotate, its angle.
+            motions: motion of each pair's surface; None for a surface in its initial position.
+            n_motions_per_surface: number of components of the motion of each surface: its
+                translations and, if surfaces may rotate, its angle.
         """
         q, forces = np.zeros((2, len(motions), n_motions_per_surface))
         for k, motion in enumerate(motions):
@@ -67,9 +67,12 @@ class TargetLoadsAndMotions:
     def from_state(
         cls, state: ContactState, q: Array, load: PETSc.Vec | None = None
     ) -> "TargetLoadsAndMotions":
-        """Return the target that a state satisfies already, in which all motions are prescribed.
+        """Return the target that a state already satisfies, with all motions prescribed.
 
-        The motions are q (pairs, k).
+        Args:
+            state: the state.
+            q: motions (pairs, k) of the surfaces in this state.
+            load: total load vector (n,), or None if the residual includes the loads.
         """
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
         load_factor = 1.0 if state.increment else 0.0
@@ -84,7 +87,7 @@ class TargetLoadsAndMotions:
 
     @cached_property
     def free_motions(self) -> FreeMotionIndices:
-        """Number of the pair and of the component of each free motion."""
+        """Indices (pair, component) of all free motions."""
         return tuple(
             (int(pair), int(component)) for pair, component in np.argwhere(np.isnan(self.q))
         )
@@ -106,8 +109,8 @@ def make_target_in_equilibrium_with_state(
 ) -> TargetLoadsAndMotions:
     """Return the target that a state satisfies, with a load vector that includes reactions.
 
-    The load is stiffness K (n, n) times displacements minus the contact forces, so that it includes
-    the reactions of supports, which do no work.
+    The load is the stiffness K (n, n) times the displacements, minus the contact forces. It
+    therefore includes the reactions of supports, which do no work.
     """
     points = interface.force.createVecRight()
     (force,) = interface.extract_local_pair_state_values(state.pairs, "force_vector")

@@ -1,8 +1,9 @@
 """Choice of the active sets of an increment.
 
-The next active set follows from the contact law, but the iteration must not cycle and the tangent
-must not become singular. The module guarantees that decisions are the same on all processes, and
-that a cycling iteration ends. It assumes that its functions are called on all processes.
+In principle, the contact law determines the next active set, but the iteration must not cycle and
+the tangent must not become singular. The module guarantees that decisions are the same on all
+processes, and that a cycling iteration ends. It assumes that its functions are called on all
+processes.
 """
 
 from collections import deque
@@ -43,8 +44,8 @@ from pw_elements.contact.nodes import (
 )
 from pw_elements.contact.system import LinearSolveAccuracy
 
-# Function that returns the names of the rigid motions that remain free for an active set in its
-# frames (m, dim, dim)
+# Function that returns the names of the rigid motions that remain free. Its arguments are an active
+# set and the frames (m, dim, dim) of the contact nodes
 FreeRigidMotionDescriber = Callable[[ActiveSet, Array], list[str]]
 
 # Number of decimal places in comparisons of the directions and slopes of active sets
@@ -55,7 +56,7 @@ _DECIMALS_IN_ACTIVE_SET_COMPARISON = 10
 _MIN_ACTIVE_SET_REVISITS_OF_CYCLING = 4
 _MAX_RELATIVE_DISPLACEMENT_CHANGE_IF_SOLVED = 1e-6
 _MAX_ITERATIONS_WITH_KEPT_SET = 6
-# Number of shortened Newton steps after which an iteration between two bodies ends
+# Number of shortened Newton steps after which the iteration ends in contact of two bodies
 _MAX_SHORTENED_NEWTON_STEPS = 3
 # Number of recent active sets that are searched for a cycle
 _N_RECENT_SETS_IN_CYCLE_MESSAGE = 8
@@ -109,7 +110,7 @@ class ActiveSetHistory:
     def make_error_naming_cycling_nodes(
         self, message: str, interface: ContactInterface
     ) -> SolutionNotFound:
-        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
+        """Return an error; if active sets cycle, its message gives positions of cycling nodes."""
         if not self.is_cycle:
             return SolutionNotFound(message)
         changing = np.zeros(len(interface.pair), dtype=bool)
@@ -165,7 +166,7 @@ class ActiveSetUpdate:
         If it was, the nodes that change in the cycle are limited to one change per iteration.
 
         Raises:
-            SolutionNotFound: if all nodes of the cycle are limited already.
+            SolutionNotFound: if all nodes of the cycle are already limited.
         """
         vectors = [
             np.round(v, _DECIMALS_IN_ACTIVE_SET_COMPARISON)
@@ -197,9 +198,9 @@ class ActiveSetUpdate:
     def propose_set_changing_one_cycling_node(
         self, active: ActiveSet, nodes: ContactNodes
     ) -> ActiveSet:
-        """Return the next active set; of the limited nodes, only one changes.
+        """Return the next active set, in which only one of the limited nodes changes.
 
-        It is the node that violates the law most.
+        The limited node that changes is the one with the largest violation of the law.
         """
         proposed = nodes.next_active_set(active)
         if self._limited is None:
@@ -232,15 +233,15 @@ class ActiveSetUpdate:
         return self._propose_next_set_and_accuracy(active, state)
 
     def make_iteration_limit_error(self, max_iterations: int) -> SolutionNotFound:
-        """Return the error for an iteration that has found no solution in `max_iterations`."""
+        """Return the error for an iteration without a solution after `max_iterations`."""
         return SolutionNotFound(_format_iteration_limit_message(max_iterations))
 
     def _rotate_set_to_new_frames_and_clear_record(
         self, active: ActiveSet, kinematics: LinearisedKinematics, state: NewtonIterate
     ) -> ActiveSet:
-        """Return the active set in the frames of a state.
+        """Return the active set in the frames of a new iterate.
 
-        If the state has new kinematics, the record of visited sets is cleared.
+        If the iterate has new kinematics, the record of visited sets is cleared.
         """
         if state.kinematics is kinematics:
             return active
@@ -265,14 +266,14 @@ class ActiveSetUpdate:
     def _postpone_releases_that_free_body(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
     ) -> ActiveSet:
-        """Return the proposed set, without changes of status that make the tangent singular.
+        """Return the proposed set without status changes that would make the tangent singular.
 
         A node is released if it opens or starts to slip. If the proposed set leaves a rigid motion
-        free, the releases with the smallest violations of the law are put off by one iteration, as
-        many as necessary.
+        free, the releases with the smallest violations of the law are postponed. The number of
+        remaining releases is halved until no rigid motion is free.
 
         Args:
-            proposed: active set that follows from the law.
+            proposed: active set that the law proposes.
             active: active set of the iteration.
             nodes: contact nodes with their gaps, slips and forces.
 
@@ -282,7 +283,7 @@ class ActiveSetUpdate:
         """
         releases = (proposed.status != active.status) & (active.status != OPEN)
         releases &= proposed.status != STICK
-        # in three dimensions, a slipping node holds the body perpendicular to its slip
+        # in three dimensions, a slipping node holds the body perpendicular to the direction of slip
         is_spatial = proposed.direction.shape[1] > 1
         if not is_spatial and not self._comm.allreduce(int(np.any(releases)), MPI.MAX):
             return proposed
@@ -331,7 +332,7 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
         self._displacement = increment.start.displacement
 
     def make_iteration_limit_error(self, max_iterations: int) -> SolutionNotFound:
-        """Return the error; if the iteration cycles, the message gives the cycling nodes."""
+        """Return the error for too many iterations, with positions of any cycling nodes."""
         return self._history.make_error_naming_cycling_nodes(
             _format_iteration_limit_message(max_iterations), self._interface
         )
@@ -369,15 +370,19 @@ class LargeStrainActiveSetUpdate(ActiveSetUpdate):
 
 
 class UpdateKeepingCyclingSetsUntilSolved(LargeStrainActiveSetUpdate):
-    """Rule that keeps an active set of a cycle until the equations of the set are solved."""
+    """Rule that, once active sets cycle, keeps each set until its nonlinear equations are solved.
+
+    A set is kept for at most `_MAX_ITERATIONS_WITH_KEPT_SET` iterations.
+    """
 
     keeps_cycling_sets = True
 
 
 def report_no_free_motions(active: ActiveSet, frame: Array) -> list[str]:  # noqa: ARG001
-    """Return an empty list.
+    """Return an empty list instead of the names of free rigid motions.
 
-    Free rigid motions are not determined at large strains, and springs hold all rigid motions.
+    At large strains, free rigid motions are not determined. In increments with springs at the
+    contact nodes, the springs hold all rigid motions.
     """
     return []
 
@@ -420,7 +425,7 @@ def choose_first_active_set(
             state.
 
     Raises:
-        FreeBody: if the body is not held even if all nodes that face a surface stick.
+        FreeBody: if a rigid motion remains free even with all nodes that face a surface sticking.
     """
     if start_state.increment:
         candidates = [recover_active_set_of_state(interface, kinematics, start_state)]
@@ -466,7 +471,7 @@ def _close_touching_and_nearest_nodes(
 def recover_active_set_of_state(
     interface: ContactInterface, kinematics: LinearisedKinematics, state: ContactState
 ) -> ActiveSet:
-    """Return the active set at the end of a state, in the frames of the given kinematics."""
+    """Return the active set of a state in the frames of the given kinematics."""
     status, friction_ratio, force_normal, *vectors = interface.extract_local_pair_state_values(
         state.pairs, "status", "friction_ratio", "force_normal", "direction", "force_tangential"
     )

@@ -10,8 +10,8 @@ from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
-# Smallest ratio of friction to its largest value at which friction counts as exhausted after a
-# failure
+# Smallest ratio of the friction in a failed increment to its limit at which friction counts as
+# exhausted
 _EXHAUSTED_FRACTION_OF_FRICTION_LIMIT = 0.9
 
 
@@ -25,7 +25,8 @@ class RigidVelocity:
     piece, is one.
 
     Args:
-        centre: (pieces, dim), mean position of the nodes of each piece. Pieces are sorted by it.
+        centre: (pieces, dim), mean position of the nodes of each piece. The pieces are sorted by
+            this position.
         translation: (pieces, dim), velocities of the centres.
         rotation: (pieces, 1) in the plane, (pieces, 3) in space, angular velocities.
         surface: (pairs, dim), velocities of surfaces; zero for prescribed translations.
@@ -44,9 +45,8 @@ class RigidVelocity:
 class LoadMissingForEquilibrium:
     """Smallest addition to the loads that makes equilibrium possible.
 
-    Of all such additions it has the smallest sum of the magnitudes of all components, where moments
-    are divided by the radius of gyration of their piece. Components that supports can balance are
-    zero.
+    It minimises the sum of the magnitudes of all components, in which moments are divided by the
+    radius of gyration of their piece. Components that supports can balance are zero.
 
     Args:
         force: (pieces, dim), force on each connected piece of the body.
@@ -61,13 +61,13 @@ class LoadMissingForEquilibrium:
 
 
 class ContactFailed(RuntimeError):
-    """No state was computed for an increment. Derived classes tell the reason.
+    """No state has been found for an increment. Derived classes give the reason.
 
     Attributes:
-        states: states of the increments before the failed one.
+        states: states at the ends of the preceding increments, if `solve_contact` has failed.
         state: the iterate of the failed increment that is nearest to a solution, or None. It shows
             where the iteration failed, but is not a solution: its `converged` is False, and its
-            `residuals` tell how large the errors are.
+            `residuals` show how large the errors are.
         last_substate: fraction of the increment and state at the end of the last substep that was
             solved, or None if there is none. The state is a solution from which other increments
             can start.
@@ -79,11 +79,14 @@ class ContactFailed(RuntimeError):
 
 
 class FreeBody(ContactFailed, SingularSystem):
-    """Neither supports nor contact prevent a rigid motion, even if all contact nodes stuck."""
+    """A rigid motion would be free even if all contact nodes were closed and sticking.
+
+    Neither supports nor contact prevent this motion.
+    """
 
 
 class NoEquilibrium(FreeBody):
-    """Statics prove that no admissible contact forces balance the loads.
+    """Statics proves that no admissible contact forces balance the loads.
 
     Contact forces are admissible if they push, and if their friction is within its limit.
 
@@ -98,9 +101,9 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent stiffness is singular at a solution, so that the solution is not unique.
+    """The tangent stiffness is singular at a solution, so the solution is not unique.
 
-    The reason is friction or a loose body.
+    The cause is either large friction or a loose body.
     """
 
 
@@ -112,7 +115,7 @@ class SolutionNotFound(ContactFailed):
         """Return the error with positions of nodes in its message.
 
         Args:
-            message: text with one placeholder {}, which the positions replace.
+            message: text with one placeholder {} for the positions.
             positions: (k, dim), undeformed positions of the nodes.
         """
         return cls(message.format(format_points(positions)))
@@ -127,7 +130,7 @@ class LastContactLost(SolutionNotFound):
 
 
 def describe_exhausted_friction(state: ContactState) -> str:
-    """Return a message on all pairs of a state at which friction is exhausted.
+    """Return a message about all pairs of a state whose friction is exhausted.
 
     The message is empty if there is no such pair.
     """
@@ -146,4 +149,7 @@ def describe_exhausted_friction(state: ContactState) -> str:
 
 
 class SurfacePassed(ContactFailed):
-    """A rigid surface has passed through the body, or pushes the body's boundary outwards."""
+    """A rigid surface passes through the body, or pushes the boundary of the body outwards.
+
+    The error is also raised if the supports of two bodies meet or pass each other.
+    """

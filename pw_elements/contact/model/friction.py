@@ -4,16 +4,16 @@ A law limits the tangential force r_t of a node with normal force r_n >= 0 by
 
     |r_t| <= limit(r_n),    limit(0) = 0,
 
-and gives the derivative of the limit. Coulomb's limit is mu r_n. All of these are nodal forces, not
-stresses. A law for stresses has to multiply them by the node's area, which its `parameter_at` may
-return.
+and gives the derivative of the limit. Coulomb's limit is mu r_n. All of these forces are nodal
+forces, not stresses. A law that limits the shear stress has to multiply its limit by the node's
+area, which its `parameter_at` may return.
 
 The coefficient limit(r_n) / r_n must not rise with r_n. Its value at zero, which is the slope of
 the limit there, then bounds the coefficient, and the cone with this slope contains all admissible
 forces. Coefficients are checked at forces of many magnitudes before any computation, because the
 forces of a problem are not known yet. They are checked again at all forces that occur, where the
-slopes of limits are also compared with finite differences. Only `FrictionCone.limit` evaluates
-laws.
+slopes of limits are also compared with finite differences. Only
+`FrictionCone.friction_limits_and_slopes` evaluates laws.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +26,8 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import arguments
 
-# Normal forces at which coefficients are checked not to rise; and round-off of a coefficient,
-# relative to the coefficient at zero force
+# Normal forces at which it is checked that coefficients do not rise; and round-off of a
+# coefficient, relative to the coefficient at zero force
 _COEFFICIENT_CHECK_NORMAL_FORCES = 10.0 ** np.linspace(-12, 12, 24 * 16 + 1)
 _RELATIVE_FRICTION_COEFFICIENT_ROUND_OFF = 1e-9
 # Step of finite differences relative to the normal force, and largest error of the differences
@@ -41,8 +41,8 @@ class Friction(Protocol):
 
     The ratio of the limit to the normal force must not rise with the normal force. Forces are nodal
     forces, not stresses: a limit of the shear stress has to be multiplied by the node's area. The
-    iteration uses the slope that the law gives as the derivative of the limit. The slope is
-    compared with finite differences at all forces that occur.
+    iteration uses the slope that `limit` returns, which is compared with finite differences at all
+    forces that occur.
 
     Any object with both methods is a law:
 
@@ -115,8 +115,8 @@ class Coulomb:
 class FrictionCone:
     """Forces that the friction laws admit at the m contact points, which are sorted by pair.
 
-    Errors of laws are collected in `errors`, if it is a list, and can then be raised on all
-    processes by `raise_collected_law_error`. Otherwise they are raised at once.
+    If `errors` is a list, exceptions that laws raise are collected in it, and can then be raised on
+    all processes by `raise_collected_law_error`. If it is None, they are raised at once.
     """
 
     laws: Sequence[Friction]  # one per pair
@@ -147,7 +147,7 @@ class FrictionCone:
 
     @staticmethod
     def _evaluate_law(law: Friction, parameter: Array, normal_force: Array) -> tuple[Array, Array]:
-        """Return the limits and slopes of one law. The arrays of a user's law are checked."""
+        """Return the limits and slopes of one law; check the arrays that a user's law returns."""
         limit, slope = law.limit(parameter, normal_force)
         if type(law) is Coulomb:
             return limit, slope
@@ -169,9 +169,9 @@ class FrictionCone:
             raise self.errors.pop()
 
     def coefficient(self, normal_force: Array) -> Array:
-        """Return the limits (m,) divided by the normal forces (m,).
+        """Return the coefficients (m,) of friction, the limits divided by the normal forces (m,).
 
-        Where the normal force is zero or negative, it is the slope of the limit.
+        Where the normal force is zero or negative, the coefficient is the slope of the limit.
         """
         limit, slope = self.friction_limits_and_slopes(normal_force)
         linear = (normal_force <= 0) | (limit == slope * normal_force)
@@ -221,8 +221,8 @@ class FrictionCone:
         At a corner of a limit any slope between the two one-sided slopes is accepted.
 
         Returns:
-            The slopes (m,) that the laws give, the slopes (m,) by finite differences, and a mask
-            (m,) of the points at which they contradict each other.
+            The slopes (m,) that the laws give; the closest slopes (m,) that the finite differences
+            allow; and a mask (m,) of the points at which the two contradict each other.
         """
         pressed = normal_force > 0
         normal_force = np.where(pressed, normal_force, 1.0)

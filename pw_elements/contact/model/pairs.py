@@ -32,9 +32,9 @@ class Motion:
         force: (dim,), total force of the surface on the body. It is given in the free components
             and is zero in the prescribed ones. In axisymmetry it is the force on the whole
             circumference, and the radial component is the sum of nodal forces round the axis.
-        rotation: angle in radians. It is right-handed about the pair's axis in space, and
-            anticlockwise in the plane. None means that the rotation is free and follows from the
-            torque.
+        rotation: angle in radians. A positive angle is right-handed about the pair's axis in space,
+            and anticlockwise in the plane. None means that the rotation is free and follows from
+            the torque.
         torque: torque of the surface on the body about the current position of the pivot, if the
             rotation is free.
 
@@ -78,13 +78,13 @@ class Motion:
         return [*self.translation, self.rotation], [*force, self.torque]
 
     def translation_and_rotation(self) -> Array:
-        """Return translation and angle, (dim + 1,); free components are NaN."""
+        """Return the translation and the angle as an array (dim + 1,); free components are NaN."""
         return np.array(
             [np.nan if u is None else u for u in self._motion_and_force_components[0]], dtype=float
         )
 
     def force_and_torque(self) -> Array:
-        """Return total force and torque, (dim + 1,); components that are not given are zero."""
+        """Return the total force and the torque as an array (dim + 1,), zero if not given."""
         return np.array(self._motion_and_force_components[1], dtype=float)
 
 
@@ -94,8 +94,8 @@ class MatchingNodes:
 
     It takes the place of the rigid surface in contact of two bodies whose meshes match along the
     contact. The bodies are disconnected parts of one mesh. A `Motion` of the pair is then a rigid
-    motion of the opposite body, which is added to the displacements of that body. For example, two
-    supported bodies approach each other by a prescribed distance, or under a force.
+    motion of the opposite body, which is added to the displacements of that body. With it, two
+    supported bodies can be moved towards each other by a prescribed distance, or under a force.
 
     Args:
         nodes: nodes of the opposite part, given by a marker of positions as columns (3, n), by
@@ -133,7 +133,7 @@ class DeformableSurface:
 
     It takes the place of the rigid surface in contact of two bodies, which are disconnected parts
     of one mesh. In the mortar method, the pair's own side is the slave and this part is the master.
-    The contact conditions hold at the slave's nodes, so that the slave should have the finer mesh.
+    The contact conditions are stated at the slave's nodes, so the slave should have the finer mesh.
     A `Motion` of the pair is a rigid motion of the master, which is added to the displacements of
     the master's body.
 
@@ -144,7 +144,7 @@ class DeformableSurface:
         pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
 
     `PairState` has results at the slave's nodes, and the nodal forces on the master.
-    `ContactFields` has pressures, gaps, slips and statuses of both sides. The theory page tells
+    `ContactFields` has pressures, gaps, slips and statuses of both sides. The theory page states
     which quantities are exact ("Two bodies"). Large sliding needs `ContactProblem.of_residual`, and
     is available in the plane and in axisymmetry.
 
@@ -186,17 +186,17 @@ class ContactPair:
         surface: the rigid surface at its initial position, or the other part of the mesh as a
             `DeformableSurface` or `MatchingNodes`.
         friction: Coulomb's coefficient mu, or a function that takes positions as columns (3, n) and
-            returns mu at each of them, (n,), or another law (see `Friction`). A node between a
-            smooth and a rough part has the function's value at its position.
+            returns mu at each of them, (n,), or another law (see `Friction`). A node on the border
+            between parts with and without friction has the function's value at its position.
         motions: motions of the surface, one for each increment of `solve_contact`. A single motion
-            needs no list. Without motions the surface rests.
+            needs no list. Without motions, the surface remains in its initial position.
         interference: whether the surface may penetrate the body before any motion, as in a shrink
             fit. The first increment then pushes the nodes out of the surface. With a `coincident`
             `DeformableSurface` it is the nominal depth instead, given by a number or by a function
             that takes positions as columns (3, n) and returns the depth at each of them, (n,). Gaps
             between meshes of curved faces, which may exceed the depth, are then ignored.
-        pivot: (dim,), initial position of the point about which a rigid surface may rotate. It is
-            admitted by `ContactProblem.of_residual` only, and not in axisymmetry.
+        pivot: (dim,), initial position of the point about which a rigid surface may rotate. Only
+            `ContactProblem.of_residual` allows a pivot, and not in axisymmetry.
         axis: (3,), direction of the axis of rotation through the pivot, in space only. It may have
             any length.
 

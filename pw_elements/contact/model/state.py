@@ -27,7 +27,7 @@ class PairState:
         normal: (m, dim), unit normals from the surface into the body.
         force_normal: (m,), nodal forces along the normals; compression is positive.
         force_tangential: (m, dim), tangential parts of the nodal forces of the surface on the body,
-            even if supports bear them. Where supports hold a node and the surface does not move
+            even if supports carry them. Where supports hold a node and the surface does not move
             along the supports, it is the tangential force at the start of the increment, reduced to
             the limit of friction.
         gap: (m,), gaps between nodes and surface, infinite for nodes that face nothing.
@@ -38,10 +38,10 @@ class PairState:
             in the contact law. A warning is logged where the values differ from `slip`.
         friction: (m,), Coulomb's coefficient mu. For other laws it is the limit of friction divided
             by the normal force.
-        status: (m,), OPEN, STICK, SLIP or HELD. Nodes in rough contact with a deformable surface
-            are HELD where supports prescribe the same motion of both sides, so that there is no
-            friction along the supports. Nodes that supports move along a rigid surface slip if the
-            surface moves differently.
+        status: (m,), OPEN, STICK, SLIP or HELD. Nodes in frictional contact with a deformable
+            surface are HELD where supports prescribe the same motion of both sides, so that there
+            is no friction along the supports. Nodes that supports move along a rigid surface slip
+            if the surface moves differently.
         translation: (dim,), translation of the surface from its initial position.
         force: (dim,), total force of the surface on the body. In axisymmetry, components are sums
             of nodal forces round the axis, so that the radial component is not a resultant.
@@ -110,11 +110,12 @@ class Residuals:
 
     Residuals are evaluated from displacements, form or stiffness, surfaces and law, independently
     of the iteration. A state is returned only if each residual is at most 1e-9 plus its allowance
-    (`ContactState.allowance`). The allowance consists of possible round-off (1e-13 of displacements
-    and 1e-15 of coordinates, and for forces both times the stiffness), of the noise of a surface
-    whose derivatives are finite differences, and for lengths of 1e-9 times the force divided by a
-    node's stiffness. The allowance is large where a body is much stiffer than its supports, or
-    moves far under small forces.
+    (`ContactState.allowance`). The allowance has several parts. One part is possible round-off:
+    1e-13 of displacements and 1e-15 of coordinates, multiplied by the stiffness if the residual is
+    a force. Another part is the noise of a surface whose derivatives are finite differences. The
+    allowance of lengths also includes 1e-9 times the force divided by a node's stiffness. The
+    allowance is large where a body is much stiffer than its supports, or moves far under small
+    forces.
 
     In the following, g is the gap, r_n the normal and r_t the tangential force, v the slip and l
     the limit of friction, which is mu r_n for Coulomb's law. Each violation is a magnitude.
@@ -123,11 +124,11 @@ class Residuals:
         equilibrium: unbalanced force at all nodes that are not contact nodes.
         penetration: -g, where the gap is negative.
         tension: -r_n, where the normal force is negative.
-        complementarity: the smaller one of r_n and g, where both are positive.
+        complementarity: the smaller of r_n and g, where both are positive.
         cone: |r_t| - l, where it is positive.
-        stick: the smaller one of |v| and l - |r_t|.
+        stick: the smaller of |v| and l - |r_t|, where both are positive.
         direction: | |v| r_t + l v |, which vanishes if r_t opposes the slip. It is divided by a
-            force, and by a length or the slip.
+            force, and by a length or by the slip if this is larger.
         balance: difference between total and prescribed force of each free motion of a surface.
             For free rotations it is the difference of torques divided by the lever arm.
     """
@@ -158,12 +159,12 @@ class ResidualScale:
 class SmallDisplacementMeasures:
     """Measures of how small displacements are.
 
-    Each of them is of the size of the neglected second-order terms relative to the first-order
+    Each measure is of the order of the neglected second-order terms relative to the first-order
     terms.
 
     Args:
         strain: largest magnitude of a principal strain. The hoop strain u_r/r of bodies of
-            revolution is not included, since the stiffness does not tell whether a body is
+            revolution is not included, since the stiffness does not show whether a body is
             axisymmetric.
         rotation: largest angle of rotation in the body, in radians.
         slip: largest slip of a node in contact, divided by the size of the smallest adjacent facet.
@@ -212,11 +213,11 @@ class ContactState:
         smallness: largest strain, rotation and slip. A warning is logged when they leave the range
             of small displacements. None for `ContactProblem.of_residual`, where they may be large.
         substates: fraction of the increment and state at the end of each substep except the last,
-            if the increment was cut (see `ContactProblem`). The fraction is 0 for the loads and
-            motions before the increment, and 1 for those of the increment. `slip` and `iterations`
-            of this state are sums over all substeps. Files do not include substates.
-        converged: False for the `state` of an error, which is not a solution and from which no
-            increment can start.
+            if the increment was solved in substeps (see `ContactProblem`). The fraction is 0 for
+            the loads and motions before the increment, and 1 for those of the increment. `slip` and
+            `iterations` of this state are sums over all substeps. Files do not include substates.
+        converged: False for the `state` of a `ContactFailed` and for frames of an impact. They are
+            not solutions, and no increment can start from them.
         unknowns: full vector (n,) in the numbering of the trial space. `split` returns displacement
             and pressure of a hybrid space. By default `unknowns` is the displacement.
         history: values on this process of each function in the `history` of a residual.

@@ -87,7 +87,7 @@ class Surface(Protocol):
 
 @runtime_checkable
 class ClosestPointSurface(Surface, Protocol):
-    """Surface for contact of deformed bodies, which computes closest points and curvatures."""
+    """Surface that computes closest points and curvatures, for contact of deformed bodies."""
 
     def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances, normals and derivatives of normals at the points closest to x (n, dim).
@@ -105,7 +105,7 @@ class ClosestPointSurface(Surface, Protocol):
 
 @dataclass(frozen=True)
 class Plane:
-    """Plane, in 2-D a line, through a point.
+    """Plane (a line in 2-D) through a point.
 
     Args:
         point: (dim,), any point on the plane.
@@ -127,7 +127,7 @@ class Plane:
     def gap(self, x: PointArray) -> Array:
         """Return distances (n,) of points x (n, dim) from the plane.
 
-        They are positive on the side to which `direction` points.
+        Distances are positive on the side to which `direction` points.
         """
         return (x - np.asarray(self.point)) @ unit_vector(self.direction)
 
@@ -180,7 +180,7 @@ class Parabola:
     def normal(self, x: PointArray) -> PointArray:
         """Return unit vectors (n, dim) along the axis, from the surface into the body.
 
-        They are the same at all points x (n, dim).
+        The vectors are equal at all points x (n, dim).
         """
         axis = np.zeros_like(x)
         axis[:, -1] = -np.sign(self.radius)
@@ -189,7 +189,7 @@ class Parabola:
 
 @dataclass(frozen=True)
 class Sphere:
-    """Rigid sphere: a circle in 2-D, a sphere on the axis in axisymmetry.
+    """Rigid sphere. It is a circle in 2-D, and its centre is on the axis in axisymmetry.
 
     Args:
         centre: (dim,), position of the centre.
@@ -225,9 +225,9 @@ class Sphere:
     def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        They are evaluated at points x (n, dim). With the unit vector n from the centre to a point,
-        the normal is n, and its derivative is (I - n n^T)/|x - centre|. All values are NaN at the
-        centre, which has no closest point.
+        The values are evaluated at points x (n, dim). With the unit vector n from the centre to a
+        point, the normal is n, and its derivative is (I - n n^T)/|x - centre|. All values are NaN
+        at the centre, which has no closest point.
         """
         gap, from_centre = self.gap(x), x - np.asarray(self.centre)
         distance = np.linalg.norm(from_centre, axis=1)
@@ -280,7 +280,7 @@ class SignedDistance:
 
     The function is positive on the side of the body, and negative inside the rigid surface. The gap
     is the function divided by the magnitude of its gradient. Close to the surface this is the
-    distance, whatever the scale of the function is. For a circle of radius R about the origin, for
+    distance, whatever the scale of the function. For a circle of radius R about the origin, for
     example, the function may be x² + y² - R².
 
     Args:
@@ -323,7 +323,7 @@ class SignedDistance:
     def normal(self, x: PointArray) -> PointArray:
         """Return unit vectors (n, dim) along the gradient at points x (n, dim).
 
-        They are arbitrary where the surface does not face a point.
+        The vectors are arbitrary at points that the surface does not face.
         """
         faced = np.isfinite(self._evaluate_function(x))
         self._check_user_gradient(x[faced])
@@ -334,10 +334,10 @@ class SignedDistance:
     def gap_normal_and_curvature(self, x: PointArray) -> tuple[Array, PointArray, Array]:
         """Return distances (n,), normals (n, dim) and derivatives (n, dim, dim) of the normals.
 
-        They are evaluated at points x (n, dim). Newton's method solves p + l grad f(p) = x,
+        The values are evaluated at points x (n, dim). Newton's method solves p + l grad f(p) = x,
         f(p) = 0 for the closest point p of each point and a multiplier l, where f is the function.
 
-        Second derivatives are differences of the gradient. Without a gradient function they have
+        Second derivatives are differences of the gradient. Without a gradient function, they have
         half as many correct digits. Where the function is infinite, the surface does not face the
         point. Differences next to such points are one-sided.
         """
@@ -403,7 +403,7 @@ class SignedDistance:
         )
 
     def _evaluate_gradient(self, x: PointArray) -> PointArray:
-        """Return the gradient (n, dim) at points x, by differences without a gradient function."""
+        """Return the gradient (n, dim) at points x, by differences if no function gives it."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             gradient = self.gradient(x)
@@ -458,7 +458,7 @@ class SignedDistance:
     def _evaluate_gradient_and_replace_zeros(self, x: PointArray) -> tuple[PointArray, Mask]:
         """Return the gradient (n, dim), and a mask (n,) of the points x at which it vanishes.
 
-        There it is replaced by a unit vector.
+        At these points, the gradient is replaced by a unit vector.
         """
         gradient = self._evaluate_gradient(x)
         is_zero = ~np.any(gradient != 0, axis=1)
@@ -475,15 +475,15 @@ class SignedDistance:
         return np.asarray(hessian.transpose(1, 0, 2) + hessian.transpose(1, 2, 0)) / 2
 
 
-# Surfaces of the library that have closest points; surfaces without any function of the user; and
-# surfaces of the latter kind that have a normal everywhere
+# Surface types of the library that compute closest points; types that contain no user function; and
+# those of the latter types that have a normal everywhere
 BUILT_IN_SURFACE_TYPES_WITH_CLOSEST_POINTS = (Plane, Sphere, SignedDistance)
 CLOSED_FORM_SURFACE_TYPES = (Plane, Parabola, Sphere, FlatPunch)
 SURFACE_TYPES_WITH_NORMAL_EVERYWHERE = (Plane, Parabola, FlatPunch)
 
 
 def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step: float) -> str:
-    """Return a description of a wrong derivative in a surface's closest points, or "" if none is.
+    """Return a description of a wrong derivative of a surface's gap or normal, or "" if none is.
 
     The normal is compared with finite differences of the distance, and the derivative of the normal
     with finite differences of the normal. At an edge of the surface, a derivative may have any
@@ -529,7 +529,7 @@ def describe_wrong_derivatives(surface: ClosestPointSurface, x: PointArray, step
 def _difference_along_direction(
     function: Callable[[PointArray], Array], x: PointArray, values_at_x: Array, step_vector: Array
 ) -> Array:
-    """Return the derivative (n, ...) of a function in the direction of h (dim,) by differences.
+    """Return the derivative (n, ...) of a function in the direction of a step, by differences.
 
     Differences are central, or one-sided next to points at which the function is infinite.
 

@@ -58,15 +58,19 @@ class RigidSurfaceMotion:
         self._spin = np.array(spins)[self._pair]  # J v = w x v with the axis w, (m, dim, dim)
 
     def rotation_minus_identity(self, q: Array) -> Array:
-        """Return R - I, (m, dim, dim), with the rotation matrix R of the surface of each point."""
+        """Return R - I (m, dim, dim), where R is the rotation matrix of each point's surface."""
         angle, J = q[self._pair, -1, None, None], self._spin
         return np.asarray(np.sin(angle) * J + 2 * np.sin(angle / 2) ** 2 * J @ J)
 
     def motion_in_surface_frame(self, q: Array, displacement: Array) -> Array:
         """Return the motions (m, dim) of points in the frames of their surfaces.
 
-        A motion is the difference between the position in the moving frame and the undeformed
-        position. The points have displacements (m, dim), and the surfaces motions q.
+        A motion is the difference between a point's position in the moving frame of its surface and
+        its undeformed position.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces.
+            displacement: (m, dim), displacements of the points.
         """
         relative = displacement - q[self._pair, :-1]
         from_pivot = relative + self._from_pivot
@@ -75,7 +79,10 @@ class RigidSurfaceMotion:
     def positions_in_surface_frame(self, pair_index: int, q: Array, x: Array) -> Array:
         """Return the positions of points x (n, dim) in the moving frame of a pair's rigid surface.
 
-        `pair_index` is the index of the pair, and q (dim + 1,) is the motion of its surface.
+        Args:
+            pair_index: index of the pair.
+            q: (dim + 1,), motion of the surface of this pair.
+            x: (n, dim), positions of the points in the fixed frame.
         """
         dim = x.shape[1]
         pivot, J = self._pivots[pair_index]
@@ -84,9 +91,13 @@ class RigidSurfaceMotion:
         return np.asarray(pivot + (x - q[:dim] - pivot) @ R)
 
     def displacement_from_surface_frame(self, q: Array, motion: Array) -> Array:
-        """Return displacements (m, dim) of points with given motions (m, dim) in surface frames.
+        """Return the displacements (m, dim) of points with given motions in surface frames.
 
-        The motions of the surfaces are q (pairs, dim + 1).
+        This is the inverse of `motion_in_surface_frame`.
+
+        Args:
+            q: (pairs, dim + 1), motions of the surfaces.
+            motion: (m, dim), motions of the points in the frames of their surfaces.
         """
         from_pivot = motion + self._from_pivot
         rotation = np.einsum("nab,nb->na", self.rotation_minus_identity(q), from_pivot)
@@ -113,17 +124,17 @@ class DeformablePairKinematics(Protocol):
     def fill_in_deformable_pairs(
         self, kinematics: LinearisedKinematics, force: Array
     ) -> LinearisedKinematics:
-        """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
+        """Return a copy of `kinematics` with the values of pairs of two bodies filled in.
 
-        They are linearised at forces (m, dim) on the points.
+        These values are linearised at the contact forces `force` (m, dim) on the points.
         """
 
     def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
-        """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
+        """Return path slips (m, dim) with the values of pairs of two bodies filled in."""
 
     @property
     def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
-        """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
+        """For each pair of two bodies, by index: slip reference and node positions (nodes, dim)."""
 
 
 class NoDeformablePairs:
@@ -143,7 +154,7 @@ class NoDeformablePairs:
 
 
 class LargeStrainKinematics:
-    """Kinematics of a deformed body since the start of an increment, linearised at each iterate.
+    """Kinematics at large strains since the start of an increment, linearised at each iterate.
 
     Args:
         interface: contact points (m) of all pairs.
@@ -172,13 +183,13 @@ class LargeStrainKinematics:
 
     @property
     def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
-        """Reference state and node positions (nodes, dim) of each pair of two bodies, by index."""
+        """For each pair of two bodies, by index: slip reference and node positions (nodes, dim)."""
         return self._deformable_pairs.slip_references_and_positions
 
     def move_closed_points_with_surfaces(
         self, q: Array, displacement: Array, closed: Mask
     ) -> Array:
-        """Return displacements (m, dim) in which closed points move rigidly with their surfaces.
+        """Return displacements (m, dim) with closed points moved rigidly with their surfaces.
 
         Args:
             q: (pairs, dim + 1), motions of the surfaces.
@@ -269,16 +280,16 @@ class LargeStrainKinematics:
     def check_surface_derivatives(self, kinematics: LinearisedKinematics, pressed: Mask) -> None:
         """Raise ValueError if finite differences contradict a surface's derivatives.
 
-        They are compared at the points of the mask `pressed` (m,).
+        They are compared at the points that the mask `pressed` (m,) selects.
         """
         check_user_surface_derivatives(
             self._interface, self._surface_frame_motion(kinematics), pressed
         )
 
     def differentiate_slip_by_start_displacement(self, kinematics: LinearisedKinematics) -> Array:
-        """Return derivatives (m, dim - 1, dim) of slips with respect to displacements at the start.
+        """Return the derivatives of slips with respect to displacements at the increment's start.
 
-        The start is that of the increment.
+        The result is an array (m, dim - 1, dim).
         """
         normal, tangents = kinematics.frame[:, 0], kinematics.frame[:, 1:]
         normal0 = self._start_normals_or_current_if_not_faced(normal, kinematics.gap)
@@ -305,7 +316,7 @@ class LargeStrainKinematics:
         Args:
             q: (pairs, dim + 1), motions of the surfaces at the end.
             displacement: (m, dim), displacements of the points at the end.
-            normal: not used.
+            normal: not used here; an argument of all `ContactKinematics`.
         """
         interface, surfaces, start = self._interface, self._surfaces, self._start
         normal, point, slip = self._normal0, self._point0, np.zeros_like(displacement)
@@ -337,8 +348,12 @@ class LargeStrainKinematics:
         """Return a mask (m,) of points that have jumped to another part of their surface.
 
         The normal at such a point has rotated by more than a right angle since the start of the
-        increment. In addition, the point is pressed now, or has penetrated the surface on the
-        straight path from the start. `pressed` is a mask (m,).
+        increment. In addition, the point either is pressed at the state of `kinematics`, or has
+        penetrated the surface on the straight path from the start.
+
+        Args:
+            kinematics: kinematics linearised at the state that is checked.
+            pressed: (m,), mask of points with a contact force.
         """
         interface = self._interface
         end = self._surface_frame_motion(kinematics)
@@ -354,17 +369,17 @@ class LargeStrainKinematics:
         return jumped & pressed
 
     def _surface_frame_motion(self, kinematics: LinearisedKinematics) -> Array:
-        """Return the motions (m, dim) of points in surface frames that `kinematics` belong to."""
+        """Return the points' motions (m, dim) in surface frames at the state of `kinematics`."""
         displacement = kinematics.v0[:, : self._motion0.shape[1]]
         return self._surfaces.motion_in_surface_frame(kinematics.q0, displacement)
 
     def _start_normals_or_current_if_not_faced(
         self, current_normal: Array, current_gap: Array
     ) -> Array:
-        """Return normals (m, dim) at the start of the increment.
+        """Return normals (m, dim) at the start of the increment, or current normals instead.
 
-        The current `current_normal` is returned for points that no surface faces at the start or
-        now. The current `current_gap` of a point is infinite if no surface faces it.
+        The result is `current_normal` at points that no surface faced at the start, and at points
+        that no surface faces now, where `current_gap` is infinite.
         """
         return np.where(
             (self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal
@@ -372,7 +387,7 @@ class LargeStrainKinematics:
 
 
 def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Array:
-    """Return tangential vectors (m, dim) after a rotation that turns `normal` to `next_normal`."""
+    """Return tangential vectors (m, dim) after the rotation of `normal` into `next_normal`."""
     one_plus_cosine = 1 + np.sum(normal * next_normal, axis=1, keepdims=True)
     normal_part = np.sum(vectors * next_normal, axis=1, keepdims=True)
     divisor = np.maximum(one_plus_cosine, _MIN_NORMALISATION_DIVISOR)
@@ -382,8 +397,9 @@ def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Ar
 def _arc_to_chord_ratios_and_slopes(half_normal_change: Array) -> tuple[Array, Array]:
     """Return ratios (m,) of arcs to the tangential parts of their chords, and slopes (m,).
 
-    With half the length s of the difference between the unit normals at both ends, a ratio is
-    arcsin(s) / (s sqrt(1 - s^2)). A slope is the derivative of the ratio divided by s.
+    Let s be half the length of the difference between the unit normals at both ends of an arc. The
+    ratio is arcsin(s) / (s sqrt(1 - s^2)), and the slope is its derivative with respect to s,
+    divided by s.
     """
     large = np.where(
         half_normal_change < _MAX_HALF_NORMAL_CHANGE_FOR_SERIES, 0.5, half_normal_change

@@ -7,13 +7,14 @@ the contact law is F = 0 with
     F_n = r_n - max(0, p),    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)).
 
 Newton's method applied to F is an active-set iteration. The theory page derives the equations of
-open, sticking and slipping nodes ("The law, linearised"). In the linearised kinematics, v are the
-motions of the contact points. They follow from the displacements a by the motion operator G, so
-that v = G a. The motions q = (U, angle) of a surface are its translation U and its angle.
+open, sticking and slipping nodes ("The law, linearised"). In the linearised kinematics, v denotes
+the motions of the contact points, which follow from the displacements a by the motion operator G:
+v = G a. The motions q = (U, angle) of a surface are its translation U and its angle.
 
 The module guarantees that the equations of an active set hold at a solution of F = 0 and contain
 the first derivatives of F. It assumes that the ratio of the friction limit to the normal force does
-not rise, which `Interface.check` verifies, and that the first row of each frame is a unit normal.
+not rise with the force, which `ContactInterface.check_laws_supports_and_initial_gaps` verifies. It
+also assumes that the first row of each frame is a unit normal.
 """
 
 from dataclasses import dataclass, replace
@@ -28,8 +29,8 @@ from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.contact.model import FrictionCone
 
 OPEN, STICK, SLIP = 0, 1, 2
-# Status that occurs in states only: rough contact with a deformable surface, along which supports
-# prescribe the motion of the node
+# Status that occurs only in states: contact with friction on a deformable surface, along which
+# supports prescribe the motion of the node
 HELD = 3
 
 # Largest difference between equal active sets: absolute for directions and slopes, relative for
@@ -44,12 +45,12 @@ _MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT = 0.5
 
 @dataclass(frozen=True)
 class ActiveSet:
-    """Status and linearised friction of all contact nodes (m) of this process in a linear system.
+    """Status and linearised friction of this process' m contact nodes in one linear system.
 
     All arrays except the status are zero at nodes that do not slip or have no friction. Below, p is
-    the trial pressure, s the trial friction, v the slip and l(p) the friction limit with the slope
-    l'(p). The held tangents of a node are those along which supports hold it. Support friction is
-    the friction along held tangents.
+    the trial pressure, s the trial friction, v the slip, and l(p) the friction limit with the slope
+    l'(p). The held tangents of a node are the tangents along which supports hold it. Support
+    friction is the friction along held tangents.
 
     Args:
         status: (m,), OPEN, STICK or SLIP.
@@ -79,7 +80,7 @@ def linearise_friction_limits(
 ) -> tuple[Array, Array]:
     """Return slopes l'(p) and intercepts l(p) - l'(p) p of friction limits l at pressures p.
 
-    Both are arrays (m,), and are zero at nodes that do not slip.
+    Both are arrays (m,) with zeros at nodes that do not slip.
 
     Args:
         trial_pressure: (m,), trial pressures p, with zero in place of negative values.
@@ -116,9 +117,10 @@ def make_sticking_active_set(closed: Mask, cone: FrictionCone, n_tangents: int) 
 
 
 def combine_active_sets(is_inside: Mask, inside: ActiveSet, elsewhere: ActiveSet) -> ActiveSet:
-    """Return an active set with values of `inside` where a mask is true, else of `elsewhere`.
+    """Return an active set with the values of two active sets at different nodes.
 
-    The mask is `is_inside` (m,).
+    The values are those of `inside` where the mask `is_inside` (m,) is true, and those of
+    `elsewhere` at all other nodes.
     """
     pairs = zip(vars(inside).values(), vars(elsewhere).values(), strict=True)
     return ActiveSet(*(np.where(is_inside, a.T, b.T).T for a, b in pairs))
@@ -127,7 +129,7 @@ def combine_active_sets(is_inside: Mask, inside: ActiveSet, elsewhere: ActiveSet
 def rotate_active_set(active: ActiveSet, old_frame: Array, new_frame: Array) -> ActiveSet:
     """Return the active set with its vectors transformed from old to new frames.
 
-    `old_frame` and `new_frame` are (m, dim, dim).
+    The frames `old_frame` and `new_frame` are arrays (m, dim, dim).
     """
     rotation = np.einsum("nai,nbi->nab", new_frame[:, 1:], old_frame[:, 1:])
     names = "direction", "support_friction", "support_slip"
@@ -157,7 +159,7 @@ def describe_status_counts(active: ActiveSet, comm: MPI.Comm) -> str:
 
 @dataclass(frozen=True)
 class ContactNodes:
-    """Gap, slip and force of the contact nodes (m) of this process, in frames at the nodes.
+    """Gap, slip and force of this process' m contact nodes, in frames at the nodes.
 
     The contact law is formulated with trial forces. The trial pressure is r_n - c g, and the trial
     friction r_t - c v, with the normal force r_n, the gap g, the friction r_t, the slip v and a
@@ -203,7 +205,7 @@ class ContactNodes:
 
     @cached_property
     def trial_friction(self) -> Array:
-        """Trial friction (m, dim - 1); zero along resting tangents, along which nothing slips."""
+        """Trial friction (m, dim - 1); zero along `held_tangents_without_motion`."""
         trial = self.force[:, 1:] - self.scale[:, None] * self.slip
         return np.asarray(np.where(self.held_tangents_without_motion, 0.0, trial))
 
@@ -218,10 +220,10 @@ class ContactNodes:
     def admissible_friction(self, friction_limit: Array) -> Array:
         """Return the friction (m, dim - 1) that the law gives for friction limits (m,).
 
-        At nodes with prescribed slip, friction has the size of the limit and opposes the slip. At
-        other nodes it is the trial friction, shortened to the limit where it is larger. Friction
-        along resting tangents is reduced to the part of the limit that remains after friction along
-        the free tangents.
+        At nodes with prescribed slip, friction has the magnitude of the limit and opposes the slip.
+        At all other nodes it is the trial friction, shortened to the limit where it is larger.
+        Friction along `held_tangents_without_motion` is the present one, shortened to the part of
+        the limit that the friction along all other tangents leaves.
         """
         slip_size = np.linalg.norm(self.slip, axis=1)
         against_slip = (
@@ -239,13 +241,13 @@ class ContactNodes:
 
     @cached_property
     def active_set(self) -> ActiveSet:
-        """Active set that follows from gaps, slips and forces, without any previous active set."""
+        """Active set determined from gaps, slips and forces, without a previous active set."""
         return self._determine_active_set(np.zeros_like(self.slip))
 
     def next_active_set(self, previous: ActiveSet) -> ActiveSet:
-        """Return the active set that follows from gaps, slips, forces and the previous active set.
+        """Return the active set for the present gaps, slips and forces, and a previous active set.
 
-        Nodes whose slip has reversed since the previous active set stick.
+        Nodes whose trial friction has reversed relative to the previous active set stick.
         """
         return self._determine_active_set(previous.direction)
 
@@ -283,8 +285,8 @@ class ContactNodes:
     def law_violation(self) -> Array:
         """Return the violation (m, dim) of the contact law as forces, which are zero at a solution.
 
-        The components are the normal force minus the positive part of the trial pressure, and the
-        friction minus the friction that the law gives.
+        The normal component is the normal force minus the positive part of the trial pressure. The
+        tangential components are the friction minus `admissible_friction`.
         """
         normal = self.force[:, :1] - np.maximum(0.0, self.trial_pressure)[:, None]
         tangential = self.force[:, 1:] - self.admissible_friction(
@@ -293,7 +295,7 @@ class ContactNodes:
         return np.hstack([normal, tangential])
 
     def friction_round_off(self, coordinate_round_off_force: float) -> Array:
-        """Return the round-off (m,) of friction that the round-off of coordinates causes.
+        """Return the round-off (m,) of friction caused by the round-off of coordinates.
 
         Slips do not depend on coordinates, but the friction limit depends on the gap. At nodes
         whose normal force exceeds `coordinate_round_off_force`, the result is the effect of the gap
@@ -310,7 +312,7 @@ class ContactNodes:
     def relative_residuals(
         self, reference_force: float, reference_length: Array | float
     ) -> dict[str, Array]:
-        """Return the violations (m,) of contact conditions, by the names of fields of `Residuals`.
+        """Return the relative violations (m,) of contact conditions, by fields of `Residuals`.
 
         Args:
             reference_force: force by which forces are divided.
@@ -334,7 +336,7 @@ class ContactNodes:
 
 
 def shorten_vectors_to_max_length(max_length: Array, vectors: Array) -> Array:
-    """Return vectors (m, dim - 1), shortened to the limits (m,) of their lengths."""
+    """Return vectors (m, dim - 1), shortened where they are longer than `max_length` (m,)."""
     size = np.linalg.norm(vectors, axis=1)
     is_longer = size > max_length
     factor = np.where(is_longer, max_length / np.where(is_longer, size, 1.0), 1.0)
@@ -346,11 +348,11 @@ def assemble_active_set_equations(
 ) -> tuple[Array, Array, Array]:
     """Return the linear equations A r + B (g; v) = b of an active set in the frames of the nodes.
 
-    The unknowns are forces r, gaps g and slips v.
+    The unknowns of each node are its force r, gap g and slip v.
 
     Args:
         active: active set.
-        law_scale: (m,), factor c of gaps and slips in the contact law.
+        law_scale: (m,), factor c of gaps and slips in the contact law, a force per length.
 
     Returns:
         A (m, dim, dim), B (m, dim, dim) and b (m, dim).
@@ -383,9 +385,9 @@ class LinearisedContactLaw:
 
     Args:
         E: (m, dim, dim), coefficients of the forces in global components.
-        C: (m, dim, p), coefficients of the motions of the points.
-        D: (m, dim, k), coefficients of the motions of the surfaces, which are translations and, if
-            surfaces may rotate, angles.
+        C: (m, dim, p), coefficients of the p motions of each point.
+        D: (m, dim, k), coefficients of the k motions of each point's surface, which are
+            translations and, if surfaces may rotate, an angle.
         c: (m, dim), right-hand side.
     """
 
@@ -398,11 +400,11 @@ class LinearisedContactLaw:
 def eliminate_known_motions(
     law: LinearisedContactLaw, known_q: Array, known_v: Array
 ) -> LinearisedContactLaw:
-    """Return the law in which known parts of the motions have been moved to the right-hand side.
+    """Return the law with the known parts of the motions moved to the right-hand side.
 
     Args:
         law: law for the whole motions.
-        known_q: (m, k), known parts of the motions of the surfaces.
+        known_q: (m, k), known parts of the motions of each point's surface.
         known_v: (m, p), known parts of the motions of the points.
     """
     change = np.einsum("nij,nj->ni", law.D, known_q)
@@ -417,7 +419,9 @@ class TorqueMap:
     The torque on a surface that may rotate changes with the lever arms. For displacements a of the
     points and translations U of the surfaces, forces and torques linearised about a_0 and U_0 are
 
-        V^T r - w·(a - U - d_0) e,    e = (0, 1), d_0 = a_0 - U_0.
+        V^T r - w·(a - U - d_0) e,    d_0 = a_0 - U_0,
+
+    where e is the unit vector of the torque's component.
 
     Args:
         V: (m, dim, k), derivative of the displacements of points that move with their surface, with
@@ -432,7 +436,7 @@ class TorqueMap:
 
     @classmethod
     def without_rotation(cls, n_points: int, dim: int) -> "TorqueMap":
-        """Return the map of m points in dim dimensions on surfaces that do not rotate."""
+        """Return the map for points on surfaces that do not rotate, in `dim` dimensions."""
         return cls(
             np.broadcast_to(np.eye(dim), (n_points, dim, dim)), *np.zeros((2, n_points, dim))
         )
@@ -445,7 +449,7 @@ class TorqueMap:
         """Return the map for the unknown parts of motions, given the known parts.
 
         Args:
-            known_q: (m, k), known parts of the motions of the surfaces.
+            known_q: (m, k), known parts of the motions of each point's surface.
             known_v: (m, dim), known parts of the displacements of the points.
         """
         return replace(self, d0=self.d0 + known_q[:, : known_v.shape[1]] - known_v)
@@ -500,7 +504,7 @@ class LinearisedKinematics:
             q: (pairs, k), motions of the surfaces.
             force: (m, dim), contact forces in global components.
             cone: friction laws of the points.
-            law_scale: (m,), factor c of gaps and slips in the contact law.
+            law_scale: (m,), factor c of gaps and slips in the contact law, a force per length.
         """
         dv, dq = v - self.v0, (q - self.q0)[self.pair]
 
@@ -529,7 +533,7 @@ class LinearisedKinematics:
     def linearise_law(self, active: ActiveSet, law_scale: Array) -> LinearisedContactLaw:
         """Return the linearised law of an active set in global components.
 
-        `law_scale` (m,) is the factor c of gaps and slips in the contact law.
+        The factor c of gaps and slips in the contact law is `law_scale` (m,), a force per length.
         """
         A, B, b = assemble_active_set_equations(active, law_scale)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
@@ -547,9 +551,10 @@ class LinearisedKinematics:
 
 
 def make_frames(normal: Array, law_applies: Mask) -> Array:
-    """Return frames (m, dim, dim) whose rows are a unit normal and tangents.
+    """Return frames (m, dim, dim) whose rows are a unit normal and unit tangents.
 
-    Tangents lie in the directions in which the contact law applies. The remaining rows are zero.
+    Tangents lie in the directions in which the contact law applies. Rows for which there is no such
+    tangent are zero.
 
     Args:
         normal: (m, dim), unit normals.
@@ -564,9 +569,10 @@ def make_frames(normal: Array, law_applies: Mask) -> Array:
 
 
 def add_tangents_along_supports(frame: Array, held_components: Mask) -> Array:
-    """Return frames (m, dim, dim) whose zero tangents are replaced by tangents along supports.
+    """Return frames (m, dim, dim) with zero tangents replaced by unit tangents along supports.
 
-    `held_components` (m, dim) is a mask of the global components that supports hold.
+    Tangents are replaced only at points where supports hold a component. `held_components` (m, dim)
+    is a mask of the global components that supports hold.
     """
     frame = frame.copy()
     for t in range(1, frame.shape[1]):

@@ -5,9 +5,9 @@ and the rotation angle of its normal. The motion operator G turns unknowns into 
 the force operator H turns contact forces r into nodal forces. Both are assembled again at each
 iterate. See the theory page ("Large strains").
 
-The module guarantees G and H at the current positions, and the derivative of H r. It assumes plane
-or axisymmetric bodies. It also assumes that `linearise_mortars_and_assemble_force_operator` is
-called before any other evaluation at an iterate.
+The module guarantees G and H at the current positions, and the derivative of H r at constant r. It
+assumes plane or axisymmetric bodies. It also assumes that, at each iterate,
+`linearise_mortars_and_assemble_force_operator` is called before any other evaluation.
 """
 
 from dataclasses import replace
@@ -27,7 +27,7 @@ from pw_elements.contact.interface import (
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
 # Number of motions of a slave node that faces the master: gap, slip and angle of the normal
-_N_MOTIONS_PER_SLAVE_NODE = 3
+_N_OF_GAP_SLIP_AND_ANGLE = 3
 
 
 class MortarKinematics:
@@ -65,7 +65,7 @@ class MortarKinematics:
         self.motion_operator: PETSc.Mat = interface.motion
 
     def linearise_mortars_and_assemble_force_operator(self, unknowns: PETSc.Vec) -> PETSc.Mat:
-        """Linearise the mortars at all unknowns (n,) and return the force operator (n, m dim).
+        """Linearise the mortars at given unknowns (n,) and return the force operator (n, m dim).
 
         The operator turns forces on the points into nodal forces.
         """
@@ -96,7 +96,7 @@ class MortarKinematics:
     def assemble_stiffness_of_force_operator_change(self, force: Array) -> PETSc.Mat:
         """Return the stiffness (n, n) due to the change of the force operator with the unknowns.
 
-        It is the derivative of -H r with respect to the unknowns, with the force operator H and
+        It is the derivative of -H r with respect to the unknowns, with the force operator H, for
         constant forces r (m, dim) on the points.
         """
         interface, dim = self._interface, force.shape[1]
@@ -122,21 +122,21 @@ class MortarKinematics:
     def fill_in_deformable_pairs(
         self, kinematics: LinearisedKinematics, force: Array
     ) -> LinearisedKinematics:
-        """Return a copy of `kinematics` in which the values of pairs of two bodies are set.
+        """Return a copy of `kinematics` with the values of pairs of two bodies filled in.
 
-        They are linearised at forces (m, dim) on the points.
+        These values are linearised at the contact forces `force` (m, dim) on the points.
         """
         interface, (m, dim) = self._interface, force.shape
         gap, slip = kinematics.gap.copy(), kinematics.slip.copy()
         frame = kinematics.frame.copy()
         v0, motion_by_v, force_by_v = (
-            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _N_MOTIONS_PER_SLAVE_NODE - dim)])
+            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _N_OF_GAP_SLIP_AND_ANGLE - dim)])
             for values in (kinematics.v0, kinematics.motion_by_v, kinematics.force_by_v)
         )
         node = interface.node * dim
         rigid = np.flatnonzero(interface.faced == FACED_INDEX_OF_RIGID_SURFACE)
         rows = [
-            (rigid * _N_MOTIONS_PER_SLAVE_NODE + a, node[rigid] + a, np.ones(len(rigid)))
+            (rigid * _N_OF_GAP_SLIP_AND_ANGLE + a, node[rigid] + a, np.ones(len(rigid)))
             for a in range(dim)
         ]
         for k, mortar_state in self._mortars.items():
@@ -166,14 +166,14 @@ class MortarKinematics:
                 part = sp.coo_array(change[number])
                 rows.append(
                     (
-                        points[part.row] * _N_MOTIONS_PER_SLAVE_NODE + motion,
+                        points[part.row] * _N_OF_GAP_SLIP_AND_ANGLE + motion,
                         dofs[part.col],
                         part.data,
                     )
                 )
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
-        shape = (m * _N_MOTIONS_PER_SLAVE_NODE, interface.field.local_and_global_size[1])
+        shape = (m * _N_OF_GAP_SLIP_AND_ANGLE, interface.field.local_and_global_size[1])
         self.motion_operator = interface.assemble_matrix_over_all_unknowns(
             sp.csr_matrix((value, (row, column)), shape)
         )
@@ -189,16 +189,19 @@ class MortarKinematics:
 
     @property
     def slip_references(self) -> dict[int, MortarSlipReference]:
-        """State of each pair, by its index, from which slip is measured."""
+        """Reference states from which slip is measured, keyed by pair index."""
         return self._references
 
     @property
     def slip_references_and_positions(self) -> dict[int, tuple[MortarSlipReference, Array]]:
-        """Reference state and positions (nodes, dim) at the last iterate of each pair, by index."""
+        """For each pair of two bodies, by index: slip reference and node positions (nodes, dim).
+
+        The positions are those at the last iterate.
+        """
         return {k: (start, self._positions[k]) for k, start in self._references.items()}
 
     def fill_in_path_slip_of_deformable_pairs(self, slip: Array) -> Array:
-        """Return path slips (m, dim) in which the values of pairs of two bodies are set."""
+        """Return path slips (m, dim) with the values of pairs of two bodies filled in."""
         slip = slip.copy()
         for k, mortar in self._interface.mortars.items():
             path_slip = mortar.integrate_slip_along_path(self._references[k].x, self._positions[k])
@@ -208,9 +211,10 @@ class MortarKinematics:
     def _gather_mortar_node_positions(
         self, pair_index: int, unknowns: PETSc.Vec, master_translations: Array
     ) -> Array:
-        """Return the positions (nodes, dim) of both sides of a pair on all processes; collective.
+        """Return the node positions (nodes, dim) of both sides of a pair; collective.
 
-        The masters are moved by `master_translations` (pairs, dim).
+        All processes get the positions of all nodes. In addition to their displacements in the
+        `unknowns` (n,), the master's nodes are translated by `master_translations` (pairs, dim).
         """
         mortar = self._interface.mortars[pair_index]
         displacement = self._interface.extract_displacements_at_nodes(mortar.nodes, unknowns)

@@ -33,9 +33,9 @@ class IncrementStart:
     """State at the start of an increment, from which slip is measured.
 
     Args:
-        displacement: displacements of the points, (m, dim).
-        force: forces on the points, (m, dim).
-        q: motions of the surfaces, (pairs, k). They are translations and, if surfaces may rotate,
+        displacement: displacements (m, dim) of the points.
+        force: forces (m, dim) on the points.
+        q: motions (pairs, k) of the surfaces, which are translations and, if surfaces may rotate,
             angles.
     """
 
@@ -47,9 +47,12 @@ class IncrementStart:
 def make_increment_start(
     state: ContactState, interface: ContactInterface, q: Array
 ) -> IncrementStart:
-    """Return displacements and forces of a state at the points of this process.
+    """Return the start of an increment, with the values of a state at the points of this process.
 
-    The motions q (pairs, k) of the surfaces are included in the result.
+    Args:
+        state: state at the start of the increment.
+        interface: contact points of all pairs.
+        q: motions (pairs, k) of the surfaces in this state.
     """
     displacement, force = interface.extract_local_pair_state_values(
         state.pairs, "displacement", "force_vector"
@@ -58,7 +61,7 @@ def make_increment_start(
 
 
 class ContactKinematics(Protocol):
-    """Gap, slip and frame of the contact points since the start of an increment."""
+    """Gap, slip and frame of the contact points in one increment."""
 
     def kinematics_and_point_motions_at_iterate(
         self, previous: LinearisedKinematics, q: Array, displacement: Array, force: Array
@@ -67,9 +70,9 @@ class ContactKinematics(Protocol):
 
         Args:
             previous: kinematics of the linear system whose solution is the iterate.
-            q: motions of the surfaces, (pairs, k).
-            displacement: displacements of the points, (m, dim).
-            force: forces on the points, (m, dim).
+            q: motions (pairs, k) of the surfaces.
+            displacement: displacements (m, dim) of the points.
+            force: forces (m, dim) on the points.
         """
 
     def relinearise_at_solution_if_needed(
@@ -77,10 +80,10 @@ class ContactKinematics(Protocol):
     ) -> LinearisedKinematics:
         """Return kinematics that are linearised at a solution.
 
-        The arguments are those of `kinematics_and_point_motions_at_iterate`. At small strains the
-        kinematics are linearised anew if a surface is free to move, or if there is support
-        friction. Otherwise, and at large strains, `previous` is returned, which is already valid at
-        the solution.
+        The arguments are those of `kinematics_and_point_motions_at_iterate`. At small strains, the
+        kinematics are linearised again if a surface is free to move, or if there is support
+        friction. In all other cases `previous` is returned, because it is already valid at the
+        solution.
         """
 
     def compute_slip_along_straight_path(
@@ -89,17 +92,17 @@ class ContactKinematics(Protocol):
         """Return the slip (m, dim) along the straight path from the start of the increment.
 
         Args:
-            q: motions of the surfaces at the end, (pairs, k).
-            displacement: displacements of the points at the end, (m, dim).
-            normal: normals at the end, (m, dim).
+            q: motions (pairs, k) of the surfaces at the end.
+            displacement: displacements (m, dim) of the points at the end.
+            normal: normals (m, dim) at the end.
         """
 
 
 class SmallStrainKinematics:
-    """Kinematics at small strains.
+    """Kinematics at small strains, evaluated at the undeformed positions of the points.
 
-    They are linearised again only when an iterate satisfies the contact law and may have changed
-    them.
+    They are linearised again only if an iterate satisfies the contact law, and if normals or slips
+    may have changed with it.
 
     Args:
         interface: contact points (m) of all pairs.
@@ -148,7 +151,7 @@ class SmallStrainKinematics:
     ) -> LinearisedKinematics:
         """Return the kinematics linearised at a state.
 
-        Derivatives with respect to prescribed translations are those for constant normals.
+        Derivatives with respect to prescribed translations neglect the change of normals.
 
         Args:
             translations: (pairs, dim), translations of the surfaces.
@@ -185,7 +188,7 @@ class SmallStrainKinematics:
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
-        if self._load_factor != 1:  # a part of the interference is not applied yet
+        if self._load_factor != 1:  # part of the interference is not applied yet
             gap = gap + (1 - self._load_factor) * interface.initial_interference
         normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
         for axis in np.flatnonzero(is_free_translation.any(axis=0)):

@@ -46,8 +46,8 @@ from pw_elements.spaces import (
     test_space,
 )
 
-# Largest distance between a node's positions in a state and in the space, relative to the largest
-# coordinate
+# Largest distance between the positions of a node in a state and in the space, relative to the
+# largest coordinate
 _MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE = 1e-9
 # Quadrature degree that integrates squares of stresses and pressures, which are linear in a cell
 _ERROR_INDICATOR_QUADRATURE_DEGREE = 2
@@ -71,9 +71,9 @@ class ContactFields:
     pair's nodes that it faces, and the status is the most frequent status of these nodes. If a node
     faces two pairs, its force is the sum of both; all other fields are those of the pair that it
     faces with the larger area. On both sides, pressures and tractions are NaN at loaded nodes if
-    less than a tenth of the node's area faces the other side. The nodal forces are right there, but
-    their quotients by such a small area are not. At large sliding the areas are those of the pair's
-    own nodes, transferred to the opposite nodes in the same way as the forces.
+    less than a tenth of the node's area faces the other side. The nodal forces are correct there,
+    but dividing them by such small areas is inaccurate. At large sliding the areas are those of the
+    pair's own nodes, transferred to the opposite nodes in the same way as the forces.
 
     Pressures are forces divided by areas. They need the body, for its thickness or circumference,
     and are None if only the space is given. `SurfaceNodes` explains the three measures of pressure.
@@ -300,8 +300,8 @@ class ContactFields:
     def error_indicator(self) -> fem.Function:
         """Return an error indicator per cell, for the refinement of contact surfaces.
 
-        Stresses have larger errors than nodal forces. The difference between the normal stress and
-        the pressure from nodal forces is therefore about the error of the stress. The indicator
+        Stresses have larger errors than nodal forces. Therefore the difference between the normal
+        stress and the pressure from nodal forces is close to the error of the stress. The indicator
         eta_K of a cell K follows from
 
             eta_K^2 = integral of (n·sigma n + p)^2
@@ -365,7 +365,7 @@ def _set_nodal_values(
     Opposite nodes that match nodes of a pair get the same scalars and the opposite vectors.
 
     Args:
-        function: function to set; nothing is done for None.
+        function: function to set; if it is None, nothing is done.
         pairs: states of the pairs.
         values: values (m,) or (m, dim) at the m nodes of each pair.
         elsewhere: value at all other nodes.
@@ -395,7 +395,7 @@ def _convert_to_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIn
 
 
 def displacement_space(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
-    """Return the space of displacements of a body or a trial space; reject other arguments."""
+    """Return the space of displacements of a body or trial space; check the argument's type."""
     kinds = (Body, fem.FunctionSpace)
     arguments.check_type("body", body, kinds, "it has to be a Body, or its trial space")
     if not isinstance(body, Body):

@@ -8,7 +8,8 @@ motions are left out, since they change from step to step.
 The probes of a form are smooth displacements and smooth weights. The form is evaluated at each of
 these displacements, multiplied by each of these weights, and summed over all equations. Constants
 and functions of the form are compared by their values, except for those that loads have changed.
-While the form is evaluated, the latter are set to the values in the file.
+When the form is compared with a file, it is evaluated with the constants and the mean values of
+functions in the file.
 
 The module guarantees that the problem is unchanged after an evaluation. It assumes that forms,
 surfaces and laws are functions of their arguments alone.
@@ -57,8 +58,8 @@ PARTS_DECLARABLE_AS_CHANGED = (
     *("residual", "stiffness", "supports", "surface"),
 )
 _RESIDUAL_COEFFICIENT_SUFFIX = " of the residual"
-# Least scale of one row of values, relative to the largest value of all rows, since sums have
-# round-off
+# Smallest scale by which the difference of a row is divided, relative to the largest value of all
+# rows; smaller values may be round-off of the sums
 _MIN_ROW_SCALE_PER_LARGEST_VALUE = 1e-3
 
 FingerprintValues = dict[str, npt.NDArray]
@@ -139,8 +140,8 @@ class ProblemFingerprint:
     Args:
         parts: values that do not depend on the constants and functions of a residual, by the names
             of the parts.
-        residual_fingerprint: probe that evaluates the residual, with its constants and functions;
-            None if the problem is defined by a stiffness matrix.
+        residual_fingerprint: fingerprint of the residual, its constants and its functions; None if
+            the problem is defined by a stiffness matrix.
     """
 
     parts: FingerprintValues
@@ -163,10 +164,10 @@ class ProblemFingerprint:
 
         Args:
             path: path of the file.
-            stored_values: values that `evaluate` returned when the file was written, the same on
-                all processes.
-            changed_parts: parts that may differ: names from `PARTS_DECLARABLE_AS_CHANGED`,
-                constants and functions.
+            stored_values: values that `evaluate_all_values` returned when the file was written. All
+                processes have to pass the same values.
+            changed_parts: parts that may differ. Each item is a name in
+                `PARTS_DECLARABLE_AS_CHANGED`, or a constant or function object of the residual.
         """
         values, ignored = (
             dict(self.parts),
@@ -203,13 +204,13 @@ def _raise_if_entry_differs(
     changed_names: Collection[str],
     note: str = "",
 ) -> None:
-    """Raise ValueError if an entry of a fingerprint differs from the file, but may not differ.
+    """Raise ValueError if an entry of a fingerprint differs from that in the file and must not.
 
     Args:
         path: path of the file.
         name: name of the entry.
-        values: values of this problem; None if it has no entry of this name.
-        stored_values: values in the file; None if it has no entry of this name.
+        values: values of this problem; None if the problem has no entry of this name.
+        stored_values: values in the file; None if the file has no entry of this name.
         changed_names: names of parts, constants and functions that may differ.
         note: text at the end of the error message.
     """
@@ -243,7 +244,8 @@ def _raise_if_entry_differs(
 def check_parts_declared_as_changed(changed: object) -> None:
     """Raise TypeError or ValueError unless all items of `changed` are valid.
 
-    Valid items are names from `PARTS_DECLARABLE_AS_CHANGED`, constants and functions.
+    Valid items are names in `PARTS_DECLARABLE_AS_CHANGED`, and objects of the types `fem.Constant`
+    and `fem.Function`.
     """
     remedy = "give a list of names, constants and functions"
     arguments.check_type("changed", changed, (list, tuple, set, frozenset), remedy)
@@ -258,10 +260,10 @@ def check_parts_declared_as_changed(changed: object) -> None:
 
 
 def _max_relative_row_difference(values: npt.NDArray, stored: npt.NDArray) -> float:
-    """Return the largest relative difference of all rows of values.
+    """Return the largest relative difference between corresponding rows of two arrays.
 
-    The difference of each row is divided by the size of the row, but at least by 0.001 times the
-    largest stored value.
+    The difference between two rows is divided by the size of the rows, but at least by 0.001 times
+    the largest stored value.
     """
     rows, stored_rows = np.atleast_2d(values), np.atleast_2d(stored)
     min_scale = _MIN_ROW_SCALE_PER_LARGEST_VALUE * np.abs(
@@ -296,8 +298,8 @@ def fingerprint_mesh_supports_and_pairs(
         interface: the contact nodes of all pairs.
         pairs: contact pairs as given by the user.
         states: states of the pairs on the undeformed body.
-        column_of_unknown: number (n,) of each unknown of this process among the free unknowns. It
-            is -1 for a prescribed unknown, and -2 for an unknown that follows from other unknowns.
+        column_of_unknown: number (n,) of each unknown of this process among the free unknowns; -1
+            for a prescribed unknown, and -2 for an unknown that is determined by other unknowns.
         space: space of the unknowns.
     """
     probes, topology = _SmoothProbes(space), space.mesh.topology
@@ -371,7 +373,8 @@ class ResidualFingerprint:
     def evaluate_coefficients(self) -> FingerprintValues:
         """Return values of constants, and means and sums of functions, by name; collective.
 
-        Entries "changed#..." say which constants and functions have been changed by loads.
+        The entries "changed#constants" and "changed#functions" say which of them loads have
+        changed.
         """
         coefficients, comm = self._coefficients, self._space.mesh.comm
         numbers: FingerprintValues = {"version": np.array(dolfinx.__version__)}
@@ -457,7 +460,7 @@ class ResidualFingerprint:
         return names
 
     def merge_changed_flags_from_file(self, stored: Mapping[str, npt.NDArray]) -> None:
-        """Mark the constants and functions as changed by loads that a file marks so."""
+        """Mark constants and functions as changed by loads if a file marks them as changed."""
         coefficients = self._coefficients
         coefficients.changed_constants |= _read_changed_flags(
             stored, "constants", len(coefficients.constants)
@@ -470,7 +473,7 @@ class ResidualFingerprint:
 def _read_changed_flags(
     stored: Mapping[str, npt.NDArray], name: str, count: int
 ) -> npt.NDArray[np.bool_]:
-    """Return the flags (count,) of a name from a file; all False if the file has none."""
+    """Return the flags "changed#<name>" (count,) of a file; all False if the file has none."""
     flags = stored.get(f"changed#{name}", np.empty(0))
     return flags.astype(bool) if flags.shape == (count,) else np.zeros(count, dtype=bool)
 
@@ -513,7 +516,7 @@ def _bounding_box_corner_and_diagonal(space: fem.FunctionSpace) -> tuple[Array, 
 def _evaluate_smooth_probes(space: fem.FunctionSpace) -> list[Array]:
     """Return the values (owned unknowns,) of each smooth probe of a space.
 
-    A probe has different values for each component of a vector.
+    The components of a vector have different values in a probe.
     """
     lower, diagonal = _bounding_box_corner_and_diagonal(space)
     owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
@@ -545,7 +548,7 @@ def _mean_of_nodal_values(function: fem.Function) -> Array:
 def _sums_that_identify_function(function: fem.Function) -> Array:
     """Return sums of a function's values, of their squares, and of values times smooth probes.
 
-    The sums include all processes.
+    The sums extend over all processes, so that the function is collective.
     """
     space, values = function.function_space, _owned_nodal_values(function).ravel()
     sums = [values.sum(), np.linalg.norm(values) ** 2]

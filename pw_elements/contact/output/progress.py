@@ -1,7 +1,7 @@
-"""Reports on the progress of a contact computation, to the log and to a function of the user.
+"""Reports on the progress of a contact computation, to the log and to the user's function.
 
-The module guarantees that nodes are counted only if there is a reader: an enabled log or a user's
-function. An error in the user's function on one process is raised on all processes. The module
+The module guarantees that nodes are counted only if the log is enabled or there is a function of
+the user. An error in the user's function on one process is raised on all processes. The module
 assumes that all processes report together.
 """
 
@@ -53,7 +53,9 @@ ProgressCallback: TypeAlias = Callable[[Progress], object]
 
 
 class ProgressReporter:
-    """Log the progress of one increment, and pass it to the user's function; collective.
+    """Reporter that logs the progress of one increment and passes it to the user's function.
+
+    Its methods are collective.
 
     Args:
         comm: communicator of the mesh.
@@ -76,7 +78,7 @@ class ProgressReporter:
         )
 
     def report_iteration(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Log an iteration and call the user's function, if any process wants this report."""
+        """Log an iteration and call the user's function if any process wants this report."""
         if not self._reports_iterations:
             return
         counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
@@ -85,7 +87,7 @@ class ProgressReporter:
         self._log_and_call_user(logging.DEBUG, message, progress)
 
     def report_increment(self, state: ContactState, seconds: float) -> None:
-        """Log the end of the increment and call the user's function, if any process wants this.
+        """Log the end of the increment and call the user's function if any process wants this.
 
         Args:
             state: state at the end of the increment.
@@ -120,11 +122,11 @@ class ProgressReporter:
     def _log_and_call_user(self, level: int, message: str, progress: Progress) -> None:
         """Log a message and call the user's function.
 
-        An error of the user's function is raised on all processes.
+        An error in the user's function is raised on all processes.
 
         Args:
             level: level of the log message.
-            message: the log message.
+            message: message without the number of the increment.
             progress: argument of the user's function.
         """
         log_on_root(self._comm, level, f"increment {self._increment}: {message}", ".contact")

@@ -25,7 +25,7 @@ from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, exterior_facets_with_all_nodes
 from pw_elements.spaces import gather_nodal_values
 
-# Least fraction of a node's area that has to face the other side; below it the node has no
+# Smallest fraction of a node's area that has to face the other side for the node to have a
 # pressure. For a linear pressure, the error of nodal values is up to 0.3 % at a fraction of 1/4,
 # 1 % at 1/20, and 10 % at 1/200
 _MIN_FACING_AREA_FRACTION_FOR_PRESSURE = 0.1
@@ -35,13 +35,14 @@ _MIN_FACING_AREA_FRACTION_FOR_PRESSURE = 0.1
 class ContactSideResults:
     """Results at the k nodes of one side of a contact pair.
 
-    Pressures and tractions are NaN if no body is given.
+    On an opposite surface without a body, normals and normal forces are zero, and pressures and
+    tractions are NaN at nodes in contact.
 
     Args:
-        normal: unit normals (k, dim) that point into the body of this side; zero at nodes that
-            face nothing.
+        normal: unit normals (k, dim) that point into the body of this side; zero at nodes that do
+            not face the other side.
         gap: gaps (k,).
-        slip: slips (k, dim) of the nodes on the pair's own side.
+        slip: slips (k, dim) of the pair's own nodes; at opposite nodes, means of these slips.
         friction: friction coefficients (k,).
         status: contact status (k,) of each node, as in `ContactFields`.
         normal_force: normal nodal forces (k,), compression positive.
@@ -78,22 +79,23 @@ class OppositeSurface:
     """The deformable surface with k nodes that the m nodes of a contact pair face.
 
     All processes hold the same values. The pair's nodal areas are transferred to the nodes of this
-    surface in the same way as the nodal forces: see the guide's page on theory ("Two bodies"). A
-    mean of nodal values of the pair at a node of this surface is weighted with the integrals of the
-    node's weight function times those of the pair's nodes.
+    surface in the same way as the nodal forces (theory page, "Two bodies"). Nodal values of the
+    pair are averaged at each node of this surface. In this mean, a node of the pair has as weight
+    the integral of both nodes' weight functions times each other.
 
     Args:
         node: global numbers (k,) of the surface's nodes.
         facing_area: integrals (k,) of the nodes' weight functions over the part of the surface that
             faces the pair.
-        means: matrix (k, m) that takes nodal values of the pair to their means at the nodes of the
-            surface; the rows of nodes that do not face the pair are zero.
-        force_transfer: matrix (k, m) with the part of each nodal force of the pair that each node
-            of the surface receives.
-        pair_fraction: fraction (m,) of the area of each node of the pair that faces the surface.
+        means: matrix (k, m) that turns nodal values of the pair into their means at the nodes of
+            the surface; the rows of nodes that do not face the pair are zero.
+        force_transfer: matrix (k, m) with the fraction of each nodal force of the pair that each
+            node of the surface receives.
+        pair_fraction: fraction (m,) of the area of each node of the pair that faces the surface;
+            the facing area itself if no body is given.
         opposite_fraction: fraction (k,) of the area of each node of the surface that faces the
             pair; zero if no body is given.
-        weight_area: areas (m,) of the pair's nodes.
+        weight_area: areas (m,) of the pair's nodes; zero if no body is given.
         surface: nodes of the surface; None if no body is given.
     """
 
@@ -149,10 +151,11 @@ def make_own_and_opposite_surface(
 ) -> tuple[SurfaceNodes | None, OppositeSurface | None]:
     """Return the nodes of a pair's own surface and the deformable surface that the pair faces.
 
-    The first value is None if no body is given, the second one if the pair faces no deformable
-    surface. A node's area on the own surface is the area that faces the opposite surface, and NaN
-    where it is too small for a pressure. Nodes that face nothing keep their whole areas and have
-    no forces. At large sliding all nodes of the own surface keep their whole areas.
+    The first value is None if no body is given, and the second one if the pair faces no deformable
+    surface. On the own surface, the area of a node is the part that faces the opposite surface, or
+    NaN if this part is too small for a pressure. Nodes that do not face the opposite surface keep
+    their whole areas and have no forces. At large sliding all nodes of the own surface keep their
+    whole areas.
 
     Args:
         pair_number: number of the pair.
@@ -250,16 +253,17 @@ def _assemble_undeformed_mortar_matrices(
     master_trace: BoundaryFacets,
     is_axisymmetric: bool,
 ) -> tuple[sp.csr_array, sp.csr_array]:
-    """Return two matrices (k, m) of integrals over the contact surface.
+    """Return two matrices (k, m) of integrals over the contact surface; collective.
 
-    The first one has integrals of the weight functions of the k opposite nodes times those of the
-    pair's m nodes, the second one times the dual functions of the pair's weights.
+    The entries of the first matrix are integrals of the weight functions of the k opposite nodes
+    times the weight functions of the pair's m nodes. In the second matrix, the dual functions of
+    the pair's nodes replace their weight functions.
 
     Args:
         space: space of the displacements.
         pair: state of the pair, with its m nodes and the k opposite ones.
-        slave_trace: trace of the pair's side.
-        master_trace: trace of the opposite side.
+        slave_trace: boundary facets of the pair's side.
+        master_trace: boundary facets of the opposite side.
         is_axisymmetric: whether the body is axisymmetric.
     """
     first_node, end_node = space.dofmap.index_map.local_range
@@ -306,7 +310,7 @@ def _make_pair_surface(
 def make_results_of_own_side(surface: SurfaceNodes, pair: PairState) -> ContactSideResults:
     """Return the results at a pair's own nodes.
 
-    Pressures and tractions are zero at open nodes whose area is NaN.
+    Pressures and tractions are zero at open nodes whose areas in `surface` are NaN.
     """
     has_no_pressure = np.isnan(surface.weight_area) & (pair.status == OPEN)
     pressure, traction = (

@@ -1,7 +1,7 @@
 """Files of contact states: NumPy archives of plain numbers, independent of the partition.
 
-A file has the nodal values of each function with the positions of the nodes, the results of each
-contact pair, the fingerprint of the problem, and a digest of all these arrays. The module
+A file contains the nodal values of each function with the positions of the nodes, the results of
+each contact pair, the fingerprint of the problem, and a digest of all these arrays. The module
 guarantees that a file is either complete or not written at all. A state can be read on any number
 of processes, but only for the problem that has the file's fingerprint. The module assumes that
 nodes at the same position belong to cells with different midpoints.
@@ -49,7 +49,8 @@ from pw_elements.spaces import list_fields
 
 # Names of arrays with nodal values, and of the arrays with the positions of these nodes
 _POSITION_ARRAY_OF_VALUE_ARRAY = {"displacement": "nodes", "pressure": "pressure_nodes"}
-# Attributes of a state that are written unchanged, and attributes that are records of numbers
+# Attributes of a state that are written unchanged, and attributes that are records of numbers, with
+# the types of these records
 _STATE_ATTRIBUTES_WRITTEN_UNCHANGED = ("iterations", "unique", "increment", "free_motions")
 _RECORD_TYPE_OF_STATE_ATTRIBUTE = {
     "residuals": Residuals,
@@ -60,7 +61,8 @@ _RECORD_TYPE_OF_STATE_ATTRIBUTE = {
 }
 _FILE_FORMAT_NAME = "pw_elements contact state"
 _FILE_FORMAT_AND_VERSION = f"{_FILE_FORMAT_NAME} 8"
-# Name of a file's first array, the digest of all others, which marks even an unfinished state
+# Name of a file's first array, the digest of all others. It shows that a file contains a state,
+# even if the file is incomplete
 _DIGEST_ARRAY_NAME = f"{_FILE_FORMAT_NAME}, digest"
 # Number of bytes at the start of a file within which the name of its first array is found
 _FILE_HEAD_SIZE_IN_BYTES = 200
@@ -260,9 +262,13 @@ def _read_and_check_state_file(
 ) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
     """Return a file's arrays, the numbers of the state, and the fields of the state's pairs.
 
+    Args:
+        path: path of the file.
+        dim: dimension of space.
+
     Raises:
         OSError: if the file cannot be read.
-        ValueError: if the file is damaged, or contains no state in `dim` dimensions.
+        ValueError: if the file is damaged, or contains no state of a problem in this dimension.
     """
     try:
         _raise_if_irregular_file(path, "it is not read")
@@ -294,7 +300,7 @@ def _read_and_check_state_file(
 
 
 def check_and_convert_path(path: str | Path) -> Path:
-    """Return the argument as a `Path`, or raise TypeError or ValueError if it is no path."""
+    """Return the argument as a `Path`; raise TypeError or ValueError if it is not a path."""
     arguments.check_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} has a null character, which no file's name has")
@@ -304,9 +310,10 @@ def check_and_convert_path(path: str | Path) -> Path:
 def _list_array_names_and_spaces(
     space: fem.FunctionSpace, history_spaces: Sequence[fem.FunctionSpace]
 ) -> list[tuple[str, str, fem.FunctionSpace]]:
-    """Return the name of the values, the name of the positions and the space of each function.
+    """Return, for each function of a state, the names of its two arrays and its space.
 
-    The functions are those of a state: the unknowns and the history.
+    The first array contains the values, the second one the positions of the nodes. The functions of
+    a state are its unknowns and its history.
     """
     fields = zip(_POSITION_ARRAY_OF_VALUE_ARRAY.items(), list_fields(space), strict=False)
     functions = [
@@ -319,7 +326,7 @@ def _list_array_names_and_spaces(
 
 
 def _extend_by_ghost_values(space: fem.FunctionSpace, owned_values: Array) -> Array:
-    """Return a function's values on this process, including ghosts, from the owned values."""
+    """Return owned values of a function, followed by the values at ghost nodes; collective."""
     function = fem.Function(space)
     function.x.array[: len(owned_values)] = owned_values
     function.x.scatter_forward()
@@ -333,7 +340,7 @@ def _distribute_nodal_values(
     values: Array | None,
     space: fem.FunctionSpace,
 ) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Distribute nodal values of a file from process 0 to the owners of the nodes.
+    """Distribute nodal values of a file from process 0 to the owners of the nodes; collective.
 
     Args:
         path: path of the file.
@@ -344,7 +351,7 @@ def _distribute_nodal_values(
         space: space of the function.
 
     Returns:
-        The values at the nodes that this process owns; and on process 0 the row of the file for
+        The values at the nodes that this process owns; and, on process 0, the row of the file for
         each global node number.
 
     Raises:
@@ -393,7 +400,7 @@ def _raise_if_irregular_file(path: Path, consequence: str) -> None:
 
     Args:
         path: path to check.
-        consequence: what is not done with such a file, for the error message.
+        consequence: end of the error message, which says that the file is not read, for example.
     """
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} is no regular file: {consequence}")
@@ -409,9 +416,9 @@ def _compute_digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
 
 
 def _write_state_file(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    """Write arrays to a file, the digest first.
+    """Write arrays to a file, beginning with the digest.
 
-    An existing file is replaced only if it is a state.
+    An existing file is replaced only if it contains a state.
     """
     digest_and_arrays = {_DIGEST_ARRAY_NAME: arrays.pop("digest"), **arrays}
     with open_replacement_file(path, _is_replaceable_state_file) as stream:
@@ -419,7 +426,7 @@ def _write_state_file(path: Path, arrays: dict[str, npt.NDArray]) -> None:
 
 
 def _is_replaceable_state_file(path: Path) -> bool:
-    """Return whether a file is a complete or unfinished state, which may be replaced."""
+    """Return whether a file contains a complete or incomplete state, or nothing at all."""
     with path.open("rb") as stream:
         head = stream.read(_FILE_HEAD_SIZE_IN_BYTES)
     if not head or f"{_DIGEST_ARRAY_NAME}.npy".encode() in head:

@@ -1,8 +1,8 @@
 """Checks of the values in a state's file, which are treated like arguments of the user.
 
-A digest shows whether a file has been damaged. Whoever changes a file on purpose, however, can
-write a new digest. Therefore the values themselves are checked: they must have the right type and
-shape, be real, finite and in range, and not contradict each other. The module assumes that an
+A digest shows whether a file has been damaged. However, someone who changes a file on purpose can
+also write a new digest. Therefore the values themselves are checked: they must have the right type
+and shape, be real, finite and in range, and not contradict each other. The module assumes that an
 undeformed state of the problem is available for comparison.
 """
 
@@ -28,7 +28,7 @@ from pw_elements.solvers import SolverReport
 # Largest difference between two stored displacements of one node, relative to the largest
 # displacement
 _RELATIVE_DISPLACEMENT_MISMATCH_TOLERANCE = 1e-9
-# Largest difference between the length of a unit vector and one
+# Largest deviation of a unit vector's length from 1
 _UNIT_VECTOR_LENGTH_TOLERANCE = 1e-6
 _MAX_PLAUSIBLE_COUNT = 2**62
 
@@ -206,9 +206,9 @@ def _check_list(name: str, value: object) -> list[Any]:
 
 
 def _check_field_names(name: str, value: object, record_type: type) -> dict[str, Any]:
-    """Return the value, a dictionary with the field names of the dataclass `record_type`.
+    """Return the value if it is a dictionary whose keys are the fields of a dataclass.
 
-    An error is raised if it is no dictionary, or if its names differ from those of the fields.
+    Otherwise ValueError is raised. The dataclass is `record_type`.
     """
     names = [field.name for field in fields(record_type)]
     if not isinstance(value, dict) or sorted(value) != sorted(names):

@@ -42,7 +42,7 @@ _VECTOR_COMPONENTS_IN_VTX = 3
 # Estimated bytes that a file needs for its description
 _ESTIMATED_METADATA_SIZE_IN_BYTES = 100_000
 # Seconds for which processes wait for each other after an error on one of them, and seconds between
-# two tests whether all have arrived
+# two tests of whether all have arrived
 _MAX_WAIT_AFTER_ERROR_IN_SECONDS, _BARRIER_TEST_INTERVAL_IN_SECONDS = 60.0, 0.01
 # Error numbers by which file systems report that they cannot reserve space
 _ERRNOS_OF_UNSUPPORTED_ALLOCATION = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
@@ -69,7 +69,7 @@ def write(
     Args:
         path: path of the file, which ends in ".bp".
         states: one state, or several states of one problem.
-        body: body of the contact problem; or its trial space, and then the file has no pressures.
+        body: body of the contact problem; or its trial space, if no pressures are to be written.
         times: increasing times of the states; by default the numbers of their increments.
 
     Raises:
@@ -119,7 +119,8 @@ def write(
 def _estimate_file_size_in_bytes(fields: ContactFields, n_steps: int) -> int:
     """Return the approximate size in bytes of a time series; collective.
 
-    Each step contains numbers, positions and values of all nodes, and the nodes of all cells.
+    Each step contains the numbers and positions of all nodes, the values at all nodes, and the
+    nodes of all cells.
 
     Args:
         fields: functions to write.
@@ -141,7 +142,7 @@ def _check_disk_space(folder: Path, size_in_bytes: int, path: Path) -> None:
     Without this check, ADIOS2 on all other processes would wait for the one that fails to write.
 
     Args:
-        folder: folder in which a file of that size is created and removed again.
+        folder: folder in which a temporary file of this size is created.
         size_in_bytes: size in bytes.
         path: path of the file to be written, for the error message.
     """
@@ -157,10 +158,10 @@ def _check_disk_space(folder: Path, size_in_bytes: int, path: Path) -> None:
 
 @contextmanager
 def _raise_or_abort_on_all_processes(comm: MPI.Comm) -> Iterator[None]:
-    """Raise an error of ADIOS2 within a `with` block on all processes.
+    """Raise an error that ADIOS2 raises within a `with` block on all processes.
 
-    If only some processes have an error, and the others wait for them within ADIOS2, all processes
-    are aborted.
+    If only some processes have an error and the others wait for them within ADIOS2, all processes
+    are aborted after a waiting time.
     """
     error: Exception | None = None
     try:

@@ -1,4 +1,4 @@
-"""Other methods of solution after a failed iteration, and proofs that there is no solution."""
+"""Alternative methods after a failed iteration, and proofs that there is no solution."""
 
 from pw_elements.contact.rescue.passing import (
     interpolate_placements_and_path,

@@ -1,4 +1,4 @@
-"""Refuse increments that drive two bodies, or a rigid surface and a body, through each other.
+"""Rejection of increments that move two bodies, or a surface and a body, through each other.
 
 The motions of supports and of prescribed rigid surfaces are known before an increment is solved. If
 a surface is moved through supports, or supports of two bodies through each other, no state exists.
@@ -36,8 +36,8 @@ from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
 # Largest distance of a support from a rigid surface or another support that leaves no room for the
 # body, relative to the same extent
 _MIN_ROOM_FOR_BODY_PER_EXTENT = 1e-9
-# Points between a support and a contact node that are tested for lying inside the body, as
-# fractions of the distance
+# Points between a support and a contact node at which it is tested whether they lie inside the
+# body, as fractions of the distance
 _FRACTIONS_BETWEEN_SUPPORT_AND_NODE = np.linspace(0.1, 0.9, 9)
 # Largest number of supports that are tested on each process
 _MAX_TESTED_SUPPORTS_PER_PROCESS = 100
@@ -52,11 +52,11 @@ def raise_if_tools_reach_or_pass_supports(
     surface_placements: Array,
     support_paths: Array,
 ) -> None:
-    """Raise SurfacePassed if a rigid surface is moved through fully supported nodes, or up to them.
+    """Raise SurfacePassed if a rigid surface moves through, or up to, fully supported nodes.
 
-    A surface that is moved up to a support leaves no room for the body between surface and support.
-    The body is considered to be between them if the straight line from the support to a contact
-    node in front of the support lies inside the body.
+    A surface that moves up to a support leaves no room for the body in between. The body is
+    considered to be in between if the straight segment from the support to a contact node in front
+    of it lies inside the body.
 
     Args:
         interface: contact nodes of all pairs.
@@ -130,13 +130,13 @@ def _find_supports_with_body_in_front(
 ) -> Array:
     """Return the undeformed positions of supports that have a part of the body in front of them.
 
-    The part of the body lies between the support and a contact node.
+    This part of the body lies between the support and a contact node.
 
     Args:
         interface: contact nodes of all pairs.
         surface_motion: rigid motion of the rigid surfaces.
         pair: number of the pair whose surface has reached the supports.
-        pieces: rigid motion of the pieces of the body with their supports.
+        pieces: rigid motion of each piece of the body with its supports.
         placements: translations and angle (samples, dim + 1) of the surface.
         supports: undeformed positions (s, dim) of the supports on this process.
         supports_in_surface_frame: positions (s, dim) of the supports in the frame of the surface
@@ -183,7 +183,7 @@ def _find_supports_with_body_in_front(
 
 
 def _are_points_inside_mesh(mesh: Mesh, x: Array) -> Mask:
-    """Return which points lie inside the undeformed body; collective.
+    """Return a mask (k,) of the points that lie inside the undeformed body; collective.
 
     All processes have to pass the same points `x` (k, dim).
     """
@@ -207,7 +207,8 @@ def raise_if_supports_meet_or_pass(
 
     Args:
         interface: contact nodes of all pairs.
-        references: state of both sides of each pair of bodies at the start of the increment.
+        references: for the number of each pair of two bodies, the state of both sides at the start
+            of the increment.
         positions: undeformed positions (n, dim) of the nodes of this process.
         is_supported: mask (n, dim) of displacement components that supports prescribe.
         support_paths: prescribed displacements (samples, n, dim), the first sample at the start.
@@ -218,10 +219,10 @@ def raise_if_supports_meet_or_pass(
     """
     comm, is_fixed = interface.comm, is_supported.all(axis=1)
     for k, reference in references.items():
-        if not reference.faced_master.any():
+        if not reference.is_facing_master.any():
             continue
-        slaves = reference.x[: len(reference.faced_master)][reference.faced_master]
-        tangent = reference.tangents[reference.faced_master].mean(axis=0)
+        slaves = reference.x[: len(reference.is_facing_master)][reference.is_facing_master]
+        tangent = reference.tangents[reference.is_facing_master].mean(axis=0)
         tangent /= max(float(np.linalg.norm(tangent)), np.finfo(float).tiny)
         normal = np.array([tangent[1], -tangent[0]])
         start = positions[is_fixed] + support_paths[0][is_fixed]
@@ -269,8 +270,8 @@ def raise_if_slave_nodes_pass_through_master(
 
     Args:
         interface: contact nodes of all pairs.
-        reference_and_positions_by_pair: reference state and node positions (nodes, dim) of each
-            pair of two bodies.
+        reference_and_positions_by_pair: for the number of each pair of two bodies, the state of
+            both sides at the start of the path and the node positions (nodes, dim) at its end.
     """
     for k, (reference, x) in reference_and_positions_by_pair.items():
         mortar = interface.mortars[k]
@@ -298,16 +299,16 @@ def _extent_of_smaller_side(interface: ContactInterface, pair: int) -> float:
 def interpolate_placements_and_path(
     start_placements: Array, end_placements: Array, path: Array, n_intervals: int
 ) -> tuple[Array, Array]:
-    """Return placements of surfaces and values of a path at equally spaced samples.
+    """Return placements of surfaces and values along a path at equally spaced samples.
 
     Args:
         start_placements: translations and angles (pairs, dim + 1) of the surfaces at the start.
         end_placements: translations and angles (pairs, dim + 1) of the surfaces at the end.
         path: values (k, ...) at equally spaced points of the path.
-        n_intervals: number of intervals.
+        n_intervals: number of intervals between the samples.
 
     Returns:
-        Placements (samples + 1, pairs, dim + 1), and values (samples + 1, ...) of the path.
+        Placements (n_intervals + 1, pairs, dim + 1), and values (n_intervals + 1, ...) of the path.
     """
     fractions: Array = np.linspace(0, 1, n_intervals + 1, dtype=float)
     placements = np.array(

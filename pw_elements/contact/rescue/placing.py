@@ -1,8 +1,8 @@
 """Rigid motion of bodies with their supports, and detection of motions that end all contact.
 
-If supports carry all pieces of a body along, and at the end of a motion all contact nodes are clear
-of their opposite sides, the body has no contact in this position. The friction before does not
-matter.
+If all pieces of a body move rigidly with their supports, and at the end of the motion all contact
+nodes are clear of their opposite sides, the body has no contact in this position. It does not
+matter which friction forces acted before.
 
 The module guarantees the same results on all processes. It assumes that no node is farther from its
 rigidly moved position than the largest elastic displacement at the start.
@@ -33,7 +33,8 @@ _MIN_SUPPORT_SPREAD_RATIO_FOR_ROTATION = 1e-6
 # Largest penetration depth during a motion that separates two sides, divided by the depth at the
 # start
 _MAX_PENETRATION_RATIO_TO_START = 1.25
-# Largest step between samples that misses no contact, relative to the extent of the contact nodes
+# Largest motion of a node between two samples at which no contact is missed, relative to the extent
+# of the contact nodes
 _MAX_SAMPLE_STEP_PER_EXTENT = 0.1
 
 
@@ -46,8 +47,8 @@ class PiecesMovingWithSupports:
         pivot: mean undeformed position (pieces, dim) of the supports of each piece.
         pivot_path: positions (samples, pieces, dim) of the pivots.
         rotation: rotation matrices (samples, pieces, dim, dim).
-        is_rigid: whether the supports of each piece (pieces,) determine a rigid motion and follow
-            it at all samples.
+        is_rigid: mask (pieces,) of the pieces whose supports determine a rigid motion and follow it
+            at all samples.
     """
 
     number: Indices
@@ -65,7 +66,7 @@ class PiecesMovingWithSupports:
         support_paths: Array,
         comm: MPI.Comm,
     ) -> "PiecesMovingWithSupports":
-        """Return the rigid motions that fit best to the nodes supported in all components.
+        """Return the rigid motions that best fit the fully supported nodes of each piece.
 
         Args:
             positions: undeformed positions (n, dim) of the nodes of this process.
@@ -145,7 +146,8 @@ class _SeparationAlongRigidPath:
         depth: largest depth (samples,) of a node in the opposite side, zero if all are outside.
         clearance: smallest distance between both sides at the end, infinite if no node faces the
             opposite side.
-        deformation: largest distance of a node at the start from its rigidly moved position.
+        deformation: largest distance of a deformed node from its rigidly moved position at the
+            start.
         max_step: longest motion of a node between samples, relative to the opposite side.
         extent: extent of the contact nodes; for two bodies, of the smaller side.
         is_outside: whether no node is behind the opposite side at any sample.
@@ -169,10 +171,10 @@ def does_rigid_motion_end_all_contact(
     """Return whether a motion separates all pairs by more than the elastic deformation.
 
     The undeformed bodies are moved rigidly with their supports. The motion separates all pairs
-    under three conditions. At the start, the bodies overlap their opposite sides. During the
-    motion, they neither get deeper into the opposite sides nor behind them. At the end, their
-    distance from the opposite sides exceeds the largest displacement of a node due to deformation
-    at the start.
+    under three conditions. At the start, the rigidly moved bodies overlap the opposite sides.
+    During the motion, they neither get much deeper into the opposite sides nor behind them. At the
+    end, their distance from the opposite sides exceeds the largest displacement that deformation
+    has caused at the start.
 
     Args:
         interface: contact nodes of all pairs.

@@ -1,6 +1,6 @@
 """Solve an increment whose iteration has failed by another method, or refuse it with the reason.
 
-The other method holds the contact nodes by springs. Their ends follow the last solution with
+The other method holds the contact nodes by springs, which are unstressed in the last solution with
 springs. The springs get softer after each solution, and stiffer after each failure.
 
 Statics alone may prove that no contact forces balance the loads. The proof is a rigid motion in
@@ -74,7 +74,7 @@ _SOFTENING_FACTOR_EXPONENT_AFTER_FAILURE, _MIN_SPRING_SOFTENING_FACTOR = 0.7, 2.
 _MAX_FAILED_SOLVES_WITH_SPRINGS = 20
 # Largest number of iterations with springs, and without springs from the solution with springs
 _MAX_ITERATIONS_WITH_SPRINGS, _MAX_ITERATIONS_WITHOUT_SPRINGS = 25, 12
-# Round-off of the residuals, relative to the applied forces, above which they prove nothing
+# Round-off of the residuals, relative to the applied forces, above which residuals prove nothing
 _MAX_ROUND_OFF_PER_APPLIED_FORCE = 1e-3
 _LOOSE_BODY_MESSAGE = (
     "the loads are balanced without any contact force, and the body is loose: it is in equilibrium "
@@ -90,7 +90,8 @@ _MAX_CONTACT_FORCE_TO_LOAD_RATIO = 1e3
 # Smallest violation of a friction cone that requires a cut in the linear program
 _MAX_CONE_VIOLATION_WITHOUT_CUTTING_PLANE = 1e-10
 _MAX_CUTTING_PLANE_ROUNDS = 40
-# Cost of motion in the linear program, which prevents motions in which the loads do no work
+# Cost of motion in the linear program, relative to the largest power. It prevents motions in which
+# the loads do no work
 _MOTION_COST_PER_MAX_POWER = 1e-7
 # Distances along a free translation at which normals are evaluated, relative to the extent of the
 # contact nodes; and largest change of a normal that counts as zero
@@ -113,7 +114,8 @@ SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrementEquati
 class NodeVelocitiesInRigidMotions:
     """Velocities of contact nodes in k rigid motions.
 
-    The m nodes of all processes face a surface, or may face it after a free translation.
+    The m nodes are all nodes, on any process, that face a surface or may face one after a free
+    translation.
 
     Args:
         pair: number (m,) of the contact pair of each node.
@@ -180,10 +182,10 @@ def find_motion_proving_no_equilibrium(
 ) -> tuple[Array, Array] | None:
     """Return a motion which proves that there is no equilibrium, or None if none is found.
 
-    In this motion loads do work that no contact force can balance.
+    In this motion, the loads do work that no contact forces can balance.
 
     Args:
-        nodes: velocities of the contact nodes.
+        nodes: velocities of the contact nodes in each motion.
         load_power: work (k,) of the loads in each motion.
         absolute_power: sum (k,) of the magnitudes of the parts of the work in each motion.
 
@@ -203,12 +205,16 @@ def does_motion_prove_no_equilibrium(
 ) -> bool:
     """Return whether a motion (k,) proves that no contact forces balance the loads.
 
-    The result is evaluated directly, without the linear program. If the motion violates the
+    The conditions are evaluated directly, without the linear program. If the motion violates the
     condition of a friction cone by round-off, large contact forces could balance the work of the
-    loads. The work therefore has to exceed the work of contact forces that are
-    `_MAX_CONTACT_FORCE_TO_LOAD_RATIO` times as large as the loads. `load_power` and
-    `absolute_power` (k,) are the work of the loads in each motion and the sum of the magnitudes of
-    its parts.
+    loads. The work of the loads therefore has to exceed the work of contact forces that are
+    `_MAX_CONTACT_FORCE_TO_LOAD_RATIO` times as large as the loads.
+
+    Args:
+        nodes: velocities of the contact nodes in each motion.
+        load_power: work (k,) of the loads in each motion.
+        absolute_power: sum (k,) of the magnitudes of the parts of the work in each motion.
+        motion: factor (k,) of each motion.
     """
     violation = float(np.max(-nodes.friction_cone_margins(motion), initial=0.0))
     min_work = max(
@@ -222,12 +228,12 @@ def find_unresisted_motion_of_most_work(
     load_power: Array,
     motion_cost: float = _MOTION_COST_PER_MAX_POWER,
 ) -> tuple[Array, Array]:
-    """Return the motion in which the loads do most work and no contact force resists.
+    """Return the motion in which the loads do the most work and no contact force resists.
 
-    It is found by a linear program, in which the friction cones are approximated by cuts.
+    It is found by linear programs in which cutting planes approximate the friction cones.
 
     Args:
-        nodes: velocities of the contact nodes.
+        nodes: velocities of the contact nodes in each motion.
         load_power: work (k,) of the loads in each motion.
         motion_cost: cost of motion, divided by the largest power.
 
@@ -273,13 +279,15 @@ def gather_node_velocities(
     kinematics: LinearisedKinematics,
     force_conjugate_velocities: Array,
 ) -> NodeVelocitiesInRigidMotions:
-    """Return velocities of the contact nodes, the same on any number of processes; collective.
+    """Return the velocities of the contact nodes of all processes in rigid motions; collective.
+
+    The result does not depend on the number of processes.
 
     Args:
         increment: equations of the increment.
         kinematics: linearised kinematics, with the frames of the contact nodes.
-        force_conjugate_velocities: velocities (m, dim, k) of this process' nodes with which contact
-            forces do work.
+        force_conjugate_velocities: velocities (m, dim, k) of the contact nodes of this process in
+            each motion, with which contact forces do work.
     """
     interface, is_free = increment.interface, np.isnan(increment.prescribed_motions)
     is_faced = np.isfinite(kinematics.gap) | np.any(is_free, axis=1)[interface.pair]
@@ -334,11 +342,11 @@ def prove_no_equilibrium(
     kinematics: LinearisedKinematics,
     rigid: RigidMotions,
 ) -> NoEquilibrium | None:
-    """Return an error if statics prove that no contact forces balance the loads, otherwise None.
+    """Return an error if statics proves that no contact forces balance the loads, otherwise None.
 
     Args:
         increment: equations of the increment.
-        load: load vector, reduced by the supports.
+        load: load vector (n_r,), reduced by the supports.
         kinematics: linearised kinematics, with the frames of the contact nodes.
         rigid: rigid motions of the body and of free surfaces.
     """
@@ -360,7 +368,16 @@ def raise_if_body_is_loose(
     start_state: ContactState,
     measure_cost: Callable[[], SolveCountAndReport],
 ) -> None:
-    """Raise NotUnique if a body is loose, without any contact force, in the solution `end`."""
+    """Raise NotUnique if a piece of the body is loose, without any contact force, in a solution.
+
+    Args:
+        increment: equations of the increment.
+        end: solution of the increment.
+        rigid: rigid motions of the body and of free surfaces.
+        start_state: contact state at the start of the increment.
+        measure_cost: function that returns the number of iterations and the solver report of the
+            increment so far.
+    """
     if not (motions := rigid.describe_unstopped_motion_of_loose_pieces(end.nodes, end.allowance)):
         return
     failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
@@ -400,10 +417,10 @@ def rescue_increment(
     start_state: ContactState,
     measure_cost: Callable[[], SolveCountAndReport],
 ) -> NewtonIterate:
-    """Return the solution of an increment whose iteration has failed, or raise the reason.
+    """Return the solution of an increment whose iteration has failed, or raise an error.
 
-    The remedy is tried unless statics prove that there is no equilibrium, the linear solver has not
-    converged, or the solution is known not to be unique.
+    The other method is tried unless statics proves that there is no equilibrium, the linear solver
+    has not converged, or the solution is known not to be unique.
 
     Args:
         failure: error of the iteration.
@@ -419,7 +436,7 @@ def rescue_increment(
         NoEquilibrium: if it is proved that there is no equilibrium.
         NotConverged: if the linear solver has not converged.
         NotUnique: if a solution has a singular tangent.
-        SolutionNotFound: in all other cases; its state is the closest approximation to a solution.
+        SolutionNotFound: in all other cases; its `state` is the closest approximation found.
     """
     if proof := try_proof():
         raise proof from None
@@ -511,7 +528,7 @@ def _prove_no_equilibrium_by_motion_groups(
 
 
 def _describe_sliding_and_lifting_pairs(nodes: NodeVelocitiesInRigidMotions, motion: Array) -> str:
-    """Return a text with the pairs on which the body slides or lifts off in a motion (k,)."""
+    """Return a text that names the pairs on which a body slides or lifts off in a motion (k,)."""
     sliding, margin = nodes.tangential @ motion, nodes.friction_cone_margins(motion)
     speed = np.linalg.norm(sliding, axis=1)
     negligible = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * max(
@@ -533,7 +550,7 @@ def _describe_sliding_and_lifting_pairs(nodes: NodeVelocitiesInRigidMotions, mot
 
 
 def _describe_missing_force(centre: Array, missing: LoadMissingForEquilibrium) -> str:
-    """Return a message that lists the missing forces and moments about centres (pieces, dim)."""
+    """Return a list, in words, of missing forces and of moments about centres (pieces, dim)."""
     words = []
     for k in range(len(centre)):
         location = format_points(centre[k : k + 1])
@@ -564,7 +581,7 @@ def solve_with_softening_springs(
     max_iterations: int,
     remaining_systems: Callable[[], float],
 ) -> NewtonIterate | None:
-    """Solve an increment with springs at the contact nodes, which are softened in stages.
+    """Solve an increment with springs at the contact nodes that are softened in stages.
 
     Args:
         increment: equations of the increment without springs.
@@ -666,10 +683,10 @@ def solve_with_softening_springs(
 
 
 def _is_round_off_too_large(increment: LinearIncrementEquations, state: NewtonIterate) -> bool:
-    """Return whether the round-off of an iterate is not small compared with the applied forces.
+    """Return whether the round-off of an iterate is too large compared with the applied forces.
 
-    Soft springs let a body move very far if the loads exceed the friction limit. All residuals are
-    then within their round-off, which says nothing about equilibrium. The call is collective.
+    With soft springs, a body moves very far if the loads exceed the friction limit. All residuals
+    are then within their round-off, which says nothing about equilibrium. The call is collective.
     """
     start_force, free_motion_force = increment.nonnegative_max_over_ranks(
         np.abs(increment.start.force), np.abs(increment.free_motion_forces)

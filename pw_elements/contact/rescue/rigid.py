@@ -48,7 +48,8 @@ _RELATIVE_BASIS_ROUND_OFF = 1e-12
 # largest amplitude, becomes the pivot of a motion
 _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT = 1e3
 
-# Largest stiffness of a motion that counts as zero in proofs, relative to an arbitrary motion
+# Largest stiffness of a motion that counts as zero in proofs, relative to the stiffness of an
+# arbitrary motion
 _ZERO_RELATIVE_STIFFNESS_IN_PROOFS = 1e-11
 # Stiffness below which a motion counts as free, relative to the stiffness of an arbitrary motion
 _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION = 1e-8
@@ -77,12 +78,12 @@ class RigidModes:
         centre: mean position (pieces, dim) of the nodes of each piece.
         length: radius of gyration (pieces,) of each piece. The amplitude of a rotation is the angle
             times this length.
-        free: number of the pair and of the axis of each free translation of a surface.
+        free: indices (pair, axis) of each free translation of a surface.
         modes_per_piece: number of translations and rotations of one piece.
         n_piece_modes: number of modes of all pieces.
         n_modes: number of all modes.
-        mover: number (modes,) of the piece that each mode moves. The translation of a surface has a
-            number of its own.
+        mover: number (modes,) of the piece that each mode moves. Each free translation of a surface
+            has a number of its own, after those of the pieces.
     """
 
     def __init__(self, pieces: ComponentRigidModes, free: FreeMotionIndices, n_pairs: int) -> None:
@@ -102,9 +103,9 @@ class RigidModes:
             motion: amplitudes (modes,).
 
         Returns:
-            Translations (pieces, dim) of the pieces; rotations (pieces, 1 or 3) of the pieces,
-            angles times the radius of gyration, which are vectors along the axis of rotation in
-            three dimensions; and translations (pairs, dim) of the surfaces.
+            Translations (pieces, dim) of the pieces; rotations (pieces, 1 or 3) of the pieces, as
+            angles times the radius of gyration (in three dimensions, as vectors along the axis of
+            rotation); and translations (pairs, dim) of the surfaces.
         """
         dim = self.centre.shape[1]
         pieces = motion[: self.n_piece_modes].reshape(len(self.centre), -1)
@@ -135,7 +136,7 @@ class RigidModes:
         )
 
     def describe_motion(self, motion: Array) -> str:
-        """Return a text that tells how each piece and surface moves in a motion (modes,)."""
+        """Return a text that describes how each piece and surface moves in a motion (modes,)."""
         translation, rotation, surface = self.split_into_pieces_and_surfaces(motion)
         negligible, words = NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO * np.abs(motion).max(), []
         locations = [
@@ -156,7 +157,7 @@ class RigidModes:
         return " with ".join(words)
 
     def _describe_rotation_with_axis(self, piece: int, translation: Array, rotation: Array) -> str:
-        """Return a text with the pole or axis of the rotation of piece `piece`."""
+        """Return a text that describes the rotation of a piece with its pole or axis."""
         dim = len(translation)
         v, w = np.pad(translation, (0, 3 - dim)), np.pad(rotation, (3 - len(rotation), 0))
         pole = self.centre[piece] + self.length[piece] * np.cross(w, v)[:dim] / (w @ w)
@@ -224,8 +225,8 @@ class RigidMotions:
     def can_slide_at_exhausted_friction(self, nodes: ContactNodes, force_tolerance: float) -> bool:
         """Return whether a body may keep sliding because friction has reached its limit.
 
-        Friction that is below its limit by no more than the force `force_tolerance` counts as
-        friction at the limit.
+        Friction counts as having reached its limit if it is less than the limit by no more than the
+        force `force_tolerance`.
         """
         comm, shear, active = self._system.comm, nodes.force[:, 1:], nodes.active_set
         size, limit = np.linalg.norm(shear, axis=1), nodes.friction_limits_and_slopes[0]
@@ -259,11 +260,11 @@ class RigidMotions:
     def describe_unstopped_motion_of_loose_pieces(
         self, nodes: ContactNodes, force_tolerance: float
     ) -> list[str]:
-        """Return a text for a motion of loose pieces that no surface stops.
+        """Return a list with the description of a motion of loose pieces that no surface stops.
 
         A loose piece has no contact forces; forces up to `force_tolerance` count as zero. A node
         that touches a surface without force stops only motions into this surface. The list is empty
-        if all motions are stopped.
+        if all motions of loose pieces are stopped.
         """
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
         is_pressed = nodes.force[:, 0] > force_tolerance
@@ -322,8 +323,8 @@ class RigidMotions:
         """Return the work (modes,) of loads in each mode, and the sum of magnitudes of its parts.
 
         Args:
-            load: load vector, reduced by the supports.
-            free_motion_forces: prescribed forces (free,) on the free surfaces.
+            load: load vector (n_r,), reduced by the supports.
+            free_motion_forces: prescribed forces (free,) of the free translations of surfaces.
         """
         column = self._reduced_columns_of_displacements()
         forces, is_kept = np.zeros(len(column)), column >= 0
@@ -360,9 +361,9 @@ class RigidMotions:
         )
 
     def _reduced_columns_of_displacements(self) -> Indices:
-        """Return the number of the reduced unknown of each displacement.
+        """Return the index of the reduced unknown that equals each displacement of this process.
 
-        It is -1 for a prescribed displacement, and -2 for a combination of several unknowns.
+        The index is -1 for a prescribed displacement, and -2 for a combination of several unknowns.
         """
         return find_reduced_column_of_each_unknown(self._system.reduction.right)[
             self._displacement_rows
@@ -371,11 +372,11 @@ class RigidMotions:
     def _assemble_resistance_to_modes(
         self, pieces: ComponentRigidModes, with_transposed_stiffness: bool
     ) -> sp.csr_array:
-        """Return the displacements or forces that each mode causes.
+        """Return the forces, or the displacements at supports, that each mode causes.
 
-        A row contains displacements if a support prescribes the displacement, otherwise forces. A
-        mode of rigid motion may cause forces: in axisymmetry, for example, only the translation
-        along the axis is free of strain.
+        A row contains displacements where a support prescribes them, and otherwise forces. A mode
+        of rigid motion may cause forces: in axisymmetry, for example, only the translation along
+        the axis is free of strain.
 
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
@@ -384,7 +385,7 @@ class RigidMotions:
                 unsymmetric.
 
         Returns:
-            Matrix (owned displacements, modes), in whose null space the free motions are.
+            Matrix (owned displacements, modes), whose null space contains the free motions.
         """
         is_free = self._reduced_columns_of_displacements() != -1
         return pieces.forces_and_support_displacements_of_modes(
@@ -403,7 +404,8 @@ class RigidMotions:
         Args:
             pieces: connected pieces of the body with their rigid-body modes.
             conjugate_to_forces: whether to return the motions with which contact forces do work.
-                They follow from the transposed force operator, all others from the motion operator.
+                These are computed by the transposed force operator, and the motions that gaps and
+                slips depend on by the motion operator.
         """
         system, modes = self._system, self.modes
         interface, comm, field = system.interface, system.comm, system.interface.field

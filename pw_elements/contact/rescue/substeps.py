@@ -1,7 +1,7 @@
 """Solve an increment in substeps, which are halved after a failure and grow after a success.
 
 The module guarantees that each substep is a solution from which the next one starts. It assumes
-that a failed substep leaves no trace in the problem.
+that a failed substep does not change the problem.
 """
 
 import logging
@@ -22,7 +22,7 @@ from pw_elements.solvers import SingularSystem
 # Largest ratio of path length to chord for prescribed displacements in one substep; it is the ratio
 # for a quarter circle
 _MAX_PATH_TO_CHORD_RATIO = np.pi / np.sqrt(8)
-# Shortest path that may count as curved, relative to the longest path of any node
+# Smallest length of a path that may count as curved, relative to the longest path of any node
 _MIN_CURVED_TO_LONGEST_PATH_RATIO = 1e-3
 # Bound of the round-off in the binary logarithm of a number of substeps
 _ROUND_OFF_OF_LOG2_SUBSTEPS = 1e-9
@@ -40,13 +40,13 @@ def solve_in_substeps(
         solve_to_load_factor: function that solves for the state at a fraction of the increment's
             loads and motions, between 0 and 1, starting from a given state.
         state: state at the start of the increment.
-        first_size_min_size_and_growth: size of the first substep, which is the largest; size of the
-            smallest substep; and factor by which substeps grow.
+        first_size_min_size_and_growth: size of the first substep, which is also the largest size;
+            smallest size of a substep; and factor by which substeps grow after a success.
         may_continue: function that returns whether another substep may be tried.
 
     Returns:
-        Fraction and state at the end of each substep; and fraction and error of the last failure,
-        or None if the last substep has succeeded.
+        Fraction and state at the end of each solved substep; and fraction and error of the last
+        failure, or None if the last substep has been solved.
     """
     max_size, min_size, growth = first_size_min_size_and_growth
     size = max_size

@@ -1,7 +1,8 @@
 """Supports of a body at large strains, and their path during an increment.
 
-The module guarantees paths with the displacements that the conditions prescribe at equally spaced
-fractions of the increment. It assumes that conditions prescribe the same nodes at all times.
+The module guarantees that a path contains the displacements that the conditions prescribe at
+equally spaced fractions of the increment. It assumes that conditions prescribe the same nodes at
+all times.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,7 +57,7 @@ class BodySupports:
         self._conditions, self._apply_load = conditions, apply_load
 
     def prescribed_displacements(self) -> PETSc.Vec:
-        """Return the displacements (n,) that the conditions prescribe now, zero elsewhere."""
+        """Return the displacements (n,) that the conditions currently prescribe, zero elsewhere."""
         return free_dofs_and_prescribed_values(self._whole_space, self._conditions)[1]
 
     @property
@@ -91,7 +92,8 @@ class BodySupports:
     def sample_path_adaptively(self, state: ContactState, load: LoadFractionSetter | None) -> Array:
         """Return prescribed displacements (samples + 1, nodes, dim) along the increment.
 
-        The samples are equally spaced. There are enough samples to find nearly straight segments.
+        The samples are equally spaced. Their number is increased, up to a limit, until the path
+        consists of nearly straight segments that are longer than the distance between two samples.
         """
         if load is None:
             return self.sample_path(state, None, 1)
@@ -133,8 +135,8 @@ def find_rigidly_moved_contact_free_start(
 ) -> PETSc.Vec | None:
     """Return unknowns (n,) of a body that has moved rigidly with its supports out of contact.
 
-    The result is None if no node is in contact at the start, or if the motion may not end all
-    contact.
+    The result is None if no node is in contact at the start, or if it is not certain that the
+    motion ends all contact.
 
     Args:
         interface: contact points of all pairs.

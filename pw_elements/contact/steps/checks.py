@@ -1,7 +1,7 @@
 """Checks of the user's arguments, made once in each public method.
 
 The module guarantees that increments are solved only with arguments of valid types, sizes and
-values, so that the iteration need not check them. It assumes that the checks are called on all
+values, and the iteration need not check them again. It assumes that the checks are called on all
 processes.
 """
 
@@ -90,7 +90,7 @@ def check_impact_and_list_surface_paths(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
 ) -> list[SurfacePathInTime | None]:
-    """Return the path of each pair's surface in explicit dynamics.
+    """Check arguments of explicit dynamics, and return the path of each pair's surface.
 
     The path of a surface that does not move is None.
 
@@ -115,7 +115,11 @@ def check_impact_and_list_surface_paths(
 
 
 def list_remedy_max_cost_ratios(remedies: RemedyNamesOrCostRatios) -> dict[RemedyName, float]:
-    """Return the largest cost of each remedy, relative to the cost of the first attempt."""
+    """Return the largest cost of each remedy, relative to the cost of the first attempt.
+
+    Raises:
+        ValueError: for remedies that are unknown, or costs that are not positive.
+    """
     has_names = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not has_names or any(remedy not in REMEDIES_FOR_FAILED_ITERATION for remedy in remedies):
         raise ValueError(
@@ -135,7 +139,7 @@ def list_remedy_max_cost_ratios(remedies: RemedyNamesOrCostRatios) -> dict[Remed
 
 
 def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
-    """Raise a ValueError if large strains do not support the surface of a pair.
+    """Raise ValueError if the surface of a pair is not supported at large strains.
 
     The message suggests an alternative.
     """
@@ -168,12 +172,16 @@ def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.Functio
 def check_state_fits_problem(
     state: ContactState, undeformed_state: ContactState, label: str
 ) -> None:
-    """Raise an error if a state has contact nodes other than those of the problem, or contains NaN.
+    """Raise an error unless a state is finite and has the same contact nodes as the problem.
 
     Args:
         state: state that the user has passed.
         undeformed_state: undeformed state of the problem.
         label: name of the state, used in error messages.
+
+    Raises:
+        TypeError: if the argument is not a state.
+        ValueError: for other contact nodes, or forces or displacements that are not finite.
     """
     as_list_of_type([state], ContactState, label)
     has_same_nodes = len(state.pairs) == len(undeformed_state.pairs) and all(
@@ -220,7 +228,7 @@ def as_list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: AN
 
 
 def check_function_or_none(name: str, function: object, remedy: str) -> None:
-    """Raise a TypeError if an argument is neither a function nor None.
+    """Raise TypeError if an argument is neither a function nor None.
 
     Args:
         name: name of the argument, used in the error message.
@@ -248,7 +256,7 @@ def check_start_state(state: ContactState, undeformed: ContactState) -> None:
 def check_and_list_motions(
     motions: Motion | Sequence[Motion | None] | None, pairs: Sequence[ContactPair], dim: int
 ) -> list[Motion | None]:
-    """Return the motion of each pair's surface, or raise an error if one is invalid.
+    """Return the motion of each pair's surface; raise an error if a motion is invalid.
 
     Args:
         motions: motions that the user has passed; None or an empty list if no surface moves.
@@ -283,7 +291,7 @@ def check_and_list_history_functions(
 
     Args:
         history: functions in the residual that belong to the state.
-        update: function of the user that sets them.
+        update: user's function that sets the history functions; None if there is none.
         comm: communicator of the mesh.
     """
     check_function_or_none("update", update, "it has to be a function")
@@ -300,7 +308,7 @@ def check_and_list_history_functions(
 def check_and_list_successive_states(
     states: Sequence[ContactState], undeformed: ContactState
 ) -> list[ContactState]:
-    """Return the states at the start and at the ends of one or several steps of a problem.
+    """Return the states at the start and at the end of each step of a problem as a list.
 
     Args:
         states: states that the user has passed.
@@ -361,7 +369,7 @@ def check_and_list_loads_and_motions(
 def check_outputs(
     outputs: Sequence[Any], n_pairs: int, space: fem.FunctionSpace, allow_forms: bool
 ) -> list[SensitivityOutput]:
-    """Return the outputs as a list, or raise an error if one is invalid.
+    """Return the outputs as a list; raise an error if an output is invalid.
 
     Args:
         outputs: outputs given by the user.
@@ -395,7 +403,7 @@ def check_and_list_parameters_with_rates(
     space: fem.FunctionSpace,
     allow_forms: bool,
 ) -> list[tuple[SensitivityParameter, Array]]:
-    """Return the parameters with their rates (states, ...), or raise an error if one is invalid.
+    """Return parameters with their rates (states, ...); raise an error if a parameter is invalid.
 
     The rates are derivatives of the data of each state with respect to the parameter.
 
@@ -445,12 +453,14 @@ def check_constants_are_used(
     outputs: Sequence[SensitivityOutput],
     residual: ParametricResidual,
 ) -> None:
-    """Raise ValueError if neither the residual nor an output depends on a constant parameter.
+    """Raise ValueError if a parameter is a constant that occurs nowhere in the problem.
+
+    Constants may occur in the residual, in its Dirichlet conditions and in the outputs.
 
     Args:
         parameters: parameters with their rates.
         outputs: the outputs.
-        residual: residual of the body.
+        residual: residual of the body, with its Dirichlet conditions.
     """
     in_outputs = [
         constant
@@ -497,7 +507,7 @@ def check_loads_fit_problem(loads: Sequence[Any], n_steps: int, is_residual_prob
 
 
 def _check_finite_vector_of_space(name: str, vector: PETSc.Vec, space: fem.FunctionSpace) -> None:
-    """Raise an error unless a vector belongs to the space and is finite.
+    """Raise an error unless a vector fits the space and is finite.
 
     Args:
         name: name of the vector, used in error messages.
@@ -510,7 +520,7 @@ def _check_finite_vector_of_space(name: str, vector: PETSc.Vec, space: fem.Funct
 
 
 def _check_index_below_count(index: Any, count: int, counted_things: str) -> int:  # noqa: ANN401
-    """Return a number if it is an integer from 0 to count - 1; raise an error otherwise."""
+    """Return an index if it is an integer from 0 to count - 1; raise an error otherwise."""
     if arguments.check_integer("a number", index, 0) >= count:
         raise ValueError(f"number {index} of {count} {counted_things}: they count from 0")
     return int(index)

@@ -3,8 +3,8 @@
 An increment that fails is halved, and the substeps grow again after successes. In the initial
 iterate, closed nodes stick and move with their surface.
 
-Slip is computed from the positions at both ends of a substep, so that a substep must not contain
-whole turns. If a rigid surface rotates by more than an eighth of a turn, or if supports move along
+Slip is computed from the positions at both ends of a substep, so a substep must not contain whole
+turns. If a rigid surface rotates by more than an eighth of a turn, or if supports move along
 a strongly curved path, the increment starts with several substeps.
 
 The module guarantees that states are never changed, and that each returned state has been
@@ -123,7 +123,7 @@ class LargeStrainStepping:
         reduction: reduction by the conditions.
         pairs: contact pairs.
         max_iterations: largest number of linear systems solved in one attempt.
-        callback: function of the user that is called after each iteration and each increment.
+        callback: user's function that is called after each iteration and each increment.
         solver: solver of the linear systems.
         history: functions in the residual that belong to the state, such as plastic strains.
         update: function that sets the history functions after each substep.
@@ -184,7 +184,7 @@ class LargeStrainStepping:
     def step(
         self, state: ContactState, load: LoadFractionSetter | None, motions: Sequence[Motion | None]
     ) -> ContactState:
-        """Return the state at the end of one increment; errors are those of the public `step`."""
+        """Return the state at the end of one increment, with errors as in `ContactProblem.step`."""
         start_time, interface = perf_counter(), self.interface
         start = TargetLoadsAndMotions.from_state(state, state.translations_and_rotations)
         end = TargetLoadsAndMotions.from_load_and_motions(
@@ -199,7 +199,7 @@ class LargeStrainStepping:
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
             system = self._cached_contact_system_for(end.free_motions)
             cost_before = measure_cost([system])
-            # for later states, the tangent has been checked at the end of the increment before
+            # for later states, the tangent has been checked at the end of the preceding increment
             if self._ratio_monitor is not None and not state.increment:
                 self._set_unknowns_and_history(state)
                 self._ratio_monitor.is_beyond_limit()
@@ -364,8 +364,8 @@ class LargeStrainStepping:
             system: contact system for the free motions of the target.
             reporter: reporter of progress.
             make_update: function that returns the rule for the next active set.
-            start_unknowns: initial iterate (n,), if no node is in contact at the end. By default
-                the iteration starts from the state.
+            start_unknowns: initial iterate (n,) of an attempt without contact, which fails if a
+                node is in contact at the end. If None, the iteration starts from `state`.
         """
         interface = self.interface
         unknowns = state.unknowns if start_unknowns is None else start_unknowns
@@ -428,7 +428,7 @@ class LargeStrainStepping:
     def _raise_if_pressed_nodes_jumped(
         self, kinematics: LargeStrainKinematics, end: NewtonIterate, is_pressed: Mask
     ) -> None:
-        """Raise SolutionNotFound if pressed nodes have jumped to another place in a solution."""
+        """Raise SolutionNotFound if pressed nodes have jumped to another part of their surface."""
         is_jumped = kinematics.find_points_jumped_to_another_surface_part(
             end.kinematics, is_pressed
         )
@@ -452,8 +452,8 @@ class LargeStrainStepping:
 
         Args:
             start_q: motions (pairs, dim + 1) of the surfaces at the start.
-            end_q: motions of the surfaces in the solution.
-            target_q: prescribed motions of the surfaces, NaN where they are free.
+            end_q: motions (pairs, dim + 1) of the surfaces in the solution.
+            target_q: prescribed motions (pairs, dim + 1) of the surfaces, NaN where they are free.
         """
         angle = np.abs(end_q - start_q)[:, -1]
         if (angle[np.isnan(target_q[:, -1])] > MAX_SURFACE_RADIANS_PER_SUBSTEP).any():
@@ -496,7 +496,7 @@ class LargeStrainStepping:
         target: TargetLoadsAndMotions,
         sizes: tuple[ResidualScale, float, float],
     ) -> ContactState:
-        """Return the solution with residuals from the form, the surfaces and the law alone."""
+        """Return the solution with residuals computed from form, surfaces and law alone."""
         _, force, length = sizes
         self._residual_system.set_unknowns(solution.unknowns)
         unbalanced = self._residual_system.assemble_residual()
@@ -526,7 +526,7 @@ class LargeStrainStepping:
         system: ContactSystem,
         initial_unknowns: PETSc.Vec,
     ) -> tuple[IncrementEquations, LargeStrainKinematics]:
-        """Return equations and kinematics of a step with the initial iterate (n,)."""
+        """Return equations and kinematics of a step that starts from an initial iterate (n,)."""
         interface = self.interface
         start = make_increment_start(state, interface, state.translations_and_rotations)
         reduction = replace(self._reduction, offset=self._supports.prescribed_displacements())
@@ -553,11 +553,11 @@ class LargeStrainStepping:
         return increment, kinematics
 
     def support_markers_and_residual_fingerprint(self) -> tuple[Indices, ResidualFingerprint]:
-        """Return data that identify the residual.
+        """Return data by which saved states are recognised as states of the same problem.
 
         Returns:
-            Array (n,) of this process, -1 for prescribed unknowns and 0 for all others; and the
-            residual with its unknowns and coefficients.
+            Markers (n,) of the unknowns of this process, -1 for prescribed unknowns and 0 for all
+            others; and the fingerprint of the residual and its coefficients.
         """
         free = self._supports.free_unknowns
         return np.where(free, 0, -1), ResidualFingerprint(self._residual_system, self.coefficients)
@@ -585,8 +585,8 @@ class LargeStrainStepping:
     def linearise_at_part_end(self, part: IncrementOrSubstep) -> EquationsLinearisedAtEnd:
         """Return the equations linearised at the end of a substep.
 
-        The unknown function, constants and conditions are set to their values at the end of the
-        substep.
+        The unknown function, the constants and the conditions are set to their values at the end of
+        the substep.
         """
         self._apply_load(part.load, part.fraction)
         free_motions = part.part_end.free_motions
@@ -615,7 +615,7 @@ class LargeStrainStepping:
         )
 
     def _cached_contact_system_for(self, free_motions: FreeMotionIndices) -> ContactSystem:
-        """Return the contact system for given free motions; the last system is cached."""
+        """Return the contact system for given free motions; only the last system is cached."""
         if self._system is None or self._system.free_motions != free_motions:
             self.release()
             zero_vectors = np.zeros_like(self.interface.position)

@@ -1,4 +1,4 @@
-"""Impact on rigid surfaces: central differences with nodal unilateral contact and Coulomb friction.
+"""Impact on rigid surfaces: central differences with unilateral contact and friction at nodes.
 
 The guide's page on theory describes the scheme, its energy and its stability ("Impact"). The module
 guarantees that no contact node penetrates a surface at the end of a step. It also guarantees that
@@ -63,12 +63,13 @@ ConstantOrTransientLoad: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
 # Default time step relative to the critical one
 _DEFAULT_TO_CRITICAL_STEP_RATIO = 0.9
-# Estimated seconds of one step for each entry of the stiffness
+# Estimated time of one step per entry of the stiffness, in seconds
 _SECONDS_PER_STEP_AND_STIFFNESS_ENTRY = 3e-9
 # Relative difference between masses of one node, and between numbers of steps, that counts as
 # round-off
 _RELATIVE_ROUND_OFF_OF_MASS_AND_STEP_COUNT = 1e-9
-# Number of bisections that determine, to round-off, a slip combined with a prescribed slip
+# Number of bisections that determine, to round-off, the free slip of a node that also has a
+# prescribed slip
 _N_SLIP_BISECTIONS = 60
 # Largest initial penetration, relative to the extent of the contact nodes, that counts as round-off
 _MAX_INITIAL_PENETRATION_PER_EXTENT = 1e-6
@@ -76,7 +77,7 @@ _MAX_INITIAL_PENETRATION_PER_EXTENT = 1e-6
 
 @dataclass(frozen=True)
 class NodalContactForcesAndSlip:
-    """Contact forces and slip of this process' m contact nodes in one time step."""
+    """Contact forces and slip of the m contact nodes of this process in one time step."""
 
     force_normal: Array  # (m,)
     force_tangential: Array  # (m, dim)
@@ -103,15 +104,15 @@ def solve_nodal_contact_of_step(
 ) -> NodalContactForcesAndSlip:
     """Return contact forces and slip of a step that ends without penetration.
 
-    Friction follows Coulomb's law.
+    Friction reduces the slip to zero, or acts against the slip at the limit of the friction law.
 
     Args:
-        contact_free_displacement: displacements (m, dim) of the nodes in the step if there were no
-            contact.
+        contact_free_displacement: displacements (m, dim) that the nodes would have in the step
+            without contact.
         gap: gaps (m,) between the nodes at the start of the step and the surfaces at its end.
         normal: unit normals (m, dim) of the surfaces.
         surface_displacement: displacements (m, dim) of the surfaces in the step.
-        is_supported: mask (m, dim) of components that supports prescribe; friction does not change
+        is_supported: mask (m, dim) of components that supports prescribe. Friction does not change
             the slip in these components.
         friction_opposes_support: mask (m, dim) of components that supports prescribe and in which
             friction opposes the prescribed slip.
@@ -160,12 +161,12 @@ def _fraction_of_slip_remaining_under_friction(
 
     A node has a prescribed slip f, and would have a free slip v perpendicular to it without
     friction. Friction reduces v to x in [0, v], which satisfies
-    v - x = max_reduction x / |(f, x)|. The fraction is x / v.
+    v - x = r x / |(f, x)| with the largest reduction r. The fraction is x / v.
 
     Args:
         prescribed_slip: magnitudes f (n,) of the prescribed slips.
         frictionless_slip: magnitudes v (n,) of the free slips without friction.
-        max_slip_reduction: largest reduction (n,) of a slip by friction.
+        max_slip_reduction: largest reductions r (n,) of the slips by friction.
     """
     lower, upper = np.zeros_like(frictionless_slip), frictionless_slip.copy()
     for _ in range(_N_SLIP_BISECTIONS):
@@ -183,7 +184,7 @@ class Energies:
     """Energies and work (s + 1,) at the half steps of an impact with s steps.
 
     The first half step is half a time step before the start. The sum of kinetic and strain energy
-    changes by the work alone, up to round-off.
+    changes only by the work, up to round-off.
 
     Args:
         kinetic: kinetic energy v' M v / 2, with the velocity v and the mass matrix M.
@@ -248,11 +249,12 @@ class ImpactHistory:
         energies: energies and work, half a step before each of these times.
         pairs: one history per contact pair.
         displacement: displacement vector (n,) at the last time. For the symmetric sibling, its
-            entries are coefficients and no nodal values.
+            entries are coefficients rather than nodal values.
         velocity: velocity vector (n,) half a step before the last time.
         frames: `ContactState`s for `ContactFields` and `write`, with the displacements at
-            `frame_times` and the contact forces of the step before. These states are not in
-            equilibrium: their residuals are NaN, and no static increment can continue from them.
+            `frame_times` and the contact forces of the time steps that end there. These states are
+            not in equilibrium: their residuals are NaN, and no static increment can continue from
+            them.
             For the symmetric sibling, the displacements are the true ones, but gaps and slips are
             computed from the coefficients.
         frame_times: times of the frames.
@@ -290,11 +292,11 @@ def solve_impact(
         sibling = Sibling.from_space(U)
         K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
         history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
-        history.time[:-1], history.pairs[0].total, history.energies.kinetic
+        history.time[:-1], history.pairs[0].total_force, history.energies.kinetic
 
     Use the symmetric sibling, or the standard element with a positive diagonal mass. Unsymmetric
     stiffnesses are rejected: the eigenvalues in their upper spectrum are complex, and undamped
-    motions grow for any time step (section V9 of the study).
+    motions grow for any time step (section V9 of the validation study, study/benchmarks).
 
     Args:
         K: symmetric stiffness (n, n), assembled without supports.
@@ -418,20 +420,20 @@ def solve_impact(
 
 
 class _CentralDifferenceIntegration:
-    """Time integration by central differences, which records energies, forces and translations.
+    """Time integration by central differences, with a record of energies, forces and translations.
 
     Args:
         K: stiffness (n, n).
-        mass: masses (n,) of this process' unknowns.
-        is_free: mask (n,) of this process' unknowns that no support prescribes.
+        mass: masses (n,) of the unknowns of this process.
+        is_free: mask (n,) of the unknowns of this process that no support prescribes.
         interface: the m contact nodes.
         paths: translation (dim,) of each pair's surface as a function of time; None for a surface
             at rest.
         load: load vector, or a function of time that returns it; None for no load.
         step: the time step.
         u: displacements (n,) at time zero, changed by `advance_one_step`.
-        v: velocities (n,) at time zero. They are changed by `advance_one_step`, and are then the
-            velocities half a step before the displacements.
+        v: velocities (n,) at time zero. The vector is changed at once to the velocities half a step
+            before the displacements, and then by `advance_one_step`.
 
     Attributes:
         energies: five numbers at each half step: kinetic energy, strain energy, and the work of
@@ -566,7 +568,7 @@ class _CentralDifferenceIntegration:
         )
 
     def _record_energies(self, work_of_step: Array) -> None:
-        """Record the energies after a step, and add the work (3,) of this step to the total."""
+        """Record the energies after a step, and add the work (3,) of the step to the total work."""
         v = self._v.array_r
         energies = [
             self._mass * v @ v / 2,
@@ -583,14 +585,14 @@ class _CentralDifferenceIntegration:
         self.energies.append(totals)
 
     def _evaluate_gaps_and_normals(self) -> tuple[Array, Array]:
-        """Return gaps (m,) and normals (m, dim) of the undeformed nodes to the moved surfaces."""
+        """Return gaps (m,) and normals (m, dim) between undeformed nodes and moved surfaces."""
         translations = self.translations[-1]
         gap, normal = self._interface.evaluate_undeformed_gaps_and_normals(translations)
         self._interface.check_gaps_normals_and_supports(gap, normal)
         return gap, normal
 
     def _evaluate_load(self, time: float) -> Array:
-        """Return this process' part (n,) of the load vector at a time."""
+        """Return the part (n,) of the load vector at a given time that this process owns."""
         load = self._load
         if isinstance(load, PETSc.Vec):
             return np.asarray(load.array_r)
@@ -602,7 +604,7 @@ class _CentralDifferenceIntegration:
         return np.asarray(vector.array_r)
 
     def _evaluate_surface_translations(self, time: float) -> Array:
-        """Return translations (pairs, dim) of the surfaces at a time."""
+        """Return the translations (pairs, dim) of the surfaces at a given time."""
         comm, dim = self._comm, self._node_rows.shape[1]
         translations = np.zeros((len(self._paths), dim))
         if not any(self._paths):
@@ -619,9 +621,10 @@ class _CentralDifferenceIntegration:
 
 
 def _extract_masses_and_check_isotropy(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
-    """Return the masses (n,) of this process' unknowns.
+    """Return the masses (n,) of the unknowns of this process.
 
-    ValueError is raised if the masses of a node differ between its components.
+    Raises:
+        ValueError: if the mass of a node differs between its components.
     """
     mass = extract_diagonal_mass(M).array_r.copy()
     mass_of_node = mass.reshape(-1, space.dofmap.index_map_bs)
@@ -637,7 +640,7 @@ def _extract_masses_and_check_isotropy(M: PETSc.Mat, space: fem.FunctionSpace) -
 
 
 def _find_free_unknowns(reduction: Reduction) -> Mask:
-    """Return the mask (n,) of this process' unknowns that no support prescribes."""
+    """Return a mask (n,) of the unknowns of this process that no support prescribes."""
     column = find_reduced_column_of_each_unknown(reduction.right)
     with raise_errors_on_all_processes(reduction.offset.comm.tompi4py()):
         if reduction.inner_flexibility is not None or np.any(column < -1):

@@ -79,7 +79,7 @@ class ContactProblem:
         pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
         problem.save(pushed, "pushed.npz")
 
-    States are never changed, so that you can continue from any state, any number of times.
+    States are never changed, so you can continue from any state, any number of times.
 
     Args:
         K: stiffness (n, n) without supports. It may be unsymmetric.
@@ -91,8 +91,8 @@ class ContactProblem:
         solver: solver of the linear systems, as in `solve`.
         max_iterations: largest number of linear systems solved in one attempt at an increment.
         callback: function that is called with a `Progress` after each iteration and each increment.
-            It may be given on some processes only. An exception that it raises ends the
-            computation.
+            It may be given on some of the processes only. If it raises an exception, the
+            computation ends.
         remedies: methods that are tried if the iteration fails. "springs" hold the contact points
             and are softened in stages; they are not available with `Iterative()`. "cutback" solves
             the increment in substeps, so that friction follows another path (see
@@ -234,9 +234,9 @@ class ContactProblem:
         Raises:
             ValueError: for a load that is not finite, a number of motions other than the number of
                 pairs, motions of the wrong dimension, a state with other contact nodes, arguments
-                that differ between processes, a surface that fails, or a prescribed normal
-                displacement of a node in contact.
-            FreeBody: if a rigid motion would be free even if every contact node stuck.
+                that differ between processes, a surface without valid gaps or normals, or a
+                prescribed normal displacement of a node in contact.
+            FreeBody: if a rigid motion would be free even if every contact node were sticking.
             NoEquilibrium: if it is proved that no contact forces balance the loads. This error is a
                 `FreeBody`.
             NotUnique: if the tangent is singular at a solution, because friction is too large or
@@ -245,7 +245,8 @@ class ContactProblem:
                 `state` is the closest approximation.
             SurfacePassed: if a rigid surface passes through the body, or pushes the body outwards.
                 With a residual, also if a surface is moved through supports, or supports of two
-                bodies through each other; in this case nothing is solved.
+                bodies are moved through each other; the error is then raised before anything is
+                solved.
             NotConverged: if an iterative solver fails, perhaps because the tangent is singular. The
                 solver "auto" first switches to a direct solver if there is enough memory. With a
                 residual, smaller substeps are tried, and finally `SolutionNotFound` is raised
@@ -296,7 +297,7 @@ class ContactProblem:
         loads: Sequence[LoadFractionSetter | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:
-        """Return derivatives of outputs of a history of states with respect to parameters.
+        """Return the derivatives of outputs in a history of states with respect to parameters.
 
             states = [problem.undeformed]
             for translation in path:
@@ -311,7 +312,7 @@ class ContactProblem:
 
         Args:
             states: states of the history. The first state is fixed, and each following state is the
-                end of a step from the state before.
+                end of a step from the preceding state.
             outputs: quantities that are differentiated in each state. An output is a functional of
                 the unknown function (a form); a vector (n,) of weights of all unknowns; a component
                 of a pair's total force, ("force", pair, axis); or a component of the translation of
@@ -324,8 +325,8 @@ class ContactProblem:
                 (vector, rates (states,)) for nodal loads; or ("motion", pair, rates (states, dim))
                 for the translation of a surface, or for its force where the translation is free.
                 Rates are interpolated linearly between states.
-            loads: function `load` of each step, only for a problem with a residual; by default
-                there are no loads.
+            loads: function that was passed to each step as `load`, or None. It is given only for a
+                problem with a residual; by default there are no loads.
             weights: weight (states - 1, outputs) of each output in each state except the first.
 
         Returns:
@@ -399,9 +400,9 @@ class ContactProblem:
         return self._K
 
     def _make_fingerprint(self) -> ProblemFingerprint:
-        """Return data that identify the problem; collective.
+        """Return the fingerprint that identifies the problem in saved states; collective.
 
-        They do not depend on the number of processes.
+        The fingerprint does not depend on the number of processes.
         """
         parts = self._fingerprint_mesh_supports_and_pairs(
             find_reduced_column_of_each_unknown(self._reduction.right)
@@ -409,10 +410,11 @@ class ContactProblem:
         return ProblemFingerprint(parts | fingerprint_stiffness(self._K, self._space), None)
 
     def _fingerprint_mesh_supports_and_pairs(self, column_of_unknown: Indices) -> dict[str, Any]:
-        """Return the identifying data that all problems have in common.
+        """Return the parts of the fingerprint that do not depend on the kind of problem.
 
         Args:
-            column_of_unknown: array (n,) of this process, -1 for unknowns that supports prescribe.
+            column_of_unknown: array (n,) of this process, with -1 for prescribed unknowns, -2 for
+                unknowns that follow from others, and other numbers for free unknowns.
         """
         interface, states = self._current_stepping.interface, self.undeformed.pairs
         return fingerprint_mesh_supports_and_pairs(
@@ -421,7 +423,7 @@ class ContactProblem:
 
     @check_same_arguments_on_all_processes
     def save(self, state: ContactState, path: str | Path) -> None:
-        """Write a state to a file, a NumPy archive without pickles.
+        """Write a state to a file, which is a NumPy archive without pickled objects.
 
         If writing fails, no incomplete file is left.
 
@@ -581,8 +583,8 @@ def solve_contact(
         max_iterations: largest number of linear systems solved in one attempt at an increment.
         solver: solver of the linear systems, as in `solve`.
         callback: function that is called with a `Progress` after each iteration and each increment.
-            It may be given on some processes only. An exception that it raises ends the
-            computation.
+            It may be given on some of the processes only. If it raises an exception, the
+            computation ends.
         remedies: methods that are tried if the iteration fails, as in `ContactProblem`.
 
     Raises:

@@ -1,11 +1,11 @@
 """Derivatives of outputs of a load history with respect to its parameters.
 
-At the end of increment k let x_k be the unknowns, A_k the tangent for the present contact status,
-P_k the derivative of the equations with respect to x_k-1, and b_k that of the data with respect to
-a parameter p. The direct mode solves A_k dx_k = b_k dp - P_k dx_k-1. With the weights w_k of the
-outputs, the adjoint mode solves A_k^T l_k = w_k - P_k+1^T l_k+1 for the multipliers l_k. See the
-guide's page on theory ("Derivatives"), and P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
-doi:10.1002/nme.1620371408.
+At the end of increment k, x_k are the unknowns, A_k is the tangent for the current contact status,
+P_k is the derivative of the equations with respect to x_k-1, and b_k is the derivative of the data
+with respect to a parameter p. The direct mode solves A_k dx_k = b_k dp - P_k dx_k-1. With the
+weights w_k of the outputs, the adjoint mode solves A_k^T l_k = w_k - P_k+1^T l_k+1 for the
+multipliers l_k. See the guide's page on theory ("Derivatives"), and P. Michaleris,
+D. A. Tortorelli, C. A. Vidal, 1994, doi:10.1002/nme.1620371408.
 
 The module guarantees derivatives of the discrete problem that are exact to the accuracy of the
 solver. It assumes Coulomb friction, and states at which no node is about to change its status.
@@ -48,16 +48,16 @@ SensitivityParameter: TypeAlias = (
     | tuple[fem.Constant | PETSc.Vec, Any]
 )
 
-# Least distance of a node's force from a change of status, relative to the largest nodal force
+# Smallest distance of a node's force from a change of status, relative to the largest nodal force
 _MIN_STATUS_MARGIN_PER_MAX_FORCE = 1e-6
-# Largest violation of the contact law, relative to its tolerance, that the state at the end of an
-# increment may have
+# Largest violation of the contact law, relative to its tolerance, that is accepted in the state at
+# the end of an increment
 _MAX_END_STATE_VIOLATION_PER_TOLERANCE = 10.0
 
 
 @dataclass(frozen=True)
 class IncrementOrSubstep:
-    """An increment, or one part of an increment that was divided into several.
+    """An increment, or one of the substeps in which an increment was solved. Both are called parts.
 
     Args:
         increment: number of the increment, counted from 0.
@@ -80,11 +80,14 @@ class IncrementOrSubstep:
 def iterate_increments_and_substeps(
     states: Sequence[ContactState], loads: Sequence[Any]
 ) -> Iterator[IncrementOrSubstep]:
-    """Yield all parts of a load history in order.
+    """Yield each increment of a load history, or each of its substeps, in order.
 
     Args:
         states: states at the start and at the end of all increments.
         loads: load of each increment.
+
+    Raises:
+        ValueError: if the free motions of surfaces change in an increment with substeps.
     """
     for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
         if k and end.substates and start.free_motions != end.free_motions:
@@ -106,7 +109,7 @@ class StateDerivativeOrWeights:
         unknowns: derivative or weights (n,) of the unknowns.
         translations: derivative or weights (pairs, dim) of the surfaces' translations, the same on
             all processes.
-        force: derivative or weights (m, dim) of the forces on this process' contact nodes.
+        force: derivative or weights (m, dim) of the forces on the contact nodes of this process.
     """
 
     unknowns: PETSc.Vec
@@ -116,7 +119,7 @@ class StateDerivativeOrWeights:
     def add_multiple(
         self, factor: float, other: "StateDerivativeOrWeights"
     ) -> "StateDerivativeOrWeights":
-        """Return the sum of this change and `factor` times another change."""
+        """Return the sum of this object and `factor` times `other`."""
         unknowns = self.unknowns.copy()
         unknowns.axpy(factor, other.unknowns)
         return StateDerivativeOrWeights(
@@ -126,7 +129,7 @@ class StateDerivativeOrWeights:
         )
 
     def inner_product(self, other: "StateDerivativeOrWeights") -> float:
-        """Return the sum of a change's components, weighted with the components of this object."""
+        """Return the sum of the products of all components with those of `other`; collective."""
         comm = self.unknowns.comm.tompi4py()
         of_forces = comm.allreduce(float(np.sum(self.force * other.force)), MPI.SUM)
         of_translations = float(np.sum(self.translations * other.translations))
@@ -152,15 +155,15 @@ class ProblemDataDerivatives:
 
 
 class EquationsLinearisedAtEnd:
-    """Equations of an increment or of a part of an increment, linearised at its end.
+    """Equations of an increment or substep, linearised at its end.
 
     Args:
-        increment: equations of the increment or part.
+        increment: equations of the increment or substep.
         end: solution of these equations.
         K: tangent stiffness (n, n), assembled without supports.
         reduction: reduction by the supports.
-        by_start: derivatives (m, dim - 1, dim) of the nodes' slips with respect to their motions at
-            the start.
+        by_start: derivatives (m, dim - 1, dim) of the slips of the nodes with respect to their
+            motions relative to the surfaces at the start.
 
     Raises:
         ValueError: if `end` is not a solution, if the status of a node is about to change, or if
@@ -230,11 +233,11 @@ class EquationsLinearisedAtEnd:
     def propagate_derivative_to_end(
         self, data_derivatives: ProblemDataDerivatives, start_derivative: StateDerivativeOrWeights
     ) -> StateDerivativeOrWeights:
-        """Return the change of the state at the end.
+        """Return the derivative of the state at the end with respect to a parameter.
 
         Args:
             data_derivatives: derivatives of the data at the end.
-            start_derivative: change of the state at the start.
+            start_derivative: derivative of the state at the start.
         """
         system = self._system
         load, law, totals, translations, offset = self._assemble_derivative_right_hand_side(
@@ -265,15 +268,15 @@ class EquationsLinearisedAtEnd:
     ) -> tuple[Array, StateDerivativeOrWeights]:
         """Return derivatives of a weighted sum, and the weights of the state at the start.
 
-        The sum is that of all components of the state at the end, with the given weights.
+        The sum is taken over all components of the state at the end, with the given weights.
 
         Args:
             end_weights: weights of the state at the end.
             data_derivatives_by_parameter: derivatives of the data with respect to each parameter.
 
         Returns:
-            Derivatives (parameters,) of the weighted sum for a fixed state at the start; and its
-            derivative with respect to the state at the start, as weights.
+            Derivatives (parameters,) of the weighted sum for a fixed state at the start; and the
+            derivative of the sum with respect to the state at the start, as weights.
         """
         system, motion = self._system, self._system.interface.motion
         force, right = (
@@ -317,12 +320,12 @@ class EquationsLinearisedAtEnd:
     def _assemble_derivative_right_hand_side(
         self, data_derivatives: ProblemDataDerivatives
     ) -> tuple[PETSc.Vec, LinearisedContactLaw, Array, Array, PETSc.Vec]:
-        """Return the right-hand side that belongs to derivatives of the data.
+        """Return the right-hand sides of the linearised equations for derivatives of the data.
 
         Returns:
-            Derivatives of the reduced load; the linearised law; and derivatives of the total forces
-            on free motions, of the prescribed translations (pairs, dim), and of the prescribed
-            displacements (n,).
+            Derivative (n_r,) of the reduced load; linearised law, with the derivative of its
+            right-hand side; and derivatives of the total forces (free,) of the free motions, of the
+            prescribed translations (pairs, dim), and of the prescribed displacements (n,).
         """
         system, translations = self._system, data_derivatives.motions.copy()
         totals = np.array([translations[pair_and_axis] for pair_and_axis in system.free_motions])
@@ -349,7 +352,7 @@ class EquationsLinearisedAtEnd:
 
 
 class ParametricResidual(Protocol):
-    """A residual that may depend on parameters, with its unknown and Dirichlet conditions."""
+    """Residual that may depend on parameters, with its unknown and its Dirichlet conditions."""
 
     form: ufl.Form
     u: fem.Function
@@ -358,7 +361,7 @@ class ParametricResidual(Protocol):
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
 
     def prescribed_displacements(self) -> PETSc.Vec:
-        """Return the displacements (n,) that the conditions prescribe for present constants."""
+        """Return the displacements (n,) that conditions prescribe for the current constants."""
 
 
 @dataclass(frozen=True)
@@ -367,10 +370,10 @@ class OutputDerivatives:
 
     Args:
         interface: the contact nodes.
-        linearise_end: function that returns the equations linearised at the end of a part. It
-            leaves the unknown function, the constants and the conditions at their values there.
+        linearise_end: function that returns the equations linearised at the end of a part. After
+            the call, the unknown function, constants and conditions have their values at this end.
         residual: residual of the body; None if the problem is defined by a stiffness matrix.
-        parts: parts of the load history.
+        parts: increments and substeps of the load history.
         outputs: outputs, checked by `checks.check_outputs`.
         parameters: parameters with their rates (states, ...), checked by
             `checks.check_and_list_parameters_with_rates`. A rate is the derivative of the data of
@@ -481,7 +484,7 @@ class OutputDerivatives:
     def _differentiate_load_and_supports_by_constant(
         self, constant: fem.Constant, rate: Array
     ) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """Return derivatives (n,) of load and prescribed displacements along a constant's rate."""
+        """Return derivatives (n,) of load and prescribed displacements for a constant's rate."""
         residual = self.residual
         assert residual is not None  # only residuals have constants
         change, load = (
@@ -501,9 +504,9 @@ class OutputDerivatives:
         return load, offset
 
     def _differentiate_output_by_state(self, output: SensitivityOutput) -> StateDerivativeOrWeights:
-        """Return the weights with which the components of a change of state change an output.
+        """Return the derivative of an output with respect to the state, as weights.
 
-        A functional is linearised at the present values of the unknown function.
+        A functional is linearised at the current values of the unknown function.
         """
         weights = self._zero_state_derivative()
         if isinstance(output, ufl.Form):
@@ -526,7 +529,7 @@ class OutputDerivatives:
     ) -> Array:
         """Return derivatives (parameters,) of an output at a fixed state.
 
-        They are zero for all parameters except constants that the output contains.
+        The derivatives are zero for all parameters except constants that the output contains.
         """
         derivatives = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
@@ -542,14 +545,14 @@ class OutputDerivatives:
 
 
 def constant_vector_or_kind_of_parameter(parameter: SensitivityParameter) -> Any:  # noqa: ANN401
-    """Return the constant or vector of a parameter, or "friction" or "motion"."""
+    """Return the constant or vector of a parameter, or its kind, "friction" or "motion"."""
     return parameter[0] if isinstance(parameter, tuple) else parameter
 
 
 def _differentiate_form_by_constant(
     form: ufl.Form, constant: fem.Constant, rate: Array
 ) -> ufl.Form:
-    """Return the derivative of a form along the rate of a constant.
+    """Return the derivative of a form in the direction of a constant's rate.
 
     The derivative is an empty form if the form does not contain the constant.
     """

@@ -1,4 +1,4 @@
-"""Checks of the assumptions of a solved increment, with warnings or errors where they do not hold.
+"""Checks of the assumptions of a solved increment; warnings or errors report violations.
 
 Displacements have to be small, and rigid surfaces have to stay outside the body. The slip that the
 friction law uses (`PairState.slip`) has to agree with the slip along the path of material points
@@ -38,8 +38,8 @@ from pw_elements.progress import log_on_root
 # Number of cells whose gradients are evaluated at once
 _GRADIENT_BATCH_SIZE_IN_CELLS = 4_000
 
-# Strain below which no node of a body can have been pushed beyond the far side of the body, since
-# the strain around this node would be about one
+# Strain below which no node of a body can have been pushed beyond the far side of the body. The
+# strain around such a node would be about one
 _MIN_STRAIN_TO_CROSS_THICKNESS = 0.5
 # Largest distance between positions that counts as round-off, relative to the largest coordinate
 _RELATIVE_POSITION_ROUND_OFF = 1e-9
@@ -52,23 +52,23 @@ _MAX_SURFACE_PATH_STEPS = 10_000
 # normal
 _OFFSET_FROM_SINGULAR_POINTS_IN_FACETS = 1e-7
 
-# Largest difference between the two slips relative to the larger one
+# Largest accepted difference between `PairState.slip` and `path_slip`, relative to the larger one
 MAX_RELATIVE_PATH_SLIP_DIFFERENCE = 0.1
-# Difference between the two slips that is allowed in any case. For two sliding bodies, where slip
-# is a mean over facets, it is relative to the shortest facet around a node; for all other pairs, it
-# is relative to the largest displacement
+# Difference between both slips that is allowed in any case. For two sliding bodies, where slip is a
+# mean over facets, it is relative to the shortest facet around a node. For all other pairs, it is
+# relative to the largest displacement
 _ALLOWED_SLIP_DIFFERENCE_PER_FACET_SIZE, _ALLOWED_SLIP_DIFFERENCE_PER_MAX_DISPLACEMENT = 0.05, 1e-6
 
 # Limits of small displacements. Neglected second-order terms change a strain e by e^2/2. A rotation
-# w turns forces by w and causes strains of w^2/2. After slip by half a facet, a node would face
-# another node
+# w turns forces by w and causes strains of w^2/2. After a slip of half a facet, a node would face a
+# different node
 _SMALL_DISPLACEMENT_LIMITS = SmallDisplacementMeasures(strain=0.05, rotation=0.05, slip=0.5)
 
 
 def gradient_at_vertices(u: fem.Function) -> fem.Expression:
     """Return the gradient of displacements u as an expression at the vertices of cells.
 
-    On straight simplices with quadratic displacements the gradient is linear, so that norms of its
+    On straight simplices with quadratic displacements, the gradient is linear, so the norms of its
     symmetric and antisymmetric parts are largest at vertices.
     """
     return fem.Expression(ufl.grad(u), basix.geometry(u.function_space.mesh.basix_cell()))
@@ -242,7 +242,7 @@ class SmallDisplacementAndSurfacePassingCheck:
         return float(self._comm.allreduce(max_slip, MPI.MAX))
 
     def _min_cosine_to_outward_normals(self, unit_vectors: Array) -> Array:
-        """Return the least cosine (m,) between a node's vector and its facets' outward normals.
+        """Return the smallest cosine (m,) between a node's vector and its facets' outward normals.
 
         Args:
             unit_vectors: unit vectors (m, dim) at the nodes.
@@ -275,9 +275,9 @@ class SmallDisplacementAndSurfacePassingCheck:
     ) -> Mask:
         """Return a mask (m,) of the nodes that a rigid surface reaches from the wrong side.
 
-        Relative to the surface, each node moves along the reverse of the surface's path, by half of
-        its gap or at least one step at a time. The node is swallowed if it gets inside the surface
-        at a point where the surface's normal points out of the body.
+        Relative to the surface, each node moves along the reverse of the surface's path, by half
+        its gap or at least one step at a time. The surface reaches it from the wrong side if the
+        node gets inside the surface at a point where the surface's normal points out of the body.
 
         Args:
             pair_number: number of the pair.
@@ -317,17 +317,17 @@ class SmallDisplacementAndSurfacePassingCheck:
                 is_swallowed[in_pair] |= is_outwards & (
                     depth > _MIN_DEPTH_INSIDE_SURFACE_IN_FACETS * facet_size
                 )
-                # the surface is a gap away; take half of it, since a gap may not be a distance
+                # the surface is about one gap away; half of it is safe if gaps are not distances
                 stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
                 last_ratio, path_ratio = path_ratio, np.minimum(path_ratio + stride / length, 1.0)
             is_finished = self._comm.allreduce(bool(last_ratio.min(initial=1.0) >= 1), MPI.LAND)
         return is_swallowed
 
     def _find_nodes_pushed_beyond_far_side(self, end: NewtonIterate) -> Mask:
-        """Return a mask (m,) of the contact nodes that are pushed beyond the body's far side.
+        """Return a mask (m,) of the contact nodes that have been pushed beyond the body's far side.
 
-        The far side consists of the nodes that come last along the contact normal in the undeformed
-        body.
+        The far side consists of the nodes that are farthest along the contact normal in the
+        undeformed body.
         """
         interface, u = self._interface, self._u  # u was set by `measure_max_strain_and_rotation`
         dim, normal = interface.position.shape[1], end.nodes.frame[:, 0]
@@ -350,12 +350,12 @@ class SmallDisplacementAndSurfacePassingCheck:
         return position_along_normal >= far_side - _RELATIVE_POSITION_ROUND_OFF * np.abs(far_side)
 
     def _raise_surface_passed_if_any(self, pair_number: int, is_wrong: Mask, problem: str) -> None:
-        """Raise SurfacePassed if there are nodes in a mask (m,), and name their positions.
+        """Raise SurfacePassed with the positions of the nodes in a mask, unless it is empty.
 
         Args:
             pair_number: number of the pair.
             is_wrong: mask (m,) of the nodes.
-            problem: what the surface does at these nodes, for the error message.
+            problem: description of the surface's action at these nodes, for the error message.
         """
         positions = self._interface.gather_values(self._interface.position[is_wrong])
         if len(positions):
@@ -370,9 +370,10 @@ class SmallDisplacementAndSurfacePassingCheck:
 def _nodes_normals_and_sizes_of_exterior_facets(
     node: Indices, space: fem.FunctionSpace
 ) -> tuple[Indices, Array, Array]:
-    """Return data (f, ...) of the exterior facets around m nodes of this process.
+    """Return data (f, ...) of the exterior facets around m nodes of this process; collective.
 
-    A facet occurs once for each of its nodes. Facets that belong to other processes are included.
+    A facet occurs once for each of the m nodes that it contains. Facets that belong to other
+    processes are included.
 
     Args:
         node: global numbers (m,) of the nodes.
@@ -411,7 +412,8 @@ def warn_if_slip_and_path_slip_differ(
     Args:
         state: state at the end of an increment.
         interface: the contact nodes.
-        warned_pairs: numbers of the pairs with a warning, to which the function adds pairs.
+        warned_pairs: numbers of the pairs for which a warning has been logged. The function adds
+            the pairs for which it logs a warning.
     """
     for k, pair in enumerate(state.pairs):
         difference = measure_difference_of_slip_and_path_slip(pair)

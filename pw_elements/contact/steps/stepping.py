@@ -3,9 +3,9 @@
 Gap and normal are evaluated between the undeformed body and the surface in its current position
 (docs/theory.md, "Contact").
 
-An increment that fails is solved in substeps, whose loads and motions are on the straight path from
-the start of the increment to its end. Slip and friction follow the substeps, so that the final
-state may differ from the state after a single step. `ContactState.substates` contains the
+An increment that fails is solved in substeps, whose loads and motions lie on the straight path from
+the start of the increment to its end. Slip and friction follow the substeps, so the final state may
+differ from the state after a single step. `ContactState.substates` contains the
 intermediate states.
 
 The module guarantees that states are never changed, and that each returned state has been
@@ -106,11 +106,10 @@ from pw_elements.spaces import read_record
 # Smallest substep, as a fraction of the increment
 _MIN_SUBSTEP_FRACTION_OF_INCREMENT = 1 / 16
 
-# Remedies for an iteration that fails: springs at the contact points, and smaller increments. Each
-# remedy may solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first
-# attempt. The first
-# attempt counts as at least _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT systems, fewer if there are more
-# than _MAX_DOFS_OF_SMALL_PROBLEM unknowns
+# Remedies for an iteration that fails: springs at the contact points, and substeps. Each remedy may
+# solve MAX_REMEDY_COST_PER_FIRST_ATTEMPT times as many linear systems as the first attempt. The
+# first attempt counts as at least _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT systems. This minimum is
+# reduced if there are more than _MAX_DOFS_OF_SMALL_PROBLEM unknowns
 RemedyName: TypeAlias = Literal["springs", "cutback"]
 REMEDIES_FOR_FAILED_ITERATION: tuple[RemedyName, ...] = ("springs", "cutback")
 MAX_REMEDY_COST_PER_FIRST_ATTEMPT = 3.0
@@ -129,7 +128,7 @@ class SmallStrainStepping:
         pairs: contact pairs.
         space: trial space of the displacements, or of the hybrid element.
         max_iterations: largest number of linear systems solved in one attempt.
-        callback: function of the user that is called after each iteration and each increment.
+        callback: user's function that is called after each iteration and each increment.
         remedies: methods that are tried if the iteration fails, with the largest cost of each
             method relative to the first attempt. Matrix-free solvers do not support "springs".
         solver: solver of the linear systems.
@@ -207,7 +206,7 @@ class SmallStrainStepping:
     def _solve_in_substeps(
         self, state: ContactState, end: TargetLoadsAndMotions, reporter: ProgressReporter
     ) -> list[tuple[float, ContactState]]:
-        """Solve an increment in substeps.
+        """Solve an increment in substeps, if the remedies include "cutback".
 
         Args:
             state: state at the start of the increment.
@@ -217,7 +216,7 @@ class SmallStrainStepping:
         Returns:
             Fraction of the increment and state at the end of each substep. The list ends before the
             end of the increment if the smallest substep fails or if too many linear systems have
-            been solved.
+            been solved. It is empty without the remedy "cutback".
         """
         if "cutback" not in self._remedies:
             return []
@@ -249,7 +248,7 @@ class SmallStrainStepping:
     def _make_remaining_solves_counter(
         self, remedy: RemedyName, free_motions: FreeMotionIndices
     ) -> Callable[[], float]:
-        """Return a function that counts the linear systems which a remedy may still solve."""
+        """Return a function that returns how many linear systems a remedy may still solve."""
         min_solves = (
             _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT
             * min(1.0, _MAX_DOFS_OF_SMALL_PROBLEM / self._K.getSize()[0]) ** 1.5
@@ -422,7 +421,7 @@ class SmallStrainStepping:
     ) -> ContactState:
         """Return the solution with residuals that are evaluated independently of the iteration.
 
-        They follow from the stiffness, the load, the surfaces and the contact law alone.
+        They are computed from the stiffness, the load, the surfaces and the contact law alone.
         """
         _, force, length = sizes
         unbalanced = self._K.createVecLeft()
@@ -600,7 +599,7 @@ class SmallStrainStepping:
     ) -> tuple[ContactSystem, RigidMotions]:
         """Return the contact system and rigid motions for given free motions of the surfaces.
 
-        The result is cached for the next call with the same free motions.
+        Only the last result is cached, for calls with the same free motions.
         """
         if self._system is None or self._system[0].free_motions != free_motions:
             self.release()

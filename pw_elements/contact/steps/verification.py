@@ -1,9 +1,9 @@
-"""Verification of a state, which evaluates all conditions anew.
+"""Verification of a state by an independent evaluation of all conditions.
 
 The iteration accepts a state on the basis of the frames, slips and forces in its own linear
-equations. This module uses none of these: it evaluates all conditions from displacements, form,
-surfaces and friction law. It refuses a state that violates a condition by more than the tolerance
-plus an allowance for round-off, whatever method has found the state.
+equations. This module uses none of these: it evaluates all conditions from the displacements, the
+form or stiffness, the surfaces and the friction law. It rejects a state that violates a condition
+by more than the tolerance plus an allowance for round-off, whichever method has found the state.
 
 The residual forces are R = K u - f, with the stiffness K, the displacements u and the load f, or
 the residual F(u) of a nonlinear body. The contact force r of a node is the value of R at the node.
@@ -48,8 +48,8 @@ class VerificationScales:
     Args:
         force: scale of forces, see `Residuals`.
         length: scale of lengths, see `Residuals`.
-        stiffness: stiffnesses (m,) of this process' contact nodes. A round-off error of a length
-            times the stiffness is the resulting error of a force.
+        stiffness: stiffnesses (m,) of the contact nodes of this process. A round-off error of a
+            length, multiplied by the stiffness, is the resulting error of a force.
         equilibrium: round-off error of the forces in the equations of all other nodes.
     """
 
@@ -61,18 +61,18 @@ class VerificationScales:
 
 @dataclass(frozen=True)
 class MeasuredKinematics:
-    """Kinematics of this process' m contact nodes at the end of an increment.
+    """Kinematics of the m contact nodes of this process at the end of an increment.
 
     Args:
         gap: gaps (m,); infinite at nodes that face nothing.
         normal: unit normals (m, dim) of the surfaces.
         slip: slips (m, dim) along the surface since the start of the increment.
-        motion_size: magnitudes (m,) of the motions of node and surface, added up.
+        motion_size: sums (m,) of the magnitudes of the motions of node and surface.
         noise: errors (m,) of the normals that are due to noise in a surface's function.
         force_operator: matrix H (n, m dim) that takes forces on the contact nodes to forces on all
             unknowns.
         transfer_error: round-off errors (m,) of the transfer of a node's force to the opposite
-            body, relative to this force.
+            body, relative to the force.
     """
 
     gap: Array
@@ -90,13 +90,13 @@ def measure_small_strain_kinematics(
     state: ContactState,
     remaining_interference_fraction: float,
 ) -> MeasuredKinematics:
-    """Return gaps, normals and slips to surfaces, linearised at the undeformed body.
+    """Return gaps, normals and slips relative to surfaces, linearised at the undeformed body.
 
     Args:
         interface: the contact nodes.
         start_state: state at the start of the increment.
         state: state at the end of the increment.
-        remaining_interference_fraction: fraction of the interference fit that is not applied yet.
+        remaining_interference_fraction: fraction of the interference that is not yet applied.
     """
     translations = [end.translations for end in (start_state, state)]
     motions = [_contact_node_motions(interface, end.unknowns) for end in (start_state, state)]
@@ -123,7 +123,7 @@ def measure_large_strain_kinematics(
     start_state: ContactState,
     state: ContactState,
 ) -> MeasuredKinematics:
-    """Return gaps, normals and slips of a deformed body to moving rigid surfaces or other bodies.
+    """Return gaps, normals and slips of a deformed body relative to rigid surfaces or other bodies.
 
     Args:
         interface: the contact nodes.
@@ -152,8 +152,8 @@ def measure_large_strain_kinematics(
     noise = np.abs(
         interface.evaluate_gaps_normals_and_curvatures(in_surface_frame[1] + shift)[1] - normal
     ).max(axis=1, initial=0.0)
-    # a node that faces nothing either before or after the increment slips along the surface that it
-    # faces at the other time
+    # a node that faces nothing before or after the increment slips along the surface that it faces
+    # at the other time
     is_faced = np.isfinite(gap_0) & np.isfinite(gap)
     normal_0 = np.where(is_faced[:, None], normal_0, normal)
     closest_points = [
@@ -163,7 +163,7 @@ def measure_large_strain_kinematics(
     chord = closest_points[1] - closest_points[0]
     angle = _angles_between_unit_vectors(normal_0, normal)
     if dim == 2:
-        # a node in contact stays on its side of the surface, even if this turns more than once
+        # a node in contact stays on its side of the surface, even if the surface turns repeatedly
         normals_in_space = [
             np.einsum("nab,nb->na", rotation, n)
             for rotation, n in zip(rotations, (normal_0, normal), strict=True)
@@ -177,8 +177,8 @@ def measure_large_strain_kinematics(
             angle,
         )
     is_curved = np.abs(np.sin(angle)) > _MIN_SINE_WHERE_ARC_EXCEEDS_CHORD
-    # length of the arc divided by that of the chord's tangential part, which vanishes after half a
-    # turn
+    # ratio of the length of the arc to that of the tangential part of the chord; this part vanishes
+    # after half a turn
     ratio_of_chord = np.where(np.abs(angle) < 1.0, 1.0, np.nan)
     arc_ratio = np.where(is_curved, angle / np.where(is_curved, np.sin(angle), 1.0), ratio_of_chord)
     slip = arc_ratio[:, None] * (chord - np.sum(chord * normal, axis=1)[:, None] * normal)
@@ -215,7 +215,7 @@ def _measure_kinematics_of_sliding_bodies(
 ) -> MeasuredKinematics:
     """Return kinematics with measured values for all nodes of pairs of sliding bodies.
 
-    The force operator of the result includes the opposite bodies.
+    The force operator of the result also distributes forces to the opposite bodies.
 
     Args:
         interface: the contact nodes.
@@ -224,7 +224,7 @@ def _measure_kinematics_of_sliding_bodies(
         rigid_surface_kinematics: kinematics of all other nodes, which are changed in place.
     """
     dim, n_nodes = interface.position.shape[1], len(interface.node)
-    # fractions of unit forces that master nodes receive: value, contact node and global node
+    # fractions of unit forces that master nodes receive: values, contact nodes and global nodes
     entries = []
     for k, mortar in interface.mortars.items():
         points = np.flatnonzero(interface.pair == k)
@@ -287,7 +287,7 @@ def make_nodal_torque_function(
 ) -> Callable[[Array], Array]:
     """Return a function that computes torques (m,) from forces (m, dim) at the contact nodes.
 
-    The torque of a node's force is about the present pivot of the surface that the node faces.
+    The torque of a node's force is about the current pivot of the surface that the node faces.
     """
     motion = _contact_node_motions(interface, state.unknowns)
     pivots, spins = zip(
@@ -310,7 +310,7 @@ def verify_state(
     free_motion_forces: Array,
     compute_torques: Callable[[Array], Array] | None = None,
 ) -> ContactState:
-    """Return the state with residuals and allowances that are computed anew.
+    """Return the state with residuals and allowances that are computed independently.
 
     The arguments are those of `measure_residuals_and_allowances`.
 
@@ -369,7 +369,7 @@ def measure_residuals_and_allowances(
     displacements = interface.field.owned_unknowns
     nodal_force = residual_without_contact.array_r[displacements]
     first_node = interface.field.space.dofmap.index_map.local_range[0]
-    # a supported component of the residual is a reaction; friction there is known from the state
+    # a supported component of the residual is a reaction; friction there is taken from the state
     force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
     values, allowances = _measure_law_residuals_and_allowances(
         kinematics, force, has_equation | (state_force != 0), interface, scales

@@ -22,7 +22,7 @@ from pw_elements.solvers import LinearSolver
 
 # Row pointers, columns and values of this process' rows in PETSc's compressed row format
 CsrArrays: TypeAlias = tuple[npt.NDArray, npt.NDArray, Array]
-# Largest relative change of a matrix row that counts as unchanged
+# Largest relative change at which a matrix row counts as unchanged
 _RELATIVE_ROW_CHANGE_TOLERANCE = 1e-12
 
 
@@ -45,8 +45,8 @@ class ContactLawRows:
     Attributes:
         rows: local numbers of the rows, ascending.
         pointers, columns: pattern of the rows in compressed row format.
-        entries_by_law: matrix that takes E, C and D (m, dim, ...), side by side, to the values of
-            all entries.
+        entries_by_law: matrix that maps the coefficients E, C and D (m, dim, ...), side by side, to
+            the values of all entries of the rows.
     """
 
     def __init__(
@@ -131,14 +131,15 @@ def extract_local_rows(matrix: PETSc.Mat, n_extra_columns: int) -> sp.csr_matrix
 def replace_contact_rows_and_append_balance_rows(
     stiffness_rows: sp.csr_matrix, contact_rows: ContactLawRows, balance_rows: sp.csr_matrix
 ) -> CsrArrays:
-    """Return matrix rows with the pattern of the contact rows and the rows of the border.
+    """Return the stiffness with the contact points' rows replaced and force balances appended.
 
-    The inserted entries are zero until the law is known.
+    Only the sparsity pattern of the contact points' rows is inserted. Their entries are zero until
+    the law is known.
 
     Args:
         stiffness_rows: rows of the stiffness on this process.
         contact_rows: rows of the contact points, which replace rows of the stiffness.
-        balance_rows: rows that are appended, the force balances of free motions.
+        balance_rows: force balances of the free motions, which are appended.
     """
     replaced = np.zeros(stiffness_rows.shape[0], dtype=bool)
     replaced[contact_rows.rows] = True
@@ -163,8 +164,8 @@ def make_map_from_free_motions_to_points(
     """Return a matrix of ones and zeros that maps free motions to motions at the points.
 
     Args:
-        free_motions: number of the pair and of the component of each free motion.
-        pair_of_point: number (m,) of the pair of each point.
+        free_motions: pair index and component index of each free motion.
+        pair_of_point: pair index (m,) of each point.
         n_motions_per_surface: number of motions of each surface.
 
     Returns:
@@ -185,7 +186,9 @@ def make_map_from_free_motions_to_points(
 def gather_balance_rows_on_last_rank(
     local_contributions: sp.coo_matrix, springs: Array, comm: MPI.Comm
 ) -> sp.csr_matrix:
-    """Return the force-balance rows of the free motions on the last process, no rows elsewhere.
+    """Return the force-balance rows of the free motions on the last process; collective.
+
+    The result has no rows on all other processes.
 
     Args:
         local_contributions: contributions (free, n) of this process' contact points.
@@ -243,11 +246,12 @@ def split_force_operator_at_own_equations(
 
 
 def extract_entries_at_own_equations(matrix: sp.csr_matrix, own_equation: Indices) -> Array:
-    """Return the entries of a matrix (m dim, n) at the own equations of the contact points.
+    """Return the entries of a matrix (m dim, n) at the contact points' own equations.
 
     Args:
         matrix: matrix with one row per component of each contact point.
-        own_equation: column (m, dim) of the own equation of each component, -1 for none.
+        own_equation: column (m, dim) of each component's own equation, -1 for a component without
+            an equation.
 
     Returns:
         Entries (m, dim), which are 1 for components without an equation.
@@ -393,14 +397,14 @@ class AssembledTangent:
     def _solve_by_correcting_last_factors(
         self, rhs: PETSc.Vec, law_coefficients: Array
     ) -> PETSc.Vec | None:
-        """Return the solution by the last factors, corrected for the rows that have changed.
+        """Solve with the last factors, corrected for the rows that have changed since.
 
         Args:
             rhs: right-hand side of the whole system.
             law_coefficients: coefficients (m, dim, ...) of the law.
 
         Returns:
-            The solution, or None if too many rows have changed.
+            The solution, or None if a new factorisation is needed.
         """
         if self._factorised is None:  # equal on all processes
             return None

@@ -1,10 +1,10 @@
 """The linear system of one active set as a matrix-free operator, solved by a Krylov method.
 
 The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness,
-in which directions that the active set fixes are held like supports. For two bodies the
-`SpringPreconditioner` replaces it (docs/theory.md, "Large systems"). The few free translations of
-surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only
-displacements, the first block of the `BlockTriangularPreconditioner`, are held.
+in which the directions that the active set fixes are held as if by supports. For two bodies it is
+replaced by the `SpringPreconditioner` (docs/theory.md, "Large systems"). The few free translations
+of surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only the
+displacements, which are the first block of the `BlockTriangularPreconditioner`, are held.
 
 The module guarantees that the residual divided by the contact forces is as small as the requested
 accuracy, or as small as round-off permits. It assumes that no surface is free to rotate.
@@ -49,16 +49,13 @@ from pw_elements.solvers import (
 _FORCING_TERM_FOR_CONSTANT_TANGENT = 0.1
 _FORCING_TERM_FOR_CHANGING_TANGENT = 0.02
 # Inverse of the smallest value of `SpringPreconditioner.compute_length_to_force_factors` for bodies
-# of equal
-# stiffness. The values are smaller if one body is softer. Forces then depend less on gaps, and the
-# residual has to be smaller
+# of equal stiffness. The values are smaller if one body is softer. Forces then depend less on gaps,
+# and the residual has to be smaller
 _INVERSE_LENGTH_TO_FORCE_FACTOR_OF_EQUAL_BODIES = 5.0
-# The final residual, divided by the largest nodal contact force, is limited to the solver's
-# tolerance and to _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) the
-# limit
-# _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT is added. The accuracy "tightened" multiplies the
-# limit by
-# _TOLERANCE_TIGHTENING_FACTOR
+# The final residual, divided by the largest nodal contact force, may exceed neither the solver's
+# tolerance nor _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) it may
+# not exceed _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT either. With the accuracy "tightened", the
+# limit is multiplied by _TOLERANCE_TIGHTENING_FACTOR
 _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE / 10
 _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT = 1e-13
 _TOLERANCE_TIGHTENING_FACTOR = 0.1
@@ -67,18 +64,18 @@ _RELATIVE_RESIDUAL_FOR_EIGENVALUES = 1e-4
 # Smallest ratio of contact forces to residual at which the contact forces are meaningful
 _MIN_MEANINGFUL_FORCE_PER_RESIDUAL = 1e-3
 # A solution whose residual is near round-off has stalled if the residual is not below
-# _MIN_STALLED_RESIDUAL_PER_TARGET
-# times its target. Another solution has stalled if the residual is not below
-# _MIN_STALLED_RESIDUAL_PER_PREVIOUS times
-# the previous one
+# _MIN_STALLED_RESIDUAL_PER_TARGET times its target, or not below the previous residual. Any other
+# solution has stalled if the residual is not below _MIN_STALLED_RESIDUAL_PER_PREVIOUS times the
+# previous one
 _MIN_STALLED_RESIDUAL_PER_TARGET = 2.0
 _MIN_STALLED_RESIDUAL_PER_PREVIOUS = 0.1
 # Largest excess cost of one solution with old multigrid levels, divided by the number of operations
-# to make new levels. The factor accounts for the lower speed of the operations in the set-up
+# that make new levels. The ratio exceeds 1 because the operations of the set-up are slower
 _MAX_EXCESS_COST_PER_MULTIGRID_SETUP = 3.0
 # Bounds of the singular values of the law's force coefficients, which are 0 for a held direction
-# and 1 for a free direction. Below the first bound, the law contains no force in this direction.
-# Below the second bound, the direction is held in the preconditioner
+# and 1 for a free direction. If the singular value of a direction is below the first bound, the law
+# contains no force in this direction. If it is below the second bound, the preconditioner holds the
+# direction
 _MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION = 1e-9
 _MAX_SINGULAR_VALUE_OF_HELD_DIRECTION = 0.5
 
@@ -191,9 +188,10 @@ class KrylovTangent:
         self._matrix_free_operator.springs = springs
 
     def update_stiffness(self, *_: object, **__: object) -> None:
-        """Make new multigrid levels if the old levels have wasted as much as new levels cost.
+        """Make new multigrid levels if the old ones have become too expensive.
 
-        The stiffness is changed in place, so the arguments are ignored.
+        They have if they have wasted as many operations as the set-up of new levels needs. The
+        arguments are ignored, because the stiffness has been changed in place.
         """
         self._stiffness_changed = True
         if self._wasted_operations >= self._setup_operations:
@@ -205,8 +203,8 @@ class KrylovTangent:
 
         The sign of the preconditioner is taken as 1. Most eigenvalues of the preconditioned tangent
         are near one. An eigenvalue that has changed its sign is an outlier, which Arnoldi's method
-        usually finds first; the start vector is arbitrary, so the result is not a proof. The result
-        is empty if the solver computes no eigenvalues.
+        usually finds first. The result is not a proof, since the start vector is arbitrary. It is
+        empty if the solver computes no eigenvalues.
         """
         if self._krylov.uses_external_method:
             return ()
@@ -215,7 +213,7 @@ class KrylovTangent:
         start_vector.setArray(np.cos(np.arange(first_row, end_row, dtype=float)))
         sign = -1
         for re_estimate in (False, True):
-            if re_estimate:  # a smoother with wrong eigenvalue bounds may be what changes a sign
+            if re_estimate:  # a smoother with wrong eigenvalue bounds may have changed the sign
                 self._multigrid.re_estimate_smoother_eigenvalues()
             self._ksp.setTolerances(
                 rtol=_RELATIVE_RESIDUAL_FOR_EIGENVALUES, atol=0.0, max_it=self._max_iterations
@@ -290,17 +288,18 @@ class KrylovTangent:
     def _scale_law_and_rhs_and_choose_forcing_term(
         self, law: LinearisedContactLaw, rhs: Array
     ) -> tuple[LinearisedContactLaw, float]:
-        """Return the law between two bodies with rows that are scaled from lengths to forces.
+        """Scale the rows of a law from lengths to forces, and choose the forcing term.
 
         Lengths are multiplied by the stiffness of the springs in the `SpringPreconditioner`. The
-        law of rigid surfaces is not scaled.
+        law is not scaled if there are no pairs of two bodies.
 
         Args:
             law: linearised law.
             rhs: right-hand side (n,) of this process, which is scaled in place.
 
         Returns:
-            The scaled law, and the ratio by which one solution has to reduce the residual.
+            The scaled law, and the forcing term: the residual of an intermediate solution divided
+            by the previous residual.
         """
         forcing_term = (
             _FORCING_TERM_FOR_CHANGING_TANGENT
@@ -324,7 +323,8 @@ class KrylovTangent:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
 
         Raises:
-            SingularSystem: if a constant pressure in an incompressible body is free.
+            SingularSystem: if the pressure of an incompressible body is determined only up to a
+                constant.
         """
         operations_before = self._count_floating_point_operations()
         fixed_projectors = self._constrain_multigrid_and_return_fixed_projectors(law)
@@ -367,8 +367,8 @@ class KrylovTangent:
             forcing_term: residual of an intermediate solution divided by the previous residual.
 
         Returns:
-            The residual, and whether it has stalled at round-off. The result is None if the
-            multigrid levels are old and cost more than new levels.
+            The norm of the residual, and whether it has stalled at round-off. The result is None if
+            the multigrid levels are old and new ones are likely to be cheaper.
 
         Raises:
             NotConverged: if the method fails with new levels.
@@ -378,7 +378,7 @@ class KrylovTangent:
         operations_per_digit = self._operations_per_digit if self._stiffness_changed else None
         initial_residual, is_stalled, round_off, n_iterations = residual_norm, False, 0.0, 0
         while not is_stalled and not residual_norm <= (
-            target := self._target_residual(residual_norm, intermediate_target, forcing_term)
+            target := self._stopping_residual(residual_norm, intermediate_target, forcing_term)
         ):
             max_iterations = self._max_iterations
             if operations_per_digit is not None:
@@ -456,15 +456,15 @@ class KrylovTangent:
         if self.solver is not self._krylov:
             self.solver.release()
 
-    def _target_residual(
+    def _stopping_residual(
         self, residual_norm: float, intermediate_target: float, forcing_term: float
     ) -> float:
         """Return the residual at which the iteration stops.
 
         It is at least the tolerance times the largest contact force. The target of an intermediate
-        solution is at most the forcing term times the norm of the contact forces: the initial
-        residual may be much larger if the active set has moved nodes and the rest of the body has
-        not followed.
+        solution is at most the forcing term times the norm of the contact forces, because the
+        initial residual may be much larger: the active set may have moved nodes that the rest of
+        the body has not followed yet.
 
         Args:
             residual_norm: residual of the current iterate.
@@ -478,7 +478,7 @@ class KrylovTangent:
         if squared_force > (_MIN_MEANINGFUL_FORCE_PER_RESIDUAL * residual_norm) ** 2:
             intermediate_target = min(intermediate_target, forcing_term * squared_force**0.5)
         largest = self._largest_contact_force()
-        # a solution so accurate that the next step would be the last is solved to final tolerance
+        # an intermediate solution that would almost be a final one is solved to the final tolerance
         intermediate_target = (
             intermediate_target
             if intermediate_target > MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * largest
@@ -489,13 +489,13 @@ class KrylovTangent:
     def _update_residual_and_return_norm(
         self, combined_rhs: PETSc.Vec, residual_vector: PETSc.Vec
     ) -> float:
-        """Set `residual_vector` to the residual vector of the solution, and return its norm."""
+        """Set `residual_vector` to the residual of the present iterate, and return its norm."""
         self._operator.mult(self._solution, residual_vector)
         residual_vector.aypx(-1.0, combined_rhs)
         return float(residual_vector.norm())
 
     def _count_floating_point_operations(self) -> float:
-        """Return the number of floating-point operations that all processes have done so far."""
+        """Return the number of floating-point operations of all processes so far; collective."""
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
     def _largest_contact_force(self) -> float:
@@ -503,7 +503,7 @@ class KrylovTangent:
         return float(self._comm.allreduce(force, MPI.MAX))
 
     def _constrain_multigrid_and_return_fixed_projectors(self, law: LinearisedContactLaw) -> Array:
-        """Hold the directions that the active set fixes in the multigrid preconditioner.
+        """Make the multigrid preconditioner hold the directions that the active set fixes.
 
         Returns:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
@@ -561,7 +561,7 @@ class KrylovTangent:
     def _make_force_balance_row(
         self, K: PETSc.Mat, supports: Supports, translation_number: int
     ) -> Array:
-        """Return this process' part (n,) of the matrix row for a free translation's force balance.
+        """Return the part (n,) that this process owns of one translation's force-balance row.
 
         Args:
             K: stiffness (n, n).
@@ -576,7 +576,7 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _make_free_translation_column(self, translation_number: int, D: Array) -> Array:
-        """Return this process' part (n,) of a free translation's matrix column.
+        """Return the part (n,) that this process owns of the matrix column of one translation.
 
         Args:
             translation_number: number of the free translation.

@@ -28,11 +28,11 @@ _MIN_STICKING_NODES_WITHOUT_ANCHORS = 6
 
 
 class SpringPreconditioner:
-    """Preconditioner of the contact system of two bodies, for a `PETSc.PC` in Python.
+    """Preconditioner of the contact system of two bodies, as the Python context of a `PETSc.PC`.
 
-    In the preconditioner, springs between the bodies replace contact. The bodies with springs are
-    approximated by the inner preconditioner, and the contact forces follow from the law with an
-    approximate compliance of the contact points (docs/theory.md, "Large systems").
+    In the preconditioner, springs between the bodies replace contact. The inner preconditioner
+    approximates the inverse for the bodies with these springs. Contact forces are computed from the
+    law, with an approximate compliance of the contact points (docs/theory.md, "Large systems").
 
     Args:
         inner: preconditioner of the displacements.
@@ -60,7 +60,7 @@ class SpringPreconditioner:
     def compute_length_to_force_factors(self, law: LinearisedContactLaw) -> Array:
         """Return the factors (m, dim) that convert rows of the law from lengths to forces.
 
-        They depend on the stiffness of the springs between the bodies.
+        The factors depend on the stiffness of the springs between the bodies.
         """
         law_size = (
             np.linalg.norm(law.E, axis=2)
@@ -71,9 +71,10 @@ class SpringPreconditioner:
     def factorise_law_and_assemble_springs(
         self, law: LinearisedContactLaw, held_projectors: Array, anchored_projectors: Array
     ) -> PETSc.Mat:
-        """Prepare the law for an active set, and return the stiffness (n, n) of the springs.
+        """Set up the law of an active set, and return the stiffness (n, n) of the springs.
 
-        The law, in which motions are replaced by compliance times force, is factorised.
+        Motions in the law are replaced by compliance times force, and the matrix of the resulting
+        equations for the forces is set up for factorisation.
 
         Args:
             law: linearised law of the active set.
@@ -116,7 +117,7 @@ class SpringPreconditioner:
         destroy_objects(self._ksp)
 
     def _multiply_block_diagonal(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
-        """Return the product of a block-diagonal matrix and another matrix (m dim, ...).
+        """Return the product of a block-diagonal matrix and a matrix (m dim, ...).
 
         The diagonal blocks are `blocks` (m, dim, dim).
         """
@@ -126,17 +127,17 @@ class SpringPreconditioner:
 
 
 class BorderedPreconditioner:
-    """Preconditioner of a system with free translations of surfaces, for a `PETSc.PC` in Python.
+    """Preconditioner of a system with free translations, as the Python context of a `PETSc.PC`.
 
-    The free translations border the matrix with a few rows and columns. They are eliminated by
-    their Schur complement.
+    The free translations of surfaces border the matrix with a few rows and columns. They are
+    eliminated by their Schur complement.
 
     Args:
         inner: preconditioner of the system without border.
-        balance_rows: this process' part (n,) of the matrix row for the force balance of each free
-            translation.
+        balance_rows: for each free translation, the part (n,) that this process owns of the matrix
+            row of its force balance.
         comm: communicator of the system.
-        vector_like: any vector of the system without border, whose layout is used.
+        vector_like: any vector of the system without border, from which the layout is taken.
     """
 
     def __init__(
@@ -151,7 +152,8 @@ class BorderedPreconditioner:
         """Compute the Schur complement of the free translations.
 
         Args:
-            border_columns: this process' part (n,) of the matrix column of each free translation.
+            border_columns: for each free translation, the part (n,) that this process owns of its
+                matrix column.
             springs: stiffness (translations,) of the spring of each free translation.
         """
         self._inner_columns = [
@@ -173,7 +175,7 @@ class BorderedPreconditioner:
         y.array[n:] = U[: len(values) - n]
 
     def _apply_inner_preconditioner(self, values: Array) -> Array:
-        """Return the product (n,) of the inner preconditioner and a vector."""
+        """Apply the inner preconditioner to a vector (n,), and return the result (n,)."""
         self._inner_input.array[:] = values
         self._inner.apply(self._inner_input, self._inner_output)
         return np.array(self._inner_output.array_r)
@@ -231,10 +233,10 @@ class AnchorNodes:
 
 
 def _pick_distant_points(x: Array) -> list[int]:
-    """Return the numbers of up to `dim` of the points x (n, dim) that are far from each other.
+    """Choose up to `dim` of the points x (n, dim) that are far from each other.
 
-    The first point is farthest from the mean position. Each following point is farthest from the
-    affine hull of the points chosen before.
+    The first point is the one farthest from the mean position. Each following point is the one
+    farthest from the affine hull of the points already chosen. The result has their numbers.
     """
     if not len(x):
         return []

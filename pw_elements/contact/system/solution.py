@@ -15,10 +15,10 @@ LinearSolveAccuracy: TypeAlias = Literal["rough", "final", "tightened"]
 
 @dataclass(frozen=True)
 class LocalTangentSolution:
-    """Part of this process in the solution of one contact system.
+    """The part of the solution of one contact system that this process owns.
 
     Args:
-        unknowns: unknowns (n,) of this process, followed by the free motions on the last process.
+        unknowns: unknowns (n,) of this process; on the last process followed by the free motions.
         is_exact: whether round-off alone limits the accuracy.
         is_final: whether the solution is accurate enough to end an increment.
     """

@@ -3,9 +3,9 @@
 The rows are derived in docs/theory.md ("The linear system"). If surfaces may rotate, their motions
 include angles, and a `TorqueMap` sums forces and torques.
 
-The module guarantees that the assembled matrix has the same sparsity pattern for all active sets,
-which is built once before the iteration. `KrylovTangent` assembles no matrix. The module assumes
-that each equation contains the force of at most one component of one contact point.
+The module guarantees that the assembled matrix has one sparsity pattern for all active sets, which
+is built before the iteration. `KrylovTangent` assembles no matrix. The module assumes that each
+equation contains the force of at most one component of one contact point.
 """
 
 from collections.abc import Callable, Sequence
@@ -100,7 +100,7 @@ class ContactTangent(Protocol):
         law: LinearisedContactLaw,
         accuracy: LinearSolveAccuracy,
     ) -> LocalTangentSolution:
-        """Solve for the law of an active set.
+        """Solve the linear system with the linearised law of an active set.
 
         Args:
             rhs: right-hand side (n,) of this process, which may be scaled in place.
@@ -114,15 +114,16 @@ class ContactTangent(Protocol):
         """
 
     def estimate_determinant_signs(self) -> tuple[int, ...]:
-        """Return signs of determinants estimated without factors, the oldest first.
+        """Return the signs of determinants, estimated without factors.
 
-        The result is empty if the solver estimates none.
+        The last sign belongs to the present matrix; the first one is the sign that it should have.
+        The result is empty if the solver makes no such estimates.
         """
 
     def is_constant_pressure_held_by_contact_only(self) -> bool:
         """Return whether a constant pressure in an incompressible body acts on contact points only.
 
-        In this case, the pressure does not follow from the displacements.
+        If it does, the displacements determine the pressure only up to a constant.
         """
 
     def release(self) -> None:
@@ -140,13 +141,13 @@ class ContactSystem:
         K: stiffness (n, n).
         reduction: reduction by the supports.
         interface: contact points of all pairs.
-        free_motions: number of the pair and of the component of each free motion.
+        free_motions: pair index and component index of each free motion.
         solver: solver of the linear systems.
         torque_map: map from motions of the surfaces to velocities of the contact nodes.
 
     Attributes:
         law_scale: stiffness (m,) that converts lengths into forces in the law. It is the mean
-            diagonal stiffness of a point's free components, 1 if there are none.
+            diagonal stiffness of a point's free components, or 1 if there are none.
         springs: stiffness (free,) of the springs of the free motions, see
             `solve_with_softening_springs`.
         stiffness: reduced stiffness.
@@ -237,7 +238,7 @@ class ContactSystem:
     ) -> tuple[sp.csr_matrix, ContactLawRows, CsrArrays]:
         """Return the force rows, the rows of the contact points, and arrays of the whole matrix.
 
-        The force rows are the matrix (m dim, n) that gives the contact forces for displacements.
+        The force rows are the matrix (m dim, n) that turns displacements into contact forces.
         """
         K, equation = self.stiffness, self.interface.equation.ravel()
         sizes = self._reduced_force.getSizes()
@@ -266,7 +267,7 @@ class ContactSystem:
         Explicit zeros are kept, because the sparsity pattern must not depend on values.
 
         Args:
-            force_rows: matrix (m dim, n) that gives the contact forces for displacements.
+            force_rows: matrix (m dim, n) that turns displacements into contact forces.
         """
         (m, dim), torque_map = self._equations.shape, self._torque_map
         row, column, value = ([np.empty(0, dtype)] for dtype in (np.int64, np.int64, float))
@@ -404,7 +405,7 @@ class ContactSystem:
         free_motion_loads: Array,
         torque_map: TorqueMap,
     ) -> tuple[Array, Array]:
-        """Return the right-hand sides of this process' equations (n,) and of all free motions.
+        """Return right-hand sides (n,) of this process' equations and (free,) of all free motions.
 
         Args:
             load: load vector (n_r,), reduced by the supports.
@@ -426,10 +427,10 @@ class ContactSystem:
         return rhs, free_motion_loads + self.sum_forces_by_free_motion(balance)
 
     def convert_force_weights_to_equation_weights(self, force_weights: Array) -> PETSc.Vec:
-        """Return weights of the reduced equations for a weighted sum of nodal contact forces.
+        """Return weights of the reduced equations that give a weighted sum of contact forces.
 
-        The sum of stiffness times displacements with these weights equals the sum of the nodal
-        forces (m, dim) with the weights `force_weights` (m, dim).
+        Let r (m, dim) be the nodal contact forces. The sum of stiffness times displacements,
+        weighted with the result, equals the sum of r weighted with `force_weights` (m, dim).
         """
         has_equation, weights = self._equations >= 0, self.reduction.left.createVecRight()
         weights.array[self._equations[has_equation]] = (force_weights * self._force_factor)[
@@ -440,8 +441,8 @@ class ContactSystem:
     def extract_own_equation_values(self, equation_values: Array) -> Array:
         """Return the values (m, dim) at the contact points' own equations.
 
-        `equation_values` (n,) has one value for each equation of this process. The result is 0 for
-        components without an equation.
+        The array `equation_values` (n,) has one value for each equation of this process. The result
+        is 0 for components without an equation.
         """
         return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
@@ -464,20 +465,21 @@ class ContactSystem:
     def evaluate_relative_point_displacements(self, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) of the contact points relative to the opposite side.
 
-        They are evaluated with the motion operator of the undeformed bodies for all unknowns (n,).
+        They are the product of the undeformed bodies' motion operator and all `unknowns` (n,).
         """
         return np.array((self.interface.motion * unknowns).array_r.reshape(self._equations.shape))
 
     def evaluate_point_motions(self, unknowns: PETSc.Vec) -> Array:
-        """Return the motions (m, p) of the contact points in the law, for all unknowns (n,)."""
+        """Return the p motions (m, p) of each contact point in the law, for all unknowns (n,)."""
         m, dim = self._equations.shape
         n_motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
         return np.array((self._motion * unknowns).array_r.reshape(m, n_motions))
 
     def compute_round_off_scale_of_motions(self, unknowns: PETSc.Vec) -> Array:
-        """Return a size (m, dim) of each point's motion that is a measure of its round-off.
+        """Return magnitudes (m, dim) to which the round-off of the points' motions is proportional.
 
-        It is the product of the magnitudes of the motion operator and of the displacements (n,).
+        They are the products of the absolute values of the motion operator and of all unknowns
+        (n,).
         """
         magnitude = unknowns.copy()
         magnitude.abs()
@@ -486,8 +488,8 @@ class ContactSystem:
     def sum_forces_by_free_motion(self, point_forces: Array) -> Array:
         """Return the sum of the contact points' forces for each free motion (free,); collective.
 
-        `point_forces` (m, k) are the forces of this process' points along the motions of their
-        surfaces.
+        The forces `point_forces` (m, k) of this process' points are components along the k motions
+        of their surfaces.
         """
         pair = self.interface.pair
         sums = np.array([point_forces[pair == k, axis].sum() for k, axis in self.free_motions])
@@ -511,7 +513,7 @@ class ContactSystem:
             q: motions (pairs, k) of the surfaces.
             free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
-            reference_force: reference force.
+            reference_force: force by which the unbalanced forces are divided.
         """
         if not self.free_motions:
             return np.zeros(0)
@@ -527,7 +529,7 @@ class ContactSystem:
         )
 
     def _longest_lever_arms(self, torque_map: TorqueMap) -> Array:
-        """Return the longest lever arm of each free motion (free,), 1 for translations."""
+        """Return the longest lever arm (free,) of each free motion; 1 for translations."""
         arm = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny
         longest = np.array(
@@ -537,14 +539,15 @@ class ContactSystem:
         return longest
 
     def _extract_nodal_forces(self, equation_values: PETSc.Vec) -> Array:
-        """Return the nodal forces (m, dim) that follow from values of the reduced equations.
+        """Return the nodal forces (m, dim) of the contact points in a vector of equation values.
 
-        The result is 0 for components without an equation.
+        The vector has one value, such as a load or residual, for each reduced equation. The result
+        is 0 for components that have no equation because supports prescribe them.
         """
         return self.extract_own_equation_values(equation_values.array_r) * self._force_factor
 
     def _eliminate_forces_at_opposite_nodes(self, equation_values: PETSc.Vec) -> Array:
-        """Return the values (n,) of this process' equations without contact forces.
+        """Return the values (n,) of this process' equations without forces at opposite nodes.
 
         Contact forces are not eliminated from the contact points' own equations, because the law
         replaces these rows.
@@ -564,9 +567,9 @@ class ContactSystem:
 def measure_cost(
     systems: Sequence[ContactSystem], before: SolveCountAndReport = NO_COST
 ) -> SolveCountAndReport:
-    """Return the cost of all solutions with some contact systems since an earlier cost.
+    """Return the cost of all solutions with the given contact systems.
 
-    The report names the method of the last system.
+    The cost `before` is subtracted. The report names the method of the last system.
     """
     n_solves, factorisations, krylov_iterations = 0, 0, 0
     for system in systems:

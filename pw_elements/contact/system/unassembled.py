@@ -1,4 +1,4 @@
-"""The matrix of one active set, which is never assembled: only its products with vectors.
+"""Products of the matrix of one active set with vectors; the matrix is never assembled.
 
 In the product with displacements a and free translations U, the rows of the contact points are
 E r + C G a - D U, the linearised contact law. E, C and D are the coefficients of the law, G a are
@@ -30,7 +30,7 @@ from pw_elements.spaces import SubSpace
 class ContactPointOperators:
     """Operators and factors of the m contact points of this process.
 
-    Each contact point is a node, or its contact force acts on a node.
+    Each contact point is located at a node, on which its contact force acts.
     """
 
     node: Indices  # local number (m,) of the node of each point
@@ -59,10 +59,10 @@ class ContactPointOperators:
         law_scale: Array,
         free_motions: FreeMotionIndices,
     ) -> "ContactPointOperators":
-        """Return the data of the contact points of an interface.
+        """Build the operators and factors for the contact points of an interface; collective.
 
-        `free_motions` contains the number of the pair and of the component of each free motion. The
-        other arguments are the attributes of the same names.
+        `free_motions` contains the pair index and component index of each free motion. All other
+        arguments after `interface` are the attributes of the same names.
         """
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         free_translation = np.full(equations.shape, -1, dtype=np.int64)
@@ -92,9 +92,10 @@ class ContactPointOperators:
         )
 
     def restrict_to_displacements(self, field: SubSpace) -> "ContactPointOperators":
-        """Return a copy for the displacements of a hybrid space, without pressures.
+        """Return a copy that is restricted to the displacements of a hybrid space.
 
-        The copy has no free translations. `field` is the subspace of the displacements.
+        The copy has neither pressures nor free translations. `field` is the subspace of the
+        displacements.
         """
         number = np.full(field.full_sizes[0] + 1, -1, dtype=np.int64)  # number[-1] stays -1
         number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
@@ -116,14 +117,14 @@ class ContactPointOperators:
 
 
 class MatrixFreeContactOperator:
-    """The matrix of the contact system, as a context of `PETSc.Mat.createPython`.
+    """Matrix of the contact system, as the Python context of a `PETSc.Mat`.
 
-    Rows of the contact law replace equations of the contact points, and the force balances of free
-    translations follow.
+    Rows of the contact law replace the equations of the contact points. The last rows are the force
+    balances of free translations.
 
     Args:
         K: stiffness (n, n).
-        free: whether each unknown (n,) of this process is free, not prescribed by a support.
+        free: mask (n,) of the unknowns of this process that no support prescribes.
         points: contact points.
 
     Attributes:
@@ -148,7 +149,7 @@ class MatrixFreeContactOperator:
     def evaluate_motion_terms_of_law(self, x: PETSc.Vec) -> Array:
         """Return the terms (m, dim) of the linearised law that depend on motions, not on forces.
 
-        `x` contains the displacements and the free translations.
+        The vector `x` contains the displacements and the free translations.
         """
         points, displacement = self._points, self._free_displacement
         displacement.array[:] = x.array_r[: self._K.getLocalSize()[1]]

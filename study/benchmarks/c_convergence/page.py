@@ -14,7 +14,7 @@ from study.benchmarks.c_convergence.statics import (
 from study.judge.checks import check
 from study.judge.measures.general import smallest
 from study.judge.measures.known_solutions import largest_ratio_on_meshes, ratio_at_poissons_ratio
-from study.publish.plots.style import CLEAR, FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Results
@@ -243,11 +243,11 @@ def draw_orders(results: Results) -> Figure:
 
     Relative error over the element size, one panel for each kind of error.
     """
-    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.1), sharex=True, layout="constrained")
+    fig, axes = plt.subplots(2, 2, figsize=(PAGE_WIDTH, 3.1), sharex=True, layout="constrained")
     fine, coarse = SLOPE_LINE_RANGE
     for ax, (title, setting, name, slopes) in zip(axes.flat, ERROR_PANELS, strict=True):
         for element in PLOTTED_ELEMENTS:
-            look = dict(LOOK[element])
+            look = dict(ELEMENT_LOOK[element])
             if element == "pw-T6":  # drawn over the standard element
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
             elif element == "pw-Q9":
@@ -265,7 +265,7 @@ def draw_orders(results: Results) -> Figure:
                 fontsize=7,
                 va="center",
                 color="#555555",
-                bbox=CLEAR,
+                bbox=LABEL_BOX,
             )
         ax.set(title=title)
         ax.margins(y=0.12)  # keeps the label of the lowest slope clear of the axis
@@ -312,7 +312,7 @@ def draw_near_incompressibility(results: Results) -> Figure:
 
     Panels: ratio of the errors over Poisson's ratio; both errors over h at 0.4999.
     """
-    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.4), layout="constrained")
+    fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), layout="constrained")
     for name, label, color, marker, nodes in PLOTTED_SCANS:
         pw, galerkin = (
             results.curves(f"C/{element}-{nodes}-nu-{name}") for element in ("pw", "galerkin")

@@ -19,7 +19,7 @@ from study.benchmarks.k_cost.tasks import EXACT_DIGITS, FORCING, Measurement
 from study.judge.checks import check
 from study.judge.measures.general import ratio
 from study.model.units import units_of
-from study.publish.plots.style import FULL, LOOK, plain_ticks
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, set_plain_ticks
 from study.run import records
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -173,7 +173,7 @@ CASES = load_cases()
 
 MACROS = r"""
 {% macro over(mesh, task, name) %}{{ fixed(measure("ratio", key="K/" ~ task ~ "-pw-" ~ mesh, other="K/" ~ task ~ "-galerkin-" ~ mesh, name=name), 1) }}{% endmacro %}
-{% macro power(series, small, large) %}{{ fixed(measure("growth", key="K/" ~ series ~ "-" ~ small ~ "-Iterative", other="K/" ~ series ~ "-" ~ large ~ "-Iterative", name="seconds", over="dofs"), 2) }}{% endmacro %}
+{% macro power(series, small, large) %}{{ fixed(measure("growth_exponent", key="K/" ~ series ~ "-" ~ small ~ "-Iterative", other="K/" ~ series ~ "-" ~ large ~ "-Iterative", name="seconds", over="dofs"), 2) }}{% endmacro %}
 {% set with_bare = ("contact-pw-T10-8-Iterative", "contact-pw-T10-11-Iterative", "contact-pw-T10-16-Iterative", "contact-pw-T10-27-Iterative", "contact-pw-T10-35-Iterative-2") %}
 {% set contacts = [
   ("contact-pw-T10-11-Direct", "direct (LU)"),
@@ -265,7 +265,7 @@ def draw_cost(results: Results) -> Figure:
 
     Upper row: CPU time of three tasks; below: memory of the same.
     """
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.6), sharex="col")
+    fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 3.6), sharex="col")
     for column, (task, title) in zip(axes.T, COST_PANELS.items(), strict=True):
         for element in COST_ELEMENTS:
             for method in LINE_STYLES:
@@ -277,9 +277,9 @@ def draw_cost(results: Results) -> Figure:
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
     for ax in axes[1]:
-        plain_ticks(ax)
+        set_plain_ticks(ax)
     labels = {"Direct": "direct", "Iterative": "Krylov", "CalculiX": "CalculiX"}
-    handles = [Line2D([], [], **LOOK[element]) for element in COST_ELEMENTS]
+    handles = [Line2D([], [], **ELEMENT_LOOK[element]) for element in COST_ELEMENTS]
     handles += [
         Line2D([], [], color="#555555", linestyle=line, label=labels[method])
         for method, line in LINE_STYLES.items()
@@ -301,7 +301,7 @@ def _draw_series(
     if not rows:
         return
     rows.sort(key=lambda row: row["dofs"])
-    look = LOOK[element] | {"linestyle": LINE_STYLES[method]}
+    look = ELEMENT_LOOK[element] | {"linestyle": LINE_STYLES[method]}
     seconds = "whole_seconds" if task == "contact" else "seconds"
     for ax, quantity in zip(column, (seconds, "megabytes"), strict=True):
         ax.plot([row["dofs"] for row in rows], [row[quantity] for row in rows], **look)
@@ -339,7 +339,7 @@ def draw_growth(results: Results) -> Figure:
 
     Panels: CPU time per unknown, memory per unknown; flat is proportional.
     """
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.5))
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5))
     panels = (
         ("seconds", 1e6, "CPU time per unknown / µs"),
         ("megabytes", 1e3, "memory per unknown / kB"),
@@ -351,7 +351,7 @@ def draw_growth(results: Results) -> Figure:
             per_unknown = [unit * row[name] / row["dofs"] for row in rows]
             ax.plot(dofs, per_unknown, color=colour, marker=marker, label=label)
         ax.set(xscale="log", yscale="log", xlabel="unknowns", ylabel=axis_label)
-        plain_ticks(ax)
+        set_plain_ticks(ax)
     handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
     return fig

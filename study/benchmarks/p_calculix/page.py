@@ -18,11 +18,11 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from study.benchmarks.p_calculix.standard_elements import against_standard, implied_parameters
 from study.judge.checks import check
-from study.judge.measures.peers import peer_standard, peer_worst
+from study.judge.measures.peers import largest_peer_difference, peer_standard_difference
 from study.model.discretisation import Discretisation, discretise
 from study.model.units import dimensionless, units_of
 from study.paper import s7_1_two_triangles, s7_6_buckling
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -56,9 +56,9 @@ SHORT_FACTS = {
     "uncertainty": "its penalties, as stiff as it allows",
 }
 MACROS = r"""
-{% macro p(name, component, cases) %}{{ num(measure("peer_worst", name=name, component=component, cases=cases), 2) }}{% endmacro %}
+{% macro p(name, component, cases) %}{{ num(measure("largest_peer_difference", name=name, component=component, cases=cases), 2) }}{% endmacro %}
 {% macro d(case, rule, name, digits=2) %}{{ num(s("P/" ~ case, rule ~ "_" ~ name), digits) }}{% endmacro %}
-{% macro up(name, component, cases) %}{{ most(measure("peer_worst", name=name, component=component, cases=cases)) }}{% endmacro %}
+{% macro up(name, component, cases) %}{{ most(measure("largest_peer_difference", name=name, component=component, cases=cases)) }}{% endmacro %}
 {% set friction = ["block-friction-0.15", "block-friction-0.30"] %}
 """
 
@@ -413,10 +413,10 @@ def draw_peer_forces(results: Results) -> Figure:
     """
     curves, mean = results.curves(DRAWN_CASE), results.scalar(DRAWN_CASE, "mean_force")
     heights = {"height_ratios": (3, 2)}
-    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.1), sharex=True, gridspec_kw=heights)
+    fig, axes = plt.subplots(2, 2, figsize=(PAGE_WIDTH, 3.1), sharex=True, gridspec_kw=heights)
     for (above, below), (name, title) in zip(axes.T, COMPONENTS, strict=True):
         for peer, element, label in DRAWN_PAIRS:
-            look, peer_force = LOOK[element], curves[f"{peer}_{name}"] / mean
+            look, peer_force = ELEMENT_LOOK[element], curves[f"{peer}_{name}"] / mean
             force = curves[f"{element}_{name}"] / mean
             line = {"color": look["color"], "label": look["label"]}
             above.plot(curves["x"], force, lw=1.0, **line)
@@ -456,7 +456,7 @@ def describe_peer_forces(results: Results) -> str:
     """Return the alternative text, with forces in the middle of the block."""
     curves, mean = results.curves(DRAWN_CASE), results.scalar(DRAWN_CASE, "mean_force")
     values = "; ".join(
-        f"{LOOK[element]['label']}: {corner:.2f} at a corner and {midside:.2f} at a mid-side node"
+        f"{ELEMENT_LOOK[element]['label']}: {corner:.2f} at a corner and {midside:.2f} at a mid-side node"
         for _, element, _ in DRAWN_PAIRS
         for corner, midside in [curves[f"{element}_normal"][18:20] / mean]
     )
@@ -483,7 +483,7 @@ CHECKS = [
     check(
         "P-normal",
         "Node by node, CalculiX's normal contact forces are those of our standard element.",
-        lambda results: peer_worst(results, name="raw", component="normal"),
+        lambda results: largest_peer_difference(results, name="raw", component="normal"),
         "=",
         0.0,
         tolerance=0.02,
@@ -496,7 +496,7 @@ CHECKS = [
         "P-transferred",
         "T times CalculiX's normal contact forces is what the new element gives, with "
         "friction everywhere and without.",
-        lambda results: peer_worst(
+        lambda results: largest_peer_difference(
             results,
             name="transferred",
             component="normal",
@@ -515,7 +515,7 @@ CHECKS = [
         "P-reduced-contact",
         "Frictionless forces at contact nodes, partly lifted off, are CalculiX's under its "
         "quadrature rule: axisymmetric and solid elements.",
-        lambda results: peer_standard(
+        lambda results: peer_standard_difference(
             results,
             rule="reduced",
             name="force_normal",
@@ -535,9 +535,9 @@ CHECKS = [
 
 FINDINGS = r"""
 **Finding.** The standard element is the same in both programs: forces differ by at most
-{{ most(measure("peer_worst", name="raw", component="normal"), 1) }} % (normal) and
-{{ most(measure("peer_worst", name="raw", component="tangential", cases=friction), 1) }} % (tangential), critical stresses
-by a relative {{ num(measure("peer_critical_stress", element="galerkin-T6"), 1) }}. $\boldsymbol{T}$ turns CalculiX's forces
+{{ most(measure("largest_peer_difference", name="raw", component="normal"), 1) }} % (normal) and
+{{ most(measure("largest_peer_difference", name="raw", component="tangential", cases=friction), 1) }} % (tangential), critical stresses
+by a relative {{ num(measure("peer_critical_stress_difference", element="galerkin-T6"), 1) }}. $\boldsymbol{T}$ turns CalculiX's forces
 into those of the new element to {{ p("transferred", "normal", ["block-even", "block-part"]) }} % where there is neither
 friction nor lift-off. At the edges of contact zones it cannot, since it mixes the force of a slipping node with that of a
 sticking one; $\boldsymbol{T}$ times our own standard element shows the same difference. With its surface-to-face contact,
@@ -547,7 +547,7 @@ CalculiX itself returns {{ num(s("P/block-native", "corner"), 2) }} of a uniform
 
 FURTHER_FINDINGS = r"""
 1. The reactions of the two triangles differ by {{ num(100 * s("P/two-triangles", "raw_normal"), 1) }} %. Elsewhere than at
-   the edges of zones the differences are at most {{ most(measure("peer_worst", name="elsewhere", component="normal")) }} %
+   the edges of zones the differences are at most {{ most(measure("largest_peer_difference", name="elsewhere", component="normal")) }} %
    and {{ up("elsewhere", "tangential", friction) }} %.
 2. **CalculiX's plane-stress triangle** without this substitution, with a thickness of one, changes the contact forces by
    {{ p("raw", "normal", ["block-part-CPS6"]) }} %; a hundred times thinner, by
@@ -569,7 +569,7 @@ friction) to the mean nodal force.
 
 1. **Quadrature explains the differences.** With CalculiX's points, eigenvalues, buckling pressures (plane strain) and
    reactions agree to all seven printed digits. With exact quadrature they differ by up to
-   {{ num(measure("peer_standard", rule="exact", name="eigenvalue", cases=["frequencies-CAX6", "frequencies-C3D10", "frequencies-C3D10-curved"]), 2) }}
+   {{ num(measure("peer_standard_difference", rule="exact", name="eigenvalue", cases=["frequencies-CAX6", "frequencies-C3D10", "frequencies-C3D10-curved"]), 2) }}
    (eigenvalues), {{ d("statics-C3D10-curved", "exact", "reaction") }} (reactions of curved tetrahedra) and
    {{ d("contact-CAX6", "exact", "force_normal") }} (contact forces of CAX6): rules with three and four points are exact to
    degree 2, which suffices for the stiffness of straight CPE6 and C3D10 elements, but not for their mass or for any

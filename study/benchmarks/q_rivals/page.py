@@ -39,7 +39,7 @@ from study.judge.checks import check
 from study.judge.measures.general import ratio
 from study.judge.measures.rivals import rival_extreme, rival_ratio
 from study.model.units import dimensionless, units_of
-from study.publish.plots.style import BESIDE, SIDE, plain_ticks
+from study.publish.plots.style import PAIR_NARROW_WIDTH, PAIR_WIDE_WIDTH, set_plain_ticks
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.sources import collect_imported_sources
@@ -450,7 +450,7 @@ def draw_error_over_parameter(results: Results) -> Figure:
 
     Means of two positions, with a gap where one of them has no solution.
     """
-    fig, ax = plt.subplots(figsize=(SIDE, 1.7))
+    fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 1.7))
     for method in METHODS_DRAWN_OVER_PARAMETER:
         curves = [results.curves(f"Q/{method}-16-{offset}") for offset in CONTACT_OFFSETS]
         errors = np.array([sweep["sweep_l2"] for sweep in curves])
@@ -461,7 +461,7 @@ def draw_error_over_parameter(results: Results) -> Figure:
     style = {key: METHOD_STYLES["pw-T6"][key] for key in ("color", "label")}
     ax.axhline(100 * sum(new) / len(new), linestyle="--", **style)
     ax.set(xlabel="parameter", ylabel="L2 error / %")
-    plain_ticks(ax)
+    set_plain_ticks(ax)
     fig.legend(
         *ax.get_legend_handles_labels(),
         loc="outside lower center",
@@ -478,13 +478,13 @@ def draw_error_over_offset(results: Results) -> Figure:
 
     One line for each method.
     """
-    fig, ax = plt.subplots(figsize=(BESIDE, 1.7))
+    fig, ax = plt.subplots(figsize=(PAIR_WIDE_WIDTH, 1.7))
     for method in METHODS_DRAWN_OVER_OFFSET:
         curves = results.curves(f"Q/offsets-{method}")
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **METHOD_STYLES[method])
     ax.set(xlabel="position of the contact's edge in an element", ylabel="L2 error / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
-    plain_ticks(ax)
+    set_plain_ticks(ax)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
@@ -577,9 +577,9 @@ CHECKS = [
 
 FINDINGS = r"""
 1. *Without friction the new element only changes how forces are read.* Where the same nodes are in contact
-   ({{ fixed(measure("same_contacts", method="pw-T6", other="snes-vi"), 0) }} of 6 meshes), its displacements are the
+   ({{ fixed(measure("n_meshes_with_same_contact", method="pw-T6", other="snes-vi"), 0) }} of 6 meshes), its displacements are the
    standard element's to
-   {{ num(measure("rivals_apart", method="pw-T6", other="snes-vi", name="node_displacement", same_nodes=True), 1) }}.
+   {{ num(measure("largest_rival_difference", method="pw-T6", other="snes-vi", name="node_displacement", same_nodes=True), 1) }}.
 2. *The table's two positions favour it.* There its error is the smallest. With contact ending at eight positions in
    an element its mean is {{ over_positions("pw-T6") }} %, the standard element's {{ over_positions("snes-vi") }}, symmetric Nitsche's
    {{ over_positions("nitsche-symmetric") }} and **skew-symmetric Nitsche's {{ over_positions("nitsche-skew") }} %**
@@ -588,12 +588,12 @@ FINDINGS = r"""
    {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner", largest=False), 1) }}
    to {{ fixed(measure("rival_ratio", method="pw-T6", other="nitsche-symmetric", name="pressure_l2_inner"), 1) }} times at
    its best parameter, 10. At 1 it is useless
-   ({{ fixed(100 * measure("sweep_at", method="nitsche-symmetric", edges=16, parameter=1.0), 0) }} %), at 100 worse than the
-   new element ({{ num(100 * measure("sweep_at", method="nitsche-symmetric", edges=16, parameter=100.0), 2) }} %). At 0.01
-   the skew form still has {{ num(100 * measure("sweep_at", method="nitsche-skew", edges=16, parameter=0.01), 2) }} %; large
+   ({{ fixed(100 * measure("largest_sweep_error", method="nitsche-symmetric", edges=16, parameter=1.0), 0) }} %), at 100 worse than the
+   new element ({{ num(100 * measure("largest_sweep_error", method="nitsche-symmetric", edges=16, parameter=100.0), 2) }} %). At 0.01
+   the skew form still has {{ num(100 * measure("largest_sweep_error", method="nitsche-skew", edges=16, parameter=0.01), 2) }} %; large
    parameters turn both into a penalty ({{ ref("q_parameters") }}).
 4. *Proximal Galerkin with a linear latent variable is the mortar method with linear multipliers* {{ cite("keith") }}, to
-   {{ num(measure("rivals_apart", method="proximal-p1", other="mortar-p1", name="pressure"), 1) }} of the pressure, for
+   {{ num(measure("largest_rival_difference", method="proximal-p1", other="mortar-p1", name="pressure"), 1) }} of the pressure, for
    {{ fixed(measure("rival_mean", method="proximal-p1", edges=16, name="factorisations") / measure("rival_mean", method="mortar-p1", edges=16, name="factorisations"), 0) }}
    times the factorisations and two parameters.
 5. *What sets the new element apart* is even nodal forces: every other method with quadratic test functions has forces of

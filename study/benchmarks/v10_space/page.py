@@ -42,7 +42,7 @@ from study.model.vocabulary import (
     STICK,
     UNDEFINED_READING_NOTE,
 )
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -396,7 +396,7 @@ def draw_stick_zones(results: Results) -> Figure:
 
     One panel per element, with half of the contact.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.2), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.2), sharex=True, sharey=True)
     angle = np.linspace(0, np.pi, 201)
     for ax, element, key in zip(axes, PLOT_TETRAHEDRA, MINDLIN_KEYS, strict=True):
         curves = results.curves(key)
@@ -438,7 +438,7 @@ def draw_tractions_over_radius(results: Results) -> Figure:
 
     Panels: sphere, flat punch, shear of partial slip; one marker per node with a weight.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5))
     panels = (
         (SPHERE_CASE, "pressure", "(a) rigid sphere"),
         (PUNCH_CASE, "pressure", "(b) rigid flat punch"),
@@ -448,7 +448,7 @@ def draw_tractions_over_radius(results: Results) -> Figure:
         for element in PLOT_ELEMENTS_BY_CASE[case]:
             curves = results.curves("V10/" + case.format(element))
             r = np.hypot(*curves["x"][:, :2].T)
-            look = LOOK[element] | {"linestyle": "none", "markersize": 2.5, "zorder": 2}
+            look = ELEMENT_LOOK[element] | {"linestyle": "none", "markersize": 2.5, "zorder": 2}
             ax.plot(r, curves[quantity], **look)
         ax.set(title=title, xlabel="$r/a$", xlim=(0, 1.15))
     r = np.linspace(0, 1, 401)[:-1]
@@ -457,7 +457,7 @@ def draw_tractions_over_radius(results: Results) -> Figure:
     in_stick_zone = np.sqrt(np.maximum(0, 1 - (r / STICK_ZONE_RADIUS) ** 2))
     shear = 0.4 * (hertz - STICK_ZONE_RADIUS * in_stick_zone)
     for ax, exact in zip(axes, (hertz, flat_punch, shear), strict=True):
-        ax.plot(r, exact, **(LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
+        ax.plot(r, exact, **(ELEMENT_LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
     axes[0].set(ylabel="traction / $p_0$ of the sphere", ylim=(0, 1.1))
     axes[1].set(ylim=(0, 1.4))
     axes[2].set(ylim=(0, 0.3))
@@ -481,7 +481,7 @@ def draw_pressure_errors(results: Results) -> Figure:
 
     One panel per element, with a quarter of the contact.
     """
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.0), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 4.0), sharex=True, sharey=True)
     for ax, element, key in zip(axes.flat, ELEMENTS, SPHERE_KEYS, strict=True):
         curves = results.curves(key)
         error = 100 * (curves["pressure"] - curves["exact_pressure"])

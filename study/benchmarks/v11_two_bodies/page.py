@@ -23,7 +23,7 @@ from study.benchmarks.v11_two_bodies.problems import (
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.model.vocabulary import OWN_FUNCTION_READING, TWO_BODY_METHODS
-from study.publish.plots.style import FULL, WAY_LOOK
+from study.publish.plots.style import METHOD_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -240,14 +240,14 @@ def draw_pressures(results: Results) -> Figure:
     One panel per problem and method; lines are exact.
     """
     fig, axes = plt.subplots(
-        2, len(TWO_BODY_METHODS), figsize=(FULL, 3.1), sharex=True, sharey=True
+        2, len(TWO_BODY_METHODS), figsize=(PAGE_WIDTH, 3.1), sharex=True, sharey=True
     )
     s = np.linspace(0, 1, 401)
     for row, (problem, title) in zip(axes, PRESSURE_PANELS.items(), strict=True):
         for ax, method in zip(row, TWO_BODY_METHODS, strict=True):
             curves = results.curves("V11/" + problem.format(method))
             r = np.linalg.norm(curves["x"][:, :-1], axis=1)
-            look = WAY_LOOK[method] | {"linestyle": "none", "markersize": 2.0}
+            look = METHOD_LOOK[method] | {"linestyle": "none", "markersize": 2.0}
             ax.plot(r, curves["pressure"], **look)
             ax.plot(s, np.sqrt(1 - s**2), color="black", linewidth=0.8)
             ax.set(xlim=(-0.03, 1.25), ylim=PRESSURE_RANGE)
@@ -286,7 +286,7 @@ def draw_nodal_forces(results: Results) -> Figure:
 
     One panel per method: the slave's forces upwards, the master's downwards.
     """
-    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.6), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.6), sharex=True, sharey=True)
     for ax, method in zip(axes, FORCE_METHODS, strict=True):
         curves = results.curves(f"V11/hertz-2d-{method}-8")
         scale = np.abs(curves["opposite_force"]).max()
@@ -296,7 +296,7 @@ def draw_nodal_forces(results: Results) -> Figure:
         ):
             order = np.argsort(x[:, 0])
             near = order[x[order, 0] < 1.4]
-            look = WAY_LOOK[method] | {"markersize": 3, "linewidth": 0.7, "label": None}
+            look = METHOD_LOOK[method] | {"markersize": 3, "linewidth": 0.7, "label": None}
             face = look["color"] if filled else "white"
             ax.plot(x[near, 0], force[near] / scale, **look, markerfacecolor=face)
         ax.axhline(0, color="black", linewidth=0.6)
@@ -317,7 +317,7 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
 
     Panels: L2 error, largest inner error, least force.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     panels = {
         "pressure_l2": "(a) pressure, L2 error",
         "pressure_error": "(b) largest error, $x < 0.8\\,a$",
@@ -327,7 +327,7 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
             errors = [
                 results.scalar(f"V11/hertz-2d-{method}-{n}", name) for n in EDGES_OVER_HALF_WIDTH
             ]
-            ax.plot(EDGES_OVER_HALF_WIDTH, errors, **WAY_LOOK[method])
+            ax.plot(EDGES_OVER_HALF_WIDTH, errors, **METHOD_LOOK[method])
         ax.set(xscale="log", yscale="log", xlabel="edges over half width")
         ax.set_title(title, fontsize=8)
         ax.set_xticks(EDGES_OVER_HALF_WIDTH, [str(n) for n in EDGES_OVER_HALF_WIDTH], minor=False)
@@ -338,7 +338,7 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
             results.scalar(f"V11/hertz-2d-{method}-16-ratio{ratio}", "master_force_least")
             for ratio in EDGE_RATIOS
         ]
-        axes[2].plot(EDGE_RATIOS, smallest_forces, **WAY_LOOK[method])
+        axes[2].plot(EDGE_RATIOS, smallest_forces, **METHOD_LOOK[method])
     axes[2].set(xscale="log", xlabel="slave's edge over master's")
     axes[2].set_xticks(EDGE_RATIOS, ["1/2", "1", "2"], minor=False)
     axes[2].minorticks_off()
@@ -508,14 +508,14 @@ FURTHER_FINDINGS = r"""
    ({{ num(s("V11/cattaneo-pw-dual-16", "balance_moment"), 2) }} in partial slip, evaluated in the undeformed
    configuration).
 8. **Tensile nodal forces.** Where the pressure varies slowly, all forces on the master are compressive: the smallest is
-   {{ fixed(measure("least", section="V11", cases=".*-pw-dual.*", name="master_force_min"), 2) }} of the mean. Near the
+   {{ fixed(measure("minimum", section="V11", cases=".*-pw-dual.*", name="master_force_min"), 2) }} of the mean. Near the
    edge of the contact zone the duals change sign: for a slave whose edges are half as long as the master's, equally long
    and twice as long, the smallest force is
    {{ fixed(100 * s("V11/hertz-2d-pw-dual-16-ratio0.5", "master_force_least"), 1) }},
    {{ fixed(100 * s("V11/hertz-2d-pw-dual-16-ratio1.0", "master_force_least"), 1) }} and
    {{ fixed(100 * s("V11/hertz-2d-pw-dual-16-ratio2.0", "master_force_least"), 1) }} % of the mean. No force is tensile
    around nodes where the slave's pressures differ by less than a factor of two: the smallest is
-   {{ fixed(measure("least", section="V11", cases="(hertz|cattaneo|unequal|r0094).*-pw-dual.*|spheres-pw-dual-5.*", name="master_force_slow"), 2) }}
+   {{ fixed(measure("minimum", section="V11", cases="(hertz|cattaneo|unequal|r0094).*-pw-dual.*|spheres-pw-dual-5.*", name="master_force_slow"), 2) }}
    of the mean.
 9. **CalculiX.** Its mortar method passes the patch test to all the digits that it writes, and its penalty method to
    {{ num(s("V11/patch-3d-calculix-surface", "pressure_error"), 1) }}; with either, corners of the tetrahedra receive no

@@ -47,7 +47,7 @@ from study.meshes.mesh_families import (
 from study.model.reading import error_norms_on_common_and_other_nodes, with_transferred_weights
 from study.model.units import dimensionless
 from study.model.vocabulary import OWN_FUNCTION_READING, UNDEFINED_READING_NOTE
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -419,9 +419,9 @@ def draw_impact(results: Results) -> Figure:
 
     Panels: mean pressures of inner nodes in order; total force; error of the frequency.
     """
-    fig, (pressures, total, errors) = plt.subplots(1, 3, figsize=(FULL, 2.5))
+    fig, (pressures, total, errors) = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5))
     for scheme, (label, element, dashes) in PLOT_SERIES.items():
-        look = {"color": LOOK[element]["color"], "linestyle": dashes, "lw": 1.1}
+        look = {"color": ELEMENT_LOOK[element]["color"], "linestyle": dashes, "lw": 1.1}
         curves = results.curves(PLOT_BAR_KEY.format(scheme))
         p = np.sort(curves["pressure"])
         pressures.plot((np.arange(len(p)) + 0.5) / len(p), p, label=label, **look)
@@ -429,9 +429,9 @@ def draw_impact(results: Results) -> Figure:
         mean = np.convolve(curves["total"], np.full(n_steps, 1 / n_steps), "same")
         total.plot(curves["time"], mean, **look)
         cube = results.curves(PLOT_CUBE_KEY.format(scheme))
-        marker = LOOK[element]["marker"]
+        marker = ELEMENT_LOOK[element]["marker"]
         errors.loglog(cube["size"], 100 * np.abs(cube["error"]), marker=marker, ms=3, **look)
-    exact = LOOK["exact"]["color"]
+    exact = ELEMENT_LOOK["exact"]["color"]
     pressures.axhline(1, color=exact, lw=0.7, zorder=0)
     total.plot([0, 0, 8, 8, 9], [0, 1, 1, 0, 0], color=exact, lw=0.7, zorder=0)
     pressures.set(

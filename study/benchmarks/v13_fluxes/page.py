@@ -36,7 +36,7 @@ from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_e
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar, smallest
 from study.model.units import dimensionless
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -394,10 +394,10 @@ DETAILS = r"""
 """
 
 PLOT_LOOKS = {
-    "standard": LOOK["galerkin-T6"] | {"label": "standard T6"},
+    "standard": ELEMENT_LOOK["galerkin-T6"] | {"label": "standard T6"},
     "own": {"color": "#B87A00", "marker": "s", "label": "standard T6, own-function"},
-    "transferred": LOOK["transferred-T10"] | {"label": "standard T6, times T"},
-    "pw": LOOK["pw-T6"] | {"label": "new T6"},
+    "transferred": ELEMENT_LOOK["transferred-T10"] | {"label": "standard T6, times T"},
+    "pw": ELEMENT_LOOK["pw-T6"] | {"label": "new T6"},
 }
 PLOT_SIZES = (16, 32, 64)
 """Elements along a side of the graded wall."""
@@ -410,7 +410,7 @@ def draw_fluxes(results: Results) -> Figure:
 
     Panels: fluxes along a side of the square and of the graded wall, largest errors of the wall.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3))
     for ax, key, axis in ((axes[0], PLOT_SQUARE_KEY, 0), (axes[1], PLOT_WALL_KEY, 1)):
         for way, look in PLOT_LOOKS.items():
             curves = results.curves(key.format(way))
@@ -418,7 +418,7 @@ def draw_fluxes(results: Results) -> Figure:
             x, style = curves["x"][:, axis], "-" if way == "standard" else "none"
             small = {"markersize": 2.5, "linewidth": 0.6, "linestyle": style}
             ax.plot(x, curves["flux"] / size, **look | small)
-        exact = LOOK["exact"] | {"linewidth": 0.8, "zorder": 3}
+        exact = ELEMENT_LOOK["exact"] | {"linewidth": 0.8, "zorder": 3}
         ax.plot(x, curves["exact_flux"] / size, **exact)
     curves = results.curves(PLOT_TREFFTZ_KEY)
     size = np.abs(curves["exact_flux"]).max()

@@ -32,7 +32,7 @@ from study.judge.checks import check
 from study.judge.measures.general import scalar, smallest
 from study.model.discretisation import spaces
 from study.model.units import dimensionless
-from study.publish.plots.style import FULL, LOOK, mesh_plot
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, plot_mesh
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -363,16 +363,16 @@ LEFT_COLOUR, RIGHT_COLOUR, SUM_COLOUR, FAR_COLOUR, NODAL_LOADS_COLOUR = (
 
 def draw_punch(results: Results) -> Figure:
     """Rubber below a sticking punch: the deformed block, nodal forces, Newton's corrections."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5), width_ratios=(1.3, 1, 1))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5), width_ratios=(1.3, 1, 1))
     curves = results.curves("V14/punch-pw-T6-4")
-    mesh_plot(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
+    plot_mesh(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
     axes[0].set(title="(a) deformed block", xlabel="$x$", ylabel="$y$", yticks=(0, 1))
     axes[0].set(xticks=(-1, 0, 1), xlim=(-1.15, 1.25))
     for element in PLOT_ELEMENTS:
         curves = results.curves(f"V14/punch-{element}-8")
-        axes[1].plot(curves["x"], curves["force"], **LOOK[element] | {"linewidth": 0.8})
+        axes[1].plot(curves["x"], curves["force"], **ELEMENT_LOOK[element] | {"linewidth": 0.8})
         corrections = curves["corrections"]
-        axes[2].semilogy(np.arange(1, len(corrections) + 1), corrections, **LOOK[element])
+        axes[2].semilogy(np.arange(1, len(corrections) + 1), corrections, **ELEMENT_LOOK[element])
     axes[1].set(title="(b) below the punch", xlabel="$x$", ylim=(0, None))
     axes[1].set_ylabel("nodal force / mean")
     axes[1].legend(loc="lower center", fontsize=6.5)
@@ -386,7 +386,7 @@ def draw_moments(results: Results) -> Figure:
 
     Panels: contribution of triangles around the ends of the punch; orders elsewhere.
     """
-    fig, (ends, orders) = plt.subplots(1, 2, figsize=(FULL, 2.8), width_ratios=(1, 1.15))
+    fig, (ends, orders) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), width_ratios=(1, 1.15))
 
     def defects(suffix: str, key: str, sizes: tuple[int, ...]) -> np.ndarray:
         return np.array([results.scalar(key.format(n), f"moment_defect{suffix}") for n in sizes])
@@ -434,7 +434,7 @@ def draw_moments(results: Results) -> Figure:
 
 
 def _colour_and_marker(element: str) -> tuple[str, str]:
-    return LOOK[element]["color"], LOOK[element]["marker"]
+    return ELEMENT_LOOK[element]["color"], ELEMENT_LOOK[element]["marker"]
 
 
 FIGURES = [
@@ -507,8 +507,8 @@ CHECKS = [
 
 FINDINGS = r"""
 Newton's method converges as fast as with the standard element (order by the last three corrections,
-{{ fixed(measure("least", section="V14", cases="punch-pw-.*", name="newton_rate"), 1) }} at least;
-{{ fixed(measure("least", section="V14", cases="punch-galerkin-.*", name="newton_rate"), 1) }} with the standard one) and
+{{ fixed(measure("minimum", section="V14", cases="punch-pw-.*", name="newton_rate"), 1) }} at least;
+{{ fixed(measure("minimum", section="V14", cases="punch-galerkin-.*", name="newton_rate"), 1) }} with the standard one) and
 takes as many iterations as with the standard element ({{ fixed(s("V14/punch-pw-T6-16", "newton_iterations"), 0) }}).
 Forces are even: the ratio of mid-side to corner force is {{ fixed(s("V14/punch-pw-T6-16", "sawtooth"), 3) }} against
 {{ fixed(s("V14/punch-galerkin-T6-16", "sawtooth"), 3) }}. The price is a small residual moment. A virtual rotation of the

@@ -24,7 +24,7 @@ from study.benchmarks.v15_incompressible.fields import (
 )
 from study.judge.checks import check
 from study.judge.measures.general import lowest_order, scalar
-from study.publish.plots.style import FULL, LOOK, plain_ticks
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, set_plain_ticks
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -235,24 +235,24 @@ def draw_errors_and_hertz_pressure(results: Results) -> Figure:
 
     Panels: errors of gradients and of pressure on the square; pressure below the parabola.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     for element in PLANE_ELEMENTS:
         cases = [f"V15/square-{element}-0.4999-{n}" for n in CELLS_PER_SIDE]
         for ax, name in zip(axes, ("h1_error", "pressure_error"), strict=False):
             errors = [100 * results.scalar(case, name) for case in cases]
             # curves of new and standard elements coincide
             new = {"markerfacecolor": "none", "markersize": 8, "linestyle": ":"}
-            look = LOOK[element] | (new if element.startswith("pw") else {"markersize": 4})
+            look = ELEMENT_LOOK[element] | (new if element.startswith("pw") else {"markersize": 4})
             ax.loglog(CELLS_PER_SIDE, errors, **look)
         curves = results.curves(f"V15/hertz-{element}-8")
-        look = LOOK[element] | {"linestyle": "none", "markersize": 4, "zorder": 2}
+        look = ELEMENT_LOOK[element] | {"linestyle": "none", "markersize": 4, "zorder": 2}
         axes[2].plot(curves["x"], curves["pressure"] / curves["exact_pressure"].max(), **look)
     s = np.linspace(0, 1, 401)
-    axes[2].plot(s, np.sqrt(1 - s**2), **(LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
+    axes[2].plot(s, np.sqrt(1 - s**2), **(ELEMENT_LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
     titles = ("(a) square: H1 error / %", "(b) square: pressure error / %")
     for ax, title in zip(axes, titles, strict=False):
         ax.set(title=title, xlabel="cells along a side")
-        plain_ticks(ax)
+        set_plain_ticks(ax)
         ax.set_xticks(CELLS_PER_SIDE, map(str, CELLS_PER_SIDE))
         ax.set_xticks([], minor=True)
     axes[2].set(
@@ -267,16 +267,18 @@ def draw_shear_and_stability(results: Results) -> Figure:
 
     Panels: shear below a parabola, its largest value over the mesh, inf-sup constants.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     for element, sides in PLOT_MESHES_OF_PRESSING.items():
         curves = results.curves(f"V15/presses-{element}-16")
         small = {"markersize": 3, "linewidth": 0.6}
-        axes[0].plot(curves["x"], curves["shear"], **(LOOK[element] | small))
+        axes[0].plot(curves["x"], curves["shear"], **(ELEMENT_LOOK[element] | small))
         largest = [
             results.scalar(f"V15/presses-{element}-{n}", "shear_spurious_inner") for n in sides
         ]
-        axes[1].loglog(sides, largest, **(LOOK[element] | {"markersize": 4}))
-    axes[0].axhline(0.0, **(LOOK["exact"] | {"marker": "", "linewidth": 0.8, "label": None}))
+        axes[1].loglog(sides, largest, **(ELEMENT_LOOK[element] | {"markersize": 4}))
+    axes[0].axhline(
+        0.0, **(ELEMENT_LOOK["exact"] | {"marker": "", "linewidth": 0.8, "label": None})
+    )
     axes[0].set(title="(a) shear / ($\\mu p_0$)", xlabel="$x/a$", xlim=(0, 1.1))
     axes[1].set(title="(b) largest, $x < 0.8\\,a$", xlabel="elements over $a$", ylim=(0.015, 3))
     axes[1].set_xticks(
@@ -288,7 +290,7 @@ def draw_shear_and_stability(results: Results) -> Figure:
         for kind, line in (("galerkin", "--"), ("pw", "-")):
             element = f"{kind}-hybrid-{cell}"
             values = [results.scalar(f"V15/infsup-{element}-{n}", "inf_sup") for n in sides]
-            look = LOOK[element] | {"markersize": 5, "linestyle": line, "linewidth": 0.8}
+            look = ELEMENT_LOOK[element] | {"markersize": 5, "linestyle": line, "linewidth": 0.8}
             axes[2].semilogx(sides, values, **look)
     axes[2].set(title="(c) inf-sup constant", xlabel="cells along a side", ylim=(0, 0.5))
     axes[2].set_xticks((2, 4, 8, 16, 32), ("2", "4", "8", "16", "32"))
@@ -303,7 +305,7 @@ def draw_seal(results: Results) -> Figure:
 
     Panels: the deformed cord and its pressure, nodal forces, force over squeeze.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.7), width_ratios=(1.25, 1, 1))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.7), width_ratios=(1.25, 1, 1))
     curves = results.curves("V15/seal-pw-hybrid-T6-8")
     x, y = curves["deformed"].T
     triangles = curves["cells"][:, SUB_TRIANGLE_NODES].reshape(-1, 3)
@@ -321,7 +323,7 @@ def draw_seal(results: Results) -> Figure:
     axes[0].grid(visible=False)
     for element in HYBRID_T6:
         curves = results.curves(f"V15/seal-{element}-8")
-        look = LOOK[element] | {"linewidth": 0.7, "markersize": 4}
+        look = ELEMENT_LOOK[element] | {"linewidth": 0.7, "markersize": 4}
         axes[1].plot(curves["x"], curves["nodal_force"], **look)
         axes[2].plot(curves["squeeze"], curves["force"], **(look | {"linestyle": "none"}))
     axes[1].set(title="(b) nodal force / mean", xlabel="$r$", ylim=(0, None))

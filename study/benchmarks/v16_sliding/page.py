@@ -31,7 +31,7 @@ from study.judge.measures.general import scalar
 from study.meshes.line_mesh import mesh_along_lines
 from study.meshes.mesh_lines import growing_lines
 from study.meshes.solid_meshes import mesh_box
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -412,7 +412,7 @@ TOOL_COLOUR, NOMINAL_COLOUR, MESH_COLOUR = "#8A8A8A", "#B87A00", "#333333"
 
 def draw_ironing(results: Results) -> Figure:
     """Rubber ironed by a cylinder: the deformed block, nodal forces, pressures."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5), width_ratios=(1.25, 1, 1))
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5), width_ratios=(1.25, 1, 1))
     curves = results.curves(COARSE_KEY.format("pw-T6"))
     axes[0].add_patch(Circle((0.6, 0.5), 1.0, color=TOOL_COLOUR, alpha=0.35, lw=0))
     x, y = curves["nodes"].T
@@ -428,14 +428,17 @@ def draw_ironing(results: Results) -> Figure:
     for element in PLOT_ELEMENTS:
         curves = results.curves(COARSE_KEY.format(element))
         shown = _contact_node_slice(curves["status"])
-        look = LOOK[element] | {"linewidth": 0.8, "markersize": 3}
+        look = ELEMENT_LOOK[element] | {"linewidth": 0.8, "markersize": 3}
         axes[1].plot(curves["place"][shown, 0], curves["force_n"][shown], **look)
     axes[1].set(title="(b) forces of nodes", xlabel="$x/R$", ylim=(0, None))
     axes[1].set_ylabel("normal force / $GR$")
     axes[1].legend(loc="lower center", fontsize=6.5)
     curves = results.curves(FINE_KEY)
     shown = _contact_node_slice(curves["status"])
-    x, look = curves["place"][shown, 0], LOOK["pw-T6"] | {"label": "true", "markersize": 2.5}
+    x, look = (
+        curves["place"][shown, 0],
+        ELEMENT_LOOK["pw-T6"] | {"label": "true", "markersize": 2.5},
+    )
     axes[2].plot(x, curves["true_pressure"][shown], **look)
     nominal = curves["nominal_pressure"][shown]
     axes[2].plot(x, nominal, color=NOMINAL_COLOUR, marker="s", ms=2.5, lw=1, label="nominal")

@@ -20,7 +20,7 @@ from study.benchmarks.v17_bodies.problems import (
 )
 from study.judge.checks import check
 from study.judge.measures.general import scalar
-from study.publish.plots.style import FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Results
@@ -123,17 +123,17 @@ DETAILS = r"""
 
 def draw_die(results: Results) -> Figure:
     """Nodal forces on both sides of a sliding die, and its force over the increments."""
-    fig, (die_axis, block_axis, force_axis) = plt.subplots(1, 3, figsize=(FULL, 2.4))
+    fig, (die_axis, block_axis, force_axis) = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.4))
     block_axis.sharey(die_axis)
     for element in ("galerkin-T6", "pw-T6"):
         curves = results.curves(f"V17/die-{element}-equal")
         total = curves["force_n"].sum()
-        die_axis.plot(curves["x"], 100 * curves["force_n"] / total, **LOOK[element])
+        die_axis.plot(curves["x"], 100 * curves["force_n"] / total, **ELEMENT_LOOK[element])
         order = np.argsort(curves["master_x"])
         x, force = curves["master_x"][order], curves["master_force"][order]
-        block_axis.plot(x, 100 * force / total, **LOOK[element])
+        block_axis.plot(x, 100 * force / total, **ELEMENT_LOOK[element])
         for component, line in (("N", "-"), ("T", "--")):
-            look = LOOK[element] | {"linestyle": line, "label": None}
+            look = ELEMENT_LOOK[element] | {"linestyle": line, "label": None}
             increments = np.arange(1, len(curves[component]) + 1)
             force_axis.plot(increments, np.abs(curves[component]), **look)
     die_axis.set(title="die (slave)", xlabel="$x$", ylabel="normal nodal force / sum, %")

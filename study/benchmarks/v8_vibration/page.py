@@ -42,7 +42,7 @@ from study.model.discretisation import (
 )
 from study.model.units import dimensionless
 from study.paper.s7_6_exact import Strip
-from study.publish.plots.style import CLEAR, FULL, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -526,14 +526,14 @@ PLOT_TITLES = {
 """Title of the panel and label of its abscissa, by problem."""
 HOLLOW_MARKERS = {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
 PLOT_LOOKS: dict[str, dict[str, Any]] = {
-    "galerkin-T6": LOOK["galerkin-T6"],
-    "pw-T6": LOOK["pw-T6"] | HOLLOW_MARKERS,
-    "galerkin-Q8": LOOK["galerkin-Q8"],
-    "pw-Q9-nine": LOOK["pw-Q9"] | HOLLOW_MARKERS | {"label": "new Q9, all nodes"},
-    "pwsym-T6": LOOK["pwsym-T6"],
-    "pw-T6-lumped": LOOK["pw-T6"] | {"linestyle": "--", "label": "new T6, lumped mass"},
-    "pw-Q8": LOOK["pw-Q8"] | {"label": "new Q8 (Guyan)"},
-    "pw-Q8-same": LOOK["pw-Q8"]
+    "galerkin-T6": ELEMENT_LOOK["galerkin-T6"],
+    "pw-T6": ELEMENT_LOOK["pw-T6"] | HOLLOW_MARKERS,
+    "galerkin-Q8": ELEMENT_LOOK["galerkin-Q8"],
+    "pw-Q9-nine": ELEMENT_LOOK["pw-Q9"] | HOLLOW_MARKERS | {"label": "new Q9, all nodes"},
+    "pwsym-T6": ELEMENT_LOOK["pwsym-T6"],
+    "pw-T6-lumped": ELEMENT_LOOK["pw-T6"] | {"linestyle": "--", "label": "new T6, lumped mass"},
+    "pw-Q8": ELEMENT_LOOK["pw-Q8"] | {"label": "new Q8 (Guyan)"},
+    "pw-Q8-same": ELEMENT_LOOK["pw-Q8"]
     | {"linestyle": "--", "markerfacecolor": "none", "label": "new Q8 (Guyan, L = R)"},
 }
 """Line styles in the order of the legend; dotted lines and hollow markers coincide with others."""
@@ -544,7 +544,7 @@ def draw_convergence(results: Results) -> Figure:
 
     One panel per problem: largest relative error of the modes over the mesh density.
     """
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.3), sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 3.3), sharey=True)
     for ax, (problem, (title, density)) in zip(axes, PLOT_TITLES.items(), strict=True):
         for variant, look in PLOT_LOOKS.items():
             curves = results.curves(f"V8/{problem}-{variant}")
@@ -557,7 +557,7 @@ def draw_convergence(results: Results) -> Figure:
             ax.loglog(ends, line, color="#777777", linewidth=0.8)
             middle = np.sqrt(ends.prod()), np.sqrt(line.prod())
             align = {"ha": "right" if side == "top" else "left", "va": side}
-            ax.annotate(f"order {order}", middle, fontsize=7, bbox=CLEAR, **align)
+            ax.annotate(f"order {order}", middle, fontsize=7, bbox=LABEL_BOX, **align)
         ax.set(title=title, xlabel=density, ylim=(3e-7, 0.6))
         ax.set_xticks(squares, [f"{n}" for n in squares])
         ax.set_xticks([], minor=True)
@@ -673,9 +673,9 @@ FURTHER_FINDINGS = r"""
    up to {{ num(s("V8/square-pw-T6-lumped", "imaginary"), 2) }}. These imaginary parts are smaller than the errors of the
    eigenvalues and vanish with them, but a code that takes real frequencies for granted may fail.
 5. **Axisymmetry.** Degree 8 changes the eigenvalues of the standard triangle by
-   {{ num(measure("ratio_of", key="V8/quadrature-galerkin-T6", name="change_8", other="error"), 1) }} times the error of
+   {{ num(measure("scalar_ratio", key="V8/quadrature-galerkin-T6", name="change_8", other="error"), 1) }} times the error of
    the mesh, and those of the new one by
-   {{ num(measure("ratio_of", key="V8/quadrature-pw-T6", name="change_8", other="error"), 1) }}. Nodes on the axis need
+   {{ num(measure("scalar_ratio", key="V8/quadrature-pw-T6", name="change_8", other="error"), 1) }}. Nodes on the axis need
    $u_r = 0$ and nothing else.
 6. **The composite triangle** has order 4 in vibration too; but in axisymmetric statics, where displacements enter the
    strains as such, its nodal displacements have order {{ fixed(s("V8/tube-composite-T6", "order"), 2) }}.

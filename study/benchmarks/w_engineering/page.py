@@ -34,16 +34,16 @@ from study.benchmarks.w_engineering.sliding import (
 )
 from study.judge.checks import check
 from study.judge.measures.engineering import (
-    WORTH,
+    MIN_RELEVANT_DIFFERENCE,
     error_band,
-    largest_difference,
-    n_changes,
+    largest_answer_difference,
+    least_rule_error_ratio,
+    n_changed_answers,
     reading_errors,
     reference_answer,
-    rule_error,
 )
 from study.model.units import dimensionless
-from study.publish.plots.style import FULL
+from study.publish.plots.style import PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -435,7 +435,7 @@ less. Shifted meshes: where the contact ends in its edge (friction, joint, submo
 up to a third of a cell. Three meshes are few: nine of ten answers would be in a band if they were normally distributed. Corners without friction
 were not shifted; on single meshes this reading is nearer for the radius that sticks on the middle tetrahedra.
 
-By more than the errors of both elements, on both coarser meshes, {{ fixed(measure("answers_apart"), 0) }} answers of single
+By more than the errors of both elements, on both coarser meshes, {{ fixed(measure("n_distinct_answers"), 0) }} answers of single
 meshes differ, which takes opposite signs. Tetrahedra, the finest triangles and references are tracked records of
 `./run python3 -m study.publish.renew_records`.
 
@@ -489,13 +489,13 @@ def draw_errors(results: Results) -> Figure:
 
     Left the plane, right space: a row for each answer, three bars for each element.
     """
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.5), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
     for ax, cell, title in zip(
         axes, ("T6", "T10"), ("(a) triangles", "(b) tetrahedra"), strict=True
     ):
         for row, (problem, name, _) in enumerate(PLOTTED_ANSWERS):
             _plot_row(ax, results, row, problem, cell, name)
-        ax.axvline(100 * WORTH, color="#999999", linewidth=0.8, linestyle=":")
+        ax.axvline(100 * MIN_RELEVANT_DIFFERENCE, color="#999999", linewidth=0.8, linestyle=":")
         ax.set(xscale="log", xlim=(LEAST_PLOTTED, 200), xlabel="error / %", title=title)
         ax.set_xticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
         ax.grid(axis="y", visible=False)
@@ -563,7 +563,7 @@ CHECKS = [
         "Each of three rules for corners of the standard T10 (no wear, mean of its "
         "neighbours, tributary area) makes the error of the depth at least twice the new "
         "element's: smallest ratio on three meshes, at the unfavourable ends of both bands.",
-        lambda results: rule_error(
+        lambda results: least_rule_error_ratio(
             results, cell="T10", readings=["skip", "neighbours", "tributary"]
         ),
         ">",
@@ -575,7 +575,7 @@ CHECKS = [
     check(
         "W-difference",
         "Largest relative difference of the elements' eighteen answers on the finer meshes.",
-        lambda results: largest_difference(results),
+        lambda results: largest_answer_difference(results),
         "<",
         0.01,
         tolerance_why="none: the bound itself; it records what is found",
@@ -586,7 +586,7 @@ CHECKS = [
         "W-changes",
         "Of eighteen answers, those that change on the finest meshes: bands of shifted meshes do not "
         "overlap, and their middles are more than 1 % apart.",
-        lambda results: n_changes(results, 2),
+        lambda results: n_changed_answers(results, 2),
         "=",
         0.0,
         tolerance_why="none: a count; its criterion was written down before, the number after",
@@ -596,7 +596,7 @@ CHECKS = [
     check(
         "W-changes-middle",
         "The same on the middle meshes: the radius that sticks on tetrahedra.",
-        lambda results: n_changes(results, 1),
+        lambda results: n_changed_answers(results, 1),
         "=",
         1.0,
         tolerance_why="none: a count; its criterion was written down before, the number after",
@@ -606,7 +606,7 @@ CHECKS = [
     check(
         "W-changes-coarse",
         "The same on the coarsest meshes: worn depth and submodel's stress on tetrahedra.",
-        lambda results: n_changes(results, 0),
+        lambda results: n_changed_answers(results, 0),
         "=",
         2.0,
         tolerance_why="none: a count; its criterion was written down before, the number after",
@@ -617,15 +617,15 @@ CHECKS = [
 
 FINDINGS = r"""
 1. **Read at its best, the standard element gives the same answers, except on coarse tetrahedra.** Of eighteen answers
-   {{ fixed(measure("n_changes", rank=0), 0) }} change on the coarsest, {{ fixed(measure("n_changes", rank=1), 0) }} on the
-   middle and {{ fixed(measure("n_changes", rank=2), 0) }} on the finest meshes: on the coarsest tetrahedra the worn depth by
+   {{ fixed(measure("n_changed_answers", rank=0), 0) }} change on the coarsest, {{ fixed(measure("n_changed_answers", rank=1), 0) }} on the
+   middle and {{ fixed(measure("n_changed_answers", rank=2), 0) }} on the finest meshes: on the coarsest tetrahedra the worn depth by
    {{ num(100 * measure("middle_distance", problem="wear", cell="T10", name="", rank=0), 2) }} % and the submodel's stress by
    {{ num(100 * measure("middle_distance", problem="submodel", cell="T10", name="", rank=0), 2) }} %, on the middle ones the radius that sticks by
    {{ num(100 * measure("middle_distance", problem="friction", cell="T10", name="stick_", rank=1), 2) }} %.
 2. *Which element is nearer is resolved for few answers:* the new one for
-   {% for rank in (0, 1, 2) %}{{ fixed(measure("n_resolved", rank=rank, better=True), 0) }}{{ " / " if rank < 2 }}{% endfor %}
+   {% for rank in (0, 1, 2) %}{{ fixed(measure("n_resolved_error_ratios", rank=rank, better=True), 0) }}{{ " / " if rank < 2 }}{% endfor %}
    (wear and heat on tetrahedra), the standard one for
-   {% for rank in (0, 1, 2) %}{{ fixed(measure("n_resolved", rank=rank, better=False), 0) }}{{ " / " if rank < 2 }}{% endfor %}
+   {% for rank in (0, 1, 2) %}{{ fixed(measure("n_resolved_error_ratios", rank=rank, better=False), 0) }}{{ " / " if rank < 2 }}{% endfor %}
    on coarsest / middle / finest meshes (submodel on tetrahedra, energy lost on triangles).
 3. **Read by usual rules, it gives other answers on tetrahedra.** With corners without pressure the depth in the middle
    stays zero; with the mean of their neighbours it is {{ errors("wear", "T10", "", "neighbours") }} % off, by tributary

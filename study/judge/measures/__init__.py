@@ -13,7 +13,10 @@ from typing import Any
 
 @cache
 def _measures() -> dict[str, Callable[..., Any]]:
-    modules = [import_module(one.name) for one in pkgutil.iter_modules(__path__, f"{__name__}.")]
+    modules = [
+        import_module(module_info.name)
+        for module_info in pkgutil.iter_modules(__path__, f"{__name__}.")
+    ]
     return {
         name: function
         for module in modules

@@ -4,7 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.judge.measures.stored_cases import T6, Selection, matching, of_section
+from study.judge.measures.stored_cases import (
+    T6_ELEMENTS,
+    Selection,
+    load_section_results,
+    select_results,
+)
 from study.paper.items import TABLE_1
 from study.run.store import Results
 
@@ -30,7 +35,7 @@ def largest_printed_shift(results: Results, pairs: Sequence[Sequence[str]]) -> f
     )
 
 
-def printed_shift_size(results: Results, element: str, over: str) -> float:
+def printed_shift_rms(results: Results, element: str, over: str) -> float:
     """Root mean square of it over the modes."""
     return _rms([printed_shift(results, element, over, mode) for mode in _MODES])
 
@@ -45,7 +50,7 @@ def eigenvalue_shifts(results: Results, cases: Selection, over: str) -> list[flo
     """Shifts of all modes (one number each) of cases, by parameters or an expression for names."""
     return [
         eigenvalue_shift(results, stored.case, over, mode)
-        for stored in matching(results, "7.5", cases)
+        for stored in select_results(results, "7.5", cases)
         for mode in _MODES
     ]
 
@@ -81,14 +86,14 @@ def shift_misfit(results: Results, case: str, over: str, element: str, printed_o
     )
 
 
-def largest_part_of_shift_left(
+def largest_relative_shift_misfit(
     results: Results, case: str, over: str, element: str, printed_over: str
 ) -> float:
     """Largest |computed less printed shift| over the printed one, over the modes."""
     return max(
-        abs(eigenvalue_shift(results, case, over, mode) / printed - 1)
+        abs(eigenvalue_shift(results, case, over, mode) / printed_value - 1)
         for mode in _MODES
-        for printed in [printed_shift(results, element, printed_over, mode)]
+        for printed_value in [printed_shift(results, element, printed_over, mode)]
     )
 
 
@@ -102,21 +107,28 @@ def misfit_margin(
 ) -> float:
     """Smallest misfit among other cases less the largest among the cases, in per cent points."""
 
-    def misfits(names: Selection) -> list[float]:
-        found = matching(results, "7.5", names)
-        return [shift_misfit(results, s.case, over, element, printed_over) for s in found]
+    def misfits(selection: Selection) -> list[float]:
+        stored_results = select_results(results, "7.5", selection)
+        return [
+            shift_misfit(results, stored.case, over, element, printed_over)
+            for stored in stored_results
+        ]
 
     return min(misfits(others)) - max(misfits(cases))
 
 
-def eigenvalue_over_printed(results: Results, case: str, element: str, mode: int) -> float:
+def eigenvalue_deviation_from_printed(
+    results: Results, case: str, element: str, mode: int
+) -> float:
     """Relative distance of a computed eigenvalue from a printed one, in per cent."""
     return 100 * (results.scalar(f"7.5/{case}", f"omega2_{mode}") / TABLE_1[element][mode - 1] - 1)
 
 
-def largest_eigenvalue_over_printed(results: Results, case: str, element: str) -> float:
+def largest_deviation_from_printed(results: Results, case: str, element: str) -> float:
     """Largest size of it over the modes."""
-    return max(abs(eigenvalue_over_printed(results, case, element, mode)) for mode in _MODES)
+    return max(
+        abs(eigenvalue_deviation_from_printed(results, case, element, mode)) for mode in _MODES
+    )
 
 
 def column_height(results: Results, reading: str) -> float:
@@ -132,21 +144,24 @@ def column_height(results: Results, reading: str) -> float:
 
 def farthest_sawtooth(results: Results, element: str, value: float) -> float:
     """Mid-side over corner force, on that surface where it is farthest from a value."""
-    found = [results.scalar(f"7.5/{element}", f"sawtooth_{k}") for k in (1, 2, 3, 4)]
-    return max(found, key=lambda ratio: abs(ratio - value))
+    ratios = [results.scalar(f"7.5/{element}", f"sawtooth_{surface}") for surface in (1, 2, 3, 4)]
+    return max(ratios, key=lambda ratio: abs(ratio - value))
 
 
-def surface_share(results: Results, key: str, surface: int) -> float:
+def surface_force_percent(results: Results, key: str, surface: int) -> float:
     """Part of the force on surface 4 that a surface carries, in per cent."""
     force = results.scalar(key, f"force_normal_{surface}")
     return 100 * force / results.scalar(key, "force_normal_4")
 
 
-def column_balance(results: Results) -> float:
+def column_force_imbalance(results: Results) -> float:
     """Largest relative difference of the forces below and on top of the column, all elements."""
     return max(
-        abs(sum(surface_share(results, stored.key, surface) for surface in (1, 2, 3)) / 100 - 1)
-        for stored in of_section(results, "7.5")
+        abs(
+            sum(surface_force_percent(results, stored.key, surface) for surface in (1, 2, 3)) / 100
+            - 1
+        )
+        for stored in load_section_results(results, "7.5")
         if "force_normal_4" in stored.scalars
     )
 
@@ -156,19 +171,24 @@ def column_transfer_defect(results: Results, component: str) -> float:
 
     Largest difference in per cent of the surface's mean normal force of a node.
     """
-    galerkin, pw = (results.curves(f"7.5/{element}") for element in T6)
+    galerkin, pw = (results.curves(f"7.5/{element}") for element in T6_ELEMENTS)
     return max(
         100
-        * np.abs(galerkin[f"{component}_T_{k}"] - pw[f"{component}_{k}"]).max()
-        / pw[f"force_n_{k}"].mean()
-        for k in (1, 2, 3, 4)
+        * np.abs(galerkin[f"{component}_T_{surface}"] - pw[f"{component}_{surface}"]).max()
+        / pw[f"force_n_{surface}"].mean()
+        for surface in (1, 2, 3, 4)
     )
 
 
-def axis_force(results: Results, element: str) -> float:
+def axis_force_ratio(results: Results, element: str) -> float:
     """Largest normal force of a node on the axis over the mean of its surface's nodes."""
     curves = results.curves(f"7.5/{element}")
-    return float(max(curves[f"force_n_{k}"][0] / curves[f"force_n_{k}"].mean() for k in (1, 4)))
+    return float(
+        max(
+            curves[f"force_n_{surface}"][0] / curves[f"force_n_{surface}"].mean()
+            for surface in (1, 4)
+        )
+    )
 
 
 def _rms(values: Sequence[float]) -> float:

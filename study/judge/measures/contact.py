@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from study.judge.measures.stored_cases import T6
+from study.judge.measures.stored_cases import T6_ELEMENTS
 from study.model.vocabulary import OPEN, SLIP, STICK
 from study.run.store import Results
 
@@ -23,21 +23,29 @@ def stick_sawtooth(results: Results, key: str) -> float:
     return _shear_sawtooth(curves, curves["status"] == STICK, 1)
 
 
-def _shear_sawtooth(curves: Mapping[str, np.ndarray], chosen: np.ndarray, first: int) -> float:
+def _shear_sawtooth(
+    curves: Mapping[str, np.ndarray], is_counted: np.ndarray, first_midside: int
+) -> float:
     force = curves["force_t"]
-    middle = np.arange(first, len(force) - first, 2)
-    used = middle[chosen[middle] & chosen[middle - 1] & chosen[middle + 1]]
-    return float(np.median(2 * force[used] / (force[used - 1] + force[used + 1])))
+    midside_nodes = np.arange(first_midside, len(force) - first_midside, 2)
+    counted_nodes = midside_nodes[
+        is_counted[midside_nodes] & is_counted[midside_nodes - 1] & is_counted[midside_nodes + 1]
+    ]
+    return float(
+        np.median(2 * force[counted_nodes] / (force[counted_nodes - 1] + force[counted_nodes + 1]))
+    )
 
 
 def stress_difference(
     results: Results, key: str, other: str, low: float, high: float, name: str = "pressure"
 ) -> float:
     """Largest difference of two stress curves in low <= x <= high, in per cent of their mean."""
-    a, b = results.curves(key), results.curves(other)
-    x = a["x"][(a["x"] >= low - 1e-9) & (a["x"] <= high + 1e-9)]
-    ours, theirs = (np.interp(x, c["x"], c[name]) for c in (a, b))
-    return float(100 * np.abs(ours - theirs).max() / np.abs(theirs).mean())
+    first_curves, second_curves = results.curves(key), results.curves(other)
+    x = first_curves["x"][(first_curves["x"] >= low - 1e-9) & (first_curves["x"] <= high + 1e-9)]
+    first_stress, second_stress = (
+        np.interp(x, curves["x"], curves[name]) for curves in (first_curves, second_curves)
+    )
+    return float(100 * np.abs(first_stress - second_stress).max() / np.abs(second_stress).mean())
 
 
 def transfer_defect(results: Results, section: str, component: str, suffix: str = "") -> float:
@@ -45,29 +53,31 @@ def transfer_defect(results: Results, section: str, component: str, suffix: str 
 
     Largest difference in per cent of the mean normal force of a closed node.
     """
-    galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6)
+    galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6_ELEMENTS)
     mean = pw["force_n"][pw["status"] != OPEN].mean()
     return float(100 * np.abs(galerkin[f"{component}_T"] - pw[component]).max() / mean)
 
 
 def displacement_change(results: Results, section: str) -> float:
     """Displacements of the new triangle against the standard one's, relative, in per cent."""
-    galerkin, pw = (results.curves(f"{section}/{element}")["displacement"] for element in T6)
+    galerkin, pw = (
+        results.curves(f"{section}/{element}")["displacement"] for element in T6_ELEMENTS
+    )
     return float(100 * np.linalg.norm(pw - galerkin) / np.linalg.norm(galerkin))
 
 
-def node_choice(results: Results, element: str) -> float:
+def displacement_change_by_smooth_nodes(results: Results, element: str) -> float:
     """Change of the mean tangential displacement by making the shared nodes smooth, per cent."""
-    rough, smooth = (
+    rough_mean, smooth_mean = (
         results.curves(f"7.2/{element}{suffix}")["displacement"][:, 0].mean()
         for suffix in ("", "-smooth")
     )
-    return float(100 * (smooth / rough - 1))
+    return float(100 * (smooth_mean / rough_mean - 1))
 
 
 # Section, what follows the element's name in a case, scalar
-_SAWTOOTH = [(section, "", "sawtooth") for section in ("7.2", "7.3", "7.4")]
-_SAWTOOTH += [
+_SAWTOOTH_SCALARS = [(section, "", "sawtooth") for section in ("7.2", "7.3", "7.4")]
+_SAWTOOTH_SCALARS += [
     ("7.5", column, f"sawtooth_{surface}") for column in ("", "-second") for surface in (1, 2, 3, 4)
 ]
 
@@ -76,7 +86,7 @@ def largest_unevenness_of_forces(results: Results) -> float:
     """Largest |sawtooth - 1| of the paper's two new elements in sections 7.2 to 7.5."""
     return max(
         abs(results.scalar(f"{section}/{element}{suffix}", name) - 1)
-        for section, suffix, name in _SAWTOOTH
+        for section, suffix, name in _SAWTOOTH_SCALARS
         for element in ("pw-T6", "pw-Q8")
     )
 
@@ -85,13 +95,17 @@ def smallest_sawtooth_of_standard(results: Results) -> float:
     """Smallest sawtooth of the two standard elements in sections 7.2 to 7.5."""
     return min(
         results.scalar(f"{section}/{element}{suffix}", name)
-        for section, suffix, name in _SAWTOOTH
+        for section, suffix, name in _SAWTOOTH_SCALARS
         for element in ("galerkin-T6", "galerkin-Q8")
     )
 
 
 def condensation_change(results: Results, section: str) -> float:
     """Largest difference of nodal forces of pw-Q8 and pw-T6, relative to the largest force."""
-    a, b = (results.curves(f"{section}/{element}") for element in ("pw-Q8", "pw-T6"))
-    differences = [np.abs(a[name] - b[name]).max() for name in ("force_n", "force_t")]
-    return float(max(differences) / b["force_n"].max())
+    q8_curves, t6_curves = (
+        results.curves(f"{section}/{element}") for element in ("pw-Q8", "pw-T6")
+    )
+    differences = [
+        np.abs(q8_curves[name] - t6_curves[name]).max() for name in ("force_n", "force_t")
+    ]
+    return float(max(differences) / t6_curves["force_n"].max())

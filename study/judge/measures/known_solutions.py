@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 
-from study.judge.measures.stored_cases import Selection, like, matching
+from study.judge.measures.stored_cases import Selection, find_variant, select_results
 from study.run.cases import find_page_source
 from study.run.pages import read_constants
 from study.run.store import Results, StoredResult
 
 # Of each new element, the standard one with the same nodes
-_STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
+_STANDARD_ELEMENTS = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
 
 
 def greco_deviation(results: Results, cases: Selection, reference: str) -> float:
@@ -19,23 +19,23 @@ def greco_deviation(results: Results, cases: Selection, reference: str) -> float
     `reference` is "published" or "prototype".
     """
     return max(
-        100 * abs(stored.scalars[f"u_{place}"] / displacement - 1)
-        for stored in matching(results, "V6", cases)
-        for place, displacement in enumerate(_greco_reference(reference), start=1)
+        100 * abs(stored.scalars[f"u_{number}"] / displacement - 1)
+        for stored in select_results(results, "V6", cases)
+        for number, displacement in enumerate(_greco_reference(reference), start=1)
     )
 
 
-def greco_known(results: Results, place: int, reference: str) -> float:
+def greco_reference_displacement(results: Results, place: int, reference: str) -> float:
     """Return a displacement of the GRECO plate, "published" or of the "prototype", in m."""
     return _greco_reference(reference)[place - 1]
 
 
 def greco_change(results: Results, cases: Selection, other: str) -> float:
     """Return the largest deviation of the displacements from another case's, in per cent."""
-    names = [f"u_{place}" for place, _ in enumerate(_greco_reference("published"), start=1)]
+    names = [f"u_{number}" for number, _ in enumerate(_greco_reference("published"), start=1)]
     return max(
         100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
-        for stored in matching(results, "V6", cases)
+        for stored in select_results(results, "V6", cases)
         for name in names
     )
 
@@ -59,12 +59,15 @@ def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
 
 def refinement_order(results: Results, element: str, name: str) -> float:
     """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
-    cases = sorted(
-        matching(results, "V5", {"element": element, "far_field": True}),
+    stored_results = sorted(
+        select_results(results, "V5", {"element": element, "far_field": True}),
         key=lambda stored: stored.scalars["element_size"],
     )
-    size, error = ([cases[i].scalars[what] for i in (0, -1)] for what in ("element_size", name))
-    return float(np.log(error[1] / error[0]) / np.log(size[1] / size[0]))
+    sizes, errors = (
+        [stored_results[i].scalars[name_of_scalar] for i in (0, -1)]
+        for name_of_scalar in ("element_size", name)
+    )
+    return float(np.log(errors[1] / errors[0]) / np.log(sizes[1] / sizes[0]))
 
 
 def largest_error_ratio(results: Results, settings: Selection, name: str) -> float:
@@ -73,16 +76,16 @@ def largest_error_ratio(results: Results, settings: Selection, name: str) -> flo
     `settings` are parameters, or an expression for what follows the element in a case's name.
     """
     return max(
-        ours.scalars[name] / standard.scalars[name]
-        for ours, standard in _convergence_pairs(results, settings)
+        new.scalars[name] / standard.scalars[name]
+        for new, standard in _convergence_pairs(results, settings)
     )
 
 
 def largest_ratio_on_meshes(results: Results, settings: Selection, name: str) -> float:
     """The same on any of the meshes."""
     return max(
-        float((ours.curves[name] / standard.curves[name]).max())
-        for ours, standard in _convergence_pairs(results, settings)
+        float((new.curves[name] / standard.curves[name]).max())
+        for new, standard in _convergence_pairs(results, settings)
     )
 
 
@@ -92,15 +95,15 @@ def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: floa
     `settings` is an expression for their names.
     """
     ratios = []
-    scanned = {"problem": "scan", "setting": _scanned(results, settings)}
-    for ours, standard in _convergence_pairs(results, scanned):
-        (place,) = np.flatnonzero(ours.curves["nu"] == nu)
-        ratios.append(float(ours.curves[name][place] / standard.curves[name][place]))
+    selection = {"problem": "scan", "setting": _list_scan_settings(results, settings)}
+    for new, standard in _convergence_pairs(results, selection):
+        (index,) = np.flatnonzero(new.curves["nu"] == nu)
+        ratios.append(float(new.curves[name][index] / standard.curves[name][index]))
     return max(ratios)
 
 
-def _scanned(results: Results, settings: str) -> list[str]:
-    scans = matching(results, "C", {"problem": "scan", "element": list(_STANDARD)})
+def _list_scan_settings(results: Results, settings: str) -> list[str]:
+    scans = select_results(results, "C", {"problem": "scan", "element": list(_STANDARD_ELEMENTS)})
     names = [stored.parameters["setting"] for stored in scans]
     return [name for name in names if re.fullmatch(settings, name)]
 
@@ -111,12 +114,12 @@ def _convergence_pairs(
     """Results of the new T6 or T10, and of the standard one in the same setting."""
     cases: Selection
     if isinstance(settings, str):
-        cases = f"({'|'.join(_STANDARD)})-({settings})"
+        cases = f"({'|'.join(_STANDARD_ELEMENTS)})-({settings})"
     else:
-        cases = {**settings, "element": list(_STANDARD)}
+        cases = {**settings, "element": list(_STANDARD_ELEMENTS)}
     return [
-        (ours, like(results, ours, element=_STANDARD[ours.parameters["element"]]))
-        for ours in matching(results, "C", cases)
+        (new, find_variant(results, new, element=_STANDARD_ELEMENTS[new.parameters["element"]]))
+        for new in select_results(results, "C", cases)
     ]
 
 

@@ -12,8 +12,8 @@ from study.run.store import Results
 Array = npt.NDArray[np.float64]
 
 FINE_PUNCH = "7.3/pw-T6-114x24"
-STUCK = 1.1  # half length over which the punch sticks
-SAMPLES = 20_001  # of its shear, some 90 from node to node
+STICK_HALF_LENGTH = 1.1  # half length over which the punch sticks
+N_SHEAR_SAMPLES = 20_001  # of its shear, some 90 from node to node
 
 
 def factor_entries_ratio(results: Results, key: str, other: str) -> float:
@@ -21,7 +21,7 @@ def factor_entries_ratio(results: Results, key: str, other: str) -> float:
     return results.scalar(key, "entries") / results.scalar(other, "entries")
 
 
-def shear_off_fine(
+def shear_deviation_from_fine(
     results: Results,
     key: str,
     within: float | None = None,
@@ -44,22 +44,30 @@ def shear_off_fine(
         fine: the fine mesh's case.
         surface: number of a surface of a body of revolution.
     """
-    end = f"_{surface}" if surface else ""
-    ours, known, case = results.curves(key), results.curves(fine), results[averaged_on or key]
-    nodes, standard = case.curves[f"x{end}"], case.parameters["element"].startswith("galerkin")
-    x = np.linspace(known[f"x{end}"][0], known[f"x{end}"][-1], SAMPLES)
+    suffix = f"_{surface}" if surface else ""
+    curves, fine_curves, case = (
+        results.curves(key),
+        results.curves(fine),
+        results[averaged_on or key],
+    )
+    nodes, standard = case.curves[f"x{suffix}"], case.parameters["element"].startswith("galerkin")
+    x = np.linspace(fine_curves[f"x{suffix}"][0], fine_curves[f"x{suffix}"][-1], N_SHEAR_SAMPLES)
     weights = _test_functions(nodes, x, standard) * (x if surface else 1.0)
 
-    def averaged(line: dict[str, Array]) -> Array:
-        shear = np.interp(x, line[f"x{end}"], line[f"shear{end}"])
+    def average_shear(sampled_curves: dict[str, Array]) -> Array:
+        shear = np.interp(x, sampled_curves[f"x{suffix}"], sampled_curves[f"shear{suffix}"])
         with np.errstate(invalid="ignore", divide="ignore"):  # no weight on the axis
             return weights @ shear / weights.sum(axis=1)
 
-    off = (averaged(ours) if averaged_on else ours[f"shear{end}"]) - averaged(known)
-    stick = case.curves[f"status{end}"] == STICK
-    off = off[stick if within is None else np.abs(nodes) < within]
-    size = np.nanmax(np.abs(off)) if kind == "largest" else np.sqrt(np.mean(off**2))
-    return float(100 * size / np.nanmax(np.abs(known[f"shear{end}"])))
+    deviation = (
+        average_shear(curves) if averaged_on else curves[f"shear{suffix}"]
+    ) - average_shear(fine_curves)
+    sticks = case.curves[f"status{suffix}"] == STICK
+    deviation = deviation[sticks if within is None else np.abs(nodes) < within]
+    deviation_size = (
+        np.nanmax(np.abs(deviation)) if kind == "largest" else np.sqrt(np.mean(deviation**2))
+    )
+    return float(100 * deviation_size / np.nanmax(np.abs(fine_curves[f"shear{suffix}"])))
 
 
 def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
@@ -67,7 +75,7 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
     if not standard:
         return np.array([np.interp(x, nodes, unit) for unit in np.eye(len(nodes))])
     corners = nodes[::2]
-    hats = np.array([np.interp(x, corners, unit) for unit in np.eye(len(corners))])
+    hats = np.array([np.interp(x, corners, unit_vector) for unit_vector in np.eye(len(corners))])
     functions = np.empty((len(nodes), len(x)))
     functions[1::2] = 4 * hats[:-1] * hats[1:]
     functions[::2] = hats
@@ -76,23 +84,25 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
     return functions
 
 
-def shear_band(results: Results, end: Literal["least", "largest"]) -> float:
+def extreme_shear_deviation(results: Results, end: Literal["least", "largest"]) -> float:
     """The same of the new element on that of all diagonals where it is least, or largest."""
     keys = list_case_family("7.3/pw-T6", OTHER_DIAGONALS)
-    return (min if end == "least" else max)(shear_off_fine(results, k, STUCK) for k in keys)
+    return (min if end == "least" else max)(
+        shear_deviation_from_fine(results, key, STICK_HALF_LENGTH) for key in keys
+    )
 
 
 # Section, and the scalar of mid-side over corner force
-_EXAMPLES = [(section, "sawtooth") for section in ("7.2", "7.3", "7.4")]
-_EXAMPLES += [("7.5", f"sawtooth_{surface}") for surface in (1, 2, 3, 4)]
-_STANDARD = ("galerkin-T6", "galerkin-Q8")
+_SAWTOOTH_SCALARS = [(section, "sawtooth") for section in ("7.2", "7.3", "7.4")]
+_SAWTOOTH_SCALARS += [("7.5", f"sawtooth_{surface}") for surface in (1, 2, 3, 4)]
+_STANDARD_ELEMENTS = ("galerkin-T6", "galerkin-Q8")
 
 
-def corner_share_in_examples(results: Results) -> float:
+def farthest_corner_force_ratio(results: Results) -> float:
     """Corner over mid-side force of the standard elements, where it is farthest from a half."""
-    shares = [
+    ratios = [
         1 / results.scalar(f"{section}/{element}", name)
-        for section, name in _EXAMPLES
-        for element in _STANDARD
+        for section, name in _SAWTOOTH_SCALARS
+        for element in _STANDARD_ELEMENTS
     ]
-    return max(shares, key=lambda share: abs(share - 0.5))
+    return max(ratios, key=lambda ratio: abs(ratio - 0.5))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from study.judge.measures.stored_cases import of_section
+from study.judge.measures.stored_cases import load_section_results
 from study.run.store import Results
 
 CONTACT_PEERS = (
@@ -14,7 +14,7 @@ CONTACT_PEERS = (
 )
 
 
-def peer_worst(
+def largest_peer_difference(
     results: Results, name: str, component: str, cases: Sequence[str] = CONTACT_PEERS
 ) -> float:
     """Largest of one kind of difference from CalculiX, per cent of the mean nodal force."""
@@ -26,13 +26,17 @@ def peer_worst(
     )
 
 
-def peer_critical_stress(results: Results, element: str) -> float:
+def peer_critical_stress_difference(results: Results, element: str) -> float:
     """Largest relative difference of a critical stress from CalculiX's."""
-    beams = [s for s in of_section(results, "P") if f"difference_{element}" in s.scalars]
+    beams = [
+        stored
+        for stored in load_section_results(results, "P")
+        if f"difference_{element}" in stored.scalars
+    ]
     return max(s.scalars[f"difference_{element}"] for s in beams)
 
 
-def peer_standard(
+def peer_standard_difference(
     results: Results, rule: str, name: str, cases: Sequence[str], best: bool = False
 ) -> float:
     """Largest relative difference of CalculiX from the standard elements; or the smallest one.

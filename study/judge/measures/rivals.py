@@ -6,13 +6,15 @@ import numpy as np
 
 from study.run.store import MissingResult, Results, StoredResult
 
-NEW = "pw-T6"
+NEW_ELEMENT = "pw-T6"
 
 
 def rival_mean(results: Results, method: str, edges: int, name: str) -> float:
     """Mean of a stored number of a method over the offsets."""
     return float(
-        np.mean([one.scalars[name] for one in _plane(results, method=method, edges=edges)])
+        np.mean(
+            [stored.scalars[name] for stored in _plane_results(results, method=method, edges=edges)]
+        )
     )
 
 
@@ -21,52 +23,63 @@ def rival_ratio(
 ) -> float:
     """Largest or smallest ratio of two methods' means over the meshes."""
     ratios = [
-        rival_mean(results, method, n, name) / rival_mean(results, other, n, name)
-        for n in _edges(results)
+        rival_mean(results, method, edges, name) / rival_mean(results, other, edges, name)
+        for edges in _list_edge_counts(results)
     ]
     return max(ratios) if largest else min(ratios)
 
 
-def best_rival(results: Results, name: str) -> float:
+def smallest_rival_ratio(results: Results, name: str) -> float:
     """Smallest ratio of any other method's mean to the new element's, over the meshes."""
-    others = {one.parameters["method"] for one in _plane(results)} - {NEW}
-    return min(rival_ratio(results, other, NEW, name, largest=False) for other in others)
+    other_methods = {stored.parameters["method"] for stored in _plane_results(results)} - {
+        NEW_ELEMENT
+    }
+    return min(
+        rival_ratio(results, other, NEW_ELEMENT, name, largest=False) for other in other_methods
+    )
 
 
-def rivals_apart(
+def largest_rival_difference(
     results: Results, method: str, other: str, name: str, same_nodes: bool = False
 ) -> float:
     """Largest difference of two methods' curves over the second's largest size, over all meshes.
 
     With `same_nodes` only where both have the same nodes in contact.
     """
-    apart = []
-    for one in _plane(results, method=method):
-        theirs = results.curves(one.key.replace(f"/{method}-", f"/{other}-"))
-        if not same_nodes or np.array_equal(_closed(one.curves), _closed(theirs)):
-            size = np.abs(theirs[name]).max()
-            apart.append(np.abs(one.curves[name] - theirs[name]).max() / size)
-    return float(max(apart))
+    differences = []
+    for stored in _plane_results(results, method=method):
+        other_curves = results.curves(stored.key.replace(f"/{method}-", f"/{other}-"))
+        if not same_nodes or np.array_equal(_is_closed(stored.curves), _is_closed(other_curves)):
+            largest_value = np.abs(other_curves[name]).max()
+            differences.append(
+                np.abs(stored.curves[name] - other_curves[name]).max() / largest_value
+            )
+    return float(max(differences))
 
 
-def same_contacts(results: Results, method: str, other: str) -> float:
+def n_meshes_with_same_contact(results: Results, method: str, other: str) -> float:
     """On how many meshes two methods have the same nodes in contact."""
-    pairs = [
-        (one.curves, results.curves(one.key.replace(f"/{method}-", f"/{other}-")))
-        for one in _plane(results, method=method)
+    curve_pairs = [
+        (stored.curves, results.curves(stored.key.replace(f"/{method}-", f"/{other}-")))
+        for stored in _plane_results(results, method=method)
     ]
-    return float(sum(np.array_equal(_closed(a), _closed(b)) for a, b in pairs))
-
-
-def sweep_at(results: Results, method: str, edges: int, parameter: float) -> float:
-    """Largest L2 error of a method with a parameter of its sweep, over the offsets."""
-    return max(
-        float(one.curves["sweep_l2"][one.curves["sweep"] == parameter][0])
-        for one in _plane(results, method=method, edges=edges)
+    return float(
+        sum(
+            np.array_equal(_is_closed(curves), _is_closed(other_curves))
+            for curves, other_curves in curve_pairs
+        )
     )
 
 
-def _closed(curves: Mapping[str, np.ndarray]) -> np.ndarray:
+def largest_sweep_error(results: Results, method: str, edges: int, parameter: float) -> float:
+    """Largest L2 error of a method with a parameter of its sweep, over the offsets."""
+    return max(
+        float(stored.curves["sweep_l2"][stored.curves["sweep"] == parameter][0])
+        for stored in _plane_results(results, method=method, edges=edges)
+    )
+
+
+def _is_closed(curves: Mapping[str, np.ndarray]) -> np.ndarray:
     force = curves["node_force"]
     return np.asarray(force > 1e-6 * force.max())
 
@@ -75,16 +88,16 @@ def rival_extreme(
     results: Results, methods: Iterable[str], name: str, largest: bool = True
 ) -> float:
     """Largest or smallest stored number among methods, on all meshes."""
-    found = [one.scalars[name] for one in _plane(results, method=list(methods))]
-    return max(found) if largest else min(found)
+    values = [stored.scalars[name] for stored in _plane_results(results, method=list(methods))]
+    return max(values) if largest else min(values)
 
 
-def _plane(results: Results, **parameters: object) -> list[StoredResult]:
-    found = results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
-    if not found:
+def _plane_results(results: Results, **parameters: object) -> list[StoredResult]:
+    stored_results = results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
+    if not stored_results:
         raise MissingResult(f"no result of section Q has {parameters}: run ./run study Q")
-    return found
+    return stored_results
 
 
-def _edges(results: Results) -> list[int]:
-    return sorted({one.parameters["edges"] for one in _plane(results)})
+def _list_edge_counts(results: Results) -> list[int]:
+    return sorted({stored.parameters["edges"] for stored in _plane_results(results)})

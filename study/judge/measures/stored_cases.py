@@ -6,38 +6,44 @@ from typing import Any
 
 from study.run.store import MissingResult, Results, StoredResult
 
-T6 = ("galerkin-T6", "pw-T6")
+T6_ELEMENTS = ("galerkin-T6", "pw-T6")
 
-_OF_A_RECORD = ("measured", "units", "dofs")  # what a tracked result has besides
+_RECORD_PARAMETERS = ("measured", "units", "dofs")  # what a tracked result has besides
 
 # Parameters and their values, see `StoredResult.has`, or a regular expression for the cases' names
 Selection = Mapping[str, Any] | str
 
 
-def of_section(results: Results, section: str) -> list[StoredResult]:
+def load_section_results(results: Results, section: str) -> list[StoredResult]:
     """All results of a section; `MissingResult` if there are none."""
-    found = results.section(section)
-    if not found:
+    stored_results = results.section(section)
+    if not stored_results:
         raise MissingResult(f"there are no results of section {section}: run ./run study {section}")
-    return found
+    return stored_results
 
 
-def matching(results: Results, section: str, cases: Selection) -> list[StoredResult]:
+def select_results(results: Results, section: str, cases: Selection) -> list[StoredResult]:
     """Results of the cases with some parameters, or names; `MissingResult` if there are none."""
-    found = [s for s in of_section(results, section) if _selects(cases, s)]
-    if not found:
+    stored_results = [
+        stored for stored in load_section_results(results, section) if _is_selected(cases, stored)
+    ]
+    if not stored_results:
         raise MissingResult(f"no result of section {section} matches {cases}")
-    return found
+    return stored_results
 
 
-def like(results: Results, stored: StoredResult, **others: object) -> StoredResult:
+def find_variant(
+    results: Results, stored: StoredResult, **changed_parameters: object
+) -> StoredResult:
     """The result of the same section whose parameters differ in these alone."""
-    same = {name: value for name, value in stored.parameters.items() if name not in _OF_A_RECORD}
-    (found,) = matching(results, stored.section, {**same, **others})[:1]
-    return found
+    parameters = {
+        name: value for name, value in stored.parameters.items() if name not in _RECORD_PARAMETERS
+    }
+    (variant,) = select_results(results, stored.section, {**parameters, **changed_parameters})[:1]
+    return variant
 
 
-def _selects(cases: Selection, stored: StoredResult) -> bool:
+def _is_selected(cases: Selection, stored: StoredResult) -> bool:
     if isinstance(cases, str):
         return re.fullmatch(cases, stored.case) is not None
     return stored.has(**cases)

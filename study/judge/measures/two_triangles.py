@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from study.judge.measures.stored_cases import matching
+from study.judge.measures.stored_cases import select_results
 from study.run.store import Results
 
 
 def middle_over_side(results: Results, element: str) -> float:
     """Reaction of the central node over the larger of the two others."""
-    sides = [results.scalar(f"7.1/{element}", f"reaction_{i}") for i in (0, 2)]
-    return results.scalar(f"7.1/{element}", "reaction_1") / max(sides)
+    side_reactions = [results.scalar(f"7.1/{element}", f"reaction_{i}") for i in (0, 2)]
+    return results.scalar(f"7.1/{element}", "reaction_1") / max(side_reactions)
 
 
 def corner_over_midside(results: Results, element: str) -> float:
@@ -23,7 +23,7 @@ def reaction_spread(results: Results, element: str) -> float:
     reactions = np.array(
         [
             [stored.scalars[f"reaction_{i}"] for i in range(3)]
-            for stored in matching(results, "7.1", {"element": element, "squares": 1})
+            for stored in select_results(results, "7.1", {"element": element, "squares": 1})
         ]
     )
     return float(np.ptp(reactions, axis=0).max())

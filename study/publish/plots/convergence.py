@@ -5,14 +5,14 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.publish.plots.style import CLEAR, LOOK
+from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX
 from study.run.store import Results
 
 # pw-Q8 is left out: it has the nodal forces of its pairs of pw-T6
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")
 
 
-def prepare(ax: Axes, results: Results, key: str) -> None:
+def prepare_axes(ax: Axes, results: Results, key: str) -> None:
     """Makes both axes logarithmic, with the numbers of elements as ticks."""
     ax.set(xscale="log", yscale="log")
     ticks = [int(n) for n in results.curves(key)["elements"]]
@@ -21,31 +21,31 @@ def prepare(ax: Axes, results: Results, key: str) -> None:
     ax.set_xlim(0.85 * ticks[0], 1.9 * ticks[-1])
 
 
-def errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
+def plot_errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
     """Draws an error over the number of elements, `keys` by element."""
     for element, key in keys.items():
         curves = results.curves(key)
-        own: dict[str, Any] = LOOK[element] | look
+        element_look: dict[str, Any] = ELEMENT_LOOK[element] | look
         if element == "galerkin-T6":  # standard Q8 may lie on it
-            own |= {"markersize": 6, "linewidth": 2.2}
+            element_look |= {"markersize": 6, "linewidth": 2.2}
         if element == "composite-T6":  # coincides with the new element below flat punches
-            own |= {"markerfacecolor": "none", "markersize": 7, "linewidth": 0.7}
-        ax.plot(curves["elements"], curves[name], **own)
+            element_look |= {"markerfacecolor": "none", "markersize": 7, "linewidth": 0.7}
+        ax.plot(curves["elements"], curves[name], **element_look)
 
 
-def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> None:
+def plot_order_slope(ax: Axes, results: Results, key: str, order: float, start: float) -> None:
     """Draws a line of an order of convergence from a height at the coarsest mesh on."""
     elements = results.curves(key)["elements"][[0, -1]]
     heights = start * (elements / elements[0]) ** -order
     ax.plot(elements, heights, color="#777777", linewidth=0.9, linestyle=":")
-    end = (float(elements[1]), float(heights[1]))
-    beside = (5, 0)  # of the last marker, in points
-    name = f"order {order:g}"
-    place: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
-    ax.annotate(name, end, beside, fontsize=7, bbox=CLEAR, **place)
+    last_point = (float(elements[1]), float(heights[1]))
+    label_offset = (5, 0)  # of the last marker, in points
+    label = f"order {order:g}"
+    text_options: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+    ax.annotate(label, last_point, label_offset, fontsize=7, bbox=LABEL_BOX, **text_options)
 
 
-def legend(fig: Figure, ax: Axes) -> None:
+def add_element_legend(fig: Figure, ax: Axes) -> None:
     """One legend of the elements below all axes."""
     handles, labels = ax.get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7)

@@ -14,34 +14,34 @@ from study.model.vocabulary import ELEMENTS, TWO_BODY_METHODS
 
 matplotlib.use("Agg")
 
-COLUMN = 3.5
+COLUMN_WIDTH = 3.5
 """Width of a figure of one column, in inches."""
-SIDE = 2.4
-"""Width of a figure beside one of `BESIDE`, in inches."""
-BESIDE = 4.5
+PAIR_NARROW_WIDTH = 2.4
+"""Width of a figure beside one of `PAIR_WIDE_WIDTH`, in inches."""
+PAIR_WIDE_WIDTH = 4.5
 """Width of a figure that has another at its side, in inches."""
-FULL = 7.0
+PAGE_WIDTH = 7.0
 """Width of a figure of the whole page, in inches."""
 
-MANY = 50
+MAX_VECTOR_ITEMS = 50
 """Meshes of more cells and clouds of more points are images within a drawing: it would be slow."""
 
-CLEAR: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+LABEL_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
 """Box of a name beside a line, which keeps the grid out of the letters."""
 
-LOOK: dict[str, dict[str, Any]] = {
+ELEMENT_LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
     for key, element in ELEMENTS.items()
 }
-"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
+"""Colour, marker and label of each element, for `ax.plot(x, y, **ELEMENT_LOOK["pw-T6"])`."""
 
-WAY_LOOK: dict[str, dict[str, Any]] = {
+METHOD_LOOK: dict[str, dict[str, Any]] = {
     key: {"color": way.colour, "marker": way.marker, "label": way.name}
     for key, way in TWO_BODY_METHODS.items()
 }
 """The same of the ways that two bodies are compared by; no figure has elements besides."""
 
-RC = {
+RC_PARAMETERS = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 9.0,
@@ -50,7 +50,7 @@ RC = {
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
     "legend.fontsize": 8.0,
-    "figure.figsize": (COLUMN, 2.6),
+    "figure.figsize": (COLUMN_WIDTH, 2.6),
     "figure.constrained_layout.use": True,
     "savefig.dpi": 200,
     "axes.spines.top": False,
@@ -69,22 +69,22 @@ RC = {
 
 
 @contextmanager
-def style() -> Iterator[None]:
+def study_style() -> Iterator[None]:
     """Set the study's look for what is drawn within the block."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(RC)
+        matplotlib.rcParams.update(RC_PARAMETERS)
         yield
 
 
-def plain_ticks(ax: Axes) -> None:
+def set_plain_ticks(ax: Axes) -> None:
     """Name 1, 2 and 5 of each decade of a logarithmic vertical axis as plain numbers."""
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def mesh_plot(
+def plot_mesh(
     ax: Axes,
     x: np.ndarray,
     cells: np.ndarray,
@@ -104,32 +104,44 @@ def mesh_plot(
     """
     x = np.asarray(x)[:, :2]
     cells = np.asarray(cells)
-    corners = 3 if cells.shape[1] in (3, 6) else 4
-    sides, tips, middles = [], [], []
+    n_corners = 3 if cells.shape[1] in (3, 6) else 4
+    sides, corner_points, middle_points = [], [], []
     for cell in cells:
-        around, between = _outline(x[cell[:corners]], x[cell[corners:]])
-        after = np.roll(around, -1, axis=0)
+        ordered_corners, ordered_middles = _order_corners_and_middles(
+            x[cell[:n_corners]], x[cell[n_corners:]]
+        )
+        next_corners = np.roll(ordered_corners, -1, axis=0)
         t = np.linspace(0, 1, 9)[:, None]
-        for a, m, b in zip(around, between, after, strict=True):
-            sides.append((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * m + t * (2 * t - 1) * b)
-        tips.append(around)
-        middles.append(between)
-    lines = LineCollection(sides, colors="#555555", linewidths=linewidth)
-    ax.add_collection(lines).set_rasterized(len(cells) > MANY)
-    for nodes, size, face in ((tips, 3.0, "#333333"), (middles, 2.6, "white")):
-        unique = np.unique(np.round(np.concatenate(nodes), 12), axis=0)
-        look: dict[str, Any] = {"ms": size, "mfc": face, "mec": "#333333", "mew": 0.6, "ls": "none"}
-        ax.plot(*unique.T, "o", rasterized=len(cells) > MANY, **look)
+        for start, middle, end in zip(ordered_corners, ordered_middles, next_corners, strict=True):
+            sides.append(
+                (1 - t) * (1 - 2 * t) * start + 4 * t * (1 - t) * middle + t * (2 * t - 1) * end
+            )
+        corner_points.append(ordered_corners)
+        middle_points.append(ordered_middles)
+    line_collection = LineCollection(sides, colors="#555555", linewidths=linewidth)
+    ax.add_collection(line_collection).set_rasterized(len(cells) > MAX_VECTOR_ITEMS)
+    for points, size, facecolor in ((corner_points, 3.0, "#333333"), (middle_points, 2.6, "white")):
+        unique_points = np.unique(np.round(np.concatenate(points), 12), axis=0)
+        look: dict[str, Any] = {
+            "ms": size,
+            "mfc": facecolor,
+            "mec": "#333333",
+            "mew": 0.6,
+            "ls": "none",
+        }
+        ax.plot(*unique_points.T, "o", rasterized=len(cells) > MAX_VECTOR_ITEMS, **look)
     ax.set_aspect("equal")
     ax.autoscale_view()
 
 
-def _outline(corners: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _order_corners_and_middles(
+    corners: np.ndarray, midside_nodes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners in cyclic order and the middle node of the side that follows each."""
-    spokes = corners - corners.mean(axis=0)
-    corners = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
+    offsets = corners - corners.mean(axis=0)
+    corners = corners[np.argsort(np.arctan2(offsets[:, 1], offsets[:, 0]))]
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    if len(others):
-        distance = np.linalg.norm(middles[:, None] - others, axis=2)
-        middles = others[distance.argmin(axis=1)]
+    if len(midside_nodes):
+        distance = np.linalg.norm(middles[:, None] - midside_nodes, axis=2)
+        middles = midside_nodes[distance.argmin(axis=1)]
     return corners, middles

@@ -11,17 +11,21 @@ from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform
 
 from study.model.vocabulary import OPEN, SLIP, STICK
 
-ZONES = {OPEN: ("open", "#FFFFFF"), STICK: ("stick", "#4C78A8"), SLIP: ("slip", "#F2B447")}
+ZONE_NAMES_AND_COLOURS = {
+    OPEN: ("open", "#FFFFFF"),
+    STICK: ("stick", "#4C78A8"),
+    SLIP: ("slip", "#F2B447"),
+}
 """Name and colour of each contact status."""
-FRICTIONLESS = ("frictionless", "#C9C9C9")
+FRICTIONLESS_ZONE = ("frictionless", "#C9C9C9")
 """Name and colour of nodes that slip without friction."""
-STRIP_BELOW, STRIP_HEIGHT = 8.5, 3.5
+STRIP_OFFSET, STRIP_HEIGHT = 8.5, 3.5
 """Lower edge of a strip of zones below its axes, and its height, in points."""
 
 Curves: TypeAlias = Mapping[str, np.ndarray]
 
 
-def zone_strip(ax: Axes, curves: Curves) -> None:
+def draw_zone_strip(ax: Axes, curves: Curves) -> None:
     """Draw contact zones as a coloured strip between the axes and the labels of their ticks.
 
     Its positions are in points, so that it stays clear of the labels however high the axes are.
@@ -33,7 +37,7 @@ def zone_strip(ax: Axes, curves: Curves) -> None:
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
     colours = [
-        FRICTIONLESS[1] if frictionless else ZONES[int(status)][1]
+        FRICTIONLESS_ZONE[1] if frictionless else ZONE_NAMES_AND_COLOURS[int(status)][1]
         for status, frictionless in zip(
             curves["status"], _slips_without_friction(curves), strict=True
         )
@@ -42,29 +46,31 @@ def zone_strip(ax: Axes, curves: Curves) -> None:
     from_corner = points + ScaledTranslation(0, 0, ax.transAxes)  # type: ignore[arg-type]
     below_axes = blended_transform_factory(ax.transData, from_corner)
     end = 0
-    for colour, run in groupby(colours):
-        start, end = end, end + len(list(run))
-        if colour == ZONES[OPEN][1]:
+    for colour, same_colour_nodes in groupby(colours):
+        start, end = end, end + len(list(same_colour_nodes))
+        if colour == ZONE_NAMES_AND_COLOURS[OPEN][1]:
             continue
         left, right = borders[start], borders[end]
         strip = Rectangle(
-            (left, -STRIP_BELOW), right - left, STRIP_HEIGHT, transform=below_axes, clip_on=False
+            (left, -STRIP_OFFSET), right - left, STRIP_HEIGHT, transform=below_axes, clip_on=False
         )
         strip.set(color=colour, lw=0)
         ax.add_patch(strip)
-    ax.tick_params(axis="x", pad=STRIP_BELOW)
+    ax.tick_params(axis="x", pad=STRIP_OFFSET)
 
 
-def zone_legend(curves: Curves) -> list[Patch]:
+def zone_legend_handles(curves: Curves) -> list[Patch]:
     """Return handles of the zones that occur."""
     frictionless = _slips_without_friction(curves)
-    entries = [ZONES[int(status)] for status in np.unique(curves["status"][~frictionless])]
-    entries += [FRICTIONLESS] if frictionless.any() else []
+    entries = [
+        ZONE_NAMES_AND_COLOURS[int(status)] for status in np.unique(curves["status"][~frictionless])
+    ]
+    entries += [FRICTIONLESS_ZONE] if frictionless.any() else []
     return [
         Patch(facecolor=colour, edgecolor="#777777", lw=0.5, label=name) for name, colour in entries
     ]
 
 
 def _slips_without_friction(curves: Curves) -> np.ndarray:
-    slips: np.ndarray = (curves["friction"] == 0) & (curves["status"] == SLIP)
-    return slips
+    is_frictionless_slip: np.ndarray = (curves["friction"] == 0) & (curves["status"] == SLIP)
+    return is_frictionless_slip

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import jinja2
 from markupsafe import Markup
 
-from study.publish.texts import HERE, Place, Texts, numbers, provenance
+from study.publish.texts import (
+    TEXTS_FOLDER,
+    LinkTarget,
+    TextRenderer,
+    numbers,
+    summarize_provenance,
+)
 from study.run.cases import SECTIONS
 from study.run.store import CorruptResult, MissingResult, MissingScalar, Results, write_atomically
 
@@ -47,14 +53,14 @@ PARTS = (
     ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
     ("references", "chapter", "References and nomenclature"),
 )
-BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
+NON_BREAKING_SPACE = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
 
 
-class Rendered(NamedTuple):
+class RenderedReport(NamedTuple):
     """The page, and what it lacks for want of results or figures, a line for each."""
 
     html: str
-    incomplete: list[str]
+    missing_content: list[str]
 
 
 class Part(NamedTuple):
@@ -67,7 +73,7 @@ class Part(NamedTuple):
     body: Markup
 
 
-def build(results: Results, out: Path) -> list[str]:
+def build_report(results: Results, out: Path) -> list[str]:
     """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures.
 
     The PDF comes first: a page on disk says that the PDF of the same source is there, too, and
@@ -76,16 +82,16 @@ def build(results: Results, out: Path) -> list[str]:
     Returns:
         What the report lacks for want of results or figures.
     """
-    html, incomplete = render(results)
-    page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
-    if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
-        return incomplete
-    write_atomically(pdf, laid_out(html).write_pdf(pdf_variant="pdf/ua-1"))
-    write_atomically(page, html.encode())
-    return incomplete
+    html, missing_content = render_report(results)
+    page_path, pdf_path = Path(out) / "report.html", Path(out) / "report.pdf"
+    if pdf_path.is_file() and page_path.is_file() and page_path.read_bytes() == html.encode():
+        return missing_content
+    write_atomically(pdf_path, lay_out_pages(html).write_pdf(pdf_variant="pdf/ua-1"))
+    write_atomically(page_path, html.encode())
+    return missing_content
 
 
-def render(results: Results, templates: Path = HERE) -> Rendered:
+def render_report(results: Results, templates: Path = TEXTS_FOLDER) -> RenderedReport:
     """Return the page.
 
     Args:
@@ -93,28 +99,31 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         templates: Folder of the texts.
     """
     try:
-        paper = _Paper(results, templates)
-        paper.parts()  # now it is known where figures, tables and sections are
-        paper.strict = not paper.incomplete
-        parts = paper.parts()
+        report_renderer = _ReportRenderer(results, templates)
+        report_renderer.render_parts()  # now it is known where figures, tables and sections are
+        report_renderer.strict = not report_renderer.missing_content
+        parts = report_renderer.render_parts()
         cases = [case for section in SECTIONS for case in results.readable_results(section)]
-        origin = provenance(cases)
-        html = paper.render(
+        provenance_summary = summarize_provenance(cases)
+        html = report_renderer.render(
             "base.html",
             parts=parts,
-            version=_version(),
-            commits=sorted({case["commit"][:10] for case in origin["cases"] if case.get("commit")}),
-            versions=list(origin["versions"].values()),
+            version=_read_version(),
+            commits=sorted(
+                {case["commit"][:10] for case in provenance_summary["cases"] if case.get("commit")}
+            ),
+            versions=list(provenance_summary["versions"].values()),
             date=max(
-                (case["time"][:10] for case in origin["cases"] if case.get("time")), default=""
+                (case["time"][:10] for case in provenance_summary["cases"] if case.get("time")),
+                default="",
             ),
         )
     except jinja2.UndefinedError as error:  # results or claims that another version wrote
         raise CorruptResult(f"{results.folder}: {error}; run ./run study --force") from error
-    return Rendered(str(html), paper.incomplete)
+    return RenderedReport(str(html), report_renderer.missing_content)
 
 
-class _Paper(Texts):
+class _ReportRenderer(TextRenderer):
     """The parts' texts, with figures, tables and references numbered as they come.
 
     Args:
@@ -125,73 +134,79 @@ class _Paper(Texts):
     def __init__(self, results: Results, templates: Path) -> None:
         folders = [templates, Path(__file__).parent]
         super().__init__(results, folders, "chapter.html", {}, strict=False)
-        self._sections: list[str] = []  # whose texts the part has that is being made
+        self._part_sections: list[str] = []  # whose texts the part has that is being made
         self.environment.globals["sheet"] = False
 
-    def parts(self) -> list[Part]:
+    def render_parts(self) -> list[Part]:
         """Return the parts; one that lacks results says so in the place of its text."""
-        self.numbers, self.incomplete = {}, []
-        made: list[Part] = []
-        chapter = section = 0
+        self.item_numbers, self.missing_content = {}, []
+        parts: list[Part] = []
+        chapter_count = section_count = 0
         for name, kind, heading in PARTS:
-            self._sections = []
-            body = self._body(name)
+            self._part_sections = []
+            body = self._render_body(name)
             if not body.strip():  # there are no results yet of which it could tell
                 continue
-            chapter, section = (chapter, section + 1) if kind == "section" else (chapter + 1, 0)
-            number = f"{chapter - 1}.{section}" if kind == "section" else f"{chapter - 1}"
-            place = Place(f"#part-{name}", f"section\N{NO-BREAK SPACE}{number}")
-            self.known |= dict.fromkeys(self._sections, place)
-            made.append(Part(f"part-{name}", kind, number, heading, body))
-        self.known |= self.places()
-        return made
+            chapter_count, section_count = (
+                (chapter_count, section_count + 1) if kind == "section" else (chapter_count + 1, 0)
+            )
+            number = (
+                f"{chapter_count - 1}.{section_count}"
+                if kind == "section"
+                else f"{chapter_count - 1}"
+            )
+            target = LinkTarget(f"#part-{name}", f"section\N{NO-BREAK SPACE}{number}")
+            self.link_targets |= dict.fromkeys(self._part_sections, target)
+            parts.append(Part(f"part-{name}", kind, number, heading, body))
+        self.link_targets |= self.list_link_targets()
+        return parts
 
-    def text(self, name: str) -> Markup:
+    def render_text(self, name: str) -> Markup:
         """Return a text, and keep in which part it is."""
-        self._sections.append(name)
-        return super().text(name)
+        self._part_sections.append(name)
+        return super().render_text(name)
 
-    def _body(self, name: str) -> Markup:
-        before = dict(self.numbers)
+    def _render_body(self, name: str) -> Markup:
+        saved_numbers = dict(self.item_numbers)
         try:
-            return Markup(re.sub(BREAK, numbers.THIN, self.text(name)))
-        except (MissingResult, CorruptResult, MissingScalar) as missing:
-            self.numbers = before  # its figures and tables are not shown
-            self.incomplete.append(f"{name}: {missing}")
-            return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)
+            return Markup(re.sub(NON_BREAKING_SPACE, numbers.THIN_SPACE, self.render_text(name)))
+        except (MissingResult, CorruptResult, MissingScalar) as error:
+            self.item_numbers = saved_numbers  # its figures and tables are not shown
+            self.missing_content.append(f"{name}: {error}")
+            return Markup('<p class="note">This part is incomplete: {}.</p>').format(error)
 
 
-def _version() -> str:
+def _read_version() -> str:
     """Return the project's version, as the file that says how to cite it has it."""
-    source = (HERE.parents[2] / "CITATION.cff").read_text(encoding="utf-8")
-    return re.findall(r"^version: (.*)$", source, re.MULTILINE)[0]
+    citation_text = (TEXTS_FOLDER.parents[2] / "CITATION.cff").read_text(encoding="utf-8")
+    return re.findall(r"^version: (.*)$", citation_text, re.MULTILINE)[0]
 
 
-def _faces() -> str:
+def _list_font_faces() -> str:
     """Return the faces of STIX, which Matplotlib brings: narrower than DejaVu, with italics."""
     import matplotlib
 
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    faces = (
+    font_variants = (
         ("", "normal", "normal"),
         ("Italic", "normal", "italic"),
         ("Bol", "bold", "normal"),
         ("BolIta", "bold", "italic"),
     )
     return "".join(
-        f"@font-face {{ font-family: STIX; font-weight: {weight}; font-style: {slope}; "
-        f"src: url('{(folder / f'STIXGeneral{ending}.ttf').as_uri()}'); }}\n"
-        for ending, weight, slope in faces
+        f"@font-face {{ font-family: STIX; font-weight: {weight}; font-style: {font_style}; "
+        f"src: url('{(folder / f'STIXGeneral{file_suffix}.ttf').as_uri()}'); }}\n"
+        for file_suffix, weight, font_style in font_variants
     )
 
 
-def laid_out(html: str) -> "weasyprint.Document":
+def lay_out_pages(html: str) -> "weasyprint.Document":
     """Return the pages of the PDF, set in STIX."""
     import weasyprint  # half a second, and its libraries are not needed to read the page's code
 
-    printed = html.replace("</head>", f"<style>{_faces()}</style></head>", 1)
+    html_with_fonts = html.replace("</head>", f"<style>{_list_font_faces()}</style></head>", 1)
     gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
     try:
-        return weasyprint.HTML(string=printed).render(pdf_variant="pdf/ua-1")
+        return weasyprint.HTML(string=html_with_fonts).render(pdf_variant="pdf/ua-1")
     finally:
         gc.enable()

@@ -10,21 +10,21 @@ import shutil
 from pathlib import Path
 
 from study.publish.site import evidence, gallery, reference
-from study.publish.texts import HERE, load_figures
+from study.publish.texts import TEXTS_FOLDER, load_figures
 from study.run.files import open_folder_replacement
 from study.run.store import Results, StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
-GUIDE = ROOT / "docs"
-STATIC = Path(__file__).with_name("static")
-KIND = "a site"
+GUIDE_FOLDER = ROOT / "docs"
+STATIC_FOLDER = Path(__file__).with_name("static")
+FOLDER_KIND = "a site"
 
 # The theme's script is a module that imports another
-_MODULE = '<script type="module"', "<script defer"
-_IMPORT = 'import * as Gumshoe from "./gumshoe-patched.js";'
+_MODULE_TAG_REPLACEMENT = '<script type="module"', "<script defer"
+_GUMSHOE_IMPORT = 'import * as Gumshoe from "./gumshoe-patched.js";'
 
 
-def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
+def build_site(results: Results, out: Path, jobs: int = 1) -> list[str]:
     """Write the site into a folder, in place of what an earlier build left there.
 
     Returns:
@@ -37,40 +37,45 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
     results.claims()  # what is missing is to be known now, not after the gallery
     load_figures(results)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with open_folder_replacement(out, KIND) as made:
-        source = made.scratch / "source"
-        missing = write_sources(results, source, jobs)
-        missing += _sphinx(source, made.folder)
-        missing += evidence.copy_data(results, made.folder)
-    return missing
+    with open_folder_replacement(out, FOLDER_KIND) as replacement:
+        source_folder = replacement.scratch / "source"
+        problems = write_sources(results, source_folder, jobs)
+        problems += _run_sphinx(source_folder, replacement.folder)
+        problems += evidence.copy_data(results, replacement.folder)
+    return problems
 
 
-def write_sources(results: Results, source: Path, jobs: int = 1) -> list[str]:
+def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[str]:
     """Write what Sphinx makes pages of; return what is missing."""
-    shutil.copytree(GUIDE, source)
-    shutil.copytree(STATIC, source / "_static", dirs_exist_ok=True)
-    shutil.copy(HERE / "formula.css", source / "_static")
-    shutil.copy(Path(__file__).with_name("conf.py"), source)
-    _about(source)
-    used = gallery.write(results.folder / "gallery", source / "gallery", jobs)
-    reference.write(source / "reference", used)
-    return evidence.write(results, source)
+    shutil.copytree(GUIDE_FOLDER, source_folder)
+    shutil.copytree(STATIC_FOLDER, source_folder / "_static", dirs_exist_ok=True)
+    shutil.copy(TEXTS_FOLDER / "formula.css", source_folder / "_static")
+    shutil.copy(Path(__file__).with_name("conf.py"), source_folder)
+    _write_about_page(source_folder)
+    examples_by_name = gallery.write_gallery(
+        results.folder / "gallery", source_folder / "gallery", jobs
+    )
+    reference.write_reference(source_folder / "reference", examples_by_name)
+    return evidence.write_evidence(results, source_folder)
 
 
-def _about(source: Path) -> None:
+def _write_about_page(source_folder: Path) -> None:
     """Write the page of source, licence and citation."""
     commit = os.environ.get("PW_ELEMENTS_COMMIT", "")
-    made = f" These pages are made of commit `{commit[:10]}`." if commit else ""
+    commit_sentence = f" These pages are made of commit `{commit[:10]}`." if commit else ""
     parts = {
-        "Source": "Links named [source], in the reference, show the code of all modules." + made,
+        "Source": "Links named [source], in the reference, show the code of all modules."
+        + commit_sentence,
         "How to cite": f"```yaml\n{(ROOT / 'CITATION.cff').read_text('utf-8')}```",
         "Licence": (ROOT / "LICENSE").read_text("utf-8"),
     }
-    text = "\n\n".join(f"## {head}\n\n{body}" for head, body in parts.items())
-    (source / "about.md").write_text(f"# Source, licence, citation\n\n{text}\n", encoding="utf-8")
+    text = "\n\n".join(f"## {heading}\n\n{body}" for heading, body in parts.items())
+    (source_folder / "about.md").write_text(
+        f"# Source, licence, citation\n\n{text}\n", encoding="utf-8"
+    )
 
 
-def _sphinx(source: Path, pages: Path) -> list[str]:
+def _run_sphinx(source_folder: Path, pages_folder: Path) -> list[str]:
     """Make the pages; return Sphinx' warnings."""
     try:
         from sphinx.application import Sphinx
@@ -79,25 +84,33 @@ def _sphinx(source: Path, pages: Path) -> list[str]:
     except ImportError as error:
         raise StudyError(f"the site needs Sphinx: start it by ./run site ({error})") from None
     nocolor()
-    told = io.StringIO()
+    warning_stream = io.StringIO()
     with patch_docutils(), docutils_namespace():
-        doctrees = source / ".doctrees"
+        doctrees = source_folder / ".doctrees"
         app = Sphinx(
-            str(source), str(source), str(pages), str(doctrees), "html", status=None, warning=told
+            str(source_folder),
+            str(source_folder),
+            str(pages_folder),
+            str(doctrees),
+            "html",
+            status=None,
+            warning=warning_stream,
         )
         app.build()
-    shutil.rmtree(pages / "_sources", ignore_errors=True)
-    _without_modules(pages)
-    lines = told.getvalue().replace(f"{source}/", "").splitlines()
+    shutil.rmtree(pages_folder / "_sources", ignore_errors=True)
+    _inline_script_modules(pages_folder)
+    lines = warning_stream.getvalue().replace(f"{source_folder}/", "").splitlines()
     return [line for line in lines if line.strip()]
 
 
-def _without_modules(pages: Path) -> None:
+def _inline_script_modules(pages_folder: Path) -> None:
     """Have the theme's script loaded in one piece: pages opened as files may not load modules."""
-    for page in pages.rglob("*.html"):
-        page.write_text(page.read_text("utf-8").replace(*_MODULE), "utf-8")
-    scripts = pages / "_static" / "scripts"
-    furo = (scripts / "furo.js").read_text("utf-8")
-    if _IMPORT in furo:
-        patched = (scripts / "gumshoe-patched.js").read_text("utf-8")
-        (scripts / "furo.js").write_text(patched + furo.replace(_IMPORT, ""), "utf-8")
+    for page in pages_folder.rglob("*.html"):
+        page.write_text(page.read_text("utf-8").replace(*_MODULE_TAG_REPLACEMENT), "utf-8")
+    scripts = pages_folder / "_static" / "scripts"
+    furo_script = (scripts / "furo.js").read_text("utf-8")
+    if _GUMSHOE_IMPORT in furo_script:
+        gumshoe_script = (scripts / "gumshoe-patched.js").read_text("utf-8")
+        (scripts / "furo.js").write_text(
+            gumshoe_script + furo_script.replace(_GUMSHOE_IMPORT, ""), "utf-8"
+        )

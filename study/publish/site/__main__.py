@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from study.publish.site import build
+from study.publish.site import build_site
 from study.run.cases import SECTIONS
 from study.run.folder import claim_results_folder
 from study.run.store import EXIT_CORRUPT, CorruptResult, Results, StudyError
@@ -24,23 +24,23 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="DIR", help="default: site, among the results")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     options = parser.parse_args(arguments)
-    folder = Path(os.environ.get("PW_ELEMENTS_FOLDER", "."))
-    out = folder / options.out if options.out else options.results / "site"
+    caller_folder = Path(os.environ.get("PW_ELEMENTS_FOLDER", "."))
+    out = caller_folder / options.out if options.out else options.results / "site"
     results = Results(options.results)
     try:
         if not any(results.cases(section) for section in SECTIONS):
             raise StudyError(f"there are no results in {results.folder}: run ./run study")
         claim_results_folder(results.folder)  # to which the gallery's pictures are added
-        missing = build(results, out.resolve(), options.jobs)
+        problems = build_site(results, out.resolve(), options.jobs)
     except (StudyError, OSError) as error:
         print(f"site: {error}", file=sys.stderr)
         return EXIT_CORRUPT if isinstance(error, CorruptResult) else 2
-    for line in missing:
-        print(f"site: {line}", file=sys.stderr)
+    for problem in problems:
+        print(f"site: {problem}", file=sys.stderr)
     print(f"site: {out / 'index.html'}")
     if any(results.corrupt_results(section) for section in SECTIONS):
         return EXIT_CORRUPT
-    return int(bool(missing))
+    return int(bool(problems))
 
 
 if __name__ == "__main__":

@@ -41,74 +41,79 @@ autodoc_default_options = {"members": True}
 napoleon_use_rtype = False
 html_math_renderer = "mathml"
 
-_SECTION = re.compile(r"(Args|Attributes|Raises|Returns|Yields):$")
+_SECTION_HEADING = re.compile(r"(Args|Attributes|Raises|Returns|Yields):$")
 
-_PLURAL = re.compile(r"`([^`]+)`(?=\w)")  # as in `name`s, which needs a separator
+_CODE_WITH_SUFFIX = re.compile(r"`([^`]+)`(?=\w)")  # as in `name`s, which needs a separator
 
 
-def readable(
+def convert_docstring(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
     """Make reStructuredText of a docstring: code or formulas of what is indented, and prose."""
-    made: list[str] = []
+    converted_lines: list[str] = []
     block: list[str] = []
-    section = before = ""
+    section = previous_line = ""
     for line in [*lines, ""]:
-        if line.startswith("    ") and not section and (block or not before):
+        if line.startswith("    ") and not section and (block or not previous_line):
             block.append(line)
             continue
         if block and line:
-            made += _shown(block)
+            converted_lines += _format_block(block)
             block = []
         if line and not line.startswith(" "):
-            section = line if _SECTION.match(line) else ""
+            section = line if _SECTION_HEADING.match(line) else ""
         if block:
             block.append(line)
         else:
-            made.append(_prose(line, bool(section)))
-        before = line
-    lines[:] = [*made, *_shown(block)]
+            converted_lines.append(_format_prose(line, bool(section)))
+        previous_line = line
+    lines[:] = [*converted_lines, *_format_block(block)]
 
 
-def _shown(block: list[str]) -> list[str]:
+def _format_block(block: list[str]) -> list[str]:
     """Write an indented block: Python as such, all else as a formula."""
     try:
         ast.parse("\n".join(line.removeprefix("    ") for line in block))
     except SyntaxError:
-        formulas = [_marked(line.replace("|", r"\|")) for line in block if line]
-        return [".. rst-class:: formula", "", *(f"| {_apart(line)}" for line in formulas), ""]
+        formulas = [_typeset_rst(line.replace("|", r"\|")) for line in block if line]
+        return [
+            ".. rst-class:: formula",
+            "",
+            *(f"| {_separate_formulas(line)}" for line in formulas),
+            "",
+        ]
     return [".. code-block:: python", "", *block, ""] if block else []
 
 
-def _apart(formulas: str) -> str:
+def _separate_formulas(formulas: str) -> str:
     return re.sub(r" {2,}", " \N{EM SPACE} ", formulas.strip())
 
 
-def _prose(line: str, section: bool) -> str:
+def _format_prose(line: str, in_section: bool) -> str:
     """Write a line of text; in a section, the name before a colon stays as it is."""
-    name = re.match(r"    [\w, ]+: ", line) if section else None
-    head = name[0] if name else ""
-    parts = re.split(r"(`[^`]*`)", line[len(head) :].replace("|", r"\|"))
-    text = "".join(part if part.startswith("`") else _marked(part) for part in parts)
-    return head + _PLURAL.sub(r"`\1`\\ ", text)
+    name_match = re.match(r"    [\w, ]+: ", line) if in_section else None
+    prefix = name_match[0] if name_match else ""
+    parts = re.split(r"(`[^`]*`)", line[len(prefix) :].replace("|", r"\|"))
+    text = "".join(part if part.startswith("`") else _typeset_rst(part) for part in parts)
+    return prefix + _CODE_WITH_SUFFIX.sub(r"`\1`\\ ", text)
 
 
-def _marked(text: str) -> str:
+def _typeset_rst(text: str) -> str:
     return typeset(text, "\\ :sub:`{}`\\ ", "\\ :sup:`{}`\\ ")
 
 
-def short_types(
+def shorten_types(
     app: Sphinx,
     what: str,
     name: str,
     thing: object,
     options: object,
     signature: str | None,
-    returned: str | None,
+    return_annotation: str | None,
 ) -> tuple[str | None, str | None]:
     """Write arrays' types without the types of their shapes and entries."""
 
-    def shorter(text: str | None) -> str | None:
+    def shorten(text: str | None) -> str | None:
         if text is None:
             return None
         text = re.sub(
@@ -116,22 +121,24 @@ def short_types(
         )
         return re.sub(r"(~numpy\.ndarray)(?: \| ~numpy\.ndarray)+", r"\1", text)
 
-    return shorter(signature), shorter(returned)
+    return shorten(signature), shorten(return_annotation)
 
 
-def _inline(page: HTML5Translator, node: nodes.Element) -> None:
+def _write_inline_formula(translator: HTML5Translator, node: nodes.Element) -> None:
     """Write a formula as MathML, which browsers know without any script."""
-    page.body.append(str(latex2mathml.tex2mathml(node.astext(), as_block=False)))
+    translator.body.append(str(latex2mathml.tex2mathml(node.astext(), as_block=False)))
     raise nodes.SkipNode
 
 
-def _block(page: HTML5Translator, node: nodes.Element) -> None:
+def _write_display_formula(translator: HTML5Translator, node: nodes.Element) -> None:
     formula = latex2mathml.tex2mathml(node.astext(), as_block=True)
-    page.body.append(f'<div class="formula">{formula}</div>')
+    translator.body.append(f'<div class="formula">{formula}</div>')
     raise nodes.SkipNode
 
 
-def _back(app: Sphinx, page: str, template: str, context: dict[str, str], tree: object) -> None:
+def _fix_source_backlinks(
+    app: Sphinx, page: str, template: str, context: dict[str, str], tree: object
+) -> None:
     """Point sources' links at names as their pages have them, which may be of another face."""
     if page.startswith("_modules/"):
         link = r"(reference/([\w.]+?)\.(\w+)\.html#)[\w.]+?\.\3(?=[.\"])"
@@ -140,8 +147,11 @@ def _back(app: Sphinx, page: str, template: str, context: dict[str, str], tree: 
 
 def setup(app: Sphinx) -> None:
     """Add what Sphinx does not do by itself."""
-    ways = {"inline_renderers": (_inline, None), "block_renderers": (_block, None)}
-    app.add_html_math_renderer("mathml", **ways)
-    app.connect("autodoc-process-docstring", readable, priority=100)
-    app.connect("autodoc-process-signature", short_types)
-    app.connect("html-page-context", _back)
+    renderers = {
+        "inline_renderers": (_write_inline_formula, None),
+        "block_renderers": (_write_display_formula, None),
+    }
+    app.add_html_math_renderer("mathml", **renderers)
+    app.connect("autodoc-process-docstring", convert_docstring, priority=100)
+    app.connect("autodoc-process-signature", shorten_types)
+    app.connect("html-page-context", _fix_source_backlinks)

@@ -16,8 +16,8 @@ from PIL import Image
 from study.run.sources import digest_code, list_package_sources
 from study.run.store import StudyError, write_atomically
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
-ORDER = (
+EXAMPLES_FOLDER = Path(__file__).resolve().parents[3] / "examples"
+GALLERY_ORDER = (
     "plate_with_hole",
     "roller_on_dome",
     "gasket",
@@ -47,141 +47,156 @@ class Example:
     Attributes:
         name: Of its file.
         title: First sentence of its docstring.
-        text: The rest.
-        uses: Public names of the library that it imports.
-        files: Other files that it needs.
+        description: The rest.
+        library_names: Public names of the library that it imports.
+        companion_files: Other files that it needs.
     """
 
     name: str
     title: str
-    text: str
-    uses: frozenset[str]
-    files: tuple[str, ...]
+    description: str
+    library_names: frozenset[str]
+    companion_files: tuple[str, ...]
 
     @classmethod
-    def of(cls, path: Path) -> "Example":
+    def from_source(cls, path: Path) -> "Example":
         """Read it from its source."""
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        title, _, text = (ast.get_docstring(tree) or "").partition("\n\n")
-        uses = {
+        title, _, description = (ast.get_docstring(tree) or "").partition("\n\n")
+        library_names = {
             f"{node.module}.{alias.name}"
             for node in ast.walk(tree)
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pw_elements")
             for alias in node.names
         }
         stem = path.stem
-        beside = sorted(EXAMPLES.glob(f"{stem}.msh")) + sorted(EXAMPLES.glob(f"{stem}_mesh.py"))
-        files = tuple(other.name for other in beside)
-        return cls(stem, " ".join(title.split()), text, frozenset(uses), files)
+        companion_paths = sorted(EXAMPLES_FOLDER.glob(f"{stem}.msh")) + sorted(
+            EXAMPLES_FOLDER.glob(f"{stem}_mesh.py")
+        )
+        companion_files = tuple(companion.name for companion in companion_paths)
+        return cls(
+            stem, " ".join(title.split()), description, frozenset(library_names), companion_files
+        )
 
 
-def examples() -> list[Example]:
+def load_examples() -> list[Example]:
     """Return all examples, in the order of the gallery."""
-    found = {path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh")}
-    ordered = [name for name in ORDER if name in found] + sorted(found - {*ORDER})
-    return [Example.of(EXAMPLES / f"{name}.py") for name in ordered]
+    stems = {path.stem for path in EXAMPLES_FOLDER.glob("*.py") if not path.stem.endswith("_mesh")}
+    ordered_names = [name for name in GALLERY_ORDER if name in stems] + sorted(
+        stems - {*GALLERY_ORDER}
+    )
+    return [Example.from_source(EXAMPLES_FOLDER / f"{name}.py") for name in ordered_names]
 
 
-def write(store: Path, pages: Path, jobs: int = 1) -> dict[str, list[Example]]:
+def write_gallery(
+    cache_folder: Path, pages_folder: Path, jobs: int = 1
+) -> dict[str, list[Example]]:
     """Write the gallery's pages.
 
     Args:
-        store: Folder of pictures; an example is run where its own is missing or outdated.
-        pages: Folder of the pages.
+        cache_folder: Folder of pictures; an example is run where its own is missing or outdated.
+        pages_folder: Folder of the pages.
         jobs: Number of examples that run at a time.
 
     Returns:
         The examples that use each public name.
     """
-    every = examples()
+    examples = load_examples()
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        list(pool.map(lambda one: _ensure_run(one, store), every))
-    pages.mkdir(parents=True)
-    for one in every:
-        shutil.copy(store / f"{one.name}.png", pages)
-        _thumbnail(store / f"{one.name}.png", pages / f"{one.name}.thumb.png")
-        shutil.copy(EXAMPLES / f"{one.name}.py", pages)
-        for file in one.files:
-            shutil.copy(EXAMPLES / file, pages)
-        (pages / f"{one.name}.md").write_text(_page(one, store), encoding="utf-8")
-    (pages / "index.md").write_text(_index(every), encoding="utf-8")
-    used: dict[str, list[Example]] = {}
-    for one in every:
-        for name in sorted(one.uses):
-            used.setdefault(name, []).append(one)
-    return used
+        list(pool.map(lambda example: _run_if_outdated(example, cache_folder), examples))
+    pages_folder.mkdir(parents=True)
+    for example in examples:
+        shutil.copy(cache_folder / f"{example.name}.png", pages_folder)
+        _save_thumbnail(
+            cache_folder / f"{example.name}.png", pages_folder / f"{example.name}.thumb.png"
+        )
+        shutil.copy(EXAMPLES_FOLDER / f"{example.name}.py", pages_folder)
+        for file in example.companion_files:
+            shutil.copy(EXAMPLES_FOLDER / file, pages_folder)
+        (pages_folder / f"{example.name}.md").write_text(
+            _format_page(example, cache_folder), encoding="utf-8"
+        )
+    (pages_folder / "index.md").write_text(_format_index(examples), encoding="utf-8")
+    examples_by_name: dict[str, list[Example]] = {}
+    for example in examples:
+        for name in sorted(example.library_names):
+            examples_by_name.setdefault(name, []).append(example)
+    return examples_by_name
 
 
-def short(one: Example) -> str:
+def example_heading(example: Example) -> str:
     """Return an example's title as a heading has it."""
-    return one.name.replace("_", " ").capitalize()
+    return example.name.replace("_", " ").capitalize()
 
 
-def _page(one: Example, store: Path) -> str:
-    printed = (store / f"{one.name}.txt").read_text(encoding="utf-8").strip()
-    files = "".join(f", {{download}}`{file} <{file}>`" for file in one.files)
+def _format_page(example: Example, cache_folder: Path) -> str:
+    output = (cache_folder / f"{example.name}.txt").read_text(encoding="utf-8").strip()
+    files = "".join(f", {{download}}`{file} <{file}>`" for file in example.companion_files)
     parts = [
-        f"# {short(one)}",
-        one.title,
-        f"```{{image}} {one.name}.png\n:alt: {one.title}\n```",
-        one.text,
-        f"```sh\n~/pw-elements/run python3 ~/pw-elements/examples/{one.name}.py\n```",
-        *([f"Output:\n\n```text\n{printed}\n```"] if printed else []),
-        f"{{download}}`{one.name}.py <{one.name}.py>`{files}",
-        f"```{{literalinclude}} {one.name}.py\n:language: python\n```",
+        f"# {example_heading(example)}",
+        example.title,
+        f"```{{image}} {example.name}.png\n:alt: {example.title}\n```",
+        example.description,
+        f"```sh\n~/pw-elements/run python3 ~/pw-elements/examples/{example.name}.py\n```",
+        *([f"Output:\n\n```text\n{output}\n```"] if output else []),
+        f"{{download}}`{example.name}.py <{example.name}.py>`{files}",
+        f"```{{literalinclude}} {example.name}.py\n:language: python\n```",
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _index(every: list[Example]) -> str:
+def _format_index(examples: list[Example]) -> str:
     cards = [
-        f":::{{grid-item-card}} {short(one)}\n:link: {one.name}\n:link-type: doc\n"
-        f":img-top: {one.name}.thumb.png\n:img-alt: {one.title}\n\n{one.title}\n:::"
-        for one in every
+        f":::{{grid-item-card}} {example_heading(example)}\n:link: {example.name}\n:link-type: "
+        "doc\n"
+        f":img-top: {example.name}.thumb.png\n:img-alt: {example.title}\n\n{example.title}\n:::"
+        for example in examples
     ]
-    tree = "\n".join(one.name for one in every)
+    toctree = "\n".join(example.name for example in examples)
     text = (
         "Each example is a short script, run as it stands when this site is built. Copy one and "
         "adapt it; it saves its picture in the current folder."
     )
     grid = "\n".join(["::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::"])
-    return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+    return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{toctree}\n```\n"
 
 
-def _thumbnail(picture: Path, to: Path) -> None:
+def _save_thumbnail(picture_path: Path, thumbnail_path: Path) -> None:
     """Make a picture small: the gallery's first page has all of them."""
-    with Image.open(picture) as image:
+    with Image.open(picture_path) as image:
         image.thumbnail((560, 560))
-        image.convert("RGB").quantize(96).save(to, optimize=True)
+        image.convert("RGB").quantize(96).save(thumbnail_path, optimize=True)
 
 
-def _ensure_run(one: Example, store: Path) -> None:
+def _run_if_outdated(example: Example, cache_folder: Path) -> None:
     """Run an example unless its picture is of this source and this library.
 
     Raises:
         StudyError: If it fails.
     """
     digest = hashlib.sha256()
-    for file in (f"{one.name}.py", *one.files):
-        digest.update((EXAMPLES / file).read_bytes())
+    for file in (f"{example.name}.py", *example.companion_files):
+        digest.update((EXAMPLES_FOLDER / file).read_bytes())
     for path in list_package_sources("pw_elements"):
         digest.update(f"{path.name} {digest_code(path)}".encode())
-    note, picture, printed = (store / f"{one.name}.{end}" for end in ("sha256", "png", "txt"))
-    made = all(path.is_file() for path in (picture, printed, note))
-    if made and note.read_bytes() == digest.hexdigest().encode():
+    digest_path, picture_path, output_path = (
+        cache_folder / f"{example.name}.{suffix}" for suffix in ("sha256", "png", "txt")
+    )
+    files_exist = all(path.is_file() for path in (picture_path, output_path, digest_path))
+    if files_exist and digest_path.read_bytes() == digest.hexdigest().encode():
         return
-    environment = os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
+    environment = os.environ | {"PYTHONPATH": str(EXAMPLES_FOLDER.parent)}
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(
-            [sys.executable, str(EXAMPLES / f"{one.name}.py")],
+        process = subprocess.run(
+            [sys.executable, str(EXAMPLES_FOLDER / f"{example.name}.py")],
             cwd=folder,
             env=environment,
             capture_output=True,
             text=True,
             check=False,
         )
-        if done.returncode:
-            raise StudyError(f"examples/{one.name}.py failed: {done.stderr.strip()[-2000:]}")
-        write_atomically(picture, (Path(folder) / f"{one.name}.png").read_bytes())
-    write_atomically(printed, done.stdout.encode())
-    write_atomically(note, digest.hexdigest().encode())
+        if process.returncode:
+            raise StudyError(f"examples/{example.name}.py failed: {process.stderr.strip()[-2000:]}")
+        write_atomically(picture_path, (Path(folder) / f"{example.name}.png").read_bytes())
+    write_atomically(output_path, process.stdout.encode())
+    write_atomically(digest_path, digest.hexdigest().encode())

@@ -2,7 +2,7 @@
 
 import re
 
-_LETTERS = {
+_SYMBOL_OF_NAME = {
     "int": "∫",
     "lambda": "λ",
     "omega": "ω",
@@ -12,9 +12,9 @@ _LETTERS = {
     "mu": "μ",
     "nu": "ν",
 }
-_WORD = re.compile(rf"(?<![\w.])({'|'.join(_LETTERS)})(?!\w|\()")
-_CALL = re.compile(r"(?<![\w.])eps(?=\()")
-_SIGNS = {
+_SYMBOL_NAME = re.compile(rf"(?<![\w.])({'|'.join(_SYMBOL_OF_NAME)})(?!\w|\()")
+_STRAIN_OPERATOR = re.compile(r"(?<![\w.])eps(?=\()")
+_SIGN_OF_PATTERN = {
     r"(?:<|&lt;)=": "≤",
     r"(?:>|&gt;)=": "≥",
     r"\bsqrt\(": "√(",
@@ -22,20 +22,26 @@ _SIGNS = {
     r"(?<=\d) - (?=\w)": " \N{MINUS SIGN} ",
     r"\btan a\b": "tan α",
 }
-_RAISED = re.compile(r"\^(-?\w+)|(?<=\b[HL])([12])\b")
-_LOWERED = re.compile(r"(?<=\b[A-Za-zσω])_(\w+)|(?<=\bp)0\b")
+_SUPERSCRIPT = re.compile(r"\^(-?\w+)|(?<=\b[HL])([12])\b")
+_SUBSCRIPT = re.compile(r"(?<=\b[A-Za-zσω])_(\w+)|(?<=\bp)0\b")
 
 
-def typeset(text: str, lowered: str = "<sub>{}</sub>", raised: str = "<sup>{}</sup>") -> str:
+def typeset(
+    text: str, subscript_format: str = "<sub>{}</sub>", superscript_format: str = "<sup>{}</sup>"
+) -> str:
     """Return text with letters, signs, indices and powers in place of their spellings.
 
     Args:
         text: plain, or escaped for HTML.
-        lowered: how an index is written.
-        raised: how a power is written.
+        subscript_format: how an index is written.
+        superscript_format: how a power is written.
     """
-    for sign, written in _SIGNS.items():
-        text = re.sub(sign, written, text)
-    text = _RAISED.sub(lambda m: raised.format((m[1] or m[2]).replace("-", "\N{MINUS SIGN}")), text)
-    text = _LOWERED.sub(lambda m: lowered.format(_LETTERS.get(m[1], m[1] or "0")), text)
-    return _CALL.sub("ε", _WORD.sub(lambda m: _LETTERS[m[1]], text))
+    for pattern, sign in _SIGN_OF_PATTERN.items():
+        text = re.sub(pattern, sign, text)
+    text = _SUPERSCRIPT.sub(
+        lambda m: superscript_format.format((m[1] or m[2]).replace("-", "\N{MINUS SIGN}")), text
+    )
+    text = _SUBSCRIPT.sub(
+        lambda m: subscript_format.format(_SYMBOL_OF_NAME.get(m[1], m[1] or "0")), text
+    )
+    return _STRAIN_OPERATOR.sub("ε", _SYMBOL_NAME.sub(lambda m: _SYMBOL_OF_NAME[m[1]], text))

@@ -4,11 +4,11 @@ import inspect
 from importlib import import_module
 from pathlib import Path
 
-from study.publish.site.gallery import Example, short
+from study.publish.site.gallery import Example, example_heading
 from study.publish.site.mathematics import typeset
 
 # The names that pages are grouped by; those with a folder are of what public ones take or return
-GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
+NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Spaces and elements": (
         "pw_elements",
         (
@@ -130,55 +130,70 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Pictures and checks": ("pw_elements", ("draw", "checks.DegenerateMesh")),
 }
-CONSTANTS = {"HELD", "OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState tells
+CONSTANTS_WITHOUT_PAGE = {
+    "HELD",
+    "OPEN",
+    "STICK",
+    "SLIP",
+}  # of contact, which the page of PairState tells
 
 
-def public() -> list[str]:
+def list_public_names() -> list[str]:
     """Return the full names of all that has a page."""
-    return [f"{module}.{name}" for module, names in _groups().values() for name in names]
+    return [f"{module}.{name}" for module, names in _complete_groups().values() for name in names]
 
 
-def _groups() -> dict[str, tuple[str, tuple[str, ...]]]:
+def _complete_groups() -> dict[str, tuple[str, tuple[str, ...]]]:
     """Return the groups, and one for each module with public names that none of them has."""
-    groups = dict(GROUPS)
+    groups = dict(NAME_GROUPS)
     for module in ("pw_elements", "pw_elements.contact", "pw_elements.meshes"):
-        named = {name for of, names in GROUPS.values() if of == module for name in names}
-        if others := sorted({*import_module(module).__all__} - named - CONSTANTS):
-            groups[f"Others of {module}"] = (module, tuple(others))
+        grouped_names = {
+            name
+            for group_module, names in NAME_GROUPS.values()
+            if group_module == module
+            for name in names
+        }
+        if other_names := sorted(
+            {*import_module(module).__all__} - grouped_names - CONSTANTS_WITHOUT_PAGE
+        ):
+            groups[f"Others of {module}"] = (module, tuple(other_names))
     return groups
 
 
-def _placed(module: str, name: str) -> tuple[str, str]:
+def _resolve_name(module: str, name: str) -> tuple[str, str]:
     """Return the module that has a name of a group, and the name without its folder."""
-    inner, _, plain = name.rpartition(".")
-    return f"{module}.{inner}" if inner else module, plain
+    submodule, _, plain_name = name.rpartition(".")
+    return f"{module}.{submodule}" if submodule else module, plain_name
 
 
-def write(pages: Path, used: dict[str, list[Example]]) -> None:
+def write_reference(pages_folder: Path, examples_by_name: dict[str, list[Example]]) -> None:
     """Write the reference's pages.
 
     Args:
-        pages: Their folder.
-        used: The examples that use each public name.
+        pages_folder: Their folder.
+        examples_by_name: The examples that use each public name.
     """
-    pages.mkdir(parents=True)
+    pages_folder.mkdir(parents=True)
     parts = ["# Reference", _INTRODUCTION]
-    tree = []
-    for group, (module, names) in _groups().items():
+    full_names = []
+    for group, (module, names) in _complete_groups().items():
         rows = []
-        for placed in names:
-            where, name = _placed(module, placed)
-            thing = getattr(import_module(where), name)
-            full = f"{where}.{name}"
-            (pages / f"{full}.rst").write_text(_page(where, name, thing, used), encoding="utf-8")
-            line = (inspect.getdoc(thing) or "").partition("\n\n")[0]
-            what = typeset(" ".join(line.split()), "{{sub}}`{}`", "{{sup}}`{}`")
-            rows.append(f"[`{name}`]({full}.rst)\n: {what}")
-            tree.append(full)
+        for qualified_name in names:
+            defining_module, name = _resolve_name(module, qualified_name)
+            public_object = getattr(import_module(defining_module), name)
+            full_name = f"{defining_module}.{name}"
+            (pages_folder / f"{full_name}.rst").write_text(
+                _format_page(defining_module, name, public_object, examples_by_name),
+                encoding="utf-8",
+            )
+            first_paragraph = (inspect.getdoc(public_object) or "").partition("\n\n")[0]
+            summary = typeset(" ".join(first_paragraph.split()), "{{sub}}`{}`", "{{sup}}`{}`")
+            rows.append(f"[`{name}`]({full_name}.rst)\n: {summary}")
+            full_names.append(full_name)
         parts += [f"## {group}", f"`{module}`", "\n\n".join(rows)]
-    entries = "\n".join(tree)
+    entries = "\n".join(full_names)
     parts.append(f"```{{toctree}}\n:hidden:\n\n{entries}\n```")
-    (pages / "index.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    (pages_folder / "index.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
 _INTRODUCTION = """Every public name has a page made from its docstring: arguments with shapes of
@@ -186,18 +201,22 @@ arrays, results, errors and sources. Any consistent units will do. "Eq. (n)" ref
 of the paper."""
 
 
-def _page(module: str, name: str, thing: object, used: dict[str, list[Example]]) -> str:
-    kind = "autofunction"
-    if inspect.isclass(thing):
-        kind = "autoexception" if issubclass(thing, BaseException) else "autoclass"
-    elif not callable(thing):
-        kind = "autodata"
+def _format_page(
+    module: str, name: str, public_object: object, examples_by_name: dict[str, list[Example]]
+) -> str:
+    directive = "autofunction"
+    if inspect.isclass(public_object):
+        directive = "autoexception" if issubclass(public_object, BaseException) else "autoclass"
+    elif not callable(public_object):
+        directive = "autodata"
     parts = [
         f"{name}\n{'=' * len(name)}",
         f".. currentmodule:: {module}",
-        f".. {kind}:: {name}",
+        f".. {directive}:: {name}",
     ]
-    if one := used.get(f"{module}.{name}"):
-        links = ", ".join(f":doc:`{short(e)} </gallery/{e.name}>`" for e in one)
+    if examples := examples_by_name.get(f"{module}.{name}"):
+        links = ", ".join(
+            f":doc:`{example_heading(example)} </gallery/{example.name}>`" for example in examples
+        )
         parts.append(f"**Used in:** {links}")
     return "\n\n".join(parts) + "\n"
