@@ -12,6 +12,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -30,6 +31,7 @@ from study.model.vocabulary import (
     UNDEFINED_READING_NOTE,
 )
 from study.publish.markdown import render_markdown, render_table_rows
+from study.publish.reproducibility import summarize_reproducibility
 from study.publish.texts import numbers
 from study.publish.texts.appendix import (
     NON_POLYNOMIAL_DEGREE,
@@ -175,6 +177,7 @@ class TextRenderer:
             },
             "computed": lambda section: describe_computation(results, section),
             "computed_and_recorded": lambda: count_computed_and_recorded(results),
+            "reproducibility": cache(lambda: summarize_reproducibility(results)),
             "verification_range": _format_verification_range(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": NON_POLYNOMIAL_DEGREE,

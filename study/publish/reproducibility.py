@@ -1,0 +1,243 @@
+"""What a repetition of the study needs: versions, processor, computing time, digest of the numbers.
+
+`python3 -m study.publish.reproducibility [FOLDER]` prints the digest of a folder of results.
+
+Each result is stored with the versions on which its validity depends. The other versions, and the
+processor, are those of the environment that writes the report: were they stored with the results,
+all results would be outdated wherever one of them differs.
+"""
+
+import ctypes
+import hashlib
+import json
+import os
+import platform
+import re
+import sys
+from functools import cache
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from study.run import records
+from study.run.cases import SECTIONS
+from study.run.store import Results, StoredResult
+
+MEASURED_SCALAR = re.compile(r"(seconds|megabytes|over_linear|over_bare|over_solutions)$")
+"""Names of scalars that are measured times or memory, or ratios: they differ in each run."""
+
+LIBRARY_NAMES = {
+    "dolfinx": "DOLFINx",
+    "basix": "Basix",
+    "ufl": "UFL",
+    "ffcx": "FFCx",
+    "petsc": "PETSc",
+    "slepc": "SLEPc",
+    "numpy": "NumPy",
+}
+"""Names of the packages whose versions are stored with each result."""
+
+_PROJECT_FOLDER = Path(__file__).parents[2]
+_MUMPS_VERSION = re.compile(rb"(?<![\d.])[4-9]\.\d{1,2}\.\d{1,2}(?![\d.])")
+
+
+class ComputingTime(NamedTuple):
+    """Computing time of the results.
+
+    Attributes:
+        computed_seconds: Elapsed seconds of all computed results, each times its processes.
+        recorded_seconds: CPU seconds of the results that were read from tracked records.
+        n_results: How many results there are.
+    """
+
+    computed_seconds: float
+    recorded_seconds: float
+    n_results: int
+
+
+def read_stored_versions(results: Results) -> dict[str, list[str]]:
+    """Return, by names of libraries, the versions with which the results were computed."""
+    versions: dict[str, set[str]] = {}
+    for result in _readable_results(results):
+        for package, version in result.provenance.get("versions", {}).items():
+            versions.setdefault(LIBRARY_NAMES.get(package, package), set()).add(version)
+    return {name: sorted(versions[name]) for name in LIBRARY_NAMES.values() if name in versions} | {
+        name: sorted(found) for name, found in sorted(versions.items())
+    }
+
+
+@cache
+def read_environment_versions() -> dict[str, str]:
+    """Return the versions that are not stored with results, of the running environment.
+
+    MUMPS and BLAS are those that are loaded with PETSc, NumPy and SciPy.
+    """
+    for module in ("scipy.linalg", "petsc4py.PETSc"):
+        try:
+            import_module(module)
+        except ImportError:
+            continue
+    libraries = _list_loaded_libraries()
+    return {
+        "MUMPS": read_mumps_version(libraries),
+        "BLAS": read_blas_version(libraries),
+        "SciPy": _read_version("scipy"),
+        "Python": platform.python_version(),
+    }
+
+
+def read_mumps_version(libraries: list[Path]) -> str:
+    """Return the version that MUMPS' library of double precision contains."""
+    for library in libraries:
+        if library.name.startswith("libdmumps"):
+            versions = {match.decode() for match in _MUMPS_VERSION.findall(library.read_bytes())}
+            if len(versions) == 1:
+                return versions.pop()
+    return "not identified"
+
+
+def read_blas_version(libraries: list[Path]) -> str:
+    """Return name and version of the loaded BLAS: OpenBLAS tells its own, others have file names.
+
+    Several libraries are listed: NumPy may bring another one than PETSc.
+    """
+    names = set()
+    for library in libraries:
+        if "openblas" in library.name:
+            names.add(_read_openblas_configuration(library))
+        elif re.match(r"lib(blis|mkl_rt|mkl_core|atlas)\b", library.name):
+            names.add(library.name)
+    return ", ".join(sorted(names)) or "not identified"
+
+
+def describe_processor() -> str:
+    """Return the processor of this machine, and how many cores the process may use."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    n_cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{(models or [platform.machine()])[0]}, {n_cores} cores"
+
+
+def sum_computing_time(results: Results) -> ComputingTime:
+    """Return the computing time of all readable results."""
+    rows = records.read_rows(records.COSTLY_CASES)
+    computed = recorded = 0.0
+    n_results = 0
+    for result in _readable_results(results):
+        n_results += 1
+        if not result.record:
+            provenance = result.provenance
+            computed += provenance.get("seconds", 0.0) * (provenance.get("processes") or 1)
+        elif result.key in rows:
+            recorded += rows[result.key].content["seconds"]
+    return ComputingTime(computed, recorded, n_results)
+
+
+def digest_numbers(results: Results) -> str:
+    """Return the SHA-256 digest of all numbers of all readable results, in hexadecimal digits.
+
+    It depends on sections, cases, names and values of scalars and curves; neither on the order in
+    which they are stored nor on provenance, nor on measured times and memory. One bit of one number
+    changes it, so that another processor, whose round-off differs, gives another digest.
+    """
+    lines = []
+    for result in _readable_results(results):
+        lines += [
+            f"{result.key} {name} {value + 0.0!r}"  # -0.0 is 0.0
+            for name, value in result.scalars.items()
+            if not MEASURED_SCALAR.search(name)
+        ]
+        lines += [
+            f"{result.key} {name} {_digest_array(curve)}" for name, curve in result.curves.items()
+        ]
+    return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
+
+
+def list_commits(results: Results) -> list[str]:
+    """Return the commits with which results were computed, "+" if files differed from them."""
+    return sorted(
+        {
+            f"{commit[:10]}{'+' if result.provenance.get('dirty') else ''}"
+            for result in _readable_results(results)
+            if (commit := result.provenance.get("commit"))
+        }
+    )
+
+
+def read_citation() -> dict[str, str]:
+    """Return title, version, licence and author of the software, as CITATION.cff has them."""
+    text = (_PROJECT_FOLDER / "CITATION.cff").read_text(encoding="utf-8")
+    fields = {
+        name: re.search(rf'^{name}: "?(.*?)"?$', text, re.MULTILINE)
+        for name in ("title", "version", "license", "repository-code", "doi")
+    }
+    authors = re.findall(r"^  - name: (.*)$", text.partition("references:")[0], re.MULTILINE)
+    return {name: match[1] if match else "" for name, match in fields.items()} | {
+        "author": ", ".join(authors)
+    }
+
+
+def summarize_reproducibility(results: Results) -> dict[str, Any]:
+    """Return all that the report's box says."""
+    return {
+        "stored_versions": read_stored_versions(results),
+        "environment_versions": read_environment_versions(),
+        "processor": describe_processor(),
+        "time": sum_computing_time(results),
+        "digest": digest_numbers(results),
+        "commits": list_commits(results),
+        "citation": read_citation(),
+    }
+
+
+def _readable_results(results: Results) -> list[StoredResult]:
+    return [result for section in SECTIONS for result in results.readable_results(section)]
+
+
+def _digest_array(array: np.ndarray) -> str:
+    """Return a digest of shape and values, independent of the type in which they are stored."""
+    if array.dtype.kind in "biuf":
+        values = np.ascontiguousarray(array, dtype="<f8") + 0.0
+        values[np.isnan(values)] = np.nan  # whatever its bits
+        content = values.tobytes()
+    else:
+        content = json.dumps(array.astype(str).tolist()).encode()
+    return hashlib.sha256(repr(array.shape).encode() + content).hexdigest()
+
+
+def _list_loaded_libraries() -> list[Path]:
+    """Return the shared libraries that this process has loaded, sorted; none without /proc."""
+    try:
+        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+    paths = {fields[-1] for line in lines if ".so" in (fields := line.split(maxsplit=5))[-1]}
+    return [Path(path) for path in sorted(paths) if Path(path).is_file()]
+
+
+def _read_openblas_configuration(library: Path) -> str:
+    """Return "OpenBLAS" and its version, as the library tells it, or else its file name."""
+    try:
+        read_configuration = ctypes.CDLL(str(library)).openblas_get_config
+    except (AttributeError, OSError):
+        return library.name
+    read_configuration.restype = ctypes.c_char_p
+    configuration = (read_configuration() or b"").decode()
+    match = re.match(r"OpenBLAS \d[\w.]*", configuration)
+    return match[0] if match else library.name
+
+
+def _read_version(distribution: str) -> str:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return "absent"
+
+
+if __name__ == "__main__":
+    print(digest_numbers(Results(sys.argv[1] if len(sys.argv) > 1 else "results")))
