@@ -16,6 +16,7 @@ from study.run.store import Results, StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
 GUIDE_FOLDER = ROOT / "docs"
+DRAFTS_FOLDER_NAME = "publication"
 STATIC_FOLDER = Path(__file__).with_name("static")
 FOLDER_KIND = "a site"
 
@@ -47,7 +48,7 @@ def build_site(results: Results, out: Path, jobs: int = 1) -> list[str]:
 
 def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[str]:
     """Write what Sphinx makes pages of; return what is missing."""
-    shutil.copytree(GUIDE_FOLDER, source_folder)
+    copy_guide(source_folder)
     shutil.copytree(STATIC_FOLDER, source_folder / "_static", dirs_exist_ok=True)
     shutil.copy(TEXTS_FOLDER / "formula.css", source_folder / "_static")
     shutil.copy(Path(__file__).with_name("conf.py"), source_folder)
@@ -57,6 +58,11 @@ def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[
     )
     reference.write_reference(source_folder / "reference", examples_by_name)
     return evidence.write_evidence(results, source_folder)
+
+
+def copy_guide(source_folder: Path) -> None:
+    """Copy the guide's pages, without drafts for journals, which have formats of their own."""
+    shutil.copytree(GUIDE_FOLDER, source_folder, ignore=shutil.ignore_patterns(DRAFTS_FOLDER_NAME))
 
 
 def _write_about_page(source_folder: Path) -> None:
