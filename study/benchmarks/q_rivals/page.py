@@ -616,11 +616,13 @@ FINDINGS = r"""
    {{ num(100 * s("Q/space-snes-vi-projected-5", "pressure_l2"), 2) }}): the fairest reading of the standard element is
    $\boldsymbol{T}$.
 
-Not computed here: *composite triangles and modified quadratic elements* {{ cite("guo", "thoutireddy", "patent") }},
+Not computed here: *composite triangles and modified quadratic elements* {{ cite("guo", "thoutireddy", "patent") }}
+such as C3D10M of Abaqus, whose guide calls standard tetrahedra unsuitable for contact {{ cite("abaqus") }}:
 symmetric, with even forces on flat surfaces and of first order on curved ones ({{ ref("v2_hertz_convergence") }}). *Dual
 quadratic mortar* {{ cite("wohlmuth", "popp", "puso") }}, also on sub-segments {{ cite("pinto") }}, is compared between two
 bodies ({{ ref("V11") }}). GetFEM {{ cite("getfem") }}, MOOSE {{ cite("moose") }} and CalculiX {{ cite("calculix") }} offer
-Nitsche's, mortar and penalty methods, with augmented Lagrangians after {{ cite("simo") }}; on proximal Galerkin see
+Nitsche's, mortar and penalty methods, with augmented Lagrangians after {{ cite("simo") }}; FEBio integrates contact over
+the faces of tetrahedra {{ cite("febio") }}; on proximal Galerkin see
 {{ cite("papadopoulos") }}.
 """
 
