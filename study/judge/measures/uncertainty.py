@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from study.judge.grid_convergence import GridConvergence, grid_convergence
 from study.run.store import Results
 
+Keys = Sequence[str]
 BEAM_DIVISIONS = ((4, 1), (8, 2), (16, 4), (32, 8), (64, 16))
 """Meshes of the beam under a uniform load, whose critical stresses are known."""
 BEAM_ELEMENTS = ("galerkin-T6", "galerkin-Q8", "pwsym-T6")
 """Elements with different critical stresses; the new triangle has those of the standard one."""
 
 
-def observed_order(
-    results: Results, keys: Sequence[str], name: str, refinements: Sequence[float]
-) -> float:
+def observed_order(results: Results, keys: Keys, name: str, refinements: Sequence[float]) -> float:
     """Observed order of a stored number on three meshes; NaN if it does not converge.
 
     Args:
@@ -23,9 +22,36 @@ def observed_order(
         name: of the scalar.
         refinements: divisions of a side over those of the coarse mesh, (3,).
     """
-    values = [results.scalar(key, name) for key in keys]
-    order = grid_convergence(values, [1 / refinement for refinement in refinements]).order
+    order = _scalar_convergence(results, keys, name, refinements).order
     return math.nan if order is None else order
+
+
+def error_over_index(
+    results: Results, keys: Keys, reference: Keys, name: str, refinements: Sequence[float]
+) -> float:
+    """Error of the finest mesh's number over its GCI; NaN if one of the series is not asymptotic.
+
+    Args:
+        results: of the study.
+        keys: cases, (3,).
+        reference: cases of other meshes, whose extrapolated number counts as exact, (3,).
+        name: of the scalar.
+        refinements: divisions of a side over those of the coarse mesh, (3,).
+    """
+    convergence, reference_convergence = (
+        _scalar_convergence(results, series, name, refinements) for series in (keys, reference)
+    )
+    if convergence.index is None or reference_convergence.extrapolated is None:
+        return math.nan
+    error = reference_convergence.extrapolated / convergence.values[-1] - 1
+    return abs(error) / convergence.index
+
+
+def _scalar_convergence(
+    results: Results, keys: Keys, name: str, refinements: Sequence[float]
+) -> GridConvergence:
+    values = [results.scalar(key, name) for key in keys]
+    return grid_convergence(values, [1 / refinement for refinement in refinements])
 
 
 def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
