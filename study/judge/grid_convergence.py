@@ -1,5 +1,7 @@
 """Numerical uncertainty of a number by three meshes: observed order, extrapolation and GCI.
 
+Needs NumPy alone, as the report does.
+
 The grid convergence index (GCI) is the relative change from the medium to the fine mesh, divided
 by r^p - 1 and multiplied by a safety factor; r is the refinement ratio and p the observed order.
 Sources: I. B. Celik et al., J. Fluids Eng. 130, 078001, 2008; P. J. Roache, J. Fluids Eng. 116,
@@ -12,7 +14,6 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 
 SAFETY_FACTOR = 1.25
 """Factor of the GCI for three meshes; Roache's, which Celik et al. keep."""
@@ -118,6 +119,7 @@ def solve_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> 
         return None
     if log_change_ratio(MAX_COMPUTED_ORDER) <= target:
         return MAX_COMPUTED_ORDER
-    return float(
-        brentq(lambda p: log_change_ratio(p) - target, MIN_COMPUTED_ORDER, MAX_COMPUTED_ORDER)
-    )
+    low, high = MIN_COMPUTED_ORDER, MAX_COMPUTED_ORDER
+    while (middle := (low + high) / 2) not in (low, high):  # until neighbouring numbers are reached
+        low, high = (middle, high) if log_change_ratio(middle) < target else (low, middle)
+    return low

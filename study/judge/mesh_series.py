@@ -88,10 +88,10 @@ SMOOTH_PLATE_MESHES = ("-mu0", "-mu0-refined2", "-mu0-refined4")
 STRAIN_PLATE_MESHES = ("-strain", "-strain-refined2", "-strain-refined4")
 BEAM_MESHES = ("", "-point-10x4", "-point-20x8")
 FINE_BEAM_MESHES = ("-point-20x8", "-point-40x16", "-point-80x32")
-# New and standard element of a row, by words
+# New and standard element of a row, by words: form G; new element symmetrised, standard form J
 BEAM_PAIRS = {
-    "form G": ("pw-T6", "galerkin-T6"),
-    "new symmetrised, standard form J": ("pwsym-T6", "galerkin-T6-J"),
+    "G": ("pw-T6", "galerkin-T6"),
+    "sym., J": ("pwsym-T6", "galerkin-T6-J"),
 }
 
 QUANTITIES = [
@@ -102,7 +102,7 @@ QUANTITIES = [
     *(
         _series(
             "7.2",
-            f"pressure/$p$ at $x$ = {x:g}",
+            f"pressure/$p$, $x$ = {x:g}",
             "pressure",
             BLOCK_MESHES,
             HALVED_TWICE,
@@ -123,15 +123,15 @@ QUANTITIES = [
     *(
         _series("7.4", words, name, meshes, HALVED_TWICE, unit=unit)
         for words, name, meshes, unit in (
-            ("sticks to $x/b$, plane stress", "stick_to", PLATE_MESHES, 1.0),
-            ("sticks to $x/b$, plane strain", "stick_to", STRAIN_PLATE_MESHES, 1.0),
+            ("sticks to $x/b$, stress", "stick_to", PLATE_MESHES, 1.0),
+            ("sticks to $x/b$, strain", "stick_to", STRAIN_PLATE_MESHES, 1.0),
             (r"settlement, $\mu = 0.36$, μm", "translation", PLATE_MESHES, 1e-6),
             (r"settlement, $\mu = 0$, μm", "translation", SMOOTH_PLATE_MESHES, 1e-6),
         )
     ),
     _series(
         "7.4",
-        "pressure at $x/b$ = 0.875, kN/m²",
+        "pressure, $x/b$ = 0.875, kN/m²",
         "pressure",
         PLATE_MESHES,
         HALVED_TWICE,
@@ -148,18 +148,15 @@ QUANTITIES = [
             unit,
         )
         for words, name, unit in (
-            *((f"normal force $F_{k}$, kN", f"force_normal_{k}", 1.0) for k in (1, 2, 3, 4)),
-            (r"eigenvalue $\lambda_1$, 1000/s²", "omega2_1", 1.0),
-            *(
-                (rf"eigenvalue $\lambda_{mode}/10^6$", f"omega2_{mode}", 1e6)
-                for mode in range(2, 7)
-            ),
+            *((f"force $F_{k}$, kN", f"force_normal_{k}", 1.0) for k in (1, 2, 3, 4)),
+            (r"$\lambda_1$, 1000/s²", "omega2_1", 1.0),
+            *((rf"$\lambda_{mode}/10^6$, 1000/s²", f"omega2_{mode}", 1e6) for mode in range(2, 7)),
         )
     ),
     *(
         _series(
             "7.6",
-            f"critical stress, mode {mode}, {words}, {squares}, MPa",
+            rf"$\sigma_{mode}$, MPa: {words}, {squares}",
             f"sigma_cr_{mode}",
             meshes,
             HALVED_TWICE,
@@ -167,7 +164,7 @@ QUANTITIES = [
             elements=elements,
         )
         for words, elements in BEAM_PAIRS.items()
-        for meshes, squares in ((BEAM_MESHES, "from 5 × 2"), (FINE_BEAM_MESHES, "from 20 × 8"))
+        for meshes, squares in ((BEAM_MESHES, "5 × 2"), (FINE_BEAM_MESHES, "20 × 8"))
         for mode in (1, 2)
     ),
 ]
