@@ -260,11 +260,11 @@ REPLACEMENT_CASES = {
 }
 # Allowed states besides old and new content (without renameat2, only until the next call)
 ALLOWED_STATES = {
-    "FirstFolderCase": {"missing"},
-    "EmptyFolderCase": {"missing"},
+    "FolderCreationCase": {"missing"},
+    "EmptyFolderReplacementCase": {"missing"},
     "FolderWithoutExchangeCase": {"missing"},
-    "ClaimCase": {"missing"},
-    "ResultCase": {"mixed, and known to be"},
+    "FolderClaimCase": {"missing"},
+    "ResultReplacementCase": {"mixed, and known to be"},
 }
 RESTORED_CASES = {"FolderWithoutExchangeCase"}
 

@@ -186,6 +186,15 @@ CASES += [
     Case("7.2", f"{element}-80x40", block, {"element": element, "divisions": (80, 40)})
     for element in ("pw-T6", "pw-Q9")
 ]
+# Halved elements, for the uncertainty of the numbers, see `study.judge.mesh_series`
+CASES += [
+    Case("7.2", f"{element}-{nx}x{ny}", block, {"element": element, "divisions": (nx, ny)})
+    for element, nx, ny in (
+        ("pw-T6", 40, 20),
+        ("galerkin-T6", 40, 20),
+        ("galerkin-T6", 80, 40),
+    )
+]
 # All rough nodes stick: there T times the standard forces has to equal the new ones
 CASES += [
     Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})

@@ -18,7 +18,7 @@ from study.model.contact_result import contact_result
 from study.model.discretisation import discretise
 from study.model.units import UNSTATED_UNITS
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 
 SECTION = "7.3"
@@ -149,7 +149,7 @@ def _on_base(x: np.ndarray) -> np.ndarray:
 # Cases
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-FINE = {"divisions": (114, 24)}
+MEDIUM, FINE = {"divisions": (57, 12)}, {"divisions": (114, 24)}
 SMOOTH = {"friction": 0.0, "tangential_share": 0.0}
 CASES = [Case("7.3", element, punch, {"element": element}) for element in ELEMENTS]
 CASES += [
@@ -175,6 +175,19 @@ CASES += [
         {"element": "pw-Q9", "divisions": (57, 12), "increments": 4 * INCREMENTS},
     ),
 ]
+# Finer meshes, for the uncertainty of the numbers, see `study.judge.mesh_series`
+CASES += [
+    Case("7.3", f"{element}{suffix}-57x12", punch, {"element": element, **MEDIUM, **changes})
+    for element in ("pw-T6", "galerkin-T6")
+    for suffix, changes in (("", {}), ("-mu0", SMOOTH))
+]
+CASES += mark_costly(
+    [
+        Case("7.3", "galerkin-T6-114x24", punch, {"element": "galerkin-T6", **FINE}),
+        Case("7.3", "galerkin-T6-mu0-114x24", punch, {"element": "galerkin-T6", **FINE, **SMOOTH}),
+    ],
+    "galerkin-T6-114x24",
+)
 
 # Results
 

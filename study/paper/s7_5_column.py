@@ -34,7 +34,7 @@ from study.model.units import KN_M_UNITS, SI_UNITS, units_of
 from study.paper import s7_5_profiles
 from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA
 from study.paper.s7_5_profiles import PROFILES, Profile
-from study.run.cases import Case
+from study.run.cases import Case, mark_costly
 from study.run.store import Result
 
 SECTION = "7.5"
@@ -359,6 +359,15 @@ CASES += [
     Case("7.5", f"{name}-second", vibration, {**arguments, **SECOND_COLUMN})
     for name, arguments in TREATMENTS.items()
 ]
+
+# Halved elements, for the uncertainty of the numbers, see `study.judge.mesh_series`
+CASES += mark_costly(
+    [
+        _contact_case(element, f"-refined{refined}", refined=refined)
+        for element, refined in (("galerkin-T6", 2), ("galerkin-T6", 4), ("pw-T6", 4))
+    ],
+    "*-refined4",
+)
 
 # Results
 

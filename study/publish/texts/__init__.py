@@ -22,6 +22,7 @@ import numpy as np
 from markupsafe import Markup
 
 from study.judge.claims import GRADES, PAPER_KINDS
+from study.judge.mesh_series import estimate_uncertainties
 from study.model.vocabulary import (
     ELEMENTS,
     OWN_FUNCTION_READING,
@@ -181,6 +182,7 @@ class TextRenderer:
             "verification_range": _format_verification_range(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": NON_POLYNOMIAL_DEGREE,
+            "uncertainties": lambda: estimate_uncertainties(results),
         }
         self.environment.filters |= {
             "found": format_measured,

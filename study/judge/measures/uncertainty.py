@@ -1,0 +1,90 @@
+"""Measures of numerical uncertainty: observed orders, and whether the GCI bounds known errors."""
+
+import math
+from collections.abc import Sequence
+
+from study.judge.grid_convergence import GridConvergence, grid_convergence
+from study.run.store import Results
+
+Keys = Sequence[str]
+BEAM_DIVISIONS = ((4, 1), (8, 2), (16, 4), (32, 8), (64, 16))
+"""Meshes of the beam under a uniform load, whose critical stresses are known."""
+BEAM_ELEMENTS = ("galerkin-T6", "galerkin-Q8", "pwsym-T6")
+"""Elements with different critical stresses; the new triangle has those of the standard one."""
+
+
+def observed_order(results: Results, keys: Keys, name: str, refinements: Sequence[float]) -> float:
+    """Observed order of a stored number on three meshes; NaN if it does not converge.
+
+    Args:
+        results: of the study.
+        keys: cases, (3,).
+        name: of the scalar.
+        refinements: divisions of a side over those of the coarse mesh, (3,).
+    """
+    order = _scalar_convergence(results, keys, name, refinements).order
+    return math.nan if order is None else order
+
+
+def error_over_index(
+    results: Results, keys: Keys, reference: Keys, name: str, refinements: Sequence[float]
+) -> float:
+    """Error of the finest mesh's number over its GCI; NaN if one of the series is not asymptotic.
+
+    Args:
+        results: of the study.
+        keys: cases, (3,).
+        reference: cases of other meshes, whose extrapolated number counts as exact, (3,).
+        name: of the scalar.
+        refinements: divisions of a side over those of the coarse mesh, (3,).
+    """
+    convergence, reference_convergence = (
+        _scalar_convergence(results, series, name, refinements) for series in (keys, reference)
+    )
+    if convergence.index is None or reference_convergence.extrapolated is None:
+        return math.nan
+    error = reference_convergence.extrapolated / convergence.values[-1] - 1
+    return abs(error) / convergence.index
+
+
+def _scalar_convergence(
+    results: Results, keys: Keys, name: str, refinements: Sequence[float]
+) -> GridConvergence:
+    values = [results.scalar(key, name) for key in keys]
+    return grid_convergence(values, [1 / refinement for refinement in refinements])
+
+
+def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
+    """Convergence of critical stresses under a uniform load, each with its exact value.
+
+    Both modes, both geometric stiffnesses, three elements, and each three successive meshes.
+    """
+    series = []
+    for element in BEAM_ELEMENTS:
+        for form, suffix in (("G", ""), ("J", "-J")):
+            for mode in (1, 2):
+                exact = results.scalar("7.6/exact", f"{form}_{mode}")
+                stresses = [
+                    results.scalar(f"7.6/{element}{suffix}-uniform-{nx}x{ny}", f"sigma_cr_{mode}")
+                    for nx, ny in BEAM_DIVISIONS
+                ]
+                for first in range(len(stresses) - 2):
+                    sizes = [1 / nx for nx, _ in BEAM_DIVISIONS[first : first + 3]]
+                    convergence = grid_convergence(stresses[first : first + 3], sizes)
+                    series.append((convergence, exact))
+    return series
+
+
+def asymptotic_beam_series(results: Results) -> float:
+    """Number of these series that are asymptotic."""
+    return float(sum(convergence.index is not None for convergence, _ in beam_series(results)))
+
+
+def share_within_index(results: Results) -> float:
+    """Share of asymptotic series whose exact value lies within the GCI of the fine mesh's value."""
+    is_within = [
+        abs(exact / convergence.values[-1] - 1) <= convergence.index
+        for convergence, exact in beam_series(results)
+        if convergence.index is not None
+    ]
+    return sum(is_within) / len(is_within)
