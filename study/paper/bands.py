@@ -1,7 +1,7 @@
-"""Variants of sections 7.2 to 7.5 for data that our copy of the paper does not state.
+"""Variants of the cases of sections 7.2 to 7.5, for data that our copy of the paper does not state.
 
-No solver is imported. Figures draw a case and its variants as a band, from the least to the largest
-value.
+This module imports no solver. Figures draw a case and its variants as a band from the smallest to
+the largest value.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Variants = Mapping[str, Mapping[str, object]]
-"""Changed parameters, by the suffix of the case's name."""
+"""Changed parameters of each variant, by the suffix of the case's name."""
 
 UNPRINTED_DATA: dict[str, Variants] = {
     "7.2": {
@@ -23,7 +23,7 @@ UNPRINTED_DATA: dict[str, Variants] = {
         "-low": {"divisions": (25, 8), "height": 1.28},
         "-high": {"height": 8 / 3},
     },
-    # each with about the printed force
+    # in each of these variants the force is about the printed one
     "7.3": {
         "-16x4-R8": {"width": 16.0},
         "-6x4-R9": {"width": 6.0, "radius": 9.0},
@@ -42,7 +42,7 @@ UNPRINTED_DATA: dict[str, Variants] = {
         "-second": {"section": "second"},
     },
 }
-"""Dimensions, loads and states that are not printed, by section."""
+"""Variants of dimensions, loads and stress states that the paper does not print, by section."""
 UNPRINTED_DATA_LABEL = "unknown data"
 
 
@@ -64,18 +64,19 @@ def list_case_family(key: str, variants: Mapping[str, Variants]) -> list[str]:
 
 
 def envelope(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
-    """Return the least and the largest values of piecewise-linear lines.
+    """Return the envelope (smallest and largest values) of piecewise-linear lines.
 
     Args:
         lines: Increasing positions (m,) and values (m,) of each line; NaN marks a gap.
 
     Returns:
-        Positions (n,) of all lines' points within the first line, least and largest values (n,).
+        Positions (n,) of all lines' points within the range of the first line, and the smallest and
+        largest values (n,) there.
     """
     first_positions = lines[0][0]
     x = np.unique(np.concatenate([positions for positions, _ in lines]))
     x = x[(x >= first_positions[0]) & (x <= first_positions[-1])]
-    min_distance = 1e-9 * (x[-1] - x[0])  # positions closer than this differ by round-off
+    min_distance = 1e-9 * (x[-1] - x[0])  # closer positions differ by round-off only
     x = x[np.diff(x, prepend=-np.inf) > min_distance]
     interpolated = []
     for positions, values in lines:

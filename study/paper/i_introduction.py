@@ -68,7 +68,7 @@ LENGTH, HEIGHT = 4.0, 2.0
 DIVISIONS = (64, 32)
 FRICTION = 0.3
 DOWNWARD_DISPLACEMENT, SIDEWAYS_DISPLACEMENT = 0.2, 0.15
-"""Displacements of the upper side."""
+"""Prescribed displacements of the block's upper side."""
 
 # Row of rectangles
 ROW_LENGTH, ROW_HEIGHT = 8, 0.25
@@ -89,7 +89,7 @@ def factors(element: str, friction: float) -> Result:
     """Count the entries of the factors of the block's last contact matrix.
 
     The matrix is that of Newton's method on the closed, sticking and sliding nodes of the solution:
-    the equation of a sliding node is its tangential force less mu times its normal one. Symmetric
+    the equation of a sliding node is its tangential force minus mu times its normal force. Symmetric
     matrices are factorised as L D L^T, others as L U.
     """
     body = discretise(element, _mesh_block, MATERIAL, StressState.PLANE_STRESS)
@@ -114,7 +114,7 @@ def factors(element: str, friction: float) -> Result:
 
 
 def _assemble_tangent(body: Discretisation, contact: PairState) -> sp.csr_matrix:
-    """Return Newton's matrix at a solution, without the prescribed displacements."""
+    """Return the matrix of Newton's method at a solution, without prescribed displacements."""
     nodes = body.space.tabulate_dof_coordinates()
     contact_nodes = np.flatnonzero(_on_lower_side(nodes.T))
     contact_nodes = contact_nodes[np.argsort(nodes[contact_nodes, 0])]
@@ -156,12 +156,12 @@ def dip(element: str, refined: int = 1) -> Result:
 
     The pressure vanishes at one corner node. The scalars are the smallest nodal force on the base
     and the smallest pressure (force over the integral of the node's own test function), both
-    relative to their means. The base holds the row vertically at all nodes, open or not, so that
+    relative to their means. The base supports the row vertically at all nodes, even in tension, so
     the problem is linear.
 
     Args:
         element: Name of the element.
-        refined: Factor of the divisions.
+        refined: Factor by which the numbers of divisions are multiplied.
     """
     body = discretise(element, partial(_mesh_row, refined), MATERIAL, StressState.PLANE_STRESS)
     x = ufl.SpatialCoordinate(body.body.spaces.mesh)

@@ -1,4 +1,4 @@
-"""Figures, tables and numbered equations of the paper: printed numbers, and files that treat them.
+"""Figures, tables and numbered equations of the paper: printed numbers, and the files that use them.
 
 M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
 functions in 2D contact problems", received August 16, 2001.
@@ -50,7 +50,7 @@ class Item:
 
     @property
     def source_path(self) -> str:
-        """File that draws the item, or else computes it."""
+        """File that draws the item or, if there is none, computes it."""
         return self.figure or self.module
 
 
@@ -143,7 +143,7 @@ ITEMS = [
     _equation("7.6", 27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
 ]
 
-# Titles of the paper's sections without a page; pages have their own titles
+# Titles of those sections of the paper that have no page; pages state their own titles
 TITLES_WITHOUT_PAGE = {
     "2": "Weak formulation",
     "4": "Stiffness matrix",
@@ -153,7 +153,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def section_table() -> str:
-    """Return the Markdown table of sections, the paper's first, with their files."""
+    """Return the Markdown table of sections and their files, beginning with the paper's sections."""
     sections = sorted({*TITLES_WITHOUT_PAGE, *SECTIONS}, key=section_order)
     head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

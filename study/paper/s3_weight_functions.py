@@ -105,16 +105,16 @@ symmetries; the stiffness is compared with the sum in Eq. (23) evaluated by hand
 
 RANDOM_POINTS, SEED = 1000, 2001
 CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
-"""Of a triangle without symmetries."""
+"""Corners of a triangle without symmetries."""
 YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 1.0, 0.3, 1.0
-"""Of a material with coupled normal strains."""
+"""Constants of a material; Poisson's ratio is not zero, so that normal strains are coupled."""
 
 
 def weight_functions() -> Result:
-    """Compare the Basix element with the printed equations, Basix's own element and the principles.
+    """Compare the new element's weights with the printed equations, Basix' iso element and principles.
 
-    Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, `grid` (n, 2) with the
-    weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
+    Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, the points `grid` (n, 2)
+    of a plot and its cells `grid_cells` (m, 3), and weights (n, 6) and shape functions (n, 6) there.
     """
     element = piecewise_linear_sub_cell_element("triangle")
     nodes = element._element.points[BASIX_DOF_OF_PAPER_NODE]  # in the paper's order
@@ -155,12 +155,12 @@ def weight_functions() -> Result:
 
 
 def _tabulate(element: basix.ufl._ElementBase, points: Points) -> Points:
-    """Return values (n, 6) at reference points (n, 2), functions in the paper's order."""
+    """Return the functions' values (n, 6) at reference points (n, 2), in the paper's order."""
     return element.tabulate(0, points)[0][:, BASIX_DOF_OF_PAPER_NODE]
 
 
 def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> float:
-    """Return the largest difference of the two one-sided limits across the sides of A4.
+    """Return the largest difference between the one-sided limits across the sides of A4.
 
     The element is evaluated at a small distance on either side, and both values are extrapolated
     to the side by the gradients there.
@@ -185,10 +185,10 @@ def _max_linearity_error(
     """Compare weights (n, 6) with linear interpolation of their values at sub-element corners.
 
     Args:
-        weights: values at random points.
-        barycentric: (n, 3), coordinates of the points in their sub-elements.
-        corners: (n, 3, 2), of these sub-elements.
-        element: the functions.
+        weights: Weight functions (n, 6) at random points.
+        barycentric: Barycentric coordinates (n, 3) of the points in their sub-elements.
+        corners: Corners (n, 3, 2) of these sub-elements.
+        element: Element that defines the weight functions.
     """
     corner_values = _tabulate(element, corners.reshape(-1, 2)).reshape(*corners.shape[:2], 6)
     interpolated = np.einsum("nc,ncf->nf", barycentric, corner_values)
@@ -196,7 +196,7 @@ def _max_linearity_error(
 
 
 def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
-    """Return the points of a lattice of n divisions on the reference triangle, and its cells."""
+    """Return the points and cells of a lattice on the reference triangle, with n divisions a side."""
     index: dict[tuple[int, int], int] = {}
     points: list[tuple[float, float]] = []
     for j in range(n + 1):
@@ -215,7 +215,7 @@ def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
 def element_matrices() -> Result:
     """Compute symmetry, rank and row sums of K, M and K_sigma of one element, and check Eq. (23).
 
-    Eq. (23), the stiffness as a sum over sub-elements, is evaluated by hand.
+    Eq. (23), the stiffness as a sum over sub-elements, is evaluated without UFL.
     """
     mesh = _mesh_one_triangle(CORNERS)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
@@ -254,10 +254,10 @@ def _mesh_one_triangle(corners: Points) -> Mesh:
 
 
 def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
-    """Return Eq. (21) as Eq. (23), (12, 12) in the numbering of the space.
+    """Return the stiffness (12, 12) of Eq. (21) by Eq. (23), in the numbering of the space.
 
-    One point, the centroid of each sub-element, integrates exactly: there the gradients of the
-    weights are constant and those of the shape functions linear.
+    One integration point, the centroid of each sub-element, is exact, as the gradients of the
+    weights are constant on a sub-element and those of the shape functions linear.
     """
     mesh_nodes = U.dofmap.list[0][BASIX_DOF_OF_PAPER_NODE]
     nodes = U.tabulate_dof_coordinates()[mesh_nodes, :2]
@@ -289,7 +289,7 @@ def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
 
 
 def _strain_matrix(gradients: Points) -> Points:
-    """Return B of Eq. (6), (3, 12), from gradients (2, 6)."""
+    """Return the strain matrix B (3, 12) of Eq. (6) for gradients (2, 6)."""
     B = np.zeros((3, 12))
     B[0, 0::2] = B[2, 1::2] = gradients[0]
     B[1, 1::2] = B[2, 0::2] = gradients[1]

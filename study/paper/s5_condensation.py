@@ -52,10 +52,10 @@ PROBLEM = r"""
 
 MATERIAL = Material(1.0, 0.3)
 CORNERS = np.array([[0.0, 0.0], [1.3, -0.1], [1.1, 0.9], [-0.1, 0.8]])
-"""Of an element without symmetries, counter-clockwise."""
+"""Corners of an element without symmetries, counter-clockwise."""
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 DIVISIONS = (6, 6)
-"""Of the distorted square."""
+"""Numbers of divisions of the distorted square."""
 
 # Method
 
@@ -76,11 +76,11 @@ on a distorted, clamped square under a body load that also loads inner nodes, an
 
 @dataclass(frozen=True)
 class _CondensedQuadrilateral:
-    """Quadrilateral whose inner node is condensed.
+    """Quadrilateral whose inner node has been condensed.
 
     Args:
-        nodes: Positions (9, 2), with the inner node.
-        cells: Nodes (2, 6) of triangles, or (1, 9) of a quadrilateral.
+        nodes: Positions (9, 2), including the inner node.
+        cells: Nodes (2, 6) of two triangles, or (1, 9) of one quadrilateral.
         inner: Number of the inner node.
         stiffness: Condensed stiffness (16, 16), nodes ordered by position.
     """
@@ -118,7 +118,7 @@ class _CondensedQuadrilateral:
 def element_matrix(element: str) -> Result:
     """Examine the stiffness of one condensed quadrilateral: symmetry, rank, effect of the diagonal.
 
-    Curves: `nodes` (9, 2), the inner one at `inner`, and the `cells` they belong to.
+    Curves: `nodes` (9, 2) with the inner node in row `inner`, and the `cells` that they form.
     """
     quadrilateral = _CondensedQuadrilateral.from_corners(element, CORNERS)
     K = quadrilateral.stiffness
@@ -156,9 +156,9 @@ def statics(element: str) -> Result:
 
 
 def identity() -> Result:
-    """Compare K of condensed pairs with T times that of condensed pairs of standard triangles.
+    """Compare K of condensed pairs of triangles with T times K of condensed standard triangles.
 
-    Further scalars: the unsymmetry of both, and of the mass matrices by Guyan's reduction.
+    Further scalars: the asymmetry of both matrices, and of the mass matrices by Guyan's reduction.
     """
     condensed, scalars = [], {}
     for element in ("pw-T6", "galerkin-T6"):

@@ -60,7 +60,7 @@ LENGTH, HEIGHT = 4.0, 2.0
 DIVISIONS = (20, 10)
 PRESSURE = 200.0
 PULL = 0.3
-"""Tangential traction on the right side over the pressure."""
+"""Tangential traction on the right side, divided by the pressure."""
 SMOOTH_LENGTH = 0.2
 """Length of the frictionless element at either end."""
 
@@ -75,7 +75,7 @@ shows what other readings make of the same forces.
 """
 
 INCREMENTS = 10
-"""Increments of the pull, after the pressure."""
+"""Number of increments of the pull, which follows the pressure."""
 
 
 def block(
@@ -94,11 +94,11 @@ def block(
     Args:
         element: Name of the element.
         friction: Coefficient of friction where the foundation is rough.
-        pull: Tangential traction over the pressure.
+        pull: Tangential traction divided by the pressure.
         divisions: Squares along and across the block.
-        shared_is_rough: Whether a node of a smooth and a rough element has friction.
+        shared_is_rough: Whether a node between a smooth and a rough element has friction.
         state: "plane stress" or "plane strain".
-        pressed_first: Whether the pressure comes before the pull, or together with it.
+        pressed_first: Whether the pressure is applied before the pull; otherwise together with it.
         height: Height of the block.
         pattern: Diagonals of the squares.
     """
@@ -119,9 +119,10 @@ def block(
 def assemble_load_history(
     body: Discretisation, pull: float, pressed_first: bool = True, height: float = HEIGHT
 ) -> list[PETSc.Vec]:
-    """Return the loads at the end of each increment.
+    """Return the load vectors at the ends of all increments.
 
-    They are the pressure, then the pull in equal steps; or both together in equal steps.
+    The pressure is applied in one increment and then the pull in equal ones; or both are increased
+    together in equal increments.
     """
     pressure = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], height))
     traction = body.surface_load((pull * PRESSURE, 0.0), _on_right_side)
@@ -144,7 +145,7 @@ def solve_on_foundation(
         body: Discretised block.
         loads: Load vectors at the ends of the increments.
         friction: Coefficient of friction where the foundation is rough.
-        shared_is_rough: Whether a node of a smooth and a rough element has friction.
+        shared_is_rough: Whether a node between a smooth and a rough element has friction.
         smooth_length: Length without friction at either end.
     """
     margin = -1e-9 if shared_is_rough else 1e-9
@@ -163,7 +164,7 @@ def mesh_block(
     height: float = HEIGHT,
     pattern: DiagonalPattern = "right",
 ) -> Mesh:
-    """Return a mesh of the block of "triangle" or "quadrilateral" cells."""
+    """Mesh the block by cells "triangle" or "quadrilateral"."""
     if cell == "triangle":
         return triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions, pattern)
     return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions)
@@ -195,7 +196,7 @@ CASES += [
         ("galerkin-T6", 80, 40),
     )
 ]
-# All rough nodes stick: there T times the standard forces has to equal the new ones
+# All rough nodes stick, and T times the forces of the standard element has to equal the new ones
 CASES += [
     Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})
     for element in ("galerkin-T6", "pw-T6")

@@ -55,15 +55,15 @@ few increments the shear becomes stepped.
 YOUNGS_MODULUS, POISSONS_RATIO, FRICTION = 1000.0, 0.25, 0.6
 DEPTH = 0.25
 TANGENTIAL_SHARE = 0.1
-"""Tangential over normal force."""
+"""Ratio of the tangential to the normal force."""
 
 # Reconstructed
 WIDTH, HEIGHT, RADIUS = 8.0, 4.0, 8.0
 DIVISIONS = (19, 4)
 GRADING = 1.5
-"""Width of equal elements over that of the central one."""
+"""Width of uniform elements over the width of the central element of the graded mesh."""
 INCREMENTS = 20
-"""Number of increments of the indentation, and of the tangential force."""
+"""Number of increments of the indentation, and then of the tangential force."""
 
 
 def punch(
@@ -90,8 +90,8 @@ def punch(
         width: Width of the body.
         height: Height of the body.
         radius: Radius of the punch at its tip.
-        tangential_share: Tangential over normal force; 0 if the punch is not pushed.
-        depth_held: Whether the depth or the normal force is kept while the punch is pushed.
+        tangential_share: Ratio of the tangential to the normal force; 0 if the punch is not pushed.
+        depth_held: Whether the depth is kept while the punch is pushed; otherwise the normal force.
         increments: Number of increments of the indentation, and of the tangential force.
         pattern: Diagonals of the quadrilaterals.
     """

@@ -63,9 +63,9 @@ FORCE = 40.0
 HALF_PLATE_WIDTH, HALF_BODY_WIDTH, BODY_DEPTH = 1.0, 20.0, 10.0
 ELEMENTS_UNDER_HALF_PLATE = 4
 GROWTH = 1.4
-"""Growth of elements away from the plate."""
+"""Ratio of the sizes of successive elements away from the plate."""
 PATTERN: DiagonalPattern = "left_right"
-"""Alternating cuts keep the symmetry."""
+"""Pattern of the diagonals; with alternating ones the mesh is symmetric."""
 INCREMENTS = 5
 
 # Method
@@ -98,7 +98,7 @@ def plate(
         half_width: Half width of the body, in m.
         depth: Depth of the body, in m.
         pattern: Diagonals of the quadrilaterals.
-        refined: Number of equal parts of every side of a quadrilateral.
+        refined: Number of equal parts into which each side of a quadrilateral is divided.
     """
     build = partial(_mesh_body, under_half, half_width, depth, pattern, refined)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
@@ -145,7 +145,7 @@ def _mesh_body(
 
 
 def _divide_mesh_lines(lines: np.ndarray, n_parts: int) -> np.ndarray:
-    """Return mesh lines with every interval divided into equal parts."""
+    """Divide each interval between mesh lines into equal parts; return all mesh lines."""
     positions = np.arange(n_parts * (len(lines) - 1) + 1) / n_parts
     return np.interp(positions, np.arange(len(lines)), lines)
 
@@ -153,8 +153,8 @@ def _divide_mesh_lines(lines: np.ndarray, n_parts: int) -> np.ndarray:
 def _growing_mesh_lines(first_size: float, length: float) -> np.ndarray:
     """Return mesh lines from 0 to a length, with element sizes that grow by `GROWTH`.
 
-    The last element takes the remainder; a remainder of less than 0.6 of the element before is
-    added to that one.
+    The last element takes up the remaining length. A remainder of less than 0.6 times the size of
+    the preceding element is added to that element.
     """
     n_elements = int(np.log1p(length / first_size * (GROWTH - 1)) / np.log(GROWTH))
     sizes = first_size * GROWTH ** np.arange(n_elements)
@@ -200,9 +200,9 @@ CASES += [
     Case("7.4", f"{element}-fine", plate, {"element": element, "under_half": 16})
     for element in ("pw-T6", "pw-Q9")
 ]
-# All elements halved, for the uncertainty of the numbers, see `study.judge.mesh_series`. Beside the
-# plate is an odd number of squares, and halved ones are even in number: with the other pattern the
-# diagonals at the edges, on which the answer depends, stay as they are.
+# All elements halved, for the uncertainty of the numbers, see `study.judge.mesh_series`. The number
+# of squares beside the plate is odd, and even after halving: the opposite pattern therefore keeps the
+# directions of the diagonals at the edges of the plate, on which the answer depends.
 SMOOTH: dict[str, object] = {"friction_angle": 0.0}
 SAME_EDGE_DIAGONALS: dict[str, object] = {"pattern": "right_left"}
 CASES += [
@@ -253,7 +253,7 @@ DETAILS = r"""
 
 
 def edge_pressure_ratio(results: Results) -> float:
-    """Return the new Q8's pressure at x/b = 0.875 over that on the fine mesh."""
+    """Return the pressure of the new Q8 at x/b = 0.875, divided by that on the fine mesh."""
     coarse, fine = (
         curve_at(results, key=f"7.4/{case}", name="pressure", x=0.875)
         for case in ("pw-Q8", "pw-T6-fine")
@@ -267,7 +267,7 @@ TURNED_SETTLEMENTS = (
     "7.4/pw-T6-mu0-refined2-turned",
     "7.4/pw-T6-mu0-refined4-turned",
 )
-"""Cases whose diagonals at the edges run the other way on the refined meshes."""
+"""Cases in which the refined meshes reverse the diagonals at the edges of the plate."""
 
 CHECKS = [
     check(

@@ -1,8 +1,9 @@
-"""Fit of the columns of section 7.5 to Table 1, in a minute: `python3 -m study.paper.s7_5_fit`.
+"""Fit the columns of section 7.5 to Table 1: `python3 -m study.paper.s7_5_fit`, in a minute.
 
-Fig. 15 is lost: eight lengths are unknown, for six modes. Least squares over the four printed
-columns of the table, each with its own element and consistent mass. Since many columns fit, the
-changes of the lengths are part of the sum, which selects the column nearest to the start.
+Fig. 15 is lost, so eight lengths are unknown; each column of Table 1 has six modes. The lengths are
+fitted by least squares to the four printed columns, each computed with its own element and a
+consistent mass. Since many columns fit, the changes of the lengths are included in the sum of
+squares, which selects the column nearest to the start.
 """
 
 import numpy as np
@@ -25,11 +26,11 @@ STARTS = {
 }
 """Radii and heights from the base upwards, in m.
 
-The first was fitted by hand on coarser meshes; the second is far from it, with a top of twice the
-height.
+The first column was fitted by hand on coarser meshes. The second is far from it: its top is twice as
+high.
 """
 WEIGHT_OF_CHANGE = 1.0
-"""Deviation of an eigenvalue, in per cent, that weighs as much as doubling a length."""
+"""Weight of changes: doubling a length counts as much as this deviation of an eigenvalue in %."""
 
 
 def make_profile(lengths: npt.ArrayLike) -> Profile:
@@ -39,7 +40,7 @@ def make_profile(lengths: npt.ArrayLike) -> Profile:
 
 
 def deviations_from_table_1(profile: Profile) -> npt.NDArray[np.float64]:
-    """Return computed over printed eigenvalues less 1, in per cent: (4, 6), one row an element."""
+    """Return the deviations (4, 6), in per cent, from the printed eigenvalues; rows are elements."""
     return np.array(
         [
             100 * (s7_5_column.compute_eigenvalues(element, profile) / TABLE_1[printed] - 1)
@@ -49,7 +50,7 @@ def deviations_from_table_1(profile: Profile) -> npt.NDArray[np.float64]:
 
 
 def fit_lengths(start: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return lengths (8,) that fit, rounded to 0.01 mm."""
+    """Return the fitted lengths (8,), rounded to 0.01 mm."""
     start_lengths = np.asarray(start, dtype=float)
 
     def residuals(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

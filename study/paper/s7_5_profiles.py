@@ -1,8 +1,8 @@
 """Synthetic cross-sections of the stepped column of section 7.5, and their meshes.
 
-The paper's Fig. 15 is lost. The radii and heights were fitted to its Table 1 and are not the only
-ones that fit; all results for them are synthetic and labelled so. Only properties that both columns
-share can be expected of the paper's column.
+The paper's Fig. 15 is lost. The radii and heights were fitted to Table 1 and are not the only ones
+that fit, so all results for them are synthetic and labelled as such. Only properties that both
+columns share can be expected of the paper's column.
 """
 
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ class Face:
     """A horizontal face that can touch a rigid surface.
 
     Args:
-        inner: smallest radius.
-        outer: largest radius.
-        level: height above the base.
-        outward: -1 if it looks down, 1 if up.
+        inner: Smallest radius.
+        outer: Largest radius.
+        level: Height above the base.
+        outward: Vertical component of the outward normal: -1 or 1.
     """
 
     inner: float
@@ -56,13 +56,13 @@ class Face:
 
 @dataclass(frozen=True)
 class Profile:
-    """A column of cylinders, and the divisions of its mesh.
+    """A column of stacked cylinders, and the divisions of its mesh.
 
     Args:
-        radii: of the cylinders from the base upwards, in m.
-        heights: of the cylinders, in m.
-        ring_divisions: elements over the rings between successive radii, from the axis.
-        height_divisions: elements over the height of each cylinder.
+        radii: Radii of the cylinders from the base upwards, in m.
+        heights: Heights of the cylinders, in m.
+        ring_divisions: Numbers of elements between successive radii, from the axis outwards.
+        height_divisions: Number of elements over the height of each cylinder.
     """
 
     radii: tuple[float, float, float, float]
@@ -72,12 +72,12 @@ class Profile:
 
     @property
     def levels(self) -> Points:
-        """Return the heights of base, steps and top above the base, (5,)."""
+        """Return the heights (5,) of the base, the steps and the top above the base."""
         return np.concatenate([[0.0], np.cumsum(self.heights)])
 
     @property
     def faces(self) -> tuple[Face, ...]:
-        """Return surfaces 1 to 4: the base, the two shoulders, the top."""
+        """Return the surfaces 1 to 4: the base, the two shoulders, and the top."""
         radii, levels = self.radii, self.levels
         return (
             Face(0.0, radii[0], levels[0], -1.0),
@@ -91,7 +91,7 @@ PROFILES = {
     "first": Profile((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
     "second": Profile((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
 }
-"""Columns fitted by `study.paper.s7_5_fit`, of 759 quadrilaterals each."""
+"""Columns fitted by `study.paper.s7_5_fit`; the mesh of each has 759 quadrilaterals."""
 
 
 def on_axis(x: Points) -> npt.NDArray[np.bool_]:
@@ -102,15 +102,15 @@ def on_axis(x: Points) -> npt.NDArray[np.bool_]:
 def mesh_column(
     profile: Profile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right"
 ) -> Mesh:
-    """Return a mesh of quadrilaterals, or of triangles: each quadrilateral cut into two or four.
+    """Mesh a column by quadrilaterals, or by triangles (two or four for each quadrilateral).
 
-    Mesh lines run through all steps; blocks outside of the cross-section are left out.
+    Mesh lines run through all steps; blocks outside the cross-section are left out.
 
     Args:
-        profile: radii, heights and divisions.
+        profile: Radii, heights and divisions.
         cell: "quadrilateral" or "triangle".
-        refined: factor of all divisions.
-        pattern: diagonals of the quadrilaterals; where they alternate, of two neighbours.
+        refined: Factor by which all numbers of divisions are multiplied.
+        pattern: Pattern of the diagonals that cut quadrilaterals into triangles.
     """
     r = _mesh_lines((0.0, *sorted(profile.radii)), profile.ring_divisions, refined)
     z = _mesh_lines(profile.levels, profile.height_divisions, refined)
@@ -142,7 +142,10 @@ def mesh_column(
 
 
 def _mesh_lines(borders: npt.ArrayLike, divisions: tuple[int, ...], refined: int) -> Points:
-    """Return mesh lines from the first border to the last, evenly spaced between two of them."""
+    """Return mesh lines from the first border to the last.
+
+    Interval i between successive borders is divided into refined * divisions[i] equal parts.
+    """
     spans = pairwise(np.asarray(borders, dtype=float))
     lines = [
         np.linspace(start, end, refined * n, endpoint=False)

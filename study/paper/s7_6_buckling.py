@@ -89,13 +89,13 @@ solver. That the length is 8 times the height follows from Euler's stresses.
 # Printed
 YOUNGS_MODULUS, POISSONS_RATIO, THICKNESS = 2.07e11, 0.0, 0.1
 
-# Reconstructed; L/h = 8 follows from Euler's stresses, the scale is arbitrary
+# Reconstructed; L/h = 8 follows from Euler's stresses, and the scale is arbitrary
 LENGTH, HEIGHT = 8.0, 1.0
 PAPER_DIVISIONS, PAPER_PATTERN = (5, 2), "crossed"
 
 SYMMETRIC, ANTISYMMETRIC = 1, 2
 Form = Literal["G", "J"]
-"""Geometric stiffness: of Eq. (25) and Eq. (26), or with an objective stress rate."""
+"""Form of the geometric stiffness: "G" of Eq. (25) and Eq. (26), "J" with an objective stress rate."""
 SupportedPart = Literal["centre", "face"]
 
 
@@ -131,11 +131,12 @@ class HalfBeam:
     """Half of the beam, 0 <= x <= L/2: the end face with v = 0 at x = 0, the mid-section at L/2.
 
     Args:
-        body: displacement spaces and material.
-        load: "point" at A, the centre of the end face, or "uniform" over it; nominal stress 1.
-        end: where on the end face v = 0.
-        middle: where on the mid-section v = 0 in the antisymmetric model.
-        symmetrised: whether all steps use the symmetric parts of the matrices.
+        body: Displacement spaces and material.
+        load: "point" at A, the centre of the end face, or "uniform" over this face; the nominal
+            stress is 1.
+        end: Part of the end face where v = 0.
+        middle: Part of the mid-section where v = 0 in the antisymmetric model.
+        symmetrised: Whether all steps use the symmetric parts of the matrices.
     """
 
     body: Body
@@ -163,7 +164,7 @@ class HalfBeam:
             return nodal_load(self.body.spaces.trial, _at_point_A, (HEIGHT * THICKNESS, 0.0))
         end_face = boundary_measure(mesh, _on_end_face)
         load = assemble_vector(self.body.surface_load((1.0, 0.0), end_face))
-        if mode == ANTISYMMETRIC:  # the mid-section is held at its centre only
+        if mode == ANTISYMMETRIC:  # the mid-section is supported at its centre only
             mid_section = boundary_measure(mesh, _on_mid_section)
             load.axpy(1.0, assemble_vector(self.body.surface_load((-1.0, 0.0), mid_section)))
         return load
@@ -181,7 +182,7 @@ class HalfBeam:
     def solve_buckling(
         self, K: PETSc.Mat, displacement: fem.Function, mode: int, form: Form
     ) -> BucklingModes:
-        """Return the lowest buckling factor of unit nominal stress: the critical stress."""
+        """Return the lowest buckling factor of unit nominal stress, which is the critical stress."""
         stress = self.body.stress(displacement)
         K_sigma = assemble_matrix(self.body.geometric_stiffness(stress, form))
         return buckling(K, K_sigma, self.supports(mode), symmetrised=self.symmetrised)
@@ -213,15 +214,15 @@ def beam(
     """Compute critical stress and shape of modes 1 and 2.
 
     Args:
-        element: its name.
-        form: geometric stiffness.
-        load: see `HalfBeam`.
-        divisions: squares along and across the half beam.
-        pattern: diagonals of the squares.
-        end: see `HalfBeam`.
-        middle: see `HalfBeam`.
-        prestress_symmetrised: for a symmetrised element, whether the static step is solved with
-            symmetric matrices, too.
+        element: Name of the element.
+        form: Form of the geometric stiffness.
+        load: See `HalfBeam`.
+        divisions: Numbers of squares along and across the half beam.
+        pattern: Pattern of the diagonals of the squares.
+        end: See `HalfBeam`.
+        middle: See `HalfBeam`.
+        prestress_symmetrised: Whether a symmetrised element uses symmetric matrices in the static
+            step, too.
     """
     body = _make_half_beam_body(element, (divisions[0], divisions[1]), pattern)
     model = HalfBeam(body, load, end, middle, is_symmetrised(element))
@@ -272,7 +273,7 @@ POINT_SERIES: list[tuple[str, Form]] = [
 UNIFORM_LOAD = {"load": "uniform", "pattern": "right", "end": "face", "middle": "face"}
 UNIFORM_MESHES = ((4, 1), (8, 2), (16, 4), (32, 8), (64, 16))
 FINEST_MESH = (128, 32)
-"""Of the symmetrised element, whose error changes its sign on it."""
+"""Finest mesh of the symmetrised element, whose error changes sign on it."""
 UNSYMMETRIC_PRESTRESS = {"prestress_symmetrised": False}
 
 

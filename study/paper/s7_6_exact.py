@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 Form = Literal["G", "J", "deflection"]
-"""Geometric stiffness: see `Strip.elasticity`."""
+"""Form of the geometric stiffness, see `Strip.elasticity`."""
 SHEAR_FACTOR = 5 / 6
-"""Of a rectangular section."""
+"""Shear correction factor of a rectangular section."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Strip:
     """Strip of length L and height h under uniform axial stress, with v = 0 and no shear at its ends.
 
     Args:
-        youngs_modulus: E, a stress.
-        poissons_ratio: nu.
-        slenderness: L / h, on which alone the stresses depend.
+        youngs_modulus: Young's modulus E.
+        poissons_ratio: Poisson's ratio nu.
+        slenderness: Ratio L / h, the only dimension on which the stresses depend.
     """
 
     youngs_modulus: float
@@ -29,7 +29,7 @@ class Strip:
 
     @property
     def shear_modulus(self) -> float:
-        """Return E / (2 (1 + nu))."""
+        """Return the shear modulus E / (2 (1 + nu))."""
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
     def euler(self, n: int) -> float:
@@ -37,11 +37,11 @@ class Strip:
         return (n * np.pi / self.slenderness) ** 2 * self.youngs_modulus / 12
 
     def engesser(self, n: int) -> float:
-        """Return Engesser's stress: the shear force is normal to the deformed axis."""
+        """Return Engesser's stress, with the shear force normal to the deformed axis."""
         return self.euler(n) / (1 + self.euler(n) / (SHEAR_FACTOR * self.shear_modulus))
 
     def haringx(self, n: int) -> float:
-        """Return Haringx' stress: the shear force lies in the deformed cross-section."""
+        """Return Haringx' stress, with the shear force in the deformed cross-section."""
         rigidity = SHEAR_FACTOR * self.shear_modulus
         return rigidity / 2 * (np.sqrt(1 + 4 * self.euler(n) / rigidity) - 1)
 
@@ -49,15 +49,15 @@ class Strip:
         """Return the exact plane-stress value: the smallest root of the free-surface determinant.
 
         Args:
-            n: mode.
-            form: geometric stiffness of the continuum: "G" the gradient form of Eq. (25) and
-                Eq. (26), "J" that of an objective stress rate, "deflection" with the slope of the
-                deflection only.
+            n: Mode.
+            form: Geometric stiffness of the continuum: "G" is the gradient form of Eq. (25) and
+                Eq. (26), "J" that of an objective stress rate; "deflection" has only the slope of
+                the deflection.
         """
         return _find_smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
 
     def rayleigh_lamb(self, n: int) -> float:
-        """Return the "G" value by the Rayleigh-Lamb equation, with s k² for rho omega²."""
+        """Return the "G" value by the Rayleigh-Lamb equation with rho omega² replaced by s k²."""
         E, nu, G = self.youngs_modulus, self.poissons_ratio, self.shear_modulus
         k, b = n * np.pi / self.slenderness, 0.5
 
@@ -82,7 +82,7 @@ class Strip:
         middle = (coupling + shear) ** 2 - shear * (shear - s) - axial * lateral
         squared_exponents = np.roots([shear * lateral, middle * k**2, axial * (shear - s) * k**4])
         r = np.sqrt(squared_exponents.astype(complex))
-        ratio = -(shear * r**2 - axial * k**2) / ((coupling + shear) * k * r)  # V over U
+        ratio = -(shear * r**2 - axial * k**2) / ((coupling + shear) * k * r)  # ratio V / U
         shear_stress = r + k * ratio
         normal_stress = (lateral * ratio * r - coupling * k) * np.tanh(r * b)
         determinant = shear_stress[0] * normal_stress[1] - shear_stress[1] * normal_stress[0]
@@ -92,10 +92,10 @@ class Strip:
 
 
 def _find_smallest_root(function: Callable[[float], float], upper: float) -> float:
-    """Return the first sign change above zero, where the function has a trivial root.
+    """Return the first sign change above zero; at zero the function has a trivial root.
 
     Raises:
-        ValueError: if there is none below the upper bound.
+        ValueError: If there is no sign change below the upper bound.
     """
     grid = np.linspace(upper / 500, upper, 500)
     values = [function(s) for s in grid]

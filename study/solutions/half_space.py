@@ -1,11 +1,12 @@
 """Elastic half planes and half spaces y < 0 under known contact pressures: exact fields.
 
-Displacements are sums over surface sources, which converge fast at a distance from the contact:
-point forces in the plane, points on the imaginary axis in axisymmetry. They are Flamant's and
-Boussinesq's solutions; pressures as in K. L. Johnson, "Contact Mechanics" (1985).
+Displacements are sums over sources on the surface, which converge fast away from the contact. The
+sources are point forces in the plane (Flamant) and points at imaginary depths in axisymmetry
+(Boussinesq). Pressures are those of K. L. Johnson, "Contact Mechanics" (1985).
 
-Points are arrays (n, 2) of x (in axisymmetry r) and y; displacements are of the same shape. In
-the plane they are fixed but for a constant: v vanishes as P log(distance) does at distance one.
+Points are arrays (n, 2) of x (in axisymmetry r) and y; displacements have the same shape. In the
+plane they are determined up to a constant, which is chosen such that the term P log(distance) of v
+vanishes at distance one.
 """
 
 from dataclasses import dataclass
@@ -16,9 +17,10 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.floating[Any]]
 
-# Sources of a field; at twice the half width all displacements are exact to round-off
+# Number of sources of a field, with which all displacements at twice the half width are exact to
+# round-off
 _N_SOURCES = 64
-# Range of the variable log((b + x)/(b - x)) of a bonded punch, to the same end
+# Range of the variable log((b + x)/(b - x)) of a bonded punch, for the same accuracy
 _MAX_STRETCHED_POSITION = 80.0
 
 
@@ -27,8 +29,8 @@ class ElasticHalfSpace:
     """An isotropic half plane in plane strain, or half space.
 
     Args:
-        youngs_modulus: E.
-        poissons_ratio: nu.
+        youngs_modulus: Young's modulus E.
+        poissons_ratio: Poisson's ratio nu.
     """
 
     youngs_modulus: float
@@ -36,29 +38,29 @@ class ElasticHalfSpace:
 
     @property
     def shear_modulus(self) -> float:
-        """G."""
+        """Shear modulus G."""
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
     @property
     def plane_modulus(self) -> float:
-        """E* = E/(1 - nu²)."""
+        """Plane-strain modulus E* = E/(1 - nu²)."""
         return self.youngs_modulus / (1 - self.poissons_ratio**2)
 
     @property
     def kolosov_constant(self) -> float:
-        """3 - 4 nu, kappa of plane strain."""
+        """Kolosov's constant kappa = 3 - 4 nu of plane strain."""
         return 3 - 4 * self.poissons_ratio
 
     def displacement_by_line_forces(
         self, x: Array, force_positions: Array, normal_forces: Array, tangential_forces: Array
     ) -> Array:
-        """Displacements (n, 2) of points (n, 2) by forces in the plane.
+        """Return displacements (n, 2) of points (n, 2) due to line forces on the half plane.
 
         Args:
-            x: points away from the forces.
-            force_positions: (m,), places of the forces on the surface.
-            normal_forces: (m,), along -y.
-            tangential_forces: (m,), along +x.
+            x: Points away from the forces.
+            force_positions: Positions (m,) of the forces on the surface.
+            normal_forces: Forces (m,) along -y, per length.
+            tangential_forces: Forces (m,) along +x, per length.
         """
         y = x[:, 1, None]
         z = x[:, 0, None] + 1j * y - force_positions
@@ -68,7 +70,7 @@ class ElasticHalfSpace:
             -1j * tangential_forces / (np.pi * z),
             -1j * tangential_forces / np.pi,
         )
-        logarithm = np.log(1j * z)  # cut above the body
+        logarithm = np.log(1j * z)  # branch cut above the body
         normal_integral, shear_integral = normal_integral * logarithm, shear_integral * logarithm
         u = (kappa - 1) / 2 * normal_integral.real - y * normal.imag
         u += (kappa + 1) / 2 * shear_integral.imag + y * shear.real
@@ -80,8 +82,8 @@ class ElasticHalfSpace:
         """Return the depth to which a rigid indenter presses the surface of a half plane.
 
         Args:
-            force: per length.
-            mean_logarithm: mean, weighted by the pressure, of the logarithm of the distance from
+            force: Force per length.
+            mean_logarithm: Mean, weighted by the pressure, of the logarithm of the distance from
                 the middle.
         """
         return float(-2 * force * mean_logarithm / (np.pi * self.plane_modulus))
@@ -89,15 +91,15 @@ class ElasticHalfSpace:
     def displacement_by_axial_sources(
         self, x: Array, imaginary_depths: Array, forces: Array
     ) -> Array:
-        """Displacements (n, 2) of points (n, 2) by sources at imaginary depths in axisymmetry.
+        """Return displacements (n, 2) of points (n, 2) by axisymmetric sources at imaginary depths.
 
-        The potential is sum strength / sqrt(r² + (z + i t)²), z = -y; for a pressure p(r) it
-        is the integral of p over the distance.
+        The potential is the sum of force / sqrt(r² + (z + i t)²) over the sources, with z = -y and
+        the imaginary depth t. For a pressure p(r) it equals the surface integral of p / distance.
 
         Args:
-            x: points away from the contact.
-            imaginary_depths: (m,), in pairs of both signs and the same strength.
-            forces: (m,), forces.
+            x: Points away from the contact.
+            imaginary_depths: Depths t (m,), in pairs of opposite signs with equal forces.
+            forces: Forces (m,) of the sources.
         """
         r, z = x[:, 0, None], -x[:, 1, None]
         w = z + 1j * imaginary_depths
@@ -114,17 +116,17 @@ class ExactContact(Protocol):
 
     @property
     def body(self) -> ElasticHalfSpace:
-        """What is pressed."""
+        """Elastic half plane or half space that is pressed."""
         ...
 
     @property
     def half_width(self) -> float:
-        """Of the contact."""
+        """Half width or radius of the contact."""
         ...
 
     @property
     def force(self) -> float:
-        """Total; per length in the plane."""
+        """Total normal force; in the plane per length."""
         ...
 
     @property
@@ -133,15 +135,15 @@ class ExactContact(Protocol):
         ...
 
     def pressure(self, x: Array) -> Array:
-        """Contact pressure (m,) at distances x >= 0 from the middle; 0 outside."""
+        """Return the contact pressure (m,) at distances x >= 0 from the middle; 0 outside."""
         ...
 
     def force_within(self, x: Array) -> Array:
-        """Normal force (m,) from the middle to x: half of it in the plane, else of a disc."""
+        """Return normal forces (m,): in the plane from 0 to x, in space on the disc of radius x."""
         ...
 
     def displacement(self, x: Array) -> Array:
-        """Displacements (n, 2) of points twice the half width away or more."""
+        """Return displacements (n, 2) of points at least twice the half width from the middle."""
         ...
 
     @property
@@ -151,7 +153,7 @@ class ExactContact(Protocol):
 
 
 def displacement_in_space(contact: ExactContact, x: Array) -> npt.NDArray[np.float64]:
-    """Return displacements (n, 3) of points (n, 3) of a half space z < 0 in axisymmetric contact.
+    """Return displacements (n, 3) of points (n, 3) of the half space z < 0 in axisymmetric contact.
 
     Args:
         contact: Contact with the axis x = y = 0.
@@ -165,7 +167,7 @@ def displacement_in_space(contact: ExactContact, x: Array) -> npt.NDArray[np.flo
 
 @dataclass(frozen=True)
 class HertzLine:
-    """Parabola of a radius R, pressed with a force per length P on a half plane."""
+    """Contact of a half plane with a rigid parabola of radius R under a force P per length."""
 
     body: ElasticHalfSpace
     radius: float
@@ -174,25 +176,25 @@ class HertzLine:
 
     @property
     def half_width(self) -> float:
-        """Sqrt(4 P R/(pi E*))."""
+        """Half width a = sqrt(4 P R/(pi E*))."""
         return float(np.sqrt(4 * self.force * self.radius / (np.pi * self.body.plane_modulus)))
 
     @property
     def peak_pressure(self) -> float:
-        """p0 = 2 P/(pi a)."""
+        """Peak pressure p0 = 2 P/(pi a)."""
         return 2 * self.force / (np.pi * self.half_width)
 
     def pressure(self, x: Array) -> Array:
-        """p0 sqrt(1 - x²/a²)."""
+        """Return the pressure p0 sqrt(1 - x²/a²)."""
         return self.peak_pressure * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
 
     def force_within(self, x: Array) -> Array:
-        """Its integral from 0 to x."""
+        """Return the integral of the pressure from 0 to x."""
         s = np.clip(x / self.half_width, 0.0, 1.0)
         return self.force / np.pi * (s * np.sqrt(1 - s**2) + np.arcsin(s))
 
     def displacement(self, x: Array) -> Array:
-        """By Gauss-Chebyshev quadrature of the second kind."""
+        """Return displacements by Gauss-Chebyshev quadrature of the second kind."""
         theta = np.arange(1, _N_SOURCES + 1) * np.pi / (_N_SOURCES + 1)
         forces = self.force * 2 / (_N_SOURCES + 1) * np.sin(theta) ** 2
         s = self.half_width * np.cos(theta)
@@ -200,13 +202,13 @@ class HertzLine:
 
     @property
     def approach(self) -> float:
-        """By the mean of log over the pressure, log(a/2) - 1/2."""
+        """Approach; the pressure-weighted mean of the distance's logarithm is log(a/2) - 1/2."""
         return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.5)
 
 
 @dataclass(frozen=True)
 class HertzSphere:
-    """Paraboloid of a radius R, pressed with a force P on a half space."""
+    """Contact of a half space with a rigid paraboloid of radius R under a force P."""
 
     body: ElasticHalfSpace
     radius: float
@@ -215,32 +217,32 @@ class HertzSphere:
 
     @property
     def half_width(self) -> float:
-        """(3 P R/(4 E*))^(1/3)."""
+        """Radius a = (3 P R/(4 E*))^(1/3) of the contact."""
         return float(np.cbrt(0.75 * self.force * self.radius / self.body.plane_modulus))
 
     @property
     def peak_pressure(self) -> float:
-        """p0 = 3 P/(2 pi a²)."""
+        """Peak pressure p0 = 3 P/(2 pi a²)."""
         return 1.5 * self.force / (np.pi * self.half_width**2)
 
     def pressure(self, x: Array) -> Array:
-        """p0 sqrt(1 - r²/a²)."""
+        """Return the pressure p0 sqrt(1 - r²/a²)."""
         return self.peak_pressure * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
 
     def force_within(self, x: Array) -> Array:
-        """Its integral over a disc."""
+        """Return the integral of the pressure over the disc of radius x."""
         s = np.clip(x / self.half_width, 0.0, 1.0)
         return self.force * (1 - (1 - s**2) ** 1.5)
 
     def displacement(self, x: Array) -> Array:
-        """Sources of strength 3 P (a² - t²)/(4 a³)."""
+        """Return displacements due to sources of the density 3 P (a² - t²)/(4 a³)."""
         t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
         strength = self.force * 0.75 * (1 - t**2) * weight
         return self.body.displacement_by_axial_sources(x, self.half_width * t, strength)
 
     @property
     def approach(self) -> float:
-        """a²/R."""
+        """Approach a²/R."""
         return self.half_width**2 / self.radius
 
 
@@ -254,23 +256,23 @@ class FlatLinePunch:
     has_bounded_pressure: ClassVar[bool] = False
 
     def pressure(self, x: Array) -> Array:
-        """P/(pi sqrt(b² - x²))."""
+        """Return the pressure P/(pi sqrt(b² - x²))."""
         with np.errstate(divide="ignore"):
             return self.force / (np.pi * np.sqrt(self.half_width**2 - x**2))
 
     def force_within(self, x: Array) -> Array:
-        """Its integral from 0 to x."""
+        """Return the integral of the pressure from 0 to x."""
         return self.force / np.pi * np.arcsin(np.clip(x / self.half_width, 0.0, 1.0))
 
     def displacement(self, x: Array) -> Array:
-        """By Gauss-Chebyshev quadrature of the first kind."""
+        """Return displacements by Gauss-Chebyshev quadrature of the first kind."""
         s = self.half_width * np.cos((np.arange(_N_SOURCES) + 0.5) * np.pi / _N_SOURCES)
         forces = np.full(_N_SOURCES, self.force / _N_SOURCES)
         return self.body.displacement_by_line_forces(x, s, forces, np.zeros(_N_SOURCES))
 
     @property
     def approach(self) -> float:
-        """By the mean of log over the pressure, log(b/2)."""
+        """Approach; the pressure-weighted mean of the distance's logarithm is log(b/2)."""
         return self.body.line_approach(self.force, np.log(self.half_width / 2))
 
 
@@ -284,18 +286,18 @@ class FlatRoundPunch:
     has_bounded_pressure: ClassVar[bool] = False
 
     def pressure(self, x: Array) -> Array:
-        """P/(2 pi b sqrt(b² - r²))."""
+        """Return the pressure P/(2 pi b sqrt(b² - r²))."""
         b = self.half_width
         with np.errstate(divide="ignore"):
             return self.force / (2 * np.pi * b * np.sqrt(b**2 - x**2))
 
     def force_within(self, x: Array) -> Array:
-        """Its integral over a disc."""
+        """Return the integral of the pressure over the disc of radius x."""
         s = np.clip(x / self.half_width, 0.0, 1.0)
         return self.force * (1 - np.sqrt(1 - s**2))
 
     def displacement(self, x: Array) -> Array:
-        """Sources of even strength P/(2 b)."""
+        """Return displacements due to sources of the uniform density P/(2 b)."""
         t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
         return self.body.displacement_by_axial_sources(
             x, self.half_width * t, self.force * weight / 2
@@ -303,7 +305,7 @@ class FlatRoundPunch:
 
     @property
     def approach(self) -> float:
-        """P/(2 E* b)."""
+        """Approach P/(2 E* b)."""
         return self.force / (2 * self.body.plane_modulus * self.half_width)
 
 
@@ -322,31 +324,31 @@ class BondedLinePunch:
 
     @property
     def oscillation_exponent(self) -> float:
-        """The exponent eta."""
+        """Exponent eta of the oscillation of the tractions at the edge."""
         return float(np.log(self.body.kolosov_constant) / (2 * np.pi))
 
     def pressure(self, x: Array) -> Array:
-        """Normal part; x below b."""
+        """Return the pressure (m,) at distances x < b."""
         return self._non_oscillating_traction(x) * np.cos(
             self.oscillation_exponent * self._stretched_position(x)
         )
 
     def shear(self, x: Array) -> Array:
-        """Tangential traction of the punch on the body, away from the middle; x below b."""
+        """Return the shear traction on the body at x < b, positive away from the middle."""
         return self._non_oscillating_traction(x) * np.sin(
             self.oscillation_exponent * self._stretched_position(x)
         )
 
     def force_within(self, x: Array) -> Array:
-        """Integral of the pressure from 0 to x."""
+        """Return the integral of the pressure from 0 to x."""
         return self._integrate_traction(x, np.cos)
 
     def shear_within(self, x: Array) -> Array:
-        """Integral of the shear from 0 to x."""
+        """Return the integral of the shear traction from 0 to x."""
         return self._integrate_traction(x, np.sin)
 
     def displacement(self, x: Array) -> Array:
-        """By the trapezoidal rule in s."""
+        """Return displacements by the trapezoidal rule in s."""
         s = np.linspace(-_MAX_STRETCHED_POSITION, _MAX_STRETCHED_POSITION, 16 * _N_SOURCES + 1)
         forces = (s[1] - s[0]) * self._stretched_traction(s)
         pressing, pulling = (forces * f(self.oscillation_exponent * s) for f in (np.cos, np.sin))
@@ -356,7 +358,7 @@ class BondedLinePunch:
 
     @property
     def approach(self) -> float:
-        """Depth of the middle, by quadrature."""
+        """Approach, computed by quadrature."""
         from scipy.integrate import quad
 
         eta, kappa = self.oscillation_exponent, self.body.kolosov_constant
@@ -382,7 +384,7 @@ class BondedLinePunch:
             return 2 * np.arctanh(x / self.half_width)
 
     def _stretched_traction(self, s: Array | float) -> Array:
-        """Traction times dx/ds, without its oscillation."""
+        """Return the traction times dx/ds without its oscillating factors."""
         amplitude = self.force * np.cosh(np.pi * self.oscillation_exponent)
         return np.asarray(amplitude / (2 * np.pi * np.cosh(np.asarray(s) / 2)))
 
@@ -400,11 +402,11 @@ class BondedLinePunch:
 
 @dataclass(frozen=True)
 class _QuarticContact:
-    """Contact of a rigid indenter y = A x⁴ (in axisymmetry A r⁴) that has a given half width.
+    """Contact, of given half width, with a rigid indenter y = A x⁴ (in axisymmetry y = A r⁴).
 
     Args:
         body: Half plane or half space.
-        coefficient: A, in one over a cubed length.
+        coefficient: Coefficient A, in units of 1/length³.
         half_width: Half width or radius of the contact.
     """
 
@@ -414,7 +416,7 @@ class _QuarticContact:
     has_bounded_pressure: ClassVar[bool] = True
 
     def _pressure(self, x: Array, factor: float) -> Array:
-        """Return factor E* A (a² + 2 x²) sqrt(a² - x²), which is zero outside of the contact."""
+        """Return factor E* A (a² + 2 x²) sqrt(a² - x²) in the contact, and 0 outside of it."""
         square = np.maximum(0.0, self.half_width**2 - x**2)
         stiffness = factor * self.body.plane_modulus * self.coefficient
         pressure: Array = stiffness * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
@@ -422,11 +424,11 @@ class _QuarticContact:
 
 
 class QuarticLine(_QuarticContact):
-    """Quartic indenter on a half plane (I. Y. Shtaerman); the force is per length."""
+    """Quartic indenter on a half plane (I. Y. Shtaerman); forces are per length."""
 
     @property
     def force(self) -> float:
-        """P = 3 pi/4 E* A a⁴."""
+        """Force P = 3 pi/4 E* A a⁴ per length."""
         stiffness = self.body.plane_modulus * self.coefficient
         return float(0.75 * np.pi * stiffness * self.half_width**4)
 
@@ -453,7 +455,7 @@ class QuarticLine(_QuarticContact):
 
     @property
     def approach(self) -> float:
-        """Depth of the middle; the mean of log over the pressure is log(a/2) - 1/4."""
+        """Approach; the pressure-weighted mean of the distance's logarithm is log(a/2) - 1/4."""
         return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.25)
 
 
@@ -462,7 +464,7 @@ class QuarticRound(_QuarticContact):
 
     @property
     def force(self) -> float:
-        """P = 64/15 E* A a⁵."""
+        """Force P = 64/15 E* A a⁵."""
         return float(64 / 15 * self.body.plane_modulus * self.coefficient * self.half_width**5)
 
     def pressure(self, x: Array) -> Array:
@@ -483,5 +485,5 @@ class QuarticRound(_QuarticContact):
 
     @property
     def approach(self) -> float:
-        """8/3 A a⁴."""
+        """Approach 8/3 A a⁴."""
         return 8 / 3 * self.coefficient * self.half_width**4

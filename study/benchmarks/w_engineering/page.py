@@ -111,18 +111,22 @@ MESHES = {
     "impact": {"T6": (4, 8, 32), "T10": (4, 8, 16)},
     "submodel": {"T6": (4, 8, 32), "T10": (3, 5, 8)},
 }
-"""Cells along the punch's or the block's height, or edges over the contact's half width."""
+"""Numbers of cells over the height of a punch or block, or of edges over half of the contact.
+
+They are given by problem and cell, from coarse to fine.
+"""
 OFFSETS = {"before": -1 / 3, "beyond": 1 / 3}
-"""Shifts of mesh lines, over the size of a cell, by the endings of answers' names."""
+"""Shifts of mesh lines in cell sizes, by the suffix of the answers' names."""
 REFERENCE_MESHES = {
     "wear": {"T6": (8, 16, 32), "T10": (4, 8, 12)},
     "friction": {"T6": (16, 32, 48), "T10": (4, 6, 8)},
     "conductance": {"T6": (24, 48, 96), "T10": (6, 8, 12)},
     "impact": {"T6": (32, 64, 96), "T10": (8, 12, 16)},
 }
-"""The same of references, from coarse to fine."""
+"""Numbers of cells or edges of the reference solutions, from coarse to fine."""
 REFERENCE_ELEMENTS = {"T6": "galerkin-Q9", "T10": "galerkin-H27"}
-"""Other cells than those compared; all of their own weights are positive."""
+"""Elements of the reference solutions: their cells differ from the compared ones, and all of their
+weights are positive."""
 REFERENCE_WEAR_STEPS = (400, 800, 1600)
 READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("wear", "galerkin-T6"): ("own", "projected", "tributary"),
@@ -138,30 +142,31 @@ READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("submodel", "pw-T6"): ("own", "projected", "forces"),
     ("submodel", "pw-T10"): ("own", "projected", "forces"),
 }
-"""Readings of `pressures.pressure_matrix` by problem and element, if not "own" and "projected"."""
+"""Readings of `pressures.pressure_matrix` by problem and element; default: "own" and "projected"."""
 BEST_READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("conductance", "galerkin-T10"): ("skip", "tributary"),
     ("submodel", "pw-T10"): ("own", "projected"),
 }
-"""Readings that may be an element's best, if not "own", or "projected" with the standard T10."""
+"""Readings that may be an element's best; default: "projected" for the standard T10, else "own"."""
 RULES_ON_FINEST_MESH = {
     "wear": ("skip", "neighbours", "tributary"),
     "friction": ("tributary",),
     "conductance": ("tributary",),
     "submodel": ("tributary",),
 }
-"""Rules of common codes that are also applied to the standard element on the finest mesh."""
+"""Readings of common codes that are also computed for the standard element on the finest mesh."""
 N_WEAR_STEPS = 200
-"""A fifth of the bound on coarse meshes."""
+"""Number of wear steps on coarse meshes; the step is a fifth of the stability limit."""
 N_FINE_WEAR_STEPS = 800
 
 
 def wear(element: str, reading: str, mesh: int) -> Result:
-    """Return the depth in the middle of a punch's face at half of the path, over the mean depth.
+    """Return the wear depth in the middle of a punch after half of the path, over the mean depth.
 
-    `end_error` is the largest distance of pressures at the end from the mean one, by the best
-    reading; `volume_error` that of the worn volume, by the reading's own weights, from k x force x
-    path; `step_over_bound` the step over the largest that is stable.
+    `end_error` is the largest relative deviation of the final pressures (by the best reading) from
+    their mean. `volume_error` is the relative difference of the worn volume, integrated with the
+    weights of the reading, from k x force x path. `step_over_bound` is the step over the largest
+    stable one.
     """
     worn = _wear(element, reading, mesh)
     scalars = {
@@ -180,20 +185,23 @@ def wear(element: str, reading: str, mesh: int) -> Result:
 
 
 def friction(element: str, reading: str, mesh: int) -> Result:
-    """Return the tangential force over mu0 times the pressing one, and half the sticking width."""
+    """Return the tangential force over mu0 times the normal force, and the stick zone's size."""
     slip = solve_partial_slip(element, reading, mesh)
     curves = {"x": slip.x, "pressure": slip.pressure, "shear": slip.shear}
     return _make_result(_answers_of_slip(slip), curves, slip.dofs)
 
 
 def conductance(element: str, reading: str, mesh: int) -> Result:
-    """Return the heat through the joint, and the jump of temperature in its middle."""
+    """Return the heat flow through the joint and the temperature jump in its middle."""
     joint = conduct_heat(element, reading, mesh)
     return _make_result(_answers_of_joint(joint), {}, joint.dofs)
 
 
 def impact(element: str, mesh: int) -> Result:
-    """Return rebound, friction's impulse over mu times the pressing one, and energy it takes."""
+    """Return rebound speed, impulse of friction, and energy dissipated by friction.
+
+    They are relative to the initial speed, mu times the normal impulse, and the initial energy.
+    """
     block = throw_block(element, mesh)
     scalars = {
         **_answers_of_impact(block),
@@ -204,9 +212,9 @@ def impact(element: str, mesh: int) -> Result:
 
 
 def submodel(element: str, reading: str, mesh: int) -> Result:
-    """Return the largest stress across the surface on the line below.
+    """Return the largest compressive stress normal to the surface on a line at a small depth.
 
-    `field_error` is the error of the stress on this line in L2.
+    `field_error` is the relative L2 error of the stress on this line.
     """
     line = solve_submodel(element, reading, mesh)
     error_norm = float(np.linalg.norm(line.stress - line.exact) / np.linalg.norm(line.exact))
@@ -215,7 +223,7 @@ def submodel(element: str, reading: str, mesh: int) -> Result:
 
 
 def shifted(application: str, element: str, reading: str, mesh: int) -> Result:
-    """Return the answers of a problem on two meshes whose lines are shifted, see `OFFSETS`."""
+    """Return the answers of a problem on two meshes with lines shifted by `OFFSETS`."""
     scalars: dict[str, float] = {}
     dofs = 0
     for ending, offset in OFFSETS.items():
@@ -228,7 +236,7 @@ def shifted(application: str, element: str, reading: str, mesh: int) -> Result:
 def _solve_shifted(
     application: str, element: str, reading: str, mesh: int, offset: float
 ) -> tuple[dict[str, float], int]:
-    """Return answers and the number of unknowns."""
+    """Return the answers on a mesh with shifted lines, and the number of unknowns."""
     if application == "wear":
         worn = _wear(element, reading, mesh, offset)
         return _answers_of_wear(worn), worn.punch.dofs
@@ -248,8 +256,8 @@ def _solve_shifted(
 def reference(application: str, cell: str) -> Result:
     """Return reference answers, and the uncertainty of each.
 
-    Stresses in a submodel are exact. Others are those of the finest of three meshes; uncertain by
-    the larger distance of the two coarser ones' answers from them.
+    The stress in the submodel is exact. The other answers are those on the finest of three meshes;
+    their uncertainty is the larger of their differences from the answers on the two coarser meshes.
     """
     if application == "submodel":
         exact = exact_stress(1 if cell == "T6" else 2, LINE, LINE_DEPTH)
@@ -270,7 +278,7 @@ def reference(application: str, cell: str) -> Result:
 def _solve_reference(
     application: str, cell: str, mesh: int, n_steps: int
 ) -> tuple[dict[str, float], int]:
-    """Return answers and the number of unknowns."""
+    """Return the answers of a reference solution, and the number of unknowns."""
     element = REFERENCE_ELEMENTS[cell]
     if application == "wear":
         worn = wear_punch(element, "own", mesh, n_steps)
@@ -322,12 +330,12 @@ PROBLEMS = {run.__name__: run for run in (wear, friction, conductance, impact, s
 
 
 def elements_compared(problem: str, cell: str) -> tuple[str, str]:
-    """Return the standard element and the new one, in dynamics its symmetric sibling."""
+    """Return the standard element and the new one, or for impact its symmetric sibling."""
     return f"galerkin-{cell}", f"{'sibling' if problem == 'impact' else 'pw'}-{cell}"
 
 
 def best_readings(problem: str, element: str) -> tuple[str, ...]:
-    """Return readings that may be an element's best; "none" if no pressure is read."""
+    """Return the readings that may be an element's best, or "none" if no pressure is read."""
     if problem == "impact":
         return ("none",)
     usual = "projected" if element == "galerkin-T10" else "own"
@@ -335,7 +343,7 @@ def best_readings(problem: str, element: str) -> tuple[str, ...]:
 
 
 def readings(problem: str, element: str, mesh: int) -> tuple[str, ...]:
-    """Return how pressures are read on a mesh; fewer readings on the finest one."""
+    """Return the readings that are computed on a mesh; there are fewer on the finest one."""
     if problem == "impact":
         return ("none",)
     if mesh == MESHES[problem][element.split("-")[1]][-1]:
@@ -347,7 +355,7 @@ def readings(problem: str, element: str, mesh: int) -> tuple[str, ...]:
 
 
 def variants(problem: str, cell: str) -> list[tuple[str, str, int, str]]:
-    """Return problem, element, mesh and reading of the cases of one kind of cells."""
+    """Return the problem, element, mesh and reading of each case with one kind of cell."""
     return [
         (problem, element, mesh, reading)
         for element in elements_compared(problem, cell)
@@ -398,7 +406,7 @@ def _make_cases(cell: str) -> list[Case]:
 
 CASES = mark_costly(_make_cases("T6"), "*-T6-32-*", "reference-[!s]*")
 CASES += mark_costly(_make_cases("T10"), "[!r]*", "reference-[!s]*")
-"""Of the references all but the submodel's, which is exact, are costly."""
+"""All cases of the study; among the references only the submodel's, which is exact, is cheap."""
 
 # Results
 
@@ -479,9 +487,9 @@ RULE_MARKERS = {
     "forces as they are": "+",
 }
 ELEMENT_COLOURS = ("#D55E00", "#0072B2")
-"""Of the standard element and of the new one."""
+"""Colours of the standard and the new element."""
 LEAST_PLOTTED = 3e-3
-"""In per cent."""
+"""Left end, in per cent, of the logarithmic axis of errors."""
 
 
 def draw_errors(results: Results) -> Figure:
@@ -520,7 +528,7 @@ def draw_errors(results: Results) -> Figure:
 
 
 def _plot_row(ax: Axes, results: Results, row: int, problem: str, cell: str, name: str) -> None:
-    """Plot bands of the errors of one answer; the lowest and darkest bar is the finest mesh."""
+    """Plot error bands of one answer; an element's lowest, darkest bar is for the finest mesh."""
     uncertainty = 100 * reference_answer(results, problem, cell, name)[1]
     if uncertainty > LEAST_PLOTTED:
         ax.plot([uncertainty] * 2, [row - 0.45, row + 0.45], color="#222222", linewidth=1)

@@ -1,7 +1,7 @@
-"""Pressures read from nodal forces, and two problems that use those of a solved Hertz contact.
+"""Pressures "read" (computed) from nodal forces, and two problems that use those of Hertz contact.
 
 1. `conduct_heat`: heat through a joint whose conductance grows with the pressure.
-2. `solve_submodel`: stress just below the surface, by a finer model of a part of the body.
+2. `solve_submodel`: stress just below the surface, computed with a finer model of part of the body.
 
 Lengths are over the half width of the contact, stresses over Young's modulus.
 """
@@ -54,15 +54,16 @@ Mask = npt.NDArray[np.bool_]
 
 
 def pressure_matrix(reading: str, surface: SurfaceNodes) -> Array:
-    """Return the matrix (m, m) that makes pressures of nodal forces (m,).
+    """Return the matrix (m, m) that converts nodal forces (m,) to pressures.
 
-    Readings without a parameter: forces over "own" weights, or "tributary" areas, or "projected"
-    to linear functions of the surface, which do the same work on all linear displacements. Where
-    own weights vanish, at corners of the standard T10, two rules make up a pressure: none ("skip"),
-    or the mean of the mid-side "neighbours".
+    Readings: "own" divides each force by the integral of the node's own weight function;
+    "tributary" divides by the tributary area; "projected" gives the piecewise-linear pressure that
+    does the same work as the forces on all piecewise-linear displacements. Two more readings are
+    like "own", except at nodes whose own weight vanishes (corners of the standard T10), where the
+    pressure is zero ("skip") or the mean of the adjacent mid-side nodes ("neighbours").
 
     Raises:
-        ValueError: if the reading is "own" and an own weight vanishes.
+        ValueError: if the reading is "own" and the own weight of a node vanishes.
     """
     if reading == "projected":
         P = interpolate_linearly(surface)
@@ -83,7 +84,7 @@ def pressure_matrix(reading: str, surface: SurfaceNodes) -> Array:
 
 
 def interpolate_linearly(surface: SurfaceNodes) -> Array:
-    """Return the values (m, c) at all nodes of the linear functions that are one at a corner."""
+    """Return the values (m, c) of the c corners' linear hat functions at all m nodes."""
     P = np.eye(len(surface.position))
     P[surface.edges[:, 0]] = (P[surface.edges[:, 1]] + P[surface.edges[:, 2]]) / 2
     return P[:, _corners(surface)]
@@ -95,7 +96,7 @@ def _corners(surface: SurfaceNodes) -> npt.NDArray[np.int64]:
 
 
 def _linear_mass(surface: SurfaceNodes) -> Array:
-    """Return integrals (c, c) of products of the linear functions, over intervals or triangles."""
+    """Return the mass matrix (c, c) of linear hat functions on a surface of edges or triangles."""
     n_corners = surface.position.shape[1]  # of a facet
     facets = np.searchsorted(_corners(surface), surface.facets[:, :n_corners])
     x = surface.position[surface.facets[:, :n_corners]]
@@ -110,13 +111,13 @@ def _linear_mass(surface: SurfaceNodes) -> Array:
 
 @dataclass(frozen=True)
 class HertzContact:
-    """A solved contact of section Q: a half plane below a parabola, or the same in space.
+    """Solved contact of section Q: a rigid parabola or paraboloid on a half plane or space.
 
     Args:
-        problem: mesh and exact solution.
-        u: displacements.
-        surface: nodes that may touch, m.
-        force: (m,), of the indenter on them.
+        problem: Mesh and exact solution.
+        u: Displacements.
+        surface: The m nodes that may touch.
+        force: Normal forces (m,) of the indenter on these nodes.
     """
 
     problem: Problem
@@ -129,9 +130,9 @@ class HertzContact:
         """Solve the contact.
 
         Args:
-            element: its name.
-            edges: number of edges over the contact's half width.
-            offset: how much farther in the next edge the contact ends, over the edge's length.
+            element: Name of the element.
+            edges: Number of edges over the half width of the contact.
+            offset: Shift of the end of contact within the next edge, over the edge's length.
         """
         kind, cell = element.split("-")
         is_new = kind == "pw"
@@ -149,11 +150,11 @@ class HertzContact:
 # Heat through a joint
 
 CONDUCTANCE, EXPONENT = 2.0, 0.95
-"""h0 and the exponent in the conductance h = h0 (p / p0)^.95; p0 is Hertz' peak pressure."""
+"""Constants h0 and m of the conductance h = h0 (p / p0)^m, where p0 is Hertz' peak pressure."""
 
 
 class HeatResult(NamedTuple):
-    """Heat through the joint, the jump of temperature in its middle, and unknowns."""
+    """Heat flow through the joint, temperature jump in its middle, and number of unknowns."""
 
     heat: float
     jump: float
@@ -163,13 +164,14 @@ class HeatResult(NamedTuple):
 def conduct_heat(
     element: str, reading: str, edges: int, exponent: float = EXPONENT, offset: float = 0.0
 ) -> HeatResult:
-    """Return the heat with an element's pressures, on its own mesh and by its test functions.
+    """Compute the heat flow through the joint from an element's pressures, on the same mesh.
 
-    Heat flows from the far sides, at the temperature 1, through the joint into the indenter, at 0;
-    the surface beside the contact is insulated. The conductivity is one. Joints conduct at nodes,
-    h(p) times the integral of the node's test function, or its tributary area if this is how
-    pressures are read. The exponent is M. M. Yovanovich's; of h linear in p the heat
-    at an even temperature is that of the total force, whatever the nodal forces.
+    Heat flows from the far sides, at temperature 1, through the joint into the indenter, at
+    temperature 0; the surface outside the contact is insulated. The conductivity is one. The joint
+    conducts at the nodes: a node's conductance is h(p) times the integral of its test function, or
+    times its tributary area if the reading is "tributary". The exponent is M. M. Yovanovich's. If
+    it were one and the temperature uniform, the heat flow would depend on the total force only,
+    whatever the nodal forces.
     """
     contact = HertzContact.solve(element, edges, offset)
     problem = contact.problem
@@ -190,7 +192,7 @@ def conduct_heat(
 
 
 def conduct_heat_of_exact_pressure(cell: str, edges: int) -> HeatResult:
-    """Return the heat of Hertz' exact pressure, on a mesh of standard elements."""
+    """Compute the heat flow for Hertz' exact pressure, on a mesh of standard elements."""
     problem = (line_contact_problem if cell == "T6" else sphere_contact_problem)(
         edges, CONTACT_EDGE_POSITION
     )
@@ -210,7 +212,7 @@ def conduct_heat_of_exact_pressure(cell: str, edges: int) -> HeatResult:
 
 
 def _solve_temperature(problem: Problem, K: sp.csr_matrix, space: fem.FunctionSpace) -> Array:
-    """Return temperatures (n,), which are 1 at the far sides."""
+    """Return the nodal temperatures (n,) for a temperature of 1 on the far sides."""
     x = space.tabulate_dof_coordinates()
     is_far = np.isclose(np.abs(x[:, : problem.normal_axis + 1]).max(axis=1), problem.body_size)
     T = is_far.astype(float)
@@ -225,22 +227,22 @@ def _middle_node(surface: SurfaceNodes) -> int:
 # Submodel below the contact
 
 LINE_DEPTH = 0.1
-"""Depth of the line_contact_problem on which stresses are compared."""
+"""Depth of the line on which stresses are compared."""
 LINE = np.linspace(0.01, 0.79, 79)
-"""Distances of its points from the axis."""
+"""Distances of the line's points from the axis."""
 LINE_ANGLE = np.deg2rad(20.0)
-"""Angle of the line_contact_problem in space from x: it lies in no plane of the mesh."""
+"""Angle of the line to the x axis in space, chosen so that it lies in no plane of the mesh."""
 PART_DEPTH = 1.0
-"""Least depth of the part that is meshed again."""
+"""Minimum depth of the submodel."""
 
 
 class SubmodelResult(NamedTuple):
-    """Pressing stress across the surface along the line_contact_problem, over the peak pressure.
+    """Compressive stress normal to the surface along the line, over the peak pressure.
 
     Args:
-        stress: by the submodel.
-        exact: by Hertz' theory.
-        dofs: unknowns of the whole.
+        stress: Stress computed with the submodel.
+        exact: Exact stress by Hertz' theory.
+        dofs: Number of unknowns of the whole model.
     """
 
     stress: Array
@@ -249,17 +251,18 @@ class SubmodelResult(NamedTuple):
 
 
 def solve_submodel(element: str, reading: str, edges: int, offset: float = 0.0) -> SubmodelResult:
-    """Return the stress in a part of the body that is meshed again, twice as fine.
+    """Compute the stress in a submodel: a part of the body that is meshed again, twice as fine.
 
-    The part is the mesh_box below all nodes that may touch, of standard elements. It has the whole's
-    displacements on its cut sides.
+    The part is the box below all nodes that may touch, meshed with standard elements. On its cut
+    sides the displacements of the whole model are prescribed.
 
     Args:
-        element: its name.
-        reading: load on the part's surface: nodal forces as they are ("forces"); pressures that
-            are read from them, linear between all nodes; or Hertz' pressure ("exact").
-        edges: of the whole, over the half width of the contact.
-        offset: how much farther in the next edge the contact ends, over the edge's length.
+        element: Name of the element of the whole model.
+        reading: Load on the submodel's surface: the nodal forces themselves ("forces"), Hertz'
+            pressure ("exact"), or a reading of `pressure_matrix`, whose pressures are interpolated
+            linearly between all nodes.
+        edges: Number of edges of the whole model over the half width of the contact.
+        offset: Shift of the end of contact within the next edge, over the edge's length.
     """
     whole = HertzContact.solve(element, edges, offset)
     part = _refine_part(whole.problem)
@@ -271,21 +274,22 @@ def solve_submodel(element: str, reading: str, edges: int, offset: float = 0.0) 
 
     stress = fem.Function(fem.functionspace(part.mesh, ("DG", 1)))
     points = stress.function_space.element.interpolation_points
-    points = points() if callable(points) else points  # versions of DOLFINx differ
+    points = points() if callable(points) else points  # a method in some versions of DOLFINx
     stress.interpolate(fem.Expression(part.stress(u)[up, up], points))
     pressing = -_evaluate(stress, _points_on_line(up))[:, 0] / part.exact.peak_pressure
     return SubmodelResult(pressing, exact_stress(up, LINE, LINE_DEPTH), whole.u.x.array.size)
 
 
 def exact_stress(up: int, r: Array, z: float) -> Array:
-    """Return the pressing stress across the surface, over the peak pressure.
+    """Return the exact compressive stress (n,) normal to the surface, over the peak pressure.
 
-    In the plane K. L. Johnson, "Contact Mechanics" (1985), (4.49); in space M. T. Huber (1904).
+    In the plane it is from K. L. Johnson, "Contact Mechanics" (1985), (4.49); in space from M. T.
+    Huber (1904).
 
     Args:
-        up: axis across the surface, 1 in the plane, 2 in space.
-        r: (n,), distances from the axis.
-        z: depth.
+        up: Axis normal to the surface: 1 in the plane, 2 in space.
+        r: Distances (n,) from the axis.
+        z: Depth.
     """
     if up == 1:
         root = np.sqrt((1 - r**2 + z**2) ** 2 + 4 * r**2 * z**2)
@@ -297,7 +301,7 @@ def exact_stress(up: int, r: Array, z: float) -> Array:
 
 
 def _refine_part(whole: Problem) -> Problem:
-    """Return the finer mesh_box, as a problem on its own mesh."""
+    """Return the submodel's box, meshed twice as fine as the whole, as a problem of its own."""
     x = whole.mesh.geometry.x
     lines = [np.unique(x[:, axis].round(12)) for axis in range(whole.normal_axis + 1)]
     for axis in range(whole.normal_axis):
@@ -320,7 +324,7 @@ def _halve_intervals(x: Array) -> Array:
 def _supports_of_part(
     whole: HertzContact, part: Problem, V: fem.FunctionSpace
 ) -> list[fem.DirichletBC]:
-    """Return the whole's displacements on the cut sides, and symmetry."""
+    """Return the submodel's supports: the whole's displacements on cut sides, and symmetry."""
     is_cut = _cut_sides(part)
     nodes = fem.locate_dofs_geometrical(V, is_cut)
     displacement = fem.Function(V)
@@ -336,7 +340,7 @@ def _supports_of_part(
 
 
 def _cut_sides(part: Problem) -> Callable[[Array], Mask]:
-    """Return a marker of the sides at which the whole continues."""
+    """Return a marker of the sides along which the submodel is cut from the whole model."""
     bottom = part.mesh.geometry.x[:, part.normal_axis].min()
 
     def is_cut(x: Array) -> Mask:
@@ -353,7 +357,7 @@ def _symmetry_plane(axis: int, is_cut: Callable[[Array], Mask]) -> Marker:
 def _load_on_part(
     whole: HertzContact, part: Problem, V: fem.FunctionSpace, reading: str, K: PETSc.Mat
 ) -> PETSc.Vec:
-    """Return the load (n,) on the surface of the part."""
+    """Return the load vector (n,) of forces or pressures on the submodel's surface."""
     up, surface = part.normal_axis, whole.surface
     virtual_displacement = ufl.TestFunction(V)[up]
     if reading == "forces":
@@ -387,7 +391,7 @@ def _points_on_line(up: int) -> Array:
 
 
 def _evaluate(u: fem.Function, points: Array) -> Array:
-    """Return values (n, components) at points (n, 3), each in one of the cells around it."""
+    """Return values (n, components) at points (n, 3), each from one cell that contains it."""
     mesh: Mesh = u.function_space.mesh
     tree = geometry.bb_tree(mesh, mesh.topology.dim, padding=1e-9)
     candidates = geometry.compute_collisions_points(tree, points)

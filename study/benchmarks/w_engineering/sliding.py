@@ -1,9 +1,9 @@
-"""Three problems whose law of contact has nodal forces or pressures: wear, friction, impact.
+"""Three problems in which nodal forces or pressures enter the contact law: wear, friction, impact.
 
-1. `wear_punch`: an elastic punch on a rigid plate that slides across its plane wears by Archard's
-   law.
-2. `solve_partial_slip`: friction whose coefficient falls with the pressure of each node.
-3. `throw_block`: explicit impact of a block that is thrown askew on a rough rigid dome.
+1. `wear_punch`: an elastic punch is worn, by Archard's law, by a rigid plate that slides below it
+   out of the plane of the model.
+2. `solve_partial_slip`: friction with a coefficient that decreases with the pressure at each node.
+3. `throw_block`: explicit impact of a block that is thrown obliquely onto a rough rigid dome.
 """
 
 from collections.abc import Callable
@@ -65,18 +65,18 @@ Indices = npt.NDArray[np.int64]
 
 
 def is_plane(element: str) -> bool:
-    """Return whether an element's cells are plane."""
+    """Return whether an element is two-dimensional."""
     return element.endswith(("T6", "Q9"))
 
 
 def cell_of(element: str) -> str:
-    """Return the cell of an element by its name."""
+    """Return the type of an element's cells."""
     cells = {"T6": "triangle", "Q9": "quadrilateral", "T10": "tetrahedron", "H27": "hexahedron"}
     return cells[element.split("-")[1]]
 
 
 def make_spaces(element: str, mesh: Mesh) -> Spaces:
-    """Return the spaces of an element; those of "galerkin-Q9" are for references."""
+    """Return the spaces of an element; "galerkin-Q9" is used for references only."""
     return Spaces.galerkin(mesh) if element == "galerkin-Q9" else spaces(element, mesh)
 
 
@@ -84,27 +84,30 @@ def make_spaces(element: str, mesh: Mesh) -> Spaces:
 
 PUNCH_MODULUS, PUNCH_POISSONS_RATIO, MEAN_PRESSURE = 100.0, 0.3, 1.0
 PATH = 0.06
-"""k s with the wear k per pressure and path, and the path s: the mean depth at the end."""
+"""Product k s of the wear coefficient k (depth per pressure and path) and the whole path s.
+
+As the mean pressure is one, this is the mean wear depth at the end.
+"""
 LOADED_WIDTH = 0.5
-"""Half width of the part of the back that is loaded."""
+"""Half width of the loaded part of the punch's back."""
 N_FREE_CHANGES, MAX_CHANGES = 10, 2000
-"""Changes of the set of touching nodes: with all nodes at once, and the most in all."""
+"""Number of updates that change all violating nodes, and largest number of all updates."""
 ROUND_OFF = 1e-12
-"""Of nodal forces, relative to the whole force, and of gaps."""
+"""Round-off of nodal forces, relative to the total force, and of gaps."""
 
 
 @dataclass(frozen=True)
 class Punch:
-    """The punch on one element, condensed to the normal displacements of its face's nodes.
+    """Elastic punch, condensed to the normal displacements of its face's nodes.
 
-    It is a block 2 wide (in space 2 x 2) and 1 high, on whose back an even load acts in the middle.
+    It is a block 2 wide (in space 2 x 2) and 1 high, with a uniform load on the middle of its back.
 
     Args:
-        surface: the face, m nodes.
-        flexibility: (m, m), displacements by nodal forces, but for a translation.
-        load_displacement: (m,), displacements by the load, but for a translation.
-        force: on the half or quarter that is modelled.
-        dofs: unknowns.
+        surface: The face, with m nodes.
+        flexibility: Displacements (m, m) due to unit nodal forces, up to a translation.
+        load_displacement: Displacements (m,) due to the load, up to a translation.
+        force: Total force on the modelled half or quarter.
+        dofs: Number of unknowns.
     """
 
     surface: SurfaceNodes
@@ -115,13 +118,13 @@ class Punch:
 
     @classmethod
     def make(cls, element: str, cells: int, offset: float = 0.0) -> "Punch":
-        """Make one half, or in space a quarter, with `cells` along its height and half width.
+        """Make the model of one half of the punch, or in space of a quarter.
 
         Args:
-            element: its name.
-            cells: number of them.
-            offset: how far mesh lines across the face are moved, over the size of a cell; half of
-                it at most. The load's edge stays on a line.
+            element: Name of the element.
+            cells: Number of cells along the height and along the half width.
+            offset: Parameter of the shift of the mesh lines that run through the face; the largest
+                shift is half of it, in cell sizes. The edge of the load stays on a mesh line.
         """
         lines: npt.NDArray[np.float64] = np.linspace(0.0, 1.0, cells + 1, dtype=np.float64)
         beside = lines + offset / 2 / cells * np.sin(2 * np.pi * lines)
@@ -141,7 +144,7 @@ class Punch:
             is_in_middle = np.max(x[:up], axis=0) < LOADED_WIDTH + 1e-9
             return np.asarray(np.isclose(x[up], 1.0) & is_in_middle)
 
-        def is_top(x: Array) -> Mask:  # one node: held against a translation, it has no reaction
+        def is_top(x: Array) -> Mask:  # one node, to fix the translation; no reaction
             return np.asarray(np.isclose(x, np.eye(3)[up][:, None]).all(axis=0))
 
         def is_on_face(x: Array) -> Mask:
@@ -164,10 +167,11 @@ class Punch:
         return cls(surface, displacement[:, :-1], displacement[:, -1], force, len(load))
 
     def forces(self, depth: Array, touching: Mask) -> tuple[Array, Mask]:
-        """Return nodal forces (m,) on a face that is worn to depths (m,), and which nodes touch.
+        """Return nodal forces (m,) on a face with wear depths (m,), and the mask of touching nodes.
 
-        All nodes that violate the law change; if that goes in circles, the first of them alone,
-        which ends for every stiffness whose principal minors are positive (K. G. Murty, 1974).
+        The status of all nodes that violate the contact law is changed. As this may cycle, only the
+        first such node is changed after `N_FREE_CHANGES` updates, which terminates for every
+        stiffness with positive principal minors (K. G. Murty, 1974).
 
         Raises:
             RuntimeError: if the set of touching nodes still changes after `MAX_CHANGES` changes.
@@ -192,12 +196,12 @@ class Punch:
         raise RuntimeError(f"the touching nodes still change after {MAX_CHANGES} changes")
 
     def stiffness(self) -> Array:
-        """Return the change of forces (m, m) by depths, sign reversed, while all nodes touch."""
+        """Return minus the derivatives (m, m) of the forces by the depths while all nodes touch."""
         m = len(self.load_displacement)
         return np.asarray(np.linalg.inv(self._system(np.arange(m)))[:m, :m])
 
     def _system(self, nodes: Indices) -> Array:
-        """Return the matrix of touching nodes, moved by forces and a translation, and balance."""
+        """Return the matrix of gaps at touching nodes and balance, for forces and a translation."""
         border = np.ones((len(nodes), 1))
         flexibility = self.flexibility[np.ix_(nodes, nodes)]
         return np.block([[flexibility, border], [border.T, np.zeros((1, 1))]])
@@ -208,7 +212,7 @@ def _symmetry_plane(axis: int) -> Callable[[Array], Mask]:
 
 
 def _solve_free(K: PETSc.Mat, free_dofs: Indices, right: Array) -> Array:
-    """Return solutions (n, k) by MUMPS of the free rows and columns."""
+    """Solve for the free unknowns by MUMPS; return solutions (n, k) of right-hand sides (n, k)."""
     rows = PETSc.IS().createGeneral(free_dofs.astype(PETSc.IntType))
     ksp = PETSc.KSP().create(K.comm)
     ksp.setOperators(K.createSubMatrix(rows, rows))
@@ -222,17 +226,18 @@ def _solve_free(K: PETSc.Mat, free_dofs: Indices, right: Array) -> Array:
 
 
 class WearResult(NamedTuple):
-    """The worn punch.
+    """Result of the wear of a punch.
 
     Args:
-        punch: the punch before wear.
-        half_depth: depths (m,) at half of the path.
-        depth: depths at the end.
-        pressure: pressures at the end, by the reading of the law.
-        step_over_bound: the step over the largest that is stable.
-        volume_error: of the worn volume by the reading's own weights, over k x force x path.
-        end_error: largest distance of pressures at the end from the mean one, by own weights or,
-            where these vanish, projected.
+        punch: Punch before wear.
+        half_depth: Wear depths (m,) at half of the path.
+        depth: Wear depths (m,) at the end.
+        pressure: Pressures (m,) at the end, by the reading that the wear law uses.
+        step_over_bound: Step over the largest stable one.
+        volume_error: Relative difference of the worn volume, integrated with the weights of the
+            reading, from k x force x path.
+        end_error: Largest relative deviation of the final pressures from the mean pressure, by the
+            reading "own", or "projected" if own weights vanish.
     """
 
     punch: Punch
@@ -247,11 +252,12 @@ class WearResult(NamedTuple):
 def wear_punch(
     element: str, reading: str, cells: int, n_steps: int, offset: float = 0.0
 ) -> WearResult:
-    """Wear the face, at its nodes, by equal explicit steps of the path.
+    """Integrate the wear at the nodes of the punch's face by equal explicit steps of the path.
 
-    A step of the path is stable while k ds times the largest eigenvalue of R S is below 2, where R
-    reads pressures and S is the change of forces with depths while all of the face touches. Wear
-    goes on until pressures are even, so that the end is known.
+    A step ds is stable if k ds times the largest eigenvalue of R S is below 2, where R converts
+    nodal forces to pressures, and S is minus the derivative of the forces by the depths while the
+    whole face touches. The path is so long that the pressure becomes uniform, and the final state
+    is therefore known.
 
     Raises:
         ValueError: if a step is not stable.
@@ -286,50 +292,51 @@ def wear_punch(
 # over Young's modulus
 
 LARGEST_FRICTION = 0.6
-"""mu0 in mu(p) = mu0 / (1 + p / p1)."""
+"""Coefficient mu0 in the law mu(p) = mu0 / (1 + p / p1)."""
 HALVING_PRESSURE = 0.5
-"""p1, at which the coefficient has halved, over Hertz' peak pressure."""
+"""Pressure p1, at which the coefficient is mu0 / 2, over Hertz' peak pressure."""
 SHIFT = {1: 0.3, 2: 0.1}
-"""Shift of the parabola over the approach, in the plane and in space (by the axis across)."""
+"""Shift of the parabola over the approach, by the number of the normal axis: 1 in the plane, 2 in
+space."""
 OUTER_STICKING = 0.6
-"""Nodes beyond this fraction of the outermost sticking node's radius give the radius."""
+"""Radius over that of the outermost sticking node beyond which sticking nodes are extrapolated."""
 FRICTION_TOLERANCE, MAX_REPETITIONS = 1e-6, 30
-"""Of coefficients by projected pressures: change that ends the repetition, and the most."""
+"""Fixed-point iteration of friction coefficients: tolerance, and largest number of iterations."""
 
 
 @dataclass(frozen=True)
 class FallingFriction:
-    """The law of friction |r_t| <= mu0 r / (1 + r / (p1 A)) of nodes of areas A.
+    """Friction law |r_t| <= mu0 r / (1 + r / (p1 A)) of nodes with areas A.
 
     Args:
-        position: (m, dim) of nodes.
-        halving_force: (m,), p1 A; a node without area has no friction.
+        position: Positions (m, dim) of the nodes.
+        halving_force: Forces p1 A (m,); a node without area has no friction.
     """
 
     position: Array
     halving_force: Array
 
     def parameter_at(self, x: Array) -> Array:
-        """Return p1 A (n,) of nodes at columns (3, n)."""
+        """Return p1 A (n,) of the nodes at points (3, n)."""
         return _value_at_nearest(self.position, self.halving_force, x)
 
     def limit(self, parameter: Array, force: Array) -> tuple[Array, Array]:
-        """Return the largest tangential forces (n,), and their slopes."""
+        """Return the friction limits (n,) and their derivatives by the normal forces (n,)."""
         total = parameter + force
         fraction = parameter / np.where(total > 0, total, 1.0)
         return LARGEST_FRICTION * fraction * force, LARGEST_FRICTION * fraction**2
 
 
 class PartialSlipResult(NamedTuple):
-    """The state after pressing and shifting.
+    """Result after the parabola has been pressed and shifted.
 
     Args:
-        force: tangential, over mu0 times the pressing force.
-        stick: half width or radius of the sticking zone.
-        dofs: unknowns.
-        x: (m, dim), nodes of the surface.
-        pressure: (m,), over Hertz' peak pressure.
-        shear: (m,), over Hertz' peak pressure.
+        force: Tangential force over mu0 times the normal force.
+        stick: Half width or radius of the stick zone.
+        dofs: Number of unknowns.
+        x: Positions (m, dim) of the surface's nodes.
+        pressure: Pressures (m,) over Hertz' peak pressure.
+        shear: Shear tractions (m,) over Hertz' peak pressure.
     """
 
     force: float
@@ -352,13 +359,13 @@ def solve_partial_slip(
     The body is an elastic half plane or half space; its far sides keep Hertz' exact displacements.
 
     Args:
-        element: its name.
-        reading: of the pressure that the law has: "own" or "tributary" areas, at nodes, "skip"
-            (no friction where own weights vanish), or "projected", by coefficients that are
-            repeated until they do not change.
-        edges: over the half width of the contact.
-        halving_pressure: at which the coefficient has halved, over Hertz' peak pressure.
-        offset: how much farther in its edge of the mesh the contact ends, over the edge's length.
+        element: Name of the element.
+        reading: Reading of the pressure in the friction law: "own", "tributary" or "skip" at each
+            node (with "skip" a node whose own weight vanishes has no friction), or "projected",
+            with coefficients that are computed by fixed-point iteration.
+        edges: Number of edges over the half width of the contact.
+        halving_pressure: Pressure at which the coefficient is halved, over Hertz' peak pressure.
+        offset: Shift of the end of contact within its edge, over the edge's length.
     """
     is_solid = not is_plane(element)
     make_mesh = _half_of_space if is_solid else _plane
@@ -411,10 +418,10 @@ def solve_partial_slip(
 def _repeat_coefficients(
     solve_shift: Callable[[Friction], PairState], surface: SurfaceNodes, R: Array, p1: float
 ) -> tuple[PairState, Array]:
-    """Solve with coefficients by projected pressures until these do not change.
+    """Solve by fixed-point iteration of friction coefficients that depend on projected pressures.
 
     Returns:
-        State of the pair, and largest tangential forces (m,).
+        State of the pair, and friction limits (m,).
     """
     mu: Array = np.full(len(R), LARGEST_FRICTION)
     for _ in range(MAX_REPETITIONS):
@@ -427,10 +434,11 @@ def _repeat_coefficients(
 
 
 def _extrapolate_stick(x: Array, unused_friction: Array, sticks: Mask) -> float:
-    """Return half the width, or the radius, of the sticking zone, beyond its outermost nodes.
+    """Return the half width or radius of the stick zone, extrapolated from its outer nodes.
 
-    The square of the friction that is not used vanishes there as the distance does (see V10): a
-    straight line through the outer nodes that stick is extrapolated, in the plane on each side.
+    At the border of the zone the square of the unused friction vanishes like a linear function of
+    the squared radius (see V10). This function is fitted to the outer sticking nodes, in the plane
+    on each side, and the mean of both zeros is returned.
     """
     r = np.linalg.norm(x, axis=1)
     sides = [x[:, 0] > 0, x[:, 0] < 0] if x.shape[1] == 1 else [r > 0]
@@ -444,14 +452,14 @@ def _extrapolate_stick(x: Array, unused_friction: Array, sticks: Mask) -> float:
 
 
 def _value_at_nearest(position: Array, values: Array, x: Array) -> Array:
-    """Return the values (m,) of nodes that are nearest to columns (3, n)."""
+    """Return, for each of the points (3, n), the value of the nearest node; the values are (m,)."""
     dim = position.shape[1]
     distance = np.linalg.norm(x[:dim].T[:, None] - position, axis=2)
     return np.asarray(values[distance.argmin(axis=1)])
 
 
 def _plane(cell: str, edges: float) -> tuple[Mesh, float, float]:
-    """Return the plane's mesh, the distance up to which nodes may touch, and the far sides'."""
+    """Return the half plane's mesh, the size of the zone that may touch, and that of the body."""
     size = 1 / (edges + mesh_lines.CONTACT_EDGE_POSITION)
     near = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
     right = np.concatenate(
@@ -463,7 +471,7 @@ def _plane(cell: str, edges: float) -> tuple[Mesh, float, float]:
 
 
 def _half_of_space(cell: str, edges: float) -> tuple[Mesh, float, float]:
-    """Return the same of the half y >= 0 of space."""
+    """Mesh the half y >= 0 of the half space; return the mesh and distances as `_plane` does."""
     lines = mesh_lines.graded_body_lines(edges)
     along = np.concatenate([-lines.horizontal[:0:-1], lines.horizontal])
     mesh = mesh_box(cell, along, lines.horizontal, lines.vertical)
@@ -480,7 +488,7 @@ def _hertz_solution(is_solid: bool) -> HertzLine | HertzSphere:
 def _far_supports(
     space: fem.FunctionSpace, exact: HertzLine | HertzSphere, up: int, outer: float
 ) -> list[fem.DirichletBC]:
-    """Return Hertz' displacements on the far sides, and in space the symmetry plane y = 0."""
+    """Return supports: Hertz' displacements on the far sides, and in space symmetry about y = 0."""
 
     def is_far(x: Array) -> Mask:
         return np.isclose(np.abs(x[: up + 1]).max(axis=0), outer)
@@ -507,27 +515,28 @@ def _far_displacements(exact: HertzLine | HertzSphere, x: Array, up: int) -> Arr
 # Impact. Density, speed of sound (in uniaxial strain) and height of the block are one
 
 SCHEMES = {"galerkin": "hrz", "sibling": "sibling"}
-"""Lumped mass of Hinton, Rock and Zienkiewicz for the standard element, row sums for the sibling."""
+"""Schemes of lumped mass: Hinton, Rock and Zienkiewicz's for the standard element, row sums for the
+sibling."""
 DOME_RADIUS, DOME_FRICTION = 10.0, 0.3
 SPEED_DOWN = 0.01
 SPEED_RATIO = 0.2
-"""Speed along x over that downwards."""
+"""Initial speed along x over the downward speed."""
 END_TIME = 8.0
-"""The block has left the dome before."""
+"""Time at which the computation ends; the block has left the dome by then."""
 
 
 class ImpactResult(NamedTuple):
-    """The impact, and the block after it.
+    """Result of an impact.
 
     Args:
-        rebound: mean speed upwards at the end, over that downwards at the start.
-        slip: impulse of friction over mu times that of pressing.
-        energy: work of friction over the energy at the start.
-        imbalance: of energies and work, relative.
-        steps: of time.
-        time: (s,).
-        force: (s, dim), total force of the dome.
-        dofs: unknowns.
+        rebound: Mean upward speed at the end over the downward speed at the start.
+        slip: Impulse of friction over mu times the normal impulse.
+        energy: Work of friction over the initial energy.
+        imbalance: Relative imbalance of energies and work.
+        steps: Number of time steps.
+        time: Times (s,).
+        force: Total forces (s, dim) of the dome.
+        dofs: Number of unknowns.
     """
 
     rebound: float
@@ -541,15 +550,16 @@ class ImpactResult(NamedTuple):
 
 
 def throw_block(element: str, cells: int, offset: float = 0.0) -> ImpactResult:
-    """Compute the impact of a block with so many cells along its height.
+    """Compute the impact of a block on the dome.
 
-    The block is 2 x 1 (in space 2 x 1 x 1, one half of it). The library integrates all schemes,
-    each with 0.9 of its own critical step. Nodal forces alone enter the law: nothing is read.
+    The block is 2 x 1 (in space 2 x 1 x 1, of which one half is modelled). The library integrates
+    all schemes, each with 0.9 times its own critical step. Only nodal forces enter the contact law,
+    and no pressures are read.
 
     Args:
-        element: its name.
-        cells: number of them.
-        offset: how far mesh lines above the dome's apex are moved, over the size of a cell.
+        element: Name of the element.
+        cells: Number of cells along the height of the block.
+        offset: Shift of the mesh lines above the dome's apex, in cell sizes.
     """
     along = np.linspace(-1.0, 1.0, 2 * cells + 1, dtype=np.float64)
     along += offset / cells * (1 - along**2)
@@ -568,7 +578,8 @@ def throw_block(element: str, cells: int, offset: float = 0.0) -> ImpactResult:
     velocity = scheme.K.createVecRight()
     start = SPEED_DOWN * np.array([SPEED_RATIO, *[0.0] * (dim - 2), -1.0])
     velocity.setArray(np.tile(start, velocity.getLocalSize() // dim))
-    # an apex between shifted nodes: the sibling's coefficients would begin inside the dome
+    # With shifted nodes the apex lies between nodes, and some of the sibling's coefficients would
+    # start inside the dome without this gap
     start_gap = 1 / (8 * DOME_RADIUS * cells**2) if offset else 0.0  # sagitta over half a cell
     dome = Parabola((*[0.0] * (dim - 1), -start_gap), -DOME_RADIUS)
     pair = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), dome, DOME_FRICTION)
@@ -591,7 +602,7 @@ def throw_block(element: str, cells: int, offset: float = 0.0) -> ImpactResult:
 
 
 def _make_scheme(element: str, mesh: Mesh) -> StiffnessMassPair:
-    """Return stiffness and lumped mass; for references those of Simpson's rule."""
+    """Return stiffness and lumped mass; for references the mass is integrated by Simpson's rule."""
     kind, cell = element.split("-")
     if cell in ("T6", "T10"):
         return StiffnessMassPair.from_name(SCHEMES[kind], mesh)

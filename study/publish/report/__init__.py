@@ -1,4 +1,4 @@
-"""The report: a paper of some thirty pages, one self-contained HTML page and a PDF of it."""
+"""The report: an article of some twenty pages, one self-contained HTML page and a PDF of it."""
 
 import gc
 import re
@@ -22,35 +22,23 @@ if TYPE_CHECKING:
     import weasyprint
 
 # The parts in their order: text, of a section of the study or of several; chapter or section;
-# title. Sections that no part shows are in the appendix alone.
+# title. Sections that no part shows are one line of the table of verification, see their pages
 PARTS = (
     ("answer", "", ""),
-    ("evidence", "chapter", "What was tested, and with which result"),
-    ("element", "chapter", "The element"),
-    ("reading", "chapter", "How to read contact forces"),
+    ("evidence", "chapter", "What was tested, with which result"),
+    ("element", "chapter", "The element, and how to read its forces"),
     ("examples", "chapter", "The paper's examples"),
-    ("7.2", "section", "Elastic block on a rigid surface (the paper's section 7.2)"),
+    ("7.1", "section", "Two triangles (the paper's section 7.1)"),
+    ("7.2", "section", "Elastic block on a rigid surface (7.2)"),
     ("7.3", "section", "Parabolic rigid punch (7.3)"),
     ("7.4", "section", "Rigid plate on an elastic body (7.4)"),
     ("7.5", "section", "Stepped column (7.5)"),
     ("7.6", "section", "Buckling of a beam (7.6)"),
-    ("beyond", "chapter", "Beyond the paper"),
-    ("V11", "section", "Two deformable bodies"),
-    ("V10", "section", "Contact and friction in three dimensions"),
-    ("friction", "section", "Friction: four benchmarks"),
-    ("impact", "section", "Dynamics and impact"),
-    ("V13", "section", "Fluxes"),
-    ("V14", "section", "Large strains"),
-    ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
-    ("V16", "section", "Large sliding"),
-    ("V17", "section", "Two bodies at large sliding"),
-    ("W", "section", "Laws of nodal forces: does an engineer's answer change?"),
-    ("C", "chapter", "Accuracy, and where the new element is worse"),
-    ("K", "chapter", "What it costs"),
-    ("codes", "chapter", "Other codes, and verification in one table"),
-    ("Q", "chapter", "Other methods"),
-    ("unknown", "chapter", "What could not be known, and errata of the paper"),
-    ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
+    ("uncertainty", "section", "Uncertainty of the numbers without an exact value"),
+    ("verification", "chapter", "Verification beyond the paper"),
+    ("rivals", "chapter", "Another code, other methods, and cost"),
+    ("unknown", "chapter", "Unknowns, limits and errata"),
+    ("reproducibility", "chapter", "Reproducibility"),
     ("references", "chapter", "References and nomenclature"),
 )
 NON_BREAKING_SPACE = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
@@ -158,6 +146,11 @@ class _ReportRenderer(TextRenderer):
             target = LinkTarget(f"#part-{name}", f"section\N{NO-BREAK SPACE}{number}")
             self.link_targets |= dict.fromkeys(self._part_sections, target)
             parts.append(Part(f"part-{name}", kind, number, heading, body))
+        # sections without a part are called by their names, and have a line in a table
+        sections_without_part = SECTIONS.keys() - self.link_targets.keys()
+        self.link_targets |= {
+            section: LinkTarget("#part-verification", section) for section in sections_without_part
+        }
         self.link_targets |= self.list_link_targets()
         return parts
 

@@ -52,6 +52,9 @@ JUDGED_PAPER_SECTIONS = {"I": ("1",), "3": ("3", "4", "6")}
 # The texts, of the report's, that sum up
 SUMMARY_TEXTS = {
     "evidence": "What was tested, and with which result",
+    "vocabulary": "Verification, validation and comparison",
+    "uncertainty": "Uncertainty of the numbers without an exact value",
+    "appendix": "How each section was computed",
     "unknown": "What could not be known, and errata of the paper",
 }
 
