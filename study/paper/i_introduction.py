@@ -89,8 +89,8 @@ def factors(element: str, friction: float) -> Result:
     """Count the entries of the factors of the block's last contact matrix.
 
     The matrix is that of Newton's method on the closed, sticking and sliding nodes of the solution:
-    the equation of a sliding node is its tangential force minus mu times its normal force. Symmetric
-    matrices are factorised as L D L^T, others as L U.
+    the equation of a sliding node is its tangential force minus mu times its normal force.
+    Symmetric matrices are factorised as L D L^T, others as L U.
     """
     body = discretise(element, _mesh_block, MATERIAL, StressState.PLANE_STRESS)
     supports = [

@@ -1,4 +1,4 @@
-"""Figures, tables and numbered equations of the paper: printed numbers, and the files that use them.
+"""Figures, tables and numbered equations of the paper: printed numbers, and files that use them.
 
 M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
 functions in 2D contact problems", received August 16, 2001.
@@ -153,7 +153,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def section_table() -> str:
-    """Return the Markdown table of sections and their files, beginning with the paper's sections."""
+    """Return the Markdown table of sections and their files; the paper's sections come first."""
     sections = sorted({*TITLES_WITHOUT_PAGE, *SECTIONS}, key=section_order)
     head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

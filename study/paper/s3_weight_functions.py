@@ -111,10 +111,11 @@ YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 1.0, 0.3, 1.0
 
 
 def weight_functions() -> Result:
-    """Compare the new element's weights with the printed equations, Basix' iso element and principles.
+    """Compare the new weights with printed equations, Basix' iso element and required properties.
 
-    Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order, the points `grid` (n, 2)
-    of a plot and its cells `grid_cells` (m, 3), and weights (n, 6) and shape functions (n, 6) there.
+    Curves: `nodes` (6, 2) and `subelements` (4, 3) in the paper's order; for plots, the points
+    `grid` (n, 2) with their cells `grid_cells` (m, 3), and the `weights` (n, 6) and shape functions
+    `shapes` (n, 6) at these points.
     """
     element = piecewise_linear_sub_cell_element("triangle")
     nodes = element._element.points[BASIX_DOF_OF_PAPER_NODE]  # in the paper's order
@@ -196,7 +197,7 @@ def _max_linearity_error(
 
 
 def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
-    """Return the points and cells of a lattice on the reference triangle, with n divisions a side."""
+    """Return the points and cells of a lattice on the reference triangle, n divisions a side."""
     index: dict[tuple[int, int], int] = {}
     points: list[tuple[float, float]] = []
     for j in range(n + 1):

@@ -45,7 +45,7 @@ plane strain and the other diagonal the reactions change by at most
 """
 
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
-"""Elastic constants, which the paper does not print; `MATERIALS` shows that they have no influence."""
+"""Elastic constants: not printed, but without influence, as the cases of `MATERIALS` show."""
 
 # Method
 

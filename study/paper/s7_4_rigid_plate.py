@@ -201,8 +201,8 @@ CASES += [
     for element in ("pw-T6", "pw-Q9")
 ]
 # All elements halved, for the uncertainty of the numbers, see `study.judge.mesh_series`. The number
-# of squares beside the plate is odd, and even after halving: the opposite pattern therefore keeps the
-# directions of the diagonals at the edges of the plate, on which the answer depends.
+# of squares beside the plate is odd, and even after halving: the opposite pattern therefore keeps
+# the directions of the diagonals at the edges of the plate, on which the answer depends.
 SMOOTH: dict[str, object] = {"friction_angle": 0.0}
 SAME_EDGE_DIAGONALS: dict[str, object] = {"pattern": "right_left"}
 CASES += [

@@ -26,8 +26,8 @@ STARTS = {
 }
 """Radii and heights from the base upwards, in m.
 
-The first column was fitted by hand on coarser meshes. The second is far from it: its top is twice as
-high.
+The first column was fitted by hand on coarser meshes. The second is far from it: its top is twice
+as high.
 """
 WEIGHT_OF_CHANGE = 1.0
 """Weight of changes: doubling a length counts as much as this deviation of an eigenvalue in %."""
@@ -40,7 +40,7 @@ def make_profile(lengths: npt.ArrayLike) -> Profile:
 
 
 def deviations_from_table_1(profile: Profile) -> npt.NDArray[np.float64]:
-    """Return the deviations (4, 6), in per cent, from the printed eigenvalues; rows are elements."""
+    """Return the deviations (4, 6) from the printed eigenvalues in per cent; rows are elements."""
     return np.array(
         [
             100 * (s7_5_column.compute_eigenvalues(element, profile) / TABLE_1[printed] - 1)

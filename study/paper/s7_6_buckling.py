@@ -95,7 +95,7 @@ PAPER_DIVISIONS, PAPER_PATTERN = (5, 2), "crossed"
 
 SYMMETRIC, ANTISYMMETRIC = 1, 2
 Form = Literal["G", "J"]
-"""Form of the geometric stiffness: "G" of Eq. (25) and Eq. (26), "J" with an objective stress rate."""
+"""Geometric stiffness: "G" of Eq. (25) and Eq. (26), or "J" of an objective stress rate."""
 SupportedPart = Literal["centre", "face"]
 
 
@@ -182,7 +182,7 @@ class HalfBeam:
     def solve_buckling(
         self, K: PETSc.Mat, displacement: fem.Function, mode: int, form: Form
     ) -> BucklingModes:
-        """Return the lowest buckling factor of unit nominal stress, which is the critical stress."""
+        """Return the lowest buckling factor of unit nominal stress, i.e. the critical stress."""
         stress = self.body.stress(displacement)
         K_sigma = assemble_matrix(self.body.geometric_stiffness(stress, form))
         return buckling(K, K_sigma, self.supports(mode), symmetrised=self.symmetrised)

@@ -13,8 +13,8 @@ from study.solutions.half_space import ElasticHalfSpace, HertzSphere
 
 Array = npt.NDArray[np.float64]
 
-# Number of point forces along a radius and around the axis; from twice the radius on, their field
-# is that of the traction to 1e-10
+# Numbers of point forces along a radius and around the axis; at twice the radius and beyond, their
+# field agrees with that of the traction to 1e-10
 _N_RADIAL_FORCES, _N_ANGLES = 16, 48
 
 
@@ -59,7 +59,7 @@ class MindlinSphere:
         return np.asarray(self.normal_contact.pressure(r))
 
     def shear(self, r: Array) -> Array:
-        """Return mu p, less mu p0 c/a sqrt(1 - r²/c²) where the contact sticks."""
+        """Return the shear mu p, reduced by mu p0 c/a sqrt(1 - r²/c²) where the contact sticks."""
         c = self.stick_radius
         held = c / self.normal_contact.half_width * np.sqrt(np.maximum(0.0, 1 - (r / c) ** 2))
         return np.asarray(
@@ -96,13 +96,13 @@ def _displacement_by_shear(body: ElasticHalfSpace, x: Array, radius: float, forc
 def _cerruti_displacement(
     body: ElasticHalfSpace, x: Array, force_positions: Array, forces: Array
 ) -> Array:
-    """Return displacements (n, 3) in z < 0 by forces (m,) along x at points (m, 2) of z = 0.
+    """Return displacements (n, 3) in z < 0 due to forces (m,) along x at points (m, 2) of z = 0.
 
-    V. Cerruti (1882); Johnson's (3.76) to (3.78), whose z points into the body.
+    This is V. Cerruti's solution (1882), Johnson's (3.76) to (3.78), whose z points into the body.
     """
     s, t = (x[:, axis, None] - force_positions[:, axis] for axis in (0, 1))
     z = -x[:, 2, None]
-    inverse_r = 1 / np.sqrt(s**2 + t**2 + z**2)  # powers of r would take most of the time
+    inverse_r = 1 / np.sqrt(s**2 + t**2 + z**2)  # faster than powers of r
     inverse_r_plus_z = inverse_r / (1 + z * inverse_r)
     factor = 1 - 2 * body.poissons_ratio
     common = inverse_r * (inverse_r**2 - factor * inverse_r_plus_z**2)

@@ -1,8 +1,9 @@
-"""Hertz' problem for any method: a rigid parabola on a half plane, or paraboloid on a half space.
+"""Hertz' problem for any method: a rigid parabola (paraboloid) on a half plane (half space).
 
-The body is below y = 0 (in space z = 0), frictionless contact is possible up to `zone`, and the
-far sides have Hertz' exact displacements. Lengths are over the half width of the contact, stresses
-over Young's modulus. `study.benchmarks.q_rivals` solves it by many methods.
+The body is below y = 0 (in space z = 0), frictionless contact is possible up to the distance
+`zone`, and Hertz' exact displacements are prescribed on the far sides. Lengths are relative to the
+half width of the contact, stresses to Young's modulus. `study.benchmarks.q_rivals` solves it by
+many methods.
 """
 
 from collections.abc import Callable
@@ -31,11 +32,11 @@ from study.solutions.indentation import BODY_SIZE, mesh_graded_square
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]
-Form = Any  # of UFL, which has no types
+Form = Any  # UFL expressions, for which UFL provides no types
 
 E, NU = 1.0, 0.3
 RADIUS = 1e3
-"""Radius of the parabola, so large that slopes are small."""
+"""Radius of the parabola, large enough for small slopes."""
 CONTACT_ZONE_SIZE = 1.3
 """Nodes up to this distance from the middle may touch."""
 NEWTON_TOLERANCE = 1e-12
@@ -91,13 +92,13 @@ class Problem:
 
     @property
     def distance_from_middle(self) -> Form:
-        """Distance from the middle of the contact, a UFL expression."""
+        """Distance from the middle of the contact as a UFL expression."""
         x = ufl.SpatialCoordinate(self.mesh)
         return ufl.sqrt(sum(x[i] ** 2 for i in range(self.normal_axis)))
 
     @property
     def gap(self) -> Form:
-        """Upper bound of the displacement upwards, a UFL expression."""
+        """Gap, the upper bound of the upward displacement, as a UFL expression."""
         return self.distance_from_middle**2 / (2 * RADIUS) - self.exact.approach
 
     @cached_property
@@ -141,7 +142,7 @@ class Problem:
         return fem.functionspace(self.mesh, basix.ufl.mixed_element([vector, scalar]))
 
     def far_field_supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
-        """Return conditions of symmetry and of exact displacements on the far sides."""
+        """Return supports: symmetry conditions, and exact displacements on the far sides."""
         return [
             self._prescribe_component(displacement.sub(axis), axis)
             for axis in range(self.normal_axis + 1)
@@ -160,7 +161,7 @@ class Problem:
         return fem.dirichletbc(value, dofs, sub)
 
     def exact_displacement(self, x: Array) -> Array:
-        """Return displacements (n, dim) of points (n, 3) far from the contact; 0 on symmetry."""
+        """Return exact displacements (n, dim) at points (n, 3) far from the contact."""
         if self.normal_axis == 1:
             field = self.exact.displacement(x[:, :2])
             return np.where(np.isclose(x[:, :2] * [1, 0] + [0, 1], 0.0), 0.0, field)
@@ -169,7 +170,7 @@ class Problem:
         return np.column_stack([u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None], u[:, 1]])
 
     def zero_multipliers_outside(self, multiplier: fem.FunctionSpace) -> fem.DirichletBC:
-        """Return the condition that multipliers, a subspace, vanish outside the contact zone."""
+        """Return the condition that multipliers (a subspace) vanish outside the contact zone."""
         part, _ = multiplier.collapse()
         dofs = fem.locate_dofs_geometrical((multiplier, part), lambda x: ~self.may_touch(x))
         return fem.dirichletbc(fem.Function(part), dofs, multiplier)
@@ -187,7 +188,7 @@ class Problem:
     def make_solution(
         self, w: fem.Function, factorisations: int, pressure: Form | None = None
     ) -> Solution:
-        """Return the solution given by a mixed function of displacements and multipliers.
+        """Make the solution from a mixed function of displacements and multipliers.
 
         Args:
             w: Displacements and multipliers.
@@ -203,7 +204,7 @@ class Problem:
         return Solution(u, pressure, unknowns, factorisations, u.function_space)
 
     def nodal_forces(self, u: fem.Function, test_space: fem.FunctionSpace) -> Array:
-        """Return nodal forces (n, dim) of the body on supports and indenter, by test functions."""
+        """Return nodal forces (n, dim) that the body exerts, defined by given test functions."""
         vector = assemble_vector(self.virtual_work(u, ufl.TestFunction(test_space)))
         return np.array(-vector.array.reshape(-1, self.normal_axis + 1))
 
@@ -217,7 +218,7 @@ class Problem:
         return np.divide(forces, weights, out=np.zeros_like(forces), where=has_weight)
 
     def nodal_pressure(self, u: fem.Function, test_space: fem.FunctionSpace) -> fem.Function:
-        """Return nodal forces over the integrals of their test functions, for degree 2."""
+        """Return nodal forces of quadratic displacements over their test functions' integrals."""
         forces = self.nodal_forces(u, test_space)[:, self.normal_axis]
         return self.interpolate_linearly(self.divide_by_weights(forces, test_space))
 
@@ -235,7 +236,7 @@ def line_contact_problem(edges: int, offset: float) -> Problem:
     """Return the problem on the half plane, meshed where x >= 0.
 
     Args:
-        edges: Number of triangles' edges over the half width of the contact.
+        edges: Number of triangle edges over the half width of the contact.
         offset: Position of the contact's end within the next edge, over the edge's length.
     """
     body, size = ElasticHalfSpace(E, NU), 1 / (edges + offset)
@@ -271,7 +272,7 @@ def solve_newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -
     """Solve form(w) = 0 by Newton's method and return the number of factorisations.
 
     Raises:
-        NoSolution: if it does not converge.
+        NoSolution: If it does not converge.
     """
     return prepare_newton(form, w, supports)()
 
@@ -322,7 +323,7 @@ def solve_lu(matrix: Any, right: Array) -> Array:  # noqa: ANN401
 
 
 def use_lu(ksp: PETSc.KSP) -> None:
-    """Set a solver up to factorise its matrix by MUMPS."""
+    """Set up a solver to factorise its matrix by MUMPS."""
     ksp.setType("preonly")
     ksp.pc.setType("lu")
     ksp.pc.setFactorSolverType("mumps")

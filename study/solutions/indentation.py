@@ -1,4 +1,4 @@
-"""Rigid indenters on half planes and half spaces: errors of contact pressures and forces."""
+"""Contact of rigid indenters with half planes and half spaces: errors of pressures and forces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ from study.solutions.half_space import BondedLinePunch, ExactContact
 
 Array = npt.NDArray[Any]
 
-# Side of the square body over the half width of the contact, and growth of its elements
+# Side of the square body over the half width of the contact, and growth ratio of its elements
 BODY_SIZE, GROWTH = 5.0, 1.3
 # Inner part of the contact, over its half width, in which errors are also computed
 INNER_PART = 0.8
-# Coefficient of friction with which nothing slips below a bonded punch
+# Coefficient of friction that prevents all slip below a bonded punch
 STICKING_FRICTION = 1e3
 
 INDENTATION_QUANTITIES = {
@@ -77,23 +77,24 @@ def solve_refinement_series(
     body_size: float = BODY_SIZE,
     far_field: bool = True,
 ) -> Result:
-    """Solve an indentation on a series of finer meshes, and evaluate errors and orders.
+    """Solve an indentation on a series of increasingly fine meshes; evaluate errors and orders.
 
-    The far sides have the exact displacements of the half space, so that no error is due to the
-    body's finite size; or they are fixed.
+    The exact displacements of the half space are prescribed on the far sides, and the finite size
+    of the body causes no error then; otherwise these sides are fixed.
 
     Args:
         element: Name of the element.
         indenter: Rigid surface and exact solution.
-        mesh_lines_by_level: For each number of elements over the half width, several meshes,
-            each given by its lines x >= 0 where nodes may touch; the root mean square of their
-            errors counts.
+        mesh_lines_by_level: Meshes by the number of elements over the half width. Each is given by
+            its lines x >= 0 where nodes may touch. If a number has several meshes, the root mean
+            square of their errors is taken.
         body_size: Side of the body over the half width of the contact.
-        far_field: Whether the exact displacements are prescribed.
+        far_field: Whether the exact displacements are prescribed on the far sides.
 
     Returns:
-        Errors as curves over `elements`, those of the finest level as scalars, and the observed
-        `order_…` over the last two doublings; curves along the surface of the second level.
+        Errors as curves over `elements`, errors of the finest level as scalars, and the orders
+        `order_…` observed over the last two doublings; curves along the surface of the second
+        level.
     """
     levels = [
         [solve_indentation(element, indenter, lines, body_size, far_field) for lines in of_level]
@@ -130,7 +131,7 @@ def solve_indentation(
     body_size: float = BODY_SIZE,
     far_field: bool = True,
 ) -> Result:
-    """Solve the indentation of one half of a body on one mesh."""
+    """Solve the indentation on one mesh, whose lines x >= 0 are given; one half is modelled."""
     exact = indenter.exact_contact
     side, zone = body_size * exact.half_width, lines[-1]
     material = Material(exact.body.youngs_modulus, exact.body.poissons_ratio)
@@ -141,7 +142,7 @@ def solve_indentation(
 
     conditions = _prescribe_far_sides(body.space, exact if far_field else None, side)
     conditions.append(prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
-    force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half the plane body
+    force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half of a plane body
     down = Motion((0.0, None), (0.0, -force_factor * exact.force))
     friction = STICKING_FRICTION if isinstance(exact, BondedLinePunch) else 0.0
     pair = ContactPair(may_touch, indenter.surface, friction, [down])
@@ -162,7 +163,7 @@ def solve_indentation(
 
 
 def growing_lines_from_size(first_size: float, length: float) -> Array:
-    """Return mesh lines from 0 to a length; sizes grow from the first by `GROWTH` at most."""
+    """Return mesh lines from 0 to a length; sizes grow from the first one by at most `GROWTH`."""
     count = int(np.ceil(np.log1p(length / first_size * (GROWTH - 1)) / np.log(GROWTH)))
     if count <= length / first_size:
         powers = np.arange(count)
@@ -172,7 +173,7 @@ def growing_lines_from_size(first_size: float, length: float) -> Array:
 
 
 def mesh_graded_square(contact_lines: Array, side: float, cell: str) -> Mesh:
-    """Mesh the square 0 <= x <= side, -side <= y <= 0, finest at the surface and lines."""
+    """Mesh the square 0 <= x <= side, -side <= y <= 0, finest at the contact lines."""
     sizes = np.diff(contact_lines)
     x_lines = np.concatenate(
         [
@@ -187,7 +188,7 @@ def mesh_graded_square(contact_lines: Array, side: float, cell: str) -> Mesh:
 def _prescribe_far_sides(
     space: fem.FunctionSpace, exact_contact: ExactContact | None, side: float
 ) -> list[fem.DirichletBC]:
-    """Prescribe exact displacements, or zero ones, on the sides x = side and y = -side."""
+    """Prescribe exact or, for None, zero displacements on the sides x = side and y = -side."""
 
     def on_far_sides(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[0], side) | np.isclose(x[1], -side)
@@ -227,12 +228,13 @@ def _force_and_pressure_errors(
 ) -> dict[str, float]:
     """Return errors of forces and pressures over the whole contact, and over its inner part.
 
-    Forces: sum of |r_i - exact force on the node's tributary length| over the sum of the latter.
-    Pressures: root mean square of the difference from the exact pressure at the node, over that
-    of the exact pressure, both weighted with tributary areas; there is none over the whole
-    contact if the pressure is unbounded. Nodes without weight have no own-function pressure.
-    Pressures over tributary areas, as node-to-surface codes print them, are compared with bounded
-    pressures only; unbounded ones would add nothing.
+    Forces: the sum of |r_i - exact force on the node's tributary length|, over the sum of the exact
+    forces. Pressures: the root mean square of the difference from the exact pressure at the nodes,
+    over the root mean square of the exact pressure, both weighted with tributary areas. If the
+    exact pressure is unbounded, errors of pressures are given for the inner part only. Nodes
+    without weight have no own-function pressure. Pressures based on tributary areas, which
+    node-to-surface codes print, are compared with bounded pressures only; unbounded ones would give
+    no further information.
     """
     errors = {}
     inner = curves["x"] < INNER_PART * exact_contact.half_width
@@ -263,11 +265,11 @@ def _force_and_pressure_errors(
 def _contact_scalars(
     state: ContactState, exact_contact: ExactContact, surface: SurfaceNodes
 ) -> dict[str, float]:
-    """Return scalars of the contact besides errors of pressures and forces.
+    """Return all scalars of the contact other than errors of pressures and forces.
 
-    The residual is the largest one of forces; the penetration is over the half width. The radius
-    is midway between the last closed and the first open node; `off_edge` is its error over the
-    distance of these nodes, 1/2 at most if they enclose the exact radius.
+    `residual` is the largest residual of forces; `penetration` is relative to the half width. The
+    contact radius is midway between the last closed and the first open node; `off_edge` is its
+    error over the distance of these nodes, at most 1/2 if they enclose the exact radius.
     """
     (contact,), residuals = state.pairs, state.residuals
     x, closed = contact.position[:, 0], contact.status != OPEN

@@ -1,4 +1,4 @@
-"""Smooth displacement fields for manufactured solutions, whose loads UFL derives."""
+"""Smooth displacement fields for manufactured solutions; their loads are derived by UFL."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -11,15 +11,16 @@ DisplacementField = Callable[
 ]
 """Function (m, x, compliance) that returns the components of a displacement.
 
-m is the module, numpy or UFL, whose functions are called, and x the point. The compliance is one
-over Lamé's first constant: terms multiplied by it leave a bounded pressure as nu goes to 1/2.
+m is the module (numpy or UFL) whose functions are called, and x is the point. The compliance is the
+reciprocal of Lamé's first constant: terms multiplied by it have a bounded pressure as nu tends to
+1/2.
 """
 
 
 def plane(
     m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
 ) -> tuple[ArrayOrExpression, ...]:
-    """Return a plane field without dilatation plus `plane_pressure`."""
+    """Return the sum of an isochoric plane field and `plane_pressure`."""
     p = plane_pressure(m, x, compliance)
     return (
         1.5 * m.sin(2 * x[0]) * m.cos(1.5 * x[1]) + p[0],
@@ -30,9 +31,9 @@ def plane(
 def plane_pressure(
     m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
 ) -> tuple[ArrayOrExpression, ...]:
-    """Return a field whose stress is a pressure alone as nu goes to 1/2.
+    """Return a plane field whose stress tends to a pure pressure as nu tends to 1/2.
 
-    The body force balances the pressure.
+    A body force balances this pressure.
     """
     return compliance * m.sin(x[0] + x[1]), compliance * m.cos(x[0] - 2 * x[1])
 
@@ -40,7 +41,7 @@ def plane_pressure(
 def round_about(
     m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
 ) -> tuple[ArrayOrExpression, ...]:
-    """Return an axisymmetric field without dilatation plus `round_about_pressure`."""
+    """Return the sum of an isochoric axisymmetric field and `round_about_pressure`."""
     r, z = x[0], x[1]
     p = round_about_pressure(m, x, compliance)
     return (
@@ -63,7 +64,7 @@ def round_about_pressure(
 def solid(
     m: ModuleType, x: ArrayOrExpression, compliance: ArrayOrExpression
 ) -> tuple[ArrayOrExpression, ...]:
-    """Return a field in space without dilatation plus `solid_pressure`."""
+    """Return the sum of an isochoric field in space and `solid_pressure`."""
     p = solid_pressure(m, x, compliance)
     return (
         m.sin(x[1] + 2 * x[2]) + p[0],

@@ -1,4 +1,4 @@
-"""Neo-Hookean bodies at large strains, and their states below a moving rigid tool."""
+"""Neo-Hookean bodies at large strains, loaded by rigid tools that move."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,8 +21,9 @@ Array = npt.NDArray[np.float64]
 
 POISSONS_RATIO, HYBRID_POISSONS_RATIO = 0.3, 0.4999
 MAX_ITERATIONS = 40
-"""One increment of the standard element takes 25, the library's default: round-off would decide
-whether it is cut, which changes the dissipation by friction."""
+"""Largest number of iterations of an increment. One increment of the standard element takes 25,
+which is the library's default limit: round-off would decide whether it is cut, and thus change the
+dissipation by friction."""
 
 
 def lame_over_shear(poissons_ratio: float) -> float:
@@ -31,7 +32,7 @@ def lame_over_shear(poissons_ratio: float) -> float:
 
 
 class RubberBody:
-    """Neo-Hookean body on an element, with the shear modulus 1; plane strain in the plane.
+    """Neo-Hookean body of shear modulus 1 on one element; plane bodies are in plane strain.
 
     Attributes:
         element: Name of the element.
@@ -101,7 +102,7 @@ class RubberBody:
         return np.asarray(assemble_vector(self.residual).array_r[self.displacements.unknowns])
 
     def weight_areas(self, nodes: npt.NDArray[np.int64]) -> tuple[Array, Array]:
-        """Integrate the weights of upper nodes (m,) over the undeformed and the deformed side."""
+        """Integrate the weights of upper nodes (m,) over the undeformed and the deformed upper side."""
         mesh, axis, top = self.solution.function_space.mesh, self.dim - 1, self.x[:, -1].max()
         make_spaces = Spaces.petrov_galerkin if self.element.startswith("pw") else Spaces.galerkin
         scalar_spaces = make_spaces(mesh, 0)
@@ -131,7 +132,7 @@ class LoadHistory:
     base_force: list[Array]
 
     def contact_work(self) -> float:
-        """Return the work of contact forces on nodes, by the trapezoidal rule."""
+        """Return the work that contact forces do on the nodes, by the trapezoidal rule."""
         work = 0.0
         for start, end in zip(self.states, self.states[1:], strict=False):
             for old, new in zip(start.pairs, end.pairs, strict=True):
@@ -140,7 +141,7 @@ class LoadHistory:
         return work
 
     def tool_work(self) -> float:
-        """Return the work of the tools' forces on their motions, by the trapezoidal rule."""
+        """Return the work of the tools' forces in the tools' motions, by the trapezoidal rule."""
         work = 0.0
         for start, end in zip(self.states, self.states[1:], strict=False):
             for old, new in zip(start.pairs, end.pairs, strict=True):

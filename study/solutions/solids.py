@@ -1,8 +1,9 @@
 """Bodies in space on the elements of section V10, and contact pressures on their faces.
 
-Two of them derive from the standard element: “transferred” multiplies its nodal forces by T, and
-the symmetric sibling has the stiffness T K T^T. The sibling's unknowns are coefficients of the
-displacements, to which its forces belong, and contact is stated on their gaps.
+Two of the elements are derived from the standard one: “transferred” multiplies its nodal forces by
+T, and the symmetric sibling has the stiffness T K T^T. The sibling's unknowns are coefficients
+rather than nodal displacements; nodal forces are work-conjugate to them, and contact conditions are
+stated for the gaps that they define.
 """
 
 from collections.abc import Callable
@@ -38,7 +39,7 @@ from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 
-# Radius within which pressures are compared, over the contact's radius
+# Radius within which pressures are compared, over the contact radius
 INNER_PART = 0.8
 
 
@@ -113,7 +114,7 @@ class Solid:
     def load_of_prescribed_faces(
         self, where: Marker, displacement: Callable[[Array], Array]
     ) -> PETSc.Vec:
-        """Return the load equivalent to displacements of faces, which supports then hold at 0."""
+        """Return the load that replaces displacements of faces, which supports then fix at 0."""
         moved = self.supports(self.prescribe_faces(where, displacement)).offset
         load = self.K * moved
         load.scale(-1.0)
@@ -130,7 +131,7 @@ class Solid:
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
     def own_and_standard_nodes(self, where: Marker) -> tuple[SurfaceNodes, SurfaceNodes]:
-        """Return surface nodes with the element's weights, and with the standard element's."""
+        """Return surface nodes with the element's weights, and with the standard element's ones."""
         own = SurfaceNodes.from_body(self.body, where)
         spaces, T = self.body.spaces, self.T
         if spaces.test is not spaces.trial:
@@ -144,7 +145,7 @@ class Solid:
 def error_norms_beside_standard(
     name: str, error: Array, standard: SurfaceNodes
 ) -> dict[str, float]:
-    """Return norms of errors (m,) on nodes with standard readings, and on the others."""
+    """Return norms of errors (m,) at nodes with a standard pressure, and at the other nodes."""
     norms = error_norms_on_common_and_other_nodes(error, standard.pressure(np.zeros(len(error))))
     return {f"{name}_{suffix}": norm for suffix, norm in norms.items()}
 
@@ -159,13 +160,13 @@ def face_result(
     inner_radius: float,
     **extra_scalars: float,
 ) -> Result:
-    """Return errors of the pressure on a horizontal face, at nodes with weight, and curves.
+    """Return errors of the pressure on a horizontal face at nodes with a weight, and curves.
 
     Args:
         states: States at the ends of all increments.
         solid: Body.
         own_and_standard: `Solid.own_and_standard_nodes` of the face.
-        forces: Forces (m, 3) at its nodes; the last component is normal, the first shear.
+        forces: Forces (m, 3) at the face's nodes; the last component is normal, the first is shear.
         exact: Exact pressure (m,).
         scale: Pressure by which errors and curves are divided.
         inner_radius: Distance from the origin within which errors count.

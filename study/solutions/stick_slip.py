@@ -21,10 +21,10 @@ class Cattaneo:
     K. L. Johnson, "Contact Mechanics" (1985).
 
     Args:
-        half_width: a, of the contact.
-        force: P, per length.
-        friction: mu.
-        friction_utilisation: Q/(mu P), of the friction that the tangential force uses up.
+        half_width: Half width a of the contact.
+        force: Normal force P per length.
+        friction: Coefficient of friction mu.
+        friction_utilisation: Tangential force over its limit, Q/(mu P).
     """
 
     half_width: float
@@ -43,11 +43,11 @@ class Cattaneo:
         return 2 * self.force / (np.pi * self.half_width)
 
     def pressure(self, x: Array) -> Array:
-        """Return p0 sqrt(1 - x²/a²)."""
+        """Return the pressure p0 sqrt(1 - x²/a²)."""
         return self.peak_pressure * _semi_ellipse(x / self.half_width)
 
     def shear(self, x: Array) -> Array:
-        """Return mu p, less mu p0 c/a sqrt(1 - x²/c²) where the contact sticks."""
+        """Return the shear mu p, reduced by mu p0 c/a sqrt(1 - x²/c²) where the contact sticks."""
         ratio = self.stick_half_width / self.half_width
         sticking = ratio * self.peak_pressure * _semi_ellipse(x / self.stick_half_width)
         return self.friction * (self.pressure(x) - sticking)

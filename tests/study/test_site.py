@@ -191,7 +191,7 @@ def test_evidence_pages_have_all_results_that_their_texts_need():
     if sheets.missing_content:
         pytest.skip(f"results are incomplete: {sheets.missing_content[0]}")
     assert all("\n## Verdicts\n" in page for page in pages[:-1])
-    assert "What the new element changes, by purpose" in sheets.render_decision_table()
+    assert "What to use, by purpose" in sheets.render_decision_table()
 
 
 def test_mathematics_of_statements_is_typeset():

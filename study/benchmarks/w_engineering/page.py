@@ -142,7 +142,7 @@ READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("submodel", "pw-T6"): ("own", "projected", "forces"),
     ("submodel", "pw-T10"): ("own", "projected", "forces"),
 }
-"""Readings of `pressures.pressure_matrix` by problem and element; default: "own" and "projected"."""
+"""Readings (see `pressure_matrix`) by problem and element; default: "own" and "projected"."""
 BEST_READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("conductance", "galerkin-T10"): ("skip", "tributary"),
     ("submodel", "pw-T10"): ("own", "projected"),

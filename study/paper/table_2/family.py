@@ -11,18 +11,18 @@ family is the product of what they may have been:
   squares over the height is odd: they have the same critical stresses and are left out.
 * set-up: a load (`LOADS`), the part of the end face where v = 0 (`ENDS`), and for mode 2 the part of
   the mid-section where v = 0 (`MIDDLES`) and the supports under which the prestress is computed
-  (`PRESTRESS_SUPPORTS`): of the antisymmetric model, or of the symmetric one, as codes do that
-  change the supports between the two steps. Under the uniform load they are those of the
-  antisymmetric model, because the prestress is uniform anyway.
+  (`PRESTRESS_SUPPORTS`): those of the antisymmetric model, or those of the symmetric one, as in
+  codes that change the supports between the two steps. Under the uniform load only the former are
+  used, because the prestress is uniform anyway.
 * form of the geometric stiffness: G or J, see section 7.6.
 * prestress that enters it: the stress at each integration point, or the mean over an element.
-* integration of the geometric stiffness: 1 or 3 points a triangle, or a sub-triangle of the new
-  element, or an exact rule. The stiffness itself is exact. With one point the standard element's
-  stiffness would be singular.
+* integration of the geometric stiffness: 1 or 3 points per triangle (of the new element per
+  sub-triangle), or an exact rule. The stiffness itself is exact. With one point the standard
+  element's stiffness would be singular.
 * new element's matrices: as derived; symmetric parts in both steps; or in the eigenvalue step only.
 
-Mode 1 and mode 2 of a model share all assumptions, and so do CPS6 and the user element share mesh
-and set-up. Each distinct eigenvalue problem is solved once.
+Modes 1 and 2 of a model share all assumptions, and CPS6 and the user element share mesh and set-up.
+Each distinct eigenvalue problem is solved once.
 """
 
 import argparse
@@ -60,27 +60,30 @@ FORMS: tuple[Form, Form] = ("G", "J")
 RECORD = Path(__file__).with_name("family.json")
 
 YOUNGS_MODULUS, HALF_LENGTH, HEIGHT = 2.07e11, 4.0, 1.0
-"""Printed, and from the printed Euler stresses; Poisson's ratio is 0, the thickness 1."""
+"""Young's modulus as printed, in Pa, and lengths that follow from the printed Euler stresses.
+
+Poisson's ratio is 0, the thickness 1.
+"""
 
 DIVISIONS = tuple(product((2, 3, 4, 5, 6, 7, 8, 9, 10, 12), (1, 2, 3, 4)))
-"""Squares along and across the half beam. A is a corner node where an even number lies across."""
+"""Numbers of squares along and across the half beam; if the latter is even, A is a corner node."""
 PATTERNS: tuple[DiagonalPattern, ...] = ("right", "right_left", "left_right", "crossed")
 LOADS = ("point", "uniform")
 ENDS = MIDDLES = ("centre", "face")
 PRESTRESS_SUPPORTS = ("antisymmetric", "symmetric")
 
 FACTOR_TOLERANCE = 1e-10
-"""Relative, of the eigenvalue solver."""
+"""Relative tolerance of the eigenvalue solver."""
 MAX_IMAGINARY_RATIO = 1e-6
 """|Im| / |Re| above which a factor is complex: the model has no critical stress."""
 PASCALS_PER_DIGIT = 1e3
-"""Unit in which the record has critical stresses: seven digits of the first mode's."""
+"""Unit of critical stresses in the record; those of the first mode have seven digits then."""
 RECORD_TOLERANCE = 2
-"""Units by which a critical stress that is computed again may differ from the record."""
+"""Largest difference, in units of the record, of a recomputed critical stress from the record."""
 
 
 class SetUp(NamedTuple):
-    """Load and supports of both modes' models."""
+    """Load and supports of the models of both modes."""
 
     load: str
     end: str
@@ -91,8 +94,9 @@ class SetUp(NamedTuple):
 class Treatment(NamedTuple):
     """How an element's matrices are formed.
 
-    `points` are those of the geometric stiffness a triangle or sub-triangle, 0 for an exact rule;
-    `stress` is "point" or "mean"; `symmetrised` is "no", "both" steps, or the "eigenvalue" step.
+    `points` is the number of integration points of the geometric stiffness per triangle or
+    sub-triangle, or 0 for an exact rule; `stress` is "point" or "mean"; `symmetrised` is "no",
+    "both" (steps), or "eigenvalue" (step only).
     """
 
     form: Form
@@ -107,11 +111,11 @@ SET_UPS = tuple(
     if choice[0] == "point" or choice[3] == "antisymmetric"
 )
 MODE_1_SET_UPS = tuple(product(LOADS, ENDS))
-"""Load and support of the end, on which alone mode 1 depends."""
+"""Combinations of load and end support, on which alone mode 1 depends."""
 
-# A mean stress leaves an integrand of a lower degree: of the new element one point is exact then,
-# of the standard one three are. Three are exact for the new element with any stress. With one point
-# in a triangle the standard element has the mean stress anyway
+# With the mean stress the integrand has a lower degree: one point is exact for the new element, and
+# three points are exact for the standard one. Three points are exact for the new element with any
+# stress. With one point in a triangle the standard element uses the mean stress anyway
 TREATMENTS: dict[str, tuple[Treatment, ...]] = {
     "standard": tuple(
         Treatment(form, stress, points)
@@ -126,11 +130,11 @@ TREATMENTS: dict[str, tuple[Treatment, ...]] = {
     ),
 }
 QUADRATURE_DEGREE = {0: None, 3: 2, 1: 1}
-"""Degree of the rule with so many points; None is the library's exact one."""
+"""Degree of the quadrature rule by number of points; None selects the library's exact rule."""
 
 
 class Mesh(NamedTuple):
-    """Squares along and across the half beam, and their diagonals."""
+    """Mesh of the half beam: pattern of diagonals, and numbers of squares along and across."""
 
     pattern: DiagonalPattern
     nx: int
@@ -176,7 +180,7 @@ class MeshModels:
 
 
 class _Supports(NamedTuple):
-    """Supports of the model of a mode, as in `SetUp`."""
+    """Supports of the model of one mode, in the terms of `SetUp`."""
 
     mode: int
     end: str
@@ -185,7 +189,7 @@ class _Supports(NamedTuple):
 
 @dataclass(frozen=True)
 class _Factors:
-    """Stiffness of the free unknowns, factorised."""
+    """Factorised stiffness of the free unknowns."""
 
     free: npt.NDArray[np.intp]
     lu: SuperLU
@@ -205,7 +209,7 @@ class _Element:
         self._point_stress = self._body.stress(self._displacement)
         stresses = fem.functionspace(spaces.mesh, ("DG", 0, (2, 2)))
         self._mean_stress = fem.Function(stresses)
-        # The stress is linear in an element: its mean is the value at the centroid
+        # The stress is linear within an element, so its mean is the value at the centroid
         self._centroid_stress = fem.Expression(self._point_stress, np.array([[1 / 3, 1 / 3]]))
         self._forms: dict[tuple[Form, str, int], fem.Form] = {}
         self._geometric_stiffness = cache(self._assemble_geometric_stiffness)
@@ -218,9 +222,9 @@ class _Element:
 
         Args:
             load: "point" or "uniform".
-            static: supports under which the prestress is computed.
-            supports: supports of the buckling mode.
-            treatment: how the matrices are formed.
+            static: Supports under which the prestress is computed.
+            supports: Supports of the buckling mode.
+            treatment: How the matrices are formed.
         """
         symmetrised = treatment.symmetrised != "no"
         factors = self._factors(supports, symmetrised)
@@ -258,7 +262,10 @@ class _Element:
         return displacement
 
     def _load(self, load: str, mode: int) -> Array:
-        """Return the load vector of unit nominal stress; of mode 2 on the mid-section, too."""
+        """Return the load vector of unit nominal stress.
+
+        A point load acts at A only. For mode 2 a uniform load acts on the mid-section, too.
+        """
         if load == "point":
             vector = np.zeros(2 * len(self._x))
             vector[2 * np.flatnonzero(self._on_end_face() & self._on_axis())] = HEIGHT
@@ -346,7 +353,7 @@ class Family(NamedTuple):
 
 
 def compute_mesh(mesh: Mesh) -> dict[str, dict[str, Array]]:
-    """Return the critical stresses of one mesh: element, mode, (set-ups of it, treatments)."""
+    """Return critical stresses on one mesh: arrays (set-ups, treatments) by element and mode."""
     models = MeshModels(mesh)
     return {
         element: {
@@ -365,16 +372,16 @@ class ModelsRecord:
 
     @cached_property
     def content(self) -> dict[str, Any]:
-        """All of the file."""
+        """Whole content of the file."""
         return dict(json.loads(self.path.read_text(encoding="utf-8")))
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the file, from which a stored result tells whether the record has changed."""
+        """Digest of the file, stored with results to detect changes of the record."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest()[:16]
 
     def mesh(self, mesh: Mesh, element: str, mode: str) -> Array:
-        """Return the critical stresses in Pa of one mesh, as `compute_mesh` does."""
+        """Return one mesh's critical stresses in Pa, (set-ups, treatments), of an element and mode."""
         row = self._rows[mesh]
         return np.array(row[f"{element}_{mode}"], dtype=float) * PASCALS_PER_DIGIT
 
@@ -430,7 +437,7 @@ def _write(rows: list[dict[str, Any]], seconds: float) -> None:
 
 
 def _differences(row: dict[str, Any], recorded: dict[str, Any]) -> Iterator[float]:
-    """Yield the largest difference of each array of a row, in units of the record."""
+    """Yield the largest difference of each array of a row from the record, in the record's unit."""
     for name in (name for name in row if name != "mesh"):
         new, old = np.array(row[name], dtype=float), np.array(recorded[name], dtype=float)
         same_gaps = np.array_equal(np.isnan(new), np.isnan(old))
@@ -438,7 +445,7 @@ def _differences(row: dict[str, Any], recorded: dict[str, Any]) -> Iterator[floa
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute all models; write the record, or compare with it. The status is 1 if they differ."""
+    """Compute all models; write the record, or compare with it and return 1 if they differ."""
     parser = argparse.ArgumentParser(prog="study.paper.table_2.family")
     parser.add_argument("--check", action="store_true", help="compare with the record")
     options = parser.parse_args(arguments)

@@ -1,23 +1,25 @@
 """Table 2 as an inverse problem: which models of the family give the printed critical stresses?
 
-What follows was fixed before the first value of the family was computed.
+The following procedure was fixed before the first value of the family was computed.
 
-Rows: CPS6's two values by the standard element, the user element's two by the new one, and all four
-by pairs that share mesh and set-up. CPS6M has no model. A model's distance from a row is the largest
-relative deviation from its printed values. The best model has the smallest distance.
+Rows: CPS6's two values are compared with models of the standard element, the user element's two
+with the new element, and all four with pairs of models that share mesh and set-up. CPS6M has no
+model. A model's distance from a row is the largest relative deviation from its printed values. The
+best model has the smallest distance.
 
-Chance: 10 000 random rows are drawn from a normal distribution with the models' scatter: per value
-half of the range between their 16 % and 84 % quantiles, with their rank correlations. The chance is
-the share of random rows that have a model as near as the best one is to the print. It is computed
-for random rows around the print and around the models' median, and the larger one counts.
+Chance: 10 000 random rows are drawn from a normal distribution with the models' scatter: the
+standard deviation of each value is half of the range between the models' 16 % and 84 % quantiles,
+and the correlations are their rank correlations. The chance is the fraction of random rows that
+have a model as near as the best model is to the printed row. It is computed for random rows around
+the printed values and around the models' median, and the larger one counts.
 
-Criterion: a row is explained if the odds against chance, (1 - chance) / chance, are at least 20, over
+Criterion: a row is explained if the odds against chance, (1 - chance) / chance, are at least 20 for
 the whole family. Groups of models (A a corner node, A a mid-side node) are shown, but do not decide.
 
-Likelihood: normal about each model, with a variance that adds that of the print's rounding and the
-square of the models' uncertainty. This is the median change (times 1.4826) from one mesh to the next
-one: one more square along the beam, or another pattern of diagonals. A model's share is its
-likelihood over the sum for all distinct models.
+Likelihood: normal about each model, with the sum of the variance of the print's rounding and the
+square of the models' uncertainty. The uncertainty is the median change (times 1.4826) between
+adjacent meshes: one more square along the beam, or another pattern of diagonals. A model's share is
+its likelihood over the sum for all distinct models.
 """
 
 from dataclasses import dataclass
@@ -50,56 +52,57 @@ from study.run.store import Result, StudyError
 
 RANDOM_ROWS, SEED = 10_000, 51
 MIN_ODDS = 20.0
-"""Odds against chance from which on a row is explained."""
+"""Least odds against chance at which a row is explained."""
 QUANTILES = (0.16, 0.84)
-"""Of a normal distribution they are a standard deviation from the median."""
+"""Quantiles that are one standard deviation from the median of a normal distribution."""
 MEDIAN_TO_DEVIATION = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute values."""
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 PRINTED_DIGIT = 1e5
-"""Last printed digit of Table 2's computed values, in Pa."""
+"""Unit of the last printed digit of Table 2's computed values, in Pa."""
 
 ROWS = {"cps6": "CPS6", "user": "6-node user element"}
 ELEMENTS = {"cps6": "standard", "user": "new"}
 GROUPS = ("all", "corner", "midside")
 NEAR_HIT_TREATMENT = Treatment("G", "point", 3, "no")
-"""The paper's: matrices as derived, exactly integrated, form G."""
+"""Treatment stated by the paper: matrices as derived, exactly integrated, form G."""
 
 Mask = npt.NDArray[np.bool_]
 
 
 class Models(NamedTuple):
-    """Models of a row: deviations (n, k) from the k printed values in per cent, and whose they are.
+    """Models of a row, with their deviations (n, k) in per cent from the k printed values.
 
-    `place` (n, p) is the place of each model in the family: mesh, set-up, treatment (or two).
+    `place` (n, p) is the place of each model in the family: the indices of its mesh, its set-up and
+    its treatment (or two treatments).
     """
 
     deviation: Array
     place: npt.NDArray[np.intp]
 
     def select(self, mask: Mask) -> "Models":
-        """Return the models of a mask (n,)."""
+        """Return the models that a mask (n,) selects."""
         return Models(self.deviation[mask], self.place[mask])
 
     def group(self, name: str) -> "Models":
-        """Return all models, or those whose loaded point A is a corner or a mid-side node."""
+        """Return the models of a group: "all", or those whose A is a "corner" or a "midside" node."""
         if name == "all":
             return self
         is_corner = np.isin(self.place[:, 0], _CORNER_MESHES)
         return self.select(is_corner == (name == "corner"))
 
     def best(self) -> int:
-        """Return the model with the smallest distance from the print."""
+        """Return the index of the model with the smallest distance from the printed values."""
         return int(np.abs(self.deviation).max(axis=1).argmin())
 
 
 @dataclass(frozen=True)
 class Chance:
-    """How often random rows are met as closely as the printed one.
+    """Distribution of the distances between random rows and their nearest models.
 
     Args:
-        distances: of the random rows around the print from their nearest models, sorted.
-        distances_median: of those around the models' median, sorted.
-        covariance: of the random rows.
+        distances: Sorted distances of the random rows around the printed values.
+        distances_median: Sorted distances of the random rows around the models' median.
+        covariance: Covariance matrix of the random rows.
     """
 
     distances: Array
@@ -107,25 +110,25 @@ class Chance:
     covariance: Array
 
     def within(self, distance: float) -> float:
-        """Return the share of random rows with a model within a distance, the larger of both."""
+        """Return the fraction of random rows with a model within a distance, the larger of both."""
         drawn = self.distances, self.distances_median
         return max(float(np.searchsorted(d, distance, "right")) / len(d) for d in drawn)
 
     def distance_of(self, share: float) -> float:
-        """Return the distance within which at most this share of random rows has a model."""
+        """Return the distance within which at most this fraction of random rows has a model."""
         drawn = self.distances, self.distances_median
         return min(float(np.quantile(d, share)) for d in drawn)
 
 
 def collect(stresses: Array, row: str) -> Models:
-    """Return the models of one row with both critical stresses; stresses as in `Family`."""
+    """Return the models of one row that have both critical stresses, from an array of `Family`."""
     place = np.argwhere(np.isfinite(stresses).all(axis=-1))
     printed = np.array(TABLE_2[ROWS[row]])
     return Models(100 * (stresses[tuple(place.T)] / printed - 1), place)
 
 
 def collect_pairs(family: Family) -> Models:
-    """Return all pairs of models that share mesh and set-up, with four deviations each."""
+    """Return all pairs of models with the same mesh and set-up, with four deviations each."""
     cps6, user = (
         100 * (family.stresses[ELEMENTS[row]] / np.array(TABLE_2[ROWS[row]]) - 1) for row in ROWS
     )
@@ -139,7 +142,7 @@ def collect_pairs(family: Family) -> Models:
 
 
 def distinct(models: Models) -> Models:
-    """Return one model of each set of models with the same values, the first in the family."""
+    """Return the models without duplicates: of models with equal values only the first is kept."""
     _, first = np.unique(models.deviation.round(6), axis=0, return_index=True)
     first.sort()
     return Models(models.deviation[first], models.place[first])
@@ -150,7 +153,7 @@ def estimate_chance(models: Models) -> Chance:
     low, high = np.quantile(models.deviation, QUANTILES, axis=0)
     scatter = (high - low) / 2
     rank = np.atleast_2d(spearmanr(models.deviation).statistic)
-    if rank.size == 1:  # of two columns it is a number
+    if rank.size == 1:  # for two columns, `rank` is a number
         rank = np.array([[1.0, rank.item()], [rank.item(), 1.0]])
     correlation = 2 * np.sin(np.pi / 6 * rank)
     covariance = correlation * np.outer(scatter, scatter)
@@ -167,7 +170,7 @@ def estimate_chance(models: Models) -> Chance:
 
 
 def model_uncertainty(stresses: Array, row: str) -> Array:
-    """Return by how much a value changes from one mesh to the next, (2,), in per cent."""
+    """Return the typical changes (2,) of the values between adjacent meshes, in per cent."""
     neighbours = [
         (i, k)
         for (i, one), (k, other) in combinations(enumerate(MESHES), 2)
@@ -180,12 +183,12 @@ def model_uncertainty(stresses: Array, row: str) -> Array:
 
 
 def rounding(row: str) -> Array:
-    """Return half a unit of the last printed digit in per cent of the printed values, (2,)."""
+    """Return half a unit of the last printed digit, (2,), in per cent of the printed values."""
     return 100 * PRINTED_DIGIT / 2 / np.array(TABLE_2[ROWS[row]])
 
 
 def likelihood_shares(models: Models, uncertainty: Array, half_digit: Array) -> Array:
-    """Return each model's share (n,) of the likelihood."""
+    """Return each model's share (n,) of the total likelihood."""
     deviation = np.sqrt(uncertainty**2 + half_digit**2 / 3)
     exponent = -((models.deviation / deviation) ** 2).sum(axis=1) / 2
     likelihood = np.exp(exponent - exponent.max())
@@ -195,7 +198,7 @@ def likelihood_shares(models: Models, uncertainty: Array, half_digit: Array) -> 
 def judge_row(
     models: Models, uncertainty: Array, half_digit: Array
 ) -> tuple[dict[str, float], Chance]:
-    """Return the numbers of one row over some distinct models, and its chance."""
+    """Return the scalars of one row for a set of distinct models, and its chance."""
     best, chance = models.best(), estimate_chance(models)
     distance = float(np.abs(models.deviation[best]).max())
     share = chance.within(distance)
@@ -216,18 +219,18 @@ def judge_row(
 
 
 def inverse_problem(record: str) -> Result:
-    """Judge each row and all four values by all models, by those of a group, and the near hit.
+    """Judge each row and all four values by all models and by each group, and the near hit.
 
     Scalars are named by row (cps6, user, or both) and group. Curves: `<row>_deviation` (n, 2) and
     `<row>_corner` (n) of the distinct models of a row; `<row>_covariance` of its random rows;
     `<row>_nearest` (m) quantiles `share` (m) of the random rows' distances from their nearest model.
 
     Args:
-        record: digest of the record of the models, by which a stored result is outdated if the
-            record has changed.
+        record: Digest of the record of the models. It is a parameter in order that stored results
+            become outdated if the record changes.
 
     Raises:
-        StudyError: if the record has another digest.
+        StudyError: If the record has another digest.
     """
     tracked = ModelsRecord()
     if tracked.digest != record:
@@ -278,7 +281,7 @@ _CORNER_MESHES = [i for i, mesh in enumerate(MESHES) if mesh.ny % 2 == 0]
 
 
 def _describe(place: npt.NDArray[np.intp]) -> dict[str, float]:
-    """Return mesh, set-up and treatment of a model as numbers: places in the family's lists."""
+    """Return a model's mesh, set-up and treatment as numbers: indices in the family's lists."""
     mesh, set_up = MESHES[place[0]], SET_UPS[place[1]]
     return {
         "nx": mesh.nx,
@@ -295,13 +298,14 @@ def _describe(place: npt.NDArray[np.intp]) -> dict[str, float]:
 def _judge_near_hit(
     family: Family, models: Models, uncertainty: Array, half_digit: Array
 ) -> dict[str, float]:
-    """Return the numbers of the user element's models that leave only mesh and mid-section open.
+    """Return scalars of those models of the user element in which only mesh and mid-section vary.
 
-    They have the matrices as derived, exactly integrated, form G, the point load and v = 0 at A
-    alone. `near_*` are numbers of these models, as of a row, and of those with A at a mid-side node;
-    `near_chance_in_family` is the chance in the whole family of a distance as small.
-    `near_lowest_*` and `near_highest_*` are over the patterns with the best model's squares and
-    supports, and `near_cps6_distance` is that of the nearest model of CPS6's row there.
+    These models have matrices as derived, exact integration, form G, the point load, and v = 0 at A
+    only. `near_*` are the scalars of `judge_row` for these models, and `near_midside_*` for those
+    with A at a mid-side node; `near_chance_in_family` is the chance of a distance as small in the
+    whole family. `near_lowest_*` and `near_highest_*` are extreme critical stresses over all
+    patterns with the squares and supports of the best model, and `near_cps6_distance` is the
+    distance of the nearest model of CPS6's row with these squares and supports.
     """
     treatment = TREATMENTS["new"].index(NEAR_HIT_TREATMENT)
     set_ups = [
@@ -331,8 +335,9 @@ def _judge_near_hit(
 def _ranges_of_weights(family: Family) -> dict[str, float]:
     """Return by how much the weight functions alone change critical stresses, in per cent.
 
-    New over standard element, both exactly integrated with the stress at each point, under the
-    point load: least, largest and median over meshes, supports and forms, by the place of A.
+    The new element is compared with the standard one, both exactly integrated with the stress at
+    each point, under the point load. The least, largest and median changes over meshes, supports
+    and forms are given for A at a corner and for A at a mid-side node.
     """
     pairs = [
         (
