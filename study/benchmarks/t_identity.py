@@ -165,7 +165,7 @@ def _assemble_body_load_linear(body: Body) -> PETSc.Vec:
 
 
 def _assemble_point_load(body: Body) -> PETSc.Vec:
-    """Assemble a load at a mid-side node; at a vertex both elements have the same load."""
+    """Assemble a load at a mid-side node, as a load at a vertex is the same for both elements."""
     U = body.spaces.trial
     node = U.tabulate_dof_coordinates()[U.dofmap.list[0, 3]]
     return nodal_load(U, lambda x: np.asarray(np.isclose(x.T, node).all(axis=1)), (0.3, -1.0))
@@ -205,7 +205,7 @@ COMPOSITE_IDENTITIES = {
 COMPOSITE_COUNTEREXAMPLES = {
     name: COUNTEREXAMPLES[name] for name in ("mass", "stiffness-axisymmetric")
 }
-"""Matrices for which it fails: mass and hoop strain depend on displacements themselves."""
+"""Matrices for which it fails, as mass and hoop strain depend on the displacements themselves."""
 
 
 def difference(quantity: str) -> Result:
@@ -266,7 +266,7 @@ def vertex_order(element: str) -> Result:
 
     `N_RANDOM_VERTEX_ORDERS` random orders are compared with the sorted one. Scalars: the largest
     changes of displacements and reactions of the clamped cube and of nodal forces below a rough
-    sphere, each over the largest value; and the median change of the nonzero nodal forces.
+    sphere, each relative to the largest value, and the median change of the nonzero nodal forces.
     """
     sorted_values, *permuted_values = (
         _compute_nodal_values(element, seed) for seed in range(N_RANDOM_VERTEX_ORDERS + 1)
@@ -309,7 +309,7 @@ def _make_cube(divisions: tuple[int, int, int], order_seed: int = 0) -> Mesh:
     number = np.empty_like(by_position)
     number[by_position] = np.arange(len(x))
     cells = np.sort(number[cell_geometry_nodes(cube)], axis=1)
-    cells = cells[np.lexsort(cells.T)]  # versions of DOLFINx number them differently
+    cells = cells[np.lexsort(cells.T)]  # their numbering depends on the version of DOLFINx
     if order_seed > 0:
         cells = np.random.default_rng(order_seed).permuted(cells, axis=1)
     geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
@@ -317,7 +317,7 @@ def _make_cube(divisions: tuple[int, int, int], order_seed: int = 0) -> Mesh:
 
 
 def _sort_by_position(element_spaces: Spaces, values: PETSc.Vec) -> Array:
-    """Return nodal values (n, 3), sorted by the coordinates of their nodes."""
+    """Return nodal values (n, 3), ordered by the coordinates of the nodes."""
     x = element_spaces.trial.tabulate_dof_coordinates().round(9)
     return np.asarray(values.array_r.reshape(-1, 3)[np.lexsort(x.T)])
 
@@ -516,7 +516,7 @@ def _draw_difference_bars(ax: Axes, results: Results, names: Sequence[str], pref
 
 
 def _format_quantity_name(name: str) -> str:
-    """Return a case's name with a comma after the quantity, as in "stiffness, plane stress"."""
+    """Return a case's name with a comma after the quantity, e.g. "stiffness, plane stress"."""
     quantities = ("stiffness", "initial-stress", "body-load")
     quantity = next((q for q in quantities if name.startswith(f"{q}-")), name)
     setting = name.removeprefix(quantity).removeprefix("-").replace("-", " ")

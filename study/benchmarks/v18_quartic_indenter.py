@@ -1,4 +1,4 @@
-"""Quartic indenters: contact pressures with their peak away from the middle."""
+"""Quartic indenters, whose contact pressure has its peak away from the middle."""
 
 from dataclasses import dataclass, replace
 
@@ -70,7 +70,7 @@ Both pressures are largest at $a/\sqrt{2}$, where they are $\sqrt{2}$ times the 
 BODY = ElasticHalfSpace(youngs_modulus=1000.0, poissons_ratio=0.3)
 CONTACT_HALF_WIDTH = 1.0
 PROFILE_COEFFICIENT = 1e-3
-"""Coefficient A of the profile A x⁴, in one over a cubed length."""
+"""Coefficient A of the profile A x⁴, in units of 1/length³."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class QuarticPunch:
     """Rigid punch that fills y >= A s⁴, where s is the distance from the axis.
 
     Args:
-        profile_coefficient: A, in one over a cubed length.
+        profile_coefficient: Coefficient A, in units of 1/length³.
     """
 
     profile_coefficient: float
@@ -89,7 +89,7 @@ class QuarticPunch:
         return gap
 
     def normal(self, x: Array) -> Array:
-        """Return the normal (n, 2) that points from the punch into the body: downwards."""
+        """Return the normals (n, 2), which point from the punch into the body, i.e. downwards."""
         return np.tile([0.0, -1.0], (len(x), 1))
 
 

@@ -152,7 +152,7 @@ def _build_mesh(kind: str, cell: str) -> Mesh:
 
 
 def _move_nodes_at_random(x: Array) -> Array:
-    """Return nodes (n, 3) after random moves, those of the outline along it."""
+    """Move nodes (n, 3) at random; those on the outline move along it."""
     moved = x.copy()
     generator = np.random.default_rng(1)
     for axis, (size, count) in enumerate(zip((LENGTH, HEIGHT), BLOCK_DIVISIONS, strict=True)):
@@ -163,7 +163,7 @@ def _move_nodes_at_random(x: Array) -> Array:
 
 
 def _bend_inner_lines(x: Array) -> Array:
-    """Return nodes (n, 3) moved so that inner mesh lines bend and the outline stays straight."""
+    """Move nodes (n, 3) such that inner mesh lines are bent while the outline stays straight."""
     s, t = np.pi * x[:, 0] / LENGTH, np.pi * x[:, 1] / HEIGHT
     bent = x.copy()
     bent[:, 0] += MAX_RELATIVE_BEND * LENGTH * np.sin(s) * np.cos(1.5 * t)

@@ -96,7 +96,7 @@ ELEMENT_COUNTS = (4, 8, 16, 32)
 CONTACT_EDGE_OFFSETS = (0.125, 0.375, 0.625, 0.875)
 """Positions within an element where the contact ends, as fractions of its length."""
 MAX_RELATIVE_CONTACT_WIDTH = 1.3
-"""Distance up to which nodes may touch, in half widths of the contact."""
+"""Distance from the middle up to which nodes may touch, in half widths of the contact."""
 
 
 def cylinder(

@@ -1,4 +1,4 @@
-"""Flat punches with sharp edges: smooth and bonded in plane strain, smooth and round."""
+"""Flat punches with sharp edges: smooth or bonded in plane strain, and smooth in axisymmetry."""
 
 from dataclasses import replace
 
@@ -138,7 +138,7 @@ def punch(
 
 
 def _add_shear_errors(result: Result, solution: BondedLinePunch) -> Result:
-    """Add the exact shear force of one half, its error, and the exact nodal shear forces."""
+    """Add the exact shear force of one half, the force's error, and exact nodal shear forces."""
     exact_force = -float(solution.shear_within(np.array([HALF_WIDTH]))[0])
     scalars = {
         "exact_force_tangential": exact_force,
@@ -200,7 +200,7 @@ def draw_pressure(results: Results) -> Figure:
     panels = {
         "smooth: pressure": ("smooth", "pressure", 1),
         "bonded: pressure": ("bonded", "pressure", 1),
-        "bonded: shear": ("bonded", "shear", -1),  # drawn with the other sign
+        "bonded: shear": ("bonded", "shear", -1),  # drawn with the opposite sign
         "round, smooth: pressure": ("round", "pressure", 1),
     }
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.7), sharex=True)

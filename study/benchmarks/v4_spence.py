@@ -69,18 +69,18 @@ REFERENCE_STICK_RADII = {
     (0.3, 0.3): 0.688,
     (0.0, 0.6): 0.653,
 }
-"""Stick radius c/b by Poisson's ratio, in plane strain, and coefficient of friction.
+"""Stick radius c/b in plane strain, by Poisson's ratio and coefficient of friction.
 
 The values are from a boundary-element program of this study for the half plane.
 """
 REFERENCE_RADIUS_ACCURACY = 0.003
-"""Accuracy of these radii as estimated by that program."""
+"""Accuracy of `REFERENCE_STICK_RADII` as estimated by that program."""
 
 
 def equivalent_plane_strain_material(
     youngs_modulus: float, poissons_ratio: float, state: StressState
 ) -> ElasticHalfSpace:
-    """Return the material that has the same plane fields in plane strain as one in a state."""
+    """Return the material whose plane fields in plane strain are those of another in a state."""
     if state is StressState.PLANE_STRAIN:
         return ElasticHalfSpace(youngs_modulus, poissons_ratio)
     return ElasticHalfSpace(
@@ -104,7 +104,7 @@ between the last node that sticks and the first that slips.
 """
 
 YOUNGS_MODULUS, FORCE = 1.0, 1e-3
-"""Modulus, and force over E b; lengths are over b. The stick radius c/b depends on none."""
+"""Young's modulus, and force over E b; lengths are relative to b. They do not affect c/b."""
 BODY_SIDE, MESH_GROWTH = 5.0, 1.3
 """Side of the body, and size ratio of successive elements beside and below the punch."""
 EDGE_SIZE_RATIO = 0.25
@@ -113,7 +113,7 @@ COARSEST_ELEMENT_COUNT = 16
 """Elements below half of the punch on the mesh with which each series starts."""
 N_INCREMENTS = 2
 N_FAR_FIELD_PASSES = 2
-"""Number of solutions on each mesh; each takes its far field from the previous nodal forces."""
+"""Number of solutions on each mesh, each with the far field of the preceding nodal forces."""
 
 
 def stick_radius(
@@ -189,7 +189,7 @@ def _compute_load_of_side_displacements(
 ) -> PETSc.Vec:
     """Return the load on a body with fixed sides that replaces the displacements of these sides.
 
-    They are the displacements of a half plane under forces on its surface.
+    The sides' displacements are those of a half plane under forces on its surface.
 
     Args:
         body: The discretised body.

@@ -85,8 +85,8 @@ N_SURFACE_FORCES = 64
 def exact_displacement(x: Array, friction_share: float) -> np.ndarray:
     """Return the lower half plane's displacements (n, 2) at points (n, 2) away from the contact.
 
-    They are Gauss-Chebyshev sums over forces on the surface: those of full slip less those of
-    the sticking zone.
+    They are Gauss-Chebyshev sums over forces on the surface: the forces of full slip minus a
+    correction in the stick zone.
 
     Args:
         x: Coordinates of the points.
@@ -136,7 +136,7 @@ MESH_GROWTH = 1.3
 MESH_DISTANCE = 1.0
 """Distance between the meshes of the two bodies."""
 INNER_HALF_WIDTH, MIN_DISTANCE_FROM_STICK_END = 0.9, 0.1
-"""Half width of the part where tractions are compared; excluded distance on both sides of c."""
+"""Half width of the part where tractions are compared; distance from c that is excluded."""
 
 
 def partial_slip(
@@ -202,7 +202,7 @@ class _Traction:
     exact: Array
 
     def relative_errors(self, x: Array, name: str) -> dict[str, float]:
-        """Return relative L2 errors in the inner part, with and without the surroundings of c."""
+        """Return relative L2 errors in the inner part, with and without the vicinity of c."""
         is_inner = np.abs(x) < INNER_HALF_WIDTH
         is_away_from_c = is_inner & (
             np.abs(np.abs(x) - EXACT_SOLUTION.stick_half_width) > MIN_DISTANCE_FROM_STICK_END
@@ -270,14 +270,14 @@ def _compare_with_exact_solution(body: Discretisation, states: list[ContactState
 
 
 def _find_stick_border(x: Array, last_sticking: float) -> float:
-    """Return the middle between the last sticking node on one side and its slipping neighbour."""
+    """Return the midpoint between the last sticking node on one side and its slipping neighbour."""
     i = int(np.flatnonzero(x == last_sticking)[0])
     neighbour = i + (1 if last_sticking > 0 else -1)
     return float((x[i] + x[neighbour]) / 2)
 
 
 def _count_zone_elements(x: Array) -> int:
-    """Return the number of elements over `ZONE_HALF_WIDTH` from all nodes (m,) that may touch."""
+    """Return the number of elements over `ZONE_HALF_WIDTH`, given the nodes (m,) that may touch."""
     return (len(x) - 1) // 4
 
 

@@ -70,9 +70,9 @@ REFERENCE_POSITIONS = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
 PUBLISHED_DISPLACEMENTS = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
 """Horizontal displacements in m from code_aster's validation manual, V6.04.128 (SSNV128)."""
 PROTOTYPE_DISPLACEMENTS = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
-"""The same from an independent prototype of this study, on 64 × 64 squares of triangles."""
+"""Horizontal displacements in m from an independent prototype, on 64 × 64 squares of triangles."""
 PUBLISHED_UNCERTAINTY = 0.05
-"""Relative uncertainty; the manual only calls it average."""
+"""Relative uncertainty of the published displacements, which the manual only calls average."""
 
 # Method
 
@@ -86,7 +86,7 @@ it (64 × 64 squares of triangles); the direction of its diagonals is not known.
 def plate(element: str, squares: int) -> Result:
     """Solve the loaded plate; return displacements and contact forces of its base.
 
-    In addition to those of `contact_result`, scalars are the horizontal displacements `u_1` to
+    In addition to those of `contact_result`, the scalars are the horizontal displacements `u_1` to
     `u_5` at `REFERENCE_POSITIONS` and the ends of contact zones, midway between two nodes:
     `open_up_to` and `sticking_from`.
 
@@ -119,7 +119,7 @@ def plate(element: str, squares: int) -> Result:
 
 
 def _find_zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
-    """Return the end of the open zone and the start of the stick zone; x (m,) are the nodes."""
+    """Return the end of the open zone and the start of the stick zone, given nodes at x (m,)."""
     last_open = int(np.flatnonzero(status == OPEN).max())
     first_sticking = int(np.flatnonzero(status == STICK).min())
     return {

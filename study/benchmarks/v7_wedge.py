@@ -94,7 +94,7 @@ LENGTH, HEIGHT = 4.0, 1.2
 YOUNGS_MODULUS, POISSONS_RATIO = 1e7, 0.3
 """Young's modulus in Pa (soft, so that the springs count as a support) and Poisson's ratio."""
 N_PUSH_INCREMENTS = 5
-"""Number of increments of the push, after the one of the weight."""
+"""Number of increments of the push, which follow the increment of the weight."""
 N_BISECTIONS = 20
 """Number of bisections of the interval that contains the limit of the push without springs."""
 
@@ -102,9 +102,9 @@ N_BISECTIONS = 20
 def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result:
     """Push the wedge against springs; return contact forces and the distance that it slides.
 
-    `sliding` is the mean displacement of the left side, on which the springs and the push act,
-    and `sliding_known` the exact one, in m; `ratio` is that of the horizontal to the vertical
-    contact force, and `ratio_known` the exact one.
+    `sliding` is the mean displacement, in m, of the left side, on which the springs and the push
+    act, and `sliding_known` its exact value; `ratio` is the ratio of the horizontal to the vertical
+    contact force, and `ratio_known` its exact value.
 
     Args:
         element: Name of the element.
@@ -153,7 +153,7 @@ def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:
     """Find the push, over the weight, at which the wedge without springs begins to slide.
 
     The interval from a push that needs no friction to twice the exact limit is bisected;
-    `holds` is the largest push with an equilibrium, `slides` the smallest without.
+    `holds` is the largest push with an equilibrium, and `slides` the smallest one without.
 
     Args:
         element: Name of the element.

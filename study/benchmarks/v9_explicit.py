@@ -1,4 +1,4 @@
-"""Explicit dynamics: which stiffness can be combined with the positive lumped mass."""
+"""Explicit dynamics: determine which stiffness can be combined with the positive lumped mass."""
 
 from functools import partial
 
@@ -88,7 +88,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     Args:
         matrices: Key of `MATRIX_PAIRS`.
         squares: Number of squares along a side, each cut into two triangles.
-        regular: Whether the mesh is regular, not distorted.
+        regular: Whether the mesh is regular; otherwise it is distorted.
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
@@ -117,7 +117,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
 
 
 def _amplification_per_step_less_one(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
-    """Return the largest |rho| less one for eigenvalues of K and M times dt^2."""
+    """Return the largest |rho| - 1, with the amplification rho, for eigenvalues times dt^2."""
     half_sum = 1 - scaled_eigenvalues / 2
     root = np.sqrt(half_sum**2 - 1 + 0j)
     return max(np.abs(half_sum + root).max(), np.abs(half_sum - root).max()) - 1
@@ -130,7 +130,7 @@ def _vibrate_freely(
     time_step: float,
     end_time: float,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Integrate by central differences from rest until the end or `MAX_RELATIVE_AMPLITUDE`.
+    """Integrate by central differences from rest to the end or up to `MAX_RELATIVE_AMPLITUDE`.
 
     Args:
         K: Stiffness (n, n).

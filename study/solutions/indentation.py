@@ -142,7 +142,7 @@ def solve_indentation(
 
     conditions = _prescribe_far_sides(body.space, exact if far_field else None, side)
     conditions.append(prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
-    force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half of a plane body
+    force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half the plane body
     down = Motion((0.0, None), (0.0, -force_factor * exact.force))
     friction = STICKING_FRICTION if isinstance(exact, BondedLinePunch) else 0.0
     pair = ContactPair(may_touch, indenter.surface, friction, [down])

@@ -102,7 +102,7 @@ class RubberBody:
         return np.asarray(assemble_vector(self.residual).array_r[self.displacements.unknowns])
 
     def weight_areas(self, nodes: npt.NDArray[np.int64]) -> tuple[Array, Array]:
-        """Integrate the weights of upper nodes (m,) over the undeformed and the deformed upper side."""
+        """Integrate weights of upper nodes (m,) over the undeformed and the deformed upper side."""
         mesh, axis, top = self.solution.function_space.mesh, self.dim - 1, self.x[:, -1].max()
         make_spaces = Spaces.petrov_galerkin if self.element.startswith("pw") else Spaces.galerkin
         scalar_spaces = make_spaces(mesh, 0)

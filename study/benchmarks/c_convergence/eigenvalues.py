@@ -64,7 +64,7 @@ def cube_eigenvalues() -> Array:
     waves = [
         (k, m, n) for k in HALF_WAVE_NUMBERS for m in HALF_WAVE_NUMBERS for n in HALF_WAVE_NUMBERS
     ]
-    n_polarisations = {0: 2, 1: 1}  # by the number of axes along which the wave is constant
+    n_polarisations = {0: 2, 1: 1}  # key: number of axes along which the wave is constant
     shear = [
         k**2 + m**2 + n**2
         for k, m, n in waves
@@ -105,7 +105,7 @@ def ring_eigenvalue() -> Array:
         ]
         return float(np.linalg.det(stresses))
 
-    thin_ring_k = 2 / (INNER_RADIUS + OUTER_RADIUS)  # of a thin ring of the mean radius
+    thin_ring_k = 2 / (INNER_RADIUS + OUTER_RADIUS)  # wave number of a thin ring of the mean radius
     bracket = 0.5 * thin_ring_k, 1.5 * thin_ring_k
     k = brentq(radial_stress_determinant, *bracket, xtol=1e-14, rtol=1e-14)
     return np.array([PLANE_STRESS_MODULUS * k**2])
@@ -191,7 +191,7 @@ def modes(
     Args:
         element: Name of the element.
         vibration: A key of `VIBRATIONS`.
-        left: Left matrix of the condensation, as in `mass_left`.
+        left: Left matrix L of the condensation, see `mass_left`.
     """
     problem = VIBRATIONS[vibration]
     exact = problem.exact_eigenvalues()

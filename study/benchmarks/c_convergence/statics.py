@@ -45,7 +45,7 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 DEGREE = 6
-"""Quadrature degree of loads and errors, which are no polynomials: 8 changes no error by 0.2 %."""
+"""Quadrature degree of loads and errors, which are not polynomials; 8 changes errors by < 0.2 %."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class ManufacturedSolution:
 
         Args:
             u: Computed displacement; the stress is computed from it, too.
-            gradient_of: Function whose gradient is compared in the H1 seminorm.
+            gradient_of: Function whose gradient is compared with the exact one in the H1 seminorm.
         """
         exact = self.displacement
         pairs = {
@@ -161,7 +161,7 @@ class ManufacturedSolution:
 YOUNGS_MODULUS = 1.0
 ERROR_NORMS = ("H1", "L2", "stress", "force")
 SURFACE_TOLERANCE = 1e-6
-"""Distance up to which a node counts as on a surface; bodies are 1 to 2 wide."""
+"""Distance up to which a node counts as on a surface; the bodies' widths are 1 to 2."""
 
 
 def _is_anywhere(x: Array) -> Mask:
@@ -347,13 +347,14 @@ def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str
 
     u = as_function(U, a)
     piecewise_linear = u
-    if element == "composite-T6":  # the gradient of its own space is an assumed one
+    if element == "composite-T6":  # its own space defines an assumed gradient
         piecewise_linear = as_function(
             fem.functionspace(mesh, piecewise_linear_sub_cell_element("triangle", (2,))), a
         )
     errors = solution.compute_errors(u, piecewise_linear)
 
-    # f also has the traction on the support: reactions are integrals of it times test functions
+    # f includes the traction on the support: reactions are compared with its integrals times test
+    # functions
     dofs = (support_nodes[:, None] * len(exact) + np.arange(len(exact))).ravel()
     exact_forces = solution.assemble_traction_load(setting.support).array[dofs]
     force_error = np.linalg.norm((K * a - f).array[dofs]) / np.linalg.norm(exact_forces)

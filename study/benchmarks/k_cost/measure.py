@@ -1,9 +1,10 @@
-"""Measure the time and memory of section K, each measurement in processes of its own.
+"""Measure the times and memory of section K, each measurement in separate processes.
 
-`./run python3 -m study.publish.renew_records 'K/*'` measures all of them and writes the record.
-Seconds are CPU time of all processes, medians of three runs where one takes less than ten seconds;
-megabytes are the largest resident sizes, added up, imports included. Other work on the machine
-changes them little, but wall time much: rows that were measured on a busy machine say so.
+`./run python3 -m study.publish.renew_records 'K/*'` performs all of them and writes the record.
+Seconds are CPU time of all processes, with the median of three runs if a run takes less than ten
+seconds. Megabytes are the sum of the processes' largest resident sizes, imports included. Other
+work on the machine changes CPU time and memory little, but wall time much; rows that were measured
+on a busy machine say so.
 """
 
 import json
@@ -30,7 +31,7 @@ from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.standard_decks import RoughBlock
 
 CALCULIX = "CalculiX"
-"""Method of the measurements of CalculiX."""
+"""Method name of measurements of CalculiX."""
 N_RUNS = 3
 LONG_RUN_SECONDS = 10.0
 """CPU seconds above which one run is enough."""
@@ -88,14 +89,14 @@ def list_measurements() -> Iterator[Measurement]:
 
 
 def measurement_of_row(row: records.Row) -> Measurement:
-    """Return the measurement that a row of the record has the numbers of."""
+    """Return the measurement whose numbers a row of the record contains."""
     return Measurement(**row.content["row"])
 
 
 def write_record(path: Path, names: Iterable[str]) -> None:
-    """Measure by names, and write a copy of the tracked record with the new rows.
+    """Measure the given names, and write a copy of the tracked record with the new rows.
 
-    CalculiX' rows stay as they are.
+    CalculiX' rows are not changed.
     """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     for measurement in list_measurements():
@@ -120,7 +121,7 @@ def measure(measurement: Measurement) -> records.Row:
 
 
 def describe_machine() -> str:
-    """Return cores, processor and memory; "busy" where more work waits than there are cores."""
+    """Describe cores, processor and memory, with "busy" if the load exceeds the number of cores."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     model = next((line.split(":")[1].strip() for line in lines if "model name" in line), "?")
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
@@ -140,7 +141,7 @@ def measure_median(measurement: Measurement) -> dict[str, float]:
 
 
 def measure_in_new_processes(measurement: Measurement) -> dict[str, float]:
-    """Return the numbers of one run in processes of its own."""
+    """Return the numbers of one run in new processes."""
     module = "study.benchmarks.k_cost.measure"
     command = [sys.executable, "-m", module, json.dumps(asdict(measurement))]
     if measurement.processes > 1:
@@ -172,7 +173,7 @@ def _measure_in_this_process(measurement: Measurement) -> None:
 def read_peak_memory() -> float:
     """Return the largest resident size of this process, in megabytes.
 
-    Unlike `ru_maxrss` it is without that of the process that started this one.
+    Unlike `ru_maxrss`, the value does not include the peak memory of the parent process.
     """
     status = Path("/proc/self/status").read_text()
     (kilobytes,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
@@ -183,7 +184,7 @@ def read_peak_memory() -> float:
 
 
 def rough_block(cells: int) -> RoughBlock:
-    """Return the block with this number of cubes along its height, as CalculiX' problem."""
+    """Return CalculiX' problem of the block with a given number of cubes along its height."""
     grid = Grid("T10", (0.0,) * 3, (2.0, 1.0, 1.0), (2 * cells, cells, cells))
     return RoughBlock("C3D10", grid)
 
@@ -191,7 +192,7 @@ def rough_block(cells: int) -> RoughBlock:
 def measure_calculix(calculix: str, problem: RoughBlock) -> dict[str, float]:
     """Return unknowns, contact iterations, megabytes and seconds of one run on one thread.
 
-    Megabytes are not less than the size of this process, which therefore has to be small.
+    The megabytes cannot be less than the size of this process, which therefore has to be small.
 
     Raises:
         CalculixError: If CalculiX fails.

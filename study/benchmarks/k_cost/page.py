@@ -1,6 +1,6 @@
 """Cost of the elements and solvers.
 
-Each case is a row of the record `time_and_memory.json`: nothing is measured when the report is
+Each case is a row of the record `time_and_memory.json`; nothing is measured when the report is
 built.
 """
 
@@ -114,7 +114,7 @@ def recorded_of_calculix(
     machine: str,
     measured: dict[str, float],
 ) -> Result:
-    """Return a row of CalculiX, which has other elements; arguments as for `recorded`."""
+    """Return a row of CalculiX, with its element `peer_element`; otherwise as `recorded`."""
     return recorded(task, peer_element, cells, method, processes, machine, measured)
 
 
@@ -138,17 +138,17 @@ def load_cases(path: Path = records.TIME_AND_MEMORY) -> list[Case]:
 def _contact_over_parts(
     contact: Measurement, measured_numbers: dict[Measurement, dict[str, float]]
 ) -> dict[str, float]:
-    """Return the CPU time of a whole run of contact over that of its parts on their own.
+    """Return the CPU time of a whole run with contact, divided by that of its parts.
 
-    Measurements of the task "linear" have the times of assembly, of one set-up of the multigrid
-    levels, and of plain solutions with K, clamped at its base, to two accuracies. The denominator
-    of `over_bare` has assembly, one set-up, and a plain solution for each Newton step with the
-    reduction of the residual that this step required (`digits` is the sum of their decimal
-    logarithms), interpolated between the two accuracies. A solution with K from scratch needs
-    levels, so their set-up counts, but only once, although contact renews parts of them; imports,
-    mesh, contact's set-up and checks do not count. The denominator of `over_solutions` is a lower
-    bound: assembly, and one plain solution to `FORCING` for each step, without levels and without
-    an exact last step.
+    Measurements of the task "linear" give the times of assembly, of one set-up of the multigrid
+    levels, and of plain solutions with the clamped stiffness K to two accuracies. The denominator
+    of `over_bare` consists of assembly, one set-up, and a plain solution for each Newton step. The
+    time of such a solution is interpolated between the two accuracies for the reduction of the
+    residual that the step required (`digits` is the sum of these reductions' decimal logarithms).
+    The set-up counts because a solution from scratch needs levels, but only once, although contact
+    renews parts of them; imports, mesh, and contact's set-up and checks do not count. The
+    denominator of `over_solutions` is a lower bound: assembly, and one plain solution to `FORCING`
+    per step, without levels and without an exact last step.
     """
     linear_measurement = replace(contact, task="linear")
     is_iterative_contact = contact.task == "contact" and contact.method == "Iterative"
@@ -291,7 +291,7 @@ def draw_cost(results: Results) -> Figure:
 def _draw_series(
     column: list[Axes], results: Results, task: str, element: str, method: str
 ) -> None:
-    """Draw CPU time and memory of a task over the unknowns, on one process."""
+    """Draw CPU time and memory of a task on one process over the number of unknowns."""
     name = CALCULIX_ELEMENTS.get(element, element) if method == "CalculiX" else element
     rows = [
         results[f"K/{case}"].scalars
@@ -327,7 +327,7 @@ GROWTH_SERIES = {
     "with a pressure, ν = 1/2": ("contact-pw-hybrid-T10", (8, 11, 16, 22), "#009E73", "^"),
     "loose pieces": ("pieces-pw-T10", (10, 25, 50, 100), "#444444", "D"),
 }
-"""Task and element, sizes, and colour and marker, which differ from those of the elements."""
+"""Task and element, sizes, colour and marker by label; the looks differ from those of elements."""
 GROWTH_KEYS = {
     label: [f"K/{task}-{size}-Iterative" for size in sizes]
     for label, (task, sizes, *_) in GROWTH_SERIES.items()

@@ -1,8 +1,8 @@
 """Tasks whose time and memory section K measures.
 
-Each task returns numbers: unknowns `dofs`, CPU seconds of the task and, where there are any, counts
-and norms of the solution. Tasks import what they need, because imports are
-part of the measured memory and of the time of a process.
+Each task returns the number of unknowns `dofs`, the CPU seconds of the task and, if applicable,
+counts and norms of the solution. Tasks import the modules that they need, because imports are part
+of the measured memory and time of a process.
 """
 
 import math
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Mask = npt.NDArray[np.bool_]
 IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
-"""Whether entities (m,) of a dimension belong to the upper block."""
+"""Function of a dimension and entities (m,) that returns which of these are in the upper block."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Task whose time and memory are measured, with its problem, method and processes.
+    """A task whose time and memory are measured, with its problem, method and number of processes.
 
     Args:
         task: Name of the task: "assembly", "factors" (factorisation) or "frequencies" of the
@@ -44,8 +44,8 @@ class Measurement:
             along it, at large strains); "incompressible" (the clamped block with a pressure field);
             "linear" (the clamped block by the solver of contact problems).
         element: Element of the study or of CalculiX.
-        cells: Number of cells along the height of the block, or of the lower one; or of cubes.
-        method: "Direct", "Iterative", "compared" (both, for their difference) or "CalculiX".
+        cells: Number of cells along the height of the (lower) block; for "pieces", of cubes.
+        method: "Direct", "Iterative", "compared" (both, to compute their difference) or "CalculiX".
         processes: Number of MPI processes.
     """
 
@@ -69,22 +69,22 @@ class Measurement:
 
 # Tasks
 
-# The block 2 x 1 (x 1): material, loads, friction
+# Block of size 2 x 1 (x 1): material, loads, friction
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 PRESSURE, PUSH, FRICTION = 100.0, 20.0, 0.3
 N_MODES = 6
 
 # Two blocks: the lower one is a unit cube
 STIFFNESS_RATIO, CELL_RATIO = 3.0, 0.8
-"""Modulus and number of cells of the upper block, over those of the lower one."""
+"""Ratios of the moduli and of the numbers of cells, upper to lower block."""
 UPPER_ENDS = (0.13, 0.83)
-"""Where the upper block begins and ends, across."""
+"""Horizontal coordinates at which the upper block begins and ends."""
 FRICTION_BETWEEN = 0.2
 
 CELLS_OF_CUBE = 6
 """Cells along the side of a loose cube."""
 BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
-"""Translations of a ball of radius 1 on a block of rubber 2 x 2 x 1: pressed in, and on along it."""
+"""Translations of a ball of radius 1 that is pressed into a block 2 x 2 x 1 and moved along it."""
 
 FORCING = 0.02
 """Residual of a linear solution at an iterate of contact, relative to the right-hand side."""
@@ -93,7 +93,7 @@ EXACT_DIGITS = 11
 
 
 def time_cpu(work: Callable[[], T]) -> tuple[T, float]:
-    """Return the result of a function, and its CPU seconds on all processes."""
+    """Return a function's result, and the CPU seconds that it takes on all processes."""
     from mpi4py import MPI
 
     start = time.process_time()
@@ -168,7 +168,8 @@ def measure_incompressible(measurement: Measurement) -> dict[str, float]:
 def measure_linear(measurement: Measurement) -> dict[str, float]:
     """Measure assembly, set-up of the multigrid levels, and two solutions.
 
-    The residual is reduced to `FORCING` of the load, and by `EXACT_DIGITS`.
+    The residual is reduced to `FORCING` times the load in one solution, and by `EXACT_DIGITS`
+    digits in the other.
     """
     from pw_elements import Iterative, assemble_matrix
     from pw_elements.algebra import full_size_masking_reduction
@@ -201,7 +202,7 @@ def measure_linear(measurement: Measurement) -> dict[str, float]:
 
 
 def _create_block(element: str, cells: int) -> "Body":
-    """Return the block, without anything assembled."""
+    """Return the block; nothing is assembled yet."""
     from mpi4py import MPI
 
     from dolfinx.mesh import CellType, create_box, create_rectangle
@@ -284,10 +285,10 @@ def _solve_block_on_plane(element: str, cells: int, solver: "Direct | Iterative"
 
 
 def _create_digit_counter(digits: list[float]) -> "Iterative":
-    """Return `Iterative()`, which records by how many digits contact reduces each linear residual.
+    """Return an `Iterative` that records by how many digits each linear residual is reduced.
 
     Args:
-        digits: list that gets the decimal logarithm of each reduction.
+        digits: List to which the decimal logarithm of each reduction is appended.
     """
     from pw_elements import Iterative
 
@@ -315,7 +316,7 @@ def _create_digit_counter(digits: list[float]) -> "Iterative":
 
 
 def measure_bodies(measurement: Measurement) -> dict[str, float]:
-    """Measure a block on a coarser one, which alone holds it: pressed and pushed, with friction."""
+    """Measure a block pressed and pushed on a coarser one, held by frictional contact alone."""
     from petsc4py import PETSc
 
     from pw_elements import Direct, Iterative
@@ -379,7 +380,7 @@ def _solve_two_blocks(measurement: Measurement, solver: "Direct | Iterative") ->
 
 
 def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
-    """Return a mesh of a block on a coarser one, and which entities belong to the upper one.
+    """Return the mesh of a block on a coarser one, and a function that finds the upper entities.
 
     Args:
         divisions: Numbers of cells along the sides of the lower and of the upper block.
@@ -560,4 +561,4 @@ TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "incompressible": measure_incompressible,
     "linear": measure_linear,
 }
-"""Functions of the tasks by the names that rows have."""
+"""Functions of the tasks by the task names in the record's rows."""

@@ -96,8 +96,7 @@ right end lifts off.
 
 GALERKIN, PW = "galerkin-T6", "pw-T6"
 NODES_AT_EDGE = 4
-"""Distance in nodes from the ends, and from changes of contact status, below which nodes are at an
-edge: two elements."""
+"""Number of nodes (two elements) beside an end or change of status that count as at an edge."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class ContactLine:
 
 
 def reactions(case: str, tracked: str) -> Result:
-    """Compare the reactions of the two triangles, section 7.1.
+    """Compare the reactions of the two triangles of section 7.1.
 
     Args:
         case: Name of the problem.
@@ -144,11 +143,12 @@ def reactions(case: str, tracked: str) -> Result:
 
 
 def contact(case: str, tracked: str) -> Result:
-    """Compare contact forces below the block, section 7.2, over the mean normal nodal force.
+    """Compare the contact forces below the block of section 7.2.
 
-    `raw` compares CalculiX with the standard element, `transferred` T times CalculiX with the new
-    element, `control` T times the library's standard element with the new one; `elsewhere` is
-    `transferred` away from the edges of contact zones. Curves are in units of the example.
+    All differences are relative to the mean normal nodal force. `raw` compares CalculiX with the
+    standard element; `transferred` compares T times CalculiX' forces with the new element, and
+    `elsewhere` does so away from the edges of contact zones; `control` compares T times the forces
+    of the library's standard element with the new one. Curves are in the units of section 7.2.
 
     Args:
         case: Name of the problem.
@@ -196,7 +196,7 @@ def contact(case: str, tracked: str) -> Result:
 
 
 def native_pressure(case: str, tracked: str) -> Result:
-    """Return CalculiX's own contact pressure below an evenly pressed block, over the pressure.
+    """Return CalculiX's own contact pressure below a uniformly pressed block, over the load.
 
     Args:
         case: Name of the problem.
@@ -212,7 +212,7 @@ def native_pressure(case: str, tracked: str) -> Result:
 
 
 def critical_stress(case: str, tracked: str) -> Result:
-    """Compare the critical stress (Pa) of the half beam under uniform load, section 7.6.
+    """Compare the critical stress in Pa of section 7.6's half beam under uniform load.
 
     Args:
         case: Name of the problem.
@@ -270,7 +270,7 @@ def _solve_contact_line(problem: Block, body: Discretisation) -> ContactLine:
 
 
 def _transfer_forces(space: fem.FunctionSpace, x: Array, force: Array) -> Array:
-    """Return T times forces (m, 2) on the lower side; all other nodes are in equilibrium."""
+    """Return T times forces (m, 2) on the lower side; at all other nodes the forces are zero."""
     nodes = space.tabulate_dof_coordinates()
     y = nodes[:, 1].min()
     T = force_transfer(space)
@@ -292,7 +292,7 @@ def _is_away_from_edges(*status: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
 
 
 def _compared_components(problem: Block) -> list[tuple[int, str]]:
-    """Return axis and name of the components of force that are compared."""
+    """Return axis and name of each force component that is compared."""
     return [(1, "normal"), (0, "tangential")] if problem.friction else [(1, "normal")]
 
 
@@ -315,9 +315,9 @@ PROBLEM_FUNCTIONS = {
 
 
 def _implied_parameters(problem: TwoTriangles | Block | HalfBeam) -> dict[str, object]:
-    """Return the parameters that a problem's name implies, and the elements to compare with.
+    """Return the parameters that a problem's name implies, including the elements compared with it.
 
-    CalculiX has only the standard one of them.
+    CalculiX itself has only the standard element.
     """
     fields = asdict(problem)
     return {

@@ -1,4 +1,4 @@
-"""CalculiX's elements against the standard ones, with exact quadrature and with CalculiX's."""
+"""Compare CalculiX's elements with the standard ones, with exact quadrature and with CalculiX's."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -61,8 +61,8 @@ _STATES = {
     "C3D": StressState.SOLID,
 }
 REDUCED_DEGREES = {"T6": 2, "Q8": 4, "T10": 2}
-"""Degrees that CalculiX's integration points are exact for: three on a triangle, four in a
-tetrahedron, nine on a quadrilateral."""
+"""Degrees up to which CalculiX's quadrature is exact; it has three points on a triangle, nine on a
+quadrilateral and four in a tetrahedron."""
 STANDARD_ELEMENTS = {"T6": "galerkin-T6", "Q8": "galerkin-Q8", "T10": "galerkin-T10"}
 
 
@@ -89,7 +89,7 @@ class StandardModel:
         self.grid_index = self.find_nodes(self.space.tabulate_dof_coordinates().T)
 
     def create_marker(self, is_marked_point: PointMarker) -> Marker:
-        """Return a marker of points, from one of points in the grid without bulge."""
+        """Return a marker of the model's points, given one for the grid without the bulge."""
         is_marked = np.array([is_marked_point(point) for point in self.grid.straight_nodes])
         return lambda x: is_marked[self.find_nodes(x)]
 
@@ -101,7 +101,7 @@ class StandardModel:
         return [prescribe(self.space, axis, marker, value) for axis in axes]
 
     def to_grid_order(self, values: Array) -> Array:
-        """Return nodal values (n, dim) of the library's numbering in the grid's."""
+        """Reorder nodal values (n, dim) from the library's numbering to that of the grid."""
         reordered = np.empty_like(values)
         reordered[self.grid_index] = values
         return reordered
@@ -119,7 +119,7 @@ class StandardModel:
 
 
 def create_grid_mesh(grid: Grid) -> Mesh:
-    """Return the mesh of a grid, with straight sides, or curved ones where it bulges."""
+    """Return the mesh of a grid; its sides are curved if the grid bulges."""
     name, order = _CELLS[grid.cell]
     dimension = len(grid.lower)
     corners = np.array(grid.elements)[:, order] - 1
@@ -198,7 +198,7 @@ def _solve_resting(problem: BodyOnPlane, model: StandardModel) -> dict[str, Arra
 
 
 def _solve_rough_block(problem: RoughBlock, model: StandardModel) -> dict[str, Array]:
-    """Solve by contact at nodes, where CalculiX has contact at integration points of faces."""
+    """Solve with contact at nodes; CalculiX has contact at integration points of faces instead."""
     load = model.assemble_traction(problem.is_at_top, [0.0, 0.0, -problem.pressure])
     push = model.assemble_traction(
         problem.is_on_plane(0, problem.grid.lower[0]), [*problem.push, 0.0]
@@ -241,8 +241,8 @@ _SOLVERS: dict[type, Callable[..., dict[str, Array]]] = {
 def against_standard(case: str, tracked: str) -> Result:
     """Compare CalculiX with the standard element: return the largest differences by quantity.
 
-    `exact` has the library's quadrature, `reduced` CalculiX's. Displacements and reactions are
-    relative to their largest entry, eigenvalues and buckling pressures to each value, contact
+    `exact` uses the library's quadrature, `reduced` that of CalculiX. Displacements and reactions
+    are relative to their largest entry, eigenvalues and buckling pressures to each value, contact
     forces to the mean normal force.
 
     Args:

@@ -16,7 +16,7 @@ from study.solutions.indentation import INNER_PART
 Array = npt.NDArray[Any]
 
 SAMPLES_PER_SIDE = {1: 64, 2: 12}
-"""Parts of an edge (1), or of each side of a face (2), for the integration of errors."""
+"""Numbers of parts of an edge (1), or of each side of a face (2), used to integrate errors."""
 CONTACT_PRESSURE_THRESHOLD = 1e-2
 """Pressure over Hertz' peak above which a point counts as in contact."""
 ERROR_WITHOUT_SOLUTION = 10.0
@@ -30,7 +30,7 @@ def measure_errors(problem: Problem, answer: Solution) -> tuple[dict[str, float]
     over the integrals of the exact pressure times piecewise-linear functions.
 
     Args:
-        problem: Problem that was solved; the mesh of the answer may be another one.
+        problem: Problem that was solved; the answer may be on a different mesh.
         answer: Answer of one of the methods.
 
     Returns:
@@ -100,7 +100,7 @@ def sample_traction(problem: Problem, traction: Form) -> tuple[Array, Array]:
     """
     mesh, n = problem.mesh, SAMPLES_PER_SIDE[problem.normal_axis]
     points = ((np.arange(n) + 0.5) / n)[:, None]
-    if problem.normal_axis == 2:  # centroids of n² equal triangles
+    if problem.normal_axis == 2:  # use the centroids of n² equal triangles
         thirds = np.concatenate([np.arange(n) + 1 / 3, np.arange(n - 1) + 2 / 3]) / n
         s, t = np.meshgrid(thirds, thirds)
         is_first = np.arange(len(thirds)) < n

@@ -33,11 +33,11 @@ Array = npt.NDArray[Any]
 
 FRICTION_COEFFICIENT = 0.3
 REFERENCE_EDGES = 32
-"""Edges of the reference mesh, for the new element; the standard one differs by 0.36 % there."""
+"""Number of edges of the new element's reference mesh; the standard one differs by 0.36 % there."""
 
 
 class Tractions(NamedTuple):
-    """Tractions on the surface by a method, and its cost.
+    """Tractions on the surface computed by a method, and its cost.
 
     Args:
         pressure: Pressure as a UFL expression.
@@ -69,7 +69,7 @@ class FrictionMethod:
 
 
 def solve_with_library(problem: Problem, spaces: Spaces) -> Tractions:
-    """Solve by pw_elements; divide nodal forces by the integrals of their test functions."""
+    """Solve by pw_elements; divide nodal forces by the integrals of the test functions."""
     body = Body(spaces, Material(E, NU), StressState.PLANE_STRAIN)
     K = assemble_matrix(body.stiffness())
     supports = Reduction.dirichlet(spaces.trial, problem.far_field_supports(spaces.trial))
@@ -139,7 +139,7 @@ def _solve_skew_nitsche(problem: Problem, parameter: float) -> Tractions:
 NITSCHE_SWEEP = (1.0, 3.0, 10.0, 30.0, 100.0)
 """Values of gamma h / E."""
 AUGMENTED_SWEEP = (0.1, 1.0, 10.0, 100.0)
-"""Values of the augmentation times h / E."""
+"""Values of the augmentation parameter times h / E."""
 FRICTION_METHODS = {
     "new": FrictionMethod("new element", _solve_new_element),
     "standard": FrictionMethod("standard, own weights", _solve_standard_element),
@@ -159,7 +159,7 @@ def friction(name: str, edges: int, offset: float) -> Result:
     Args:
         name: Name of the method.
         edges: Number of edges over the half width.
-        offset: Position within the next edge where contact ends, over the edge's length.
+        offset: Position within the next edge at which contact ends, over the edge's length.
     """
     problem, method = line_contact_problem(edges, offset), FRICTION_METHODS[name]
     candidates: list[dict[str, float]] = []

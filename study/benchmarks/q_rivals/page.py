@@ -2,7 +2,7 @@
 
 The methods are in the folder `methods`; the problem is that of `study.solutions.hertz_problem`.
 A method with a parameter is solved for all values of its sweep, and on each mesh the value with
-the smallest error is used. Finding it takes an exact solution, which no user has.
+the smallest error is used. Finding this value requires the exact solution, which users do not have.
 """
 
 from collections.abc import Mapping
@@ -128,7 +128,7 @@ class Method:
 
     @property
     def n_lines(self) -> int:
-        """Number of lines of the method's file and of the methods that it imports."""
+        """Number of lines of the method's file and of the method files that it imports."""
         folder = f"{self.module.__name__.rpartition('.')[0]}."
         files = collect_imported_sources(self.module.__name__).items()
         sources = [path for name, path in files if name.startswith(folder)]
@@ -175,7 +175,7 @@ METHODS = {
 def plane(method: str, edges: int, offset: float) -> Result:
     """Return errors of a method on the half plane, at the best parameter of its sweep.
 
-    Curves have the errors over the whole sweep; `ERROR_WITHOUT_SOLUTION` if there is no solution.
+    Curves contain the errors over the whole sweep, or `ERROR_WITHOUT_SOLUTION` without convergence.
 
     Args:
         method: Name of the method.
@@ -186,7 +186,7 @@ def plane(method: str, edges: int, offset: float) -> Result:
 
 
 def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
-    """Return mean, smallest and largest errors over positions of the contact's edge in an element.
+    """Return mean, smallest and largest errors over positions of the contact's end within an edge.
 
     The method's usual parameter is used.
 
@@ -238,7 +238,7 @@ def solve_with_best_parameter(
     Args:
         method: Name of the method.
         problem: Problem on a mesh.
-        min_parameter: Smallest parameter; 0, which means stresses as they are, is always tried.
+        min_parameter: Smallest parameter; 0 (unprojected stresses) is tried in any case.
         max_parameter: Largest parameter.
         measure_time: Whether to solve again at the best parameter to measure the CPU time.
     """
@@ -442,7 +442,7 @@ METHODS_DRAWN_OVER_OFFSET = (
     "linear",
 )
 MAX_DRAWN_ERROR = 2.0
-"""Larger errors mean that there is no solution."""
+"""Largest error that is drawn; larger ones mean that there is no solution."""
 
 
 def draw_error_over_parameter(results: Results) -> Figure:

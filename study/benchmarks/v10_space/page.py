@@ -1,8 +1,8 @@
-"""Contact in space: pressures on faces of tetrahedra and hexahedra against exact ones.
+"""Contact in space: compare pressures on faces of tetrahedra and hexahedra with exact ones.
 
 Corner nodes of a standard 10-node tetrahedron have no weight on its faces and carry no force under
-uniform pressure. Standard elements and those with piecewise-linear weights are compared with two
-other uses of the standard tetrahedron, see `study.solutions.solids`.
+uniform pressure. Standard elements, elements with piecewise-linear weights, and two elements
+derived from the standard tetrahedron (see `study.solutions.solids`) are compared.
 """
 
 from collections.abc import Callable
@@ -153,7 +153,7 @@ def _solve_cube(
         for position, sign in ((0.0, -1.0), (1.0, 1.0)):
             load.axpy(sign, solid.surface_load(rotation @ stress[:, 0], on_side(0, position)))
     conditions = []
-    if not friction:  # symmetry planes; with friction contact alone holds the cube
+    if not friction:  # use symmetry planes; with friction, contact alone holds the cube
         conditions = [prescribe(solid.space, i, on_side(i, 0.0)) for i in (0, 1)]
     plane = Plane((0.0, 0.0, 0.0), tuple(rotation[:, 2]))
     pair = ContactPair(base, plane, friction)
@@ -259,7 +259,7 @@ def _solve_indented_half_space(
     is_contact_face: Callable[[Array], Mask],
     is_outer_side: Callable[[Array], Mask],
 ) -> Result:
-    """Solve a quarter of a half space under a rigid indenter that moves to its exact depth."""
+    """Solve a quarter of a half space under a rigid indenter that is moved to its exact depth."""
     body = exact.body
     solid = Solid.from_mesh(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
 
@@ -498,7 +498,7 @@ def draw_pressure_errors(results: Results) -> Figure:
 
 
 def _draw_nodal_errors(ax: Axes, x: Array, error: Array) -> None:
-    """Draw the nodes in contact coloured by their error; nodes without a pressure are crosses."""
+    """Draw contact nodes in the colour of their error; nodes without a pressure are crosses."""
     is_near = np.hypot(*x[:, :2].T) < 1
     dots, crosses = is_near & np.isfinite(error), is_near & ~np.isfinite(error)
     ax.scatter(x[dots, 0], x[dots, 1], s=22, c=error[dots], ec="#777777", lw=0.4, **COLOUR_SCALE)

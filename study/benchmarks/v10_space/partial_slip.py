@@ -28,16 +28,16 @@ FRICTION_FRACTION = 0.5
 MESH_DISTANCE = 1.0
 """Distance between the two meshes, so that no nodes coincide."""
 MIN_BORDER_DISTANCE = 0.15
-"""Distance from the border of the stick zone beyond which shear is compared."""
+"""Least distance from the border of the stick zone at which shear is compared."""
 
 
 def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     """Press two equal spheres together, then push them along x; one half is modelled.
 
-    Outer sides have the displacements of half spaces under the exact tractions. Errors of the
-    shear are relative to mu p0, away from the border of the stick zone. `sticking_area_own` is the
-    sum of the sticking nodes' weights over that of the nodes inside the exact disc; `stick_radius`
-    is the radius of `fit_stick_radius` over the exact one.
+    The displacements of half spaces under the exact tractions are prescribed on outer sides. Errors
+    of the shear are relative to mu p0 and exclude the border of the stick zone. `sticking_area_own`
+    is the sum of the sticking nodes' weights over that of the nodes inside the exact disc;
+    `stick_radius` is the radius of `fit_stick_radius` over the exact one.
 
     Args:
         element: Name of the element.
@@ -102,7 +102,7 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     scalars = error_norms_beside_standard(
         "shear_error", np.where(is_compared, shear_error, np.nan), standard
     )
-    if solid.T is None:  # with T the stick zone is that of the standard element
+    if solid.T is None:  # with T, the stick zone is that of the standard element and is left out
         sticks = states[-1].pairs[0].status == STICK
         exact_area = surface.weight_area[r < exact.stick_radius].sum()
         scalars["sticking_area_own"] = surface.weight_area[sticks].sum() / exact_area

@@ -2,17 +2,17 @@
 
 Methods with piecewise-linear weights: `pw-dual` is the library's method, which weights gaps with
 the test functions. `pw-dual-gap` has the same test functions and multipliers, but weights gaps with
-the functions of the multipliers, the duals; the difference between the two is the error that a mean
-gap over positive functions causes at the edge of contact.
+the dual functions of the multipliers; the difference between the two is the error that a mean gap
+over positive functions causes at the edge of contact.
 
 Methods with standard test functions, for comparison: multipliers on the slave's face, expanded in
 its standard functions (`p2-p2`), its linear ones (`p2-p1`) or the duals of the quadratic ones
 (`p2-dual`; in space those of the transformed basis of A. Popp, B. Wohlmuth, M. Gee and W. Wall,
-https://doi.org/10.1137/110848190), and nodes of the slave on the master's face
-(`node-to-segment`). Gaps have the multipliers' functions as weights, so that the methods with
-standard functions are symmetric saddle points.
+https://doi.org/10.1137/110848190), and nodes of the slave that touch the master's face
+(`node-to-segment`). Gaps are weighted with the multipliers' functions; the methods with standard
+functions are therefore symmetric saddle-point problems.
 
-All but the library's method are frictionless; their active sets are found by Newton's method.
+All methods except the library's are frictionless; their active sets are found by Newton's method.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,7 +56,7 @@ library uses for curved cells changes the ninth digit of pressures and takes hal
 _MAX_LINEAR_SYSTEMS = 40
 """Largest number of active sets in the methods for comparison, whose iteration may cycle."""
 _MID_SIDE_FACTOR, _VERTEX_FACTOR = 3 / 4, 1 / 8
-"""Fractions of a mid-side function that stay with it and that go to either vertex in the
+"""Fractions of a mid-side function that stay at its node and that are passed to each vertex in the
 transformed basis."""
 _INSIDE_TOLERANCE = -1e-9
 """Smallest barycentric coordinate of a point that counts as inside a triangle."""
@@ -135,7 +135,7 @@ class TwoBodies:
     ) -> "ContactSolution":
         """Solve the contact problem.
 
-        Only the library's method takes friction, several loads and motions.
+        Only the library's method supports friction, several loads and motions.
         """
         if self.method == "pw-dual":
             reduction = Reduction.dirichlet(self.space, conditions)
@@ -267,7 +267,7 @@ def _solve_saddle_point(
     K_free, G_free, B_free = K[free][:, free], G[:, free], B[:, free]
     initial_gap = coupling.gap + G @ u
     row_sums = np.abs(G).sum(axis=1)
-    has_row = row_sums > 1e-9 * row_sums.max()  # other nodes have no master opposite
+    has_row = row_sums > 1e-9 * row_sums.max()  # other nodes do not face the master
     stiffness = K.diagonal().mean()
     area = np.abs(coupling.weight).mean()
     # multipliers are pressures with weighted gaps; in node to segment they are forces
@@ -419,7 +419,7 @@ def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) 
     facets, facet = np.unique(node, axis=0, return_inverse=True)
     M = np.zeros((len(facets), N.shape[1], N.shape[1]))
     np.add.at(M, facet.ravel(), np.einsum("q,qa,qb->qab", measure, N, N))
-    D = M.sum(axis=2)  # the transformed functions also sum up to one
+    D = M.sum(axis=2)  # the transformed functions sum up to one, too
     A = np.linalg.pinv(M) * D[:, None, :]
     return np.asarray(np.einsum("qa,qab->qb", N, A[facet.ravel()]))
 
@@ -427,7 +427,7 @@ def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) 
 def _couple_nodes_to_segments(
     slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
 ) -> FaceCoupling:
-    """Return the coupling of the slave's nodes with the points of the master below or above."""
+    """Return the coupling of the slave's nodes with the opposite points of the master."""
     x = slave.node_positions()
     _, corners, _ = master.sub_facet_nodes_corners_and_normals
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)

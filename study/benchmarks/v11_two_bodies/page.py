@@ -125,7 +125,7 @@ CASES += [
 ]
 CASES += [_make_case("r0094-{}", r0094, method) for method in TWO_BODY_METHODS]
 CASES += [_make_case("spheres-{}-3", spheres, method, edges=3) for method in TWO_BODY_METHODS]
-# meshes of both bodies exchanged
+# cases in which the meshes of the two bodies are exchanged
 CASES += [
     _make_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0)
     for method in DUAL_METHODS

@@ -53,7 +53,7 @@ Facets = npt.NDArray[np.int32]
 POISSONS_RATIO = 0.3
 YOUNGS_MODULI = (1.0, 3.0)
 MASTER_EDGE_RATIO = 0.7
-"""Number of edges of the master over that of the slave."""
+"""Number of the master's edges over that of the slave's edges."""
 CURVATURE_RADIUS = 1e3
 """Radius of the relative curvature, so large that slopes are small."""
 INNER_RADIUS = 0.8
@@ -76,7 +76,7 @@ def patch(way: str, dim: int) -> Result:
 
 
 def overhang(way: str, dim: int) -> Result:
-    """Press two blocks together, the slave wider; loads act on the part of it that is not covered."""
+    """Press two blocks together, the slave being wider; loads act on its uncovered part, too."""
     return _solve_blocks(way, dim, NARROW_WIDTH)
 
 
@@ -99,7 +99,7 @@ def _solve_blocks(method: str, dim: int, width: float) -> Result:
 
 
 def _make_two_blocks(method: str, dim: int, width: float) -> TwoBodies:
-    """Return two blocks of which the upper one, the master, has a given width."""
+    """Return two blocks; the upper one, the master, has the given width."""
     up, (n_upper, n_lower) = dim - 1, (4, 7) if dim == 2 else (2, 3)
 
     def make_block(n: int, bottom: float) -> Mesh:
@@ -156,7 +156,7 @@ def _integrate_weights_beyond(
 
 
 def _cut_simplex_beyond(corner: Array, end: float, dim: int) -> list[Doubles]:
-    """Return the pieces of an edge or triangle with x > end by barycentric coordinates of corners."""
+    """Return the pieces of an edge or triangle with x > end, by their barycentric coordinates."""
     polygon: list[Doubles] = []
     vertices: list[Doubles] = [np.eye(dim)[k] for k in range(dim)]
     for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
@@ -177,7 +177,7 @@ def _cut_simplex_beyond(corner: Array, end: float, dim: int) -> list[Doubles]:
 BODY_SIZE = 5.0
 """Height and half width of each body."""
 CONTACT_ZONE, CELL_GROWTH = 1.4, 1.3
-"""Half width of the part that may come into contact; growth of cells outside of it."""
+"""Half width of the part that may come into contact; growth ratio of cells outside of it."""
 EDGE_POSITION = 0.375
 """Position of the edge of contact within an element, as a fraction of its length."""
 UNEQUAL_BODIES_FRICTION = 0.3
@@ -193,7 +193,7 @@ def hertz(way: str, edges: int, ratio: float = MASTER_EDGE_RATIO) -> Result:
     Args:
         way: Name of the method.
         edges: Number of the slave's edges over the half width of the contact.
-        ratio: Number of edges of the master over that of the slave.
+        ratio: Number of the master's edges over that of the slave's edges.
     """
     bodies, exact, solution = _press_cylinders(way, edges, ratio, 0.0)
     x = bodies.x[solution.slave_node][:, 0]
@@ -258,7 +258,10 @@ def _press_with_friction(method: str, edges: int) -> Result:
 def _press_cylinders(
     method: str, edges: int, edge_ratio: float, friction: float
 ) -> tuple[TwoBodies, list[HertzLine], ContactSolution]:
-    """Press one half of two cylinders together; return bodies, exact fields and the solution."""
+    """Press two cylinders together; return bodies, exact fields and the solution.
+
+    One half of the cylinders is modelled, with symmetry about x = 0.
+    """
     lower, upper = (ElasticHalfSpace(E, POISSONS_RATIO) for E in YOUNGS_MODULI)
     force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_compliances(lower, upper)
     exact = [
@@ -384,12 +387,12 @@ def _prescribe_outer_sides(bodies: TwoBodies, exact: list[HertzLine]) -> fem.Dir
 
 
 def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
-    """Press a quarter of two spheres of unequal moduli together; far fields are exact.
+    """Press two spheres of unequal moduli together, with exact far fields; model one quarter.
 
     Args:
         way: Name of the method.
         edges: Number of the slave's edges over the radius of the contact.
-        ratio: Number of edges of the master over that of the slave.
+        ratio: Number of the master's edges over that of the slave's edges.
     """
     bodies, exact = _make_two_spheres(way, edges, ratio)
 
@@ -528,7 +531,7 @@ HERTZ_WIDTH, HERTZ_PEAK = 6.215, 3585.4
 
 
 def r0094(way: str) -> Result:
-    """Solve NAFEMS R0094-1: one half of an elastic cylinder is pressed into an elastic block."""
+    """Solve NAFEMS R0094-1, an elastic cylinder (one half) pressed into an elastic block."""
 
     def add_half_disc() -> None:
         disc = gmsh.model.occ.addDisk(0, CYLINDER_RADIUS, 0, CYLINDER_RADIUS, CYLINDER_RADIUS)
@@ -590,7 +593,7 @@ def r0094(way: str) -> Result:
 
 
 def _restrict_slave_facets(bodies: TwoBodies, is_near: Callable[[Array], Mask]) -> TwoBodies:
-    """Return the bodies without those of the slave's facets that have a node outside of a region."""
+    """Return the bodies without the slave's facets that have a node outside a region."""
     trace = gather_boundary_facets(bodies.space, bodies.slave)
     is_node_near = is_near(trace.facet_x.reshape(-1, trace.space_dim))
     is_facet_near = is_node_near.reshape(trace.facet_nodes.shape).all(axis=1)
@@ -642,8 +645,8 @@ def compare_with_exact_pressure(
 ) -> Result:
     """Compare pressures at the slave's nodes with exact ones; evaluate forces on both bodies.
 
-    In space errors are given at nodes with a weight of the standard element, `common`, and at
-    others, `alone`.
+    In space errors are given separately for nodes with a weight of the standard element (`common`)
+    and for other nodes (`alone`).
 
     Args:
         bodies: Both bodies.
@@ -715,7 +718,7 @@ def compare_with_exact_pressure(
 def _master_nodes_with_even_pressure(bodies: TwoBodies, solution: ContactSolution) -> Mask:
     """Return the mask (k,) of the master's nodes around which the slave's pressure varies slowly.
 
-    A pressure counts if it is no farther from the node than the length of a facet of each body.
+    Pressures count up to a distance from the node of one facet length of each body.
     """
     dim = bodies.x.shape[1]
     reach: Array = np.zeros(len(bodies.x))

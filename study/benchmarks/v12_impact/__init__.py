@@ -1,1 +1,1 @@
-"""Impact and the symmetric sibling: its page, and pairs of stiffness and lumped mass."""
+"""Section V12, impact with the sibling: the page, and pairs of stiffness and lumped mass."""

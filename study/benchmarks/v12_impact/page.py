@@ -104,9 +104,9 @@ $\omega^2 = 2 \pi^2 c_s^2$.
 Array = npt.NDArray[np.float64]
 
 TIME_STEP_FRACTION = 0.9
-"""Time step over the critical one, as in the library."""
+"""Time step over the critical one; the library uses the same fraction."""
 END_TIME = 9.0
-"""Time at which runs end; in the exact solution the bar leaves the wall at 8."""
+"""Time at which runs end; in the exact solution the bar leaves the wall at time 8."""
 LONG_RUN_END_TIME = 100.0
 """Time at which the longest runs end."""
 STEADY_TIME_INTERVAL = (1.0, 7.0)
@@ -133,12 +133,13 @@ class BarMotion:
 
 
 def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Result:
-    """Throw a bar 4 long and 1 wide, with `cells` over its width, at a rigid wall.
+    """Throw a bar of length 4 and width 1, with `cells` over its width, at a rigid wall.
 
-    Pressures and forces are means over the steady time at nodes inside the face. A pressure is the
-    force over the integral of the node's own weight; errors are `common` at nodes with a weight of
-    the standard element, and `alone` at others. Forces are relative to their mean. `open_share` is
-    the fraction of all pairs of a node and a step in which the node does not touch the wall.
+    Pressures and forces are means over `STEADY_TIME_INTERVAL` at nodes inside the face. A pressure
+    is the force over the integral of the node's own weight; its errors are given as `common` at
+    nodes with a weight of the standard element, and as `alone` at other nodes. Forces are relative
+    to their mean. `open_share` is the fraction of all pairs of a node and a step in which the node
+    does not touch the wall.
     """
     build = {2: on_strip, 3: on_bar}[dimension]
     mesh = build("", 1 / cells)
@@ -185,11 +186,11 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Resul
 
 
 def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
-    """Compute the lowest omega^2 of a unit square or cube between smooth walls.
+    """Compute the lowest eigenvalue omega^2 of a unit square or cube between smooth walls.
 
-    It belongs to a shear wave: 2 pi^2 c_s^2. Scalars are those of the finest mesh, and the order in
-    the size of cells. `acceleration_min` and `acceleration_max` are the extreme accelerations of
-    nodes under a uniform body force of one, without supports.
+    It is that of a shear wave, 2 pi^2 c_s^2. Scalars are the values on the finest mesh and the
+    order in the cell size. `acceleration_min` and `acceleration_max` are the extreme accelerations
+    of nodes under a uniform body force of one, without supports.
     """
     exact = 2 * np.pi**2 * (1 - 2 * POISSONS_RATIO) / (2 * (1 - POISSONS_RATIO))
     build = {2: on_square, 3: on_cube}[dimension]
@@ -214,7 +215,7 @@ def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
 
 
 def regular_step(scheme: str, cells: int) -> Result:
-    """Compute the critical step of a free unit cube whose small cubes are all cut alike."""
+    """Compute the critical step of a free unit cube of equal small cubes that are all cut alike."""
     pair = StiffnessMassPair.from_name(scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells))
     no_supports = Reduction.dirichlet(pair.space, [])
     scalars = {"critical_step_over_h": critical_step(pair.K, pair.M, no_supports) * cells}
@@ -293,7 +294,7 @@ def _largest_eigenvalue(K: sp.csr_matrix, mass: Array) -> complex:
 
 
 def _initial_velocity(pair: StiffnessMassPair) -> PETSc.Vec:
-    """Return velocities of one towards the wall; the sibling's coefficients are the same."""
+    """Return a unit velocity towards the wall; the sibling's coefficients have the same values."""
     velocity = pair.K.createVecRight()
     dim = pair.body.spaces.mesh.geometry.dim
     velocity.setArray(np.tile(-np.eye(dim)[-1], velocity.getLocalSize() // dim))
@@ -407,7 +408,7 @@ PLOT_SERIES = {
     "sibling": ("symmetric sibling", "sibling-T10", "-"),
     "pw": ("new, unsymmetric (unstable)", "pw-T10", "-"),
 }
-"""Schemes of the figure: name in the legend, element whose colour they have, and line style."""
+"""Label, element whose colour is used, and line style, by scheme of the figure."""
 PLOT_BAR_KEY, PLOT_CUBE_KEY = "V12/bar-3d-{}-5", "V12/frequency-cube-{}"
 UNSTABLE_BAR_KEY = "V12/bar-3d-pw-7"
 AVERAGING_TIME = 0.1

@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 POISSONS_RATIO = 0.3
 YOUNGS_MODULUS = (1 + POISSONS_RATIO) * (1 - 2 * POISSONS_RATIO) / (1 - POISSONS_RATIO)
-"""Young's modulus for which the speed of sound in uniaxial strain is one at density one."""
+"""Young's modulus for which, at density one, the speed of sound in uniaxial strain is one."""
 MATERIAL = Material(YOUNGS_MODULUS, POISSONS_RATIO)
 STRESS_STATE_BY_DIMENSION = {2: StressState.PLANE_STRAIN, 3: StressState.SOLID}
 """Stress state by dimension of the mesh."""

@@ -17,7 +17,7 @@ class ConductionProblem(Protocol):
 
     @property
     def growth(self) -> float:
-        """Logarithm g of the conductivity at x = 1 over that at x = 0, at one temperature."""
+        """Logarithm g of the conductivity at x = 1 over that at x = 0, at equal temperatures."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class GradedMaterial:
     """Material whose conductivity grows exponentially with x.
 
     Args:
-        ratio: Conductivity at x = 1 over that at x = 0, at one temperature.
+        ratio: Conductivity at x = 1 over that at x = 0, at equal temperatures.
     """
 
     ratio: float
@@ -55,7 +55,7 @@ class GradedMaterial:
 
 
 class GradedWall(GradedMaterial):
-    """A wall between two surfaces without a heat source; y = 0 and y = 1 are insulated.
+    """A wall without a heat source, between the surfaces x = 0 and 1; y = 0 and 1 are insulated.
 
     With Kirchhoff's t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0, which
     t = t_0(x) + t_1(x) cos(pi y) solves with exponentials t_0 and t_1.
@@ -77,7 +77,7 @@ class GradedWall(GradedMaterial):
         return np.asarray(np.exp(g) * (mean + 0.25 * np.cos(np.pi * y) * (s / np.tanh(s) - g / 2)))
 
     def source(self, x: Array, y: Array) -> Array:  # noqa: ARG002
-        """Return zeros."""
+        """Return zeros, as there is no heat source."""
         return np.zeros_like(x)
 
     @property
@@ -86,7 +86,7 @@ class GradedWall(GradedMaterial):
 
 
 class SourcedSquare(GradedMaterial):
-    """A square with the heat source of u = cos(x) exp(y/2) / 2, prescribed on all sides."""
+    """A square with the heat source for u = cos(x) exp(y/2) / 2, prescribed on all sides."""
 
     is_insulated: ClassVar[bool] = False
 

@@ -1,4 +1,4 @@
-"""Fluxes at prescribed nodes: reactions divided by areas, against exact fluxes."""
+"""Fluxes at prescribed nodes: compare reactions divided by areas with exact fluxes."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -105,7 +105,7 @@ Array = npt.NDArray[np.float64]
 DEGREE = 8
 """Degree of quadrature of integrands that are not polynomials."""
 MAX_RELATIVE_WEIGHT_AREA = 1e-9
-"""Largest integral of a test function, over the tributary area, that counts as no weight."""
+"""Integral of a test function over the tributary area up to which a node counts as weightless."""
 
 
 @dataclass(frozen=True)
@@ -408,7 +408,8 @@ PLOT_TREFFTZ_KEY = "V13/graded-trefftz-10"
 def draw_fluxes(results: Results) -> Figure:
     """Nodal fluxes at prescribed nodes.
 
-    Panels: fluxes along a side of the square and of the graded wall, largest errors of the wall.
+    The panels show the fluxes along a side of the square, those along a side of the graded wall,
+    and the largest errors for the wall.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3))
     for ax, key, axis in ((axes[0], PLOT_SQUARE_KEY, 0), (axes[1], PLOT_WALL_KEY, 1)):

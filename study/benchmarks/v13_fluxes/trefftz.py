@@ -9,8 +9,8 @@ the particular solution of this polynomial, and fits harmonic polynomials to the
 conditions by collocation. These steps are repeated until the solution does not change.
 
 The polynomial limits the accuracy. With a hundredfold conductivity the temperature of the wall
-falls like exp(-4.6 x), and Kirchhoff's square root has a branch point nearby: no polynomial of
-degree 10 in either coordinate comes closer than 1e-5. For v = exp(g x / 2) (u + u^2 / 2) the
+falls like exp(-4.6 x), and Kirchhoff's square root has a branch point nearby: the error of a
+polynomial of degree 10 in each coordinate is at least 1e-5. For v = exp(g x / 2) (u + u^2 / 2) the
 equation is also Poisson's, with a linear right side,
 
     laplace(v) = (g / 2)^2 v - exp(-g x / 2) Q,
@@ -20,7 +20,7 @@ contracts by (g / 2)^2 over the least eigenvalue of -laplace, pi^2 for the wall:
 exp(2 pi) = 535.
 
 The fragment of another article at the end of the paper's file seems to describe this method, which
-E. Kita, Y. Ikeda and N. Kamiya published. As far as it can be read, it has Poisson's equation with
+E. Kita, Y. Ikeda and N. Kamiya published. As far as legible, it contains Poisson's equation with
 an inhomogeneous term, the polynomial, its particular solution, harmonic functions and collocation.
 Degrees and bases of polynomials, points, least squares, stopping criterion, the unknown v and the
 problems are ours.
@@ -47,7 +47,7 @@ class TrefftzUnknown:
 
     Args:
         growth: Logarithm g of the ratio of conductivities.
-        transformed: Whether the field is v, not u.
+        transformed: Whether the field is v; otherwise it is u.
     """
 
     growth: float
@@ -84,7 +84,7 @@ class TrefftzSolution:
     """Solution of a conduction problem by harmonic and particular polynomials.
 
     Args:
-        problem: Problem whose exact temperatures are used on the boundary alone.
+        problem: Problem whose exact temperatures are used on the boundary only.
         degree: Degree of the inhomogeneous term's polynomial in each coordinate; that of the
             particular solution and of harmonic polynomials is 2 degree + 2.
         transformed: Whether the unknown is v, not the temperature itself.
@@ -124,7 +124,7 @@ class TrefftzSolution:
 
         coefficients = np.zeros(values.shape[1])
         unknown: Array = np.full(len(x), end_values.mean())
-        with np.errstate(over="ignore", invalid="ignore"):  # in case of divergence
+        with np.errstate(over="ignore", invalid="ignore"):  # these occur on divergence
             for self.n_iterations in range(1, MAX_ITERATIONS + 1):
                 # derivatives by coordinates of the unit square, as points are in [-1, 1]
                 f_x, f_y = 2 * x_slopes @ coefficients, 2 * y_slopes @ coefficients
@@ -169,7 +169,7 @@ class TrefftzSolution:
         n, (x, y) = self._degree + 1, points
         identity = np.eye(n)
 
-        # f(x) g(y) is the Laplacian of a finite sum: each term cancels u_yy of the term before
+        # f(x) g(y) is the Laplacian of a finite sum: each term cancels u_yy of the preceding term
         def particular_term(k: int) -> Array:
             x_factor = chebyshev.chebval(x, chebyshev.chebint(identity, 2 * k + 2 - (axis == 0)))
             y_factor = chebyshev.chebval(y, chebyshev.chebder(identity, 2 * k + (axis == 1)))
@@ -213,7 +213,7 @@ def _evaluate_chebyshev_products(points: Array, degree: int) -> Array:
 
 
 def _map_from_unit_square(x: Array, y: Array) -> Array:
-    """Return points (2, n) of the square from -1 to 1, where Chebyshev polynomials are bounded."""
+    """Map points of the unit square to points (2, n) of the square from -1 to 1."""
     return np.array([2 * x - 1, 2 * y - 1])
 
 

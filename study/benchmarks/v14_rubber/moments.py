@@ -3,10 +3,10 @@
 A virtual rotation of the deformed body, omega x (X + u), is a trial function but no sum of
 piecewise-linear weights w_i, so the moments of nodal forces f_i about deformed nodes x_i do not
 cancel. Free nodes carry no force and may be placed anywhere in that sum. In the plane T^-T x is
-a suitable position: a mid-side node lies at 4/3 of its own position less 1/6 of either vertex'. On a
-straight triangle the sums of x_i N_i and of (T^-T x)_i w_i have gradients with the same averages
-against every linear stress. The first gradient is F, and P F^T is symmetric. A triangle therefore
-contributes only the skew part of
+a suitable position: that of a mid-side node is 4/3 of its own less 1/6 of each vertex's position.
+On a straight triangle the sums of x_i N_i and of (T^-T x)_i w_i have gradients with the same
+averages against every linear stress. The first gradient is F, and P F^T is symmetric. A triangle
+therefore contributes only the skew part of
 
     integral of (P - P_1) (grad sum (T^-T x)_i w_i - F)^T,
 
@@ -14,7 +14,7 @@ where P_1 is the best linear approximation of P. This vanishes if P is linear in
 of order h^3 times the area where the deformation is smooth, and of order h where stresses grow as
 1 / h at a point.
 
-In space T has no such identity, but the argument with weights remains: for any w of their span
+In space T has no such identity, but the argument with weights still holds: for any w in their span
 
     integral of (P_h - P) : grad (omega x x - w)
 
@@ -94,9 +94,9 @@ def triangle_moment_contributions(
 def smooth(element: str, elements: int) -> Result:
     """Deform a unit square or cube, fixed on its boundary, by the body force of a smooth field.
 
-    Meshes are unstructured. The moment of reactions and load over the sum of all magnitudes is given in
-    three ways: with the moment of the load density, and with the moments of nodal loads at the
-    deformed nodes and at T^-T x.
+    Meshes are unstructured. The moment of reactions and loads, over the sum of all magnitudes, is
+    given in three ways: with the moment of the load density, and with nodal loads at the deformed
+    nodes or at T^-T x.
     """
     mesh = (on_square if element.endswith("T6") else on_cube)(element, 1 / elements)
     dim, degree = mesh.geometry.dim, SUB_CELL_QUADRATURE_DEGREES[mesh.geometry.dim]

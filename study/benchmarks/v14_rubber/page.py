@@ -91,16 +91,16 @@ PUNCH_DEPTH, PUNCH_SHIFT = 0.2, 0.1
 ROTATION_ANGLE = 0.7
 """Angle in radians by which the deformed block is rotated."""
 DEGREE = {2: 6, 3: 4}
-"""Degree of quadrature by dimension; higher degrees change results by at most some 1e-6."""
+"""Degree of quadrature by dimension; higher degrees change results by about 1e-6 at most."""
 MIN_RELATIVE_CORRECTION = 1e-11
-"""Least relative correction for the order of Newton's method; smaller ones are round-off from
-their fourth digit on."""
+"""Least relative correction used for the order of Newton's method; of smaller ones round-off
+affects the fourth digit."""
 SUPPORT_END_RADIUS = 0.25
 """Distance from an end of a support within which a triangle counts as near it."""
 
 
 def punch(element: str, elements: int) -> Result:
-    """Press a block with `elements` over its height, and again while it is rotated."""
+    """Press a block with `elements` over its height; also measure the error of objectivity."""
     block = RubberBlock(element, elements)
     space, dim = block.space, block.dim
     problem = block.solve_punch_travel()
@@ -204,7 +204,7 @@ class RubberBlock:
         return problem
 
     def measure_objectivity_error(self, forces: PETSc.Vec) -> float:
-        """Return the largest difference of forces from rotated ones after a rotation of the block.
+        """Return the largest difference of the rotated block's forces from the rotated forces.
 
         It is relative to the largest force.
         """
@@ -229,7 +229,7 @@ class RubberBlock:
         return float(np.abs(difference).max() / np.abs(expected).max())
 
     def measure_moment_defect(self, forces: PETSc.Vec) -> float:
-        """Return the moment of nodal forces about deformed nodes, over the sum of magnitudes."""
+        """Return the moment of forces at deformed nodes, over the sum of nodal magnitudes."""
         nodal_moments = self._nodal_moments(forces)
         magnitudes = np.linalg.norm(nodal_moments, axis=1).sum()
         return float(np.linalg.norm(nodal_moments.sum(axis=0)) / magnitudes)
@@ -267,7 +267,7 @@ class RubberBlock:
 def _measure_evenness_in_plane(
     block: RubberBlock, forces: PETSc.Vec
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return the median of mid-side over mean corner force below the punch, and the forces."""
+    """Return the median ratio of mid-side to mean corner forces below the punch, and the forces."""
     line = forces_along(block.space, forces, block.is_below_punch)
     force = -line.force[:, 1]
     midside, corners = force[3:-3:2], (force[2:-4:2] + force[4:-2:2]) / 2

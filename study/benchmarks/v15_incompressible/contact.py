@@ -59,18 +59,18 @@ CONTACT_ZONE = 1.3
 """Distance from the middle, over the half width, within which nodes may come into contact."""
 N_LOAD_STEPS = 4
 
-# A block in place of a half plane that is pressed and pushed, in consistent units
+# A block that replaces a half plane which is pressed and pushed, in consistent units
 BLOCK_MODULUS, BLOCK_RADIUS, BLOCK_FORCE, PUSH_FRACTIONS = 1000.0, 20.0, 4.0, (0.2, 0.4)
 """Young's modulus, radius of the parabola and normal force; tangential forces over mu P."""
 BLOCK_DEPTH, BLOCK_CELL_GROWTH = 75.0, 1.2
-"""Depth of the block over the half width of the contact; growth of its elements."""
+"""Depth of the block over the half width of the contact; growth ratio of its elements."""
 
 
 def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
     """Press a rigid parabola on a half plane, n elements over the half width of contact.
 
-    `pressure_rms` is the root mean square error of own-function pressures over p0, away from the
-    edge of contact; `pressure_rms_all` is that of all nodes in contact.
+    `pressure_rms` is the root mean square error of own-function pressures, over p0, at nodes away
+    from the edge of contact; `pressure_rms_all` is that at all nodes in contact.
     """
     body = ElasticHalfSpace(YOUNGS_MODULUS, nu)
     force = np.pi * HALF_WIDTH**2 * body.plane_modulus / (4 * RADIUS)
@@ -100,15 +100,15 @@ def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
 
 
 def sphere(element: str, n: int) -> Result:
-    """Press a quarter of a rigid sphere on a half space, n elements along the radius of contact."""
+    """Press a rigid sphere on a half space (one quarter), n elements along the contact radius."""
     return pressed_sphere(element, n, POISSONS_RATIO)
 
 
 def presses(element: str, n: int) -> Result:
     """Press a rough parabola on a half plane in steps, n elements over the half width of contact.
 
-    The surface of an incompressible half plane has no tangential displacement, so that all shear is
-    an error of the elements. `shear_spurious` is the largest own-function shear over mu p0;
+    The surface of an incompressible half plane has no tangential displacement, so any shear is an
+    error of the elements. `shear_spurious` is the largest own-function shear over mu p0;
     `shear_spurious_inner` is that for x < 0.8 a, away from the edge of contact.
     """
     body = ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO)
@@ -196,7 +196,7 @@ def pushed(element: str, n: int) -> Result:
 
 
 def _make_half_plane_block(a: float, n: int, cell: str) -> Mesh:
-    """Mesh a block, in place of a half plane, below a contact of half width a."""
+    """Mesh a block that replaces a half plane below a contact of half width a."""
     zone = CONTACT_ZONE * a
     size = zone / n
     outside = (
@@ -231,8 +231,10 @@ MAX_SQUEEZE, N_SQUEEZE_STEPS = 0.25, 10
 DEGREE = 6
 """Degree of quadrature of the ring."""
 MAX_ACTIVE_SETS, MAX_RECAPTURES = 30, 2
-"""Largest number of active sets in a step, and of times that a node is held again in it. A node at
-the rim may be in tension if it is held and penetrate if it is not; it is then released."""
+"""Largest numbers of active sets in a step, and of times that a node is held again within a step.
+
+A node at the rim may be in tension if it is held and penetrate if it is not; it is then released.
+"""
 
 
 def seal(element: str, n: int) -> Result:
@@ -417,7 +419,7 @@ class ORing:
         return x[upper], -force[upper, 1] / area.array_r[vertical][upper]
 
     def relative_volume_change(self) -> float:
-        """Return the change of the ring's volume over its volume."""
+        """Return the relative change of the ring's volume."""
         change = assemble_scalar((self._J - 1) * self._circumference * self._dx)
         return float(abs(change) / (2 * np.pi**2 * RING_RADIUS))
 

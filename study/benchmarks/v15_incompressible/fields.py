@@ -74,7 +74,7 @@ def cube(element: str, nu: float, n: int) -> Result:
 
 
 def enclosed(element: str, nu: float, n: int) -> Result:
-    """Return errors in a unit cube with exact displacements on all sides in place of tractions."""
+    """Return errors in a unit cube with exact displacements, not tractions, on all sides."""
     return _solve_manufactured(element, nu, n, is_enclosed=True)
 
 
@@ -108,7 +108,7 @@ class ManufacturedField:
 
     @property
     def inverse_lame(self) -> float:
-        """1/lambda."""
+        """Reciprocal 1/lambda of Lamé's first constant."""
         return (1 + self.nu) * (1 - 2 * self.nu) / (YOUNGS_MODULUS * self.nu)
 
     def evaluate_displacement(self, x: Array) -> Array:
@@ -126,7 +126,8 @@ class ManufacturedField:
 def _solve_manufactured(element: str, nu: float, n: int, is_enclosed: bool = False) -> Result:
     """Solve for a known field; return errors relative to its norms.
 
-    Displacements are prescribed on the bottom or, if enclosed, on all sides; otherwise tractions.
+    Displacements are prescribed on the bottom only, or on all sides if `is_enclosed` is true;
+    tractions are prescribed on the remaining sides.
     """
     mesh = mesh_unit_domain(element, 1 / n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
@@ -170,7 +171,7 @@ def _prescribe_exact_displacements(
 
 
 def _displacement_and_pressure(body: Body, a: PETSc.Vec) -> tuple[Expr, Expr]:
-    """Return displacement and pressure; without a pressure field the latter is -lambda div u."""
+    """Return displacement and pressure; without a pressure field, the pressure is -lambda div u."""
     if body.spaces.is_hybrid:
         return split(body.spaces.trial, a)
     u = as_function(body.spaces.trial, a)
@@ -216,8 +217,8 @@ LAYER_YOUNGS_MODULI, LAYER_POISSONS_RATIOS = np.array([2.0, 20.0]), np.array([0.
 def layers(element: str) -> Result:
     """Press two layers uniformly between smooth walls.
 
-    Scalars are largest errors of a displacement over the largest displacement: `error` with a
-    pressure that is split between the layers, `error_one` with a continuous pressure.
+    Scalars are the largest errors of a displacement, over the largest displacement: `error` with a
+    pressure that may jump between the layers, `error_one` with a continuous pressure.
     """
     make_spaces = Spaces.hybrid if element.startswith("pw") else taylor_hood_spaces
     mesh = make_layered_mesh(MPI.COMM_SELF, CELL_TYPE_BY_ELEMENT_SUFFIX[element.rsplit("-", 1)[1]])
@@ -231,7 +232,7 @@ def layers(element: str) -> Result:
 
 
 def make_layered_mesh(comm: MPI.Comm, cell: CellType) -> Mesh:
-    """Return a unit square or cube with moved inner nodes, except those between the layers."""
+    """Return a unit square or cube with inner nodes, except those between the layers, moved."""
     n = LAYER_CELLS_PER_SIDE
     if cell in (CellType.triangle, CellType.quadrilateral):
         return move_nodes(create_unit_square(comm, n, n, cell), _move_within_layers)
@@ -314,9 +315,9 @@ def infsup(element: str, n: int) -> Result:
 
 
 def identity(element: str) -> Result:
-    """Return the difference of K and T K_standard over K on a distorted square.
+    """Return |K - T K_standard| / |K| on a distorted square.
 
-    T acts on the equations of equilibrium, and leaves those of volume unchanged.
+    T acts on the equations of equilibrium and leaves the volume equations unchanged.
     """
     mesh = move_nodes(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), smooth_distortion)
     bodies = [

@@ -1,4 +1,4 @@
-"""Contact at large strains with known answers: uniform compression and shear, and Hertz's limit."""
+"""Contact at large strains with known answers: uniform deformations, and the limit of Hertz."""
 
 from functools import partial
 from typing import Any
@@ -31,7 +31,7 @@ Mask = npt.NDArray[np.bool_]
 DEGREE = {2: 4, 3: 2}
 """Degree of quadrature by dimension, for all problems of the section."""
 PLATE_COMPRESSION, PLATE_SHEAR = 0.4, 0.5
-"""Downward and sideward motion of the plate over the height of the cube."""
+"""Downward and sideways motion of the plate over the height of the cube."""
 N_INCREMENTS = 2
 STICKING_FRICTION = 2.0
 """Coefficient of friction that is large enough to prevent slip."""
@@ -40,7 +40,7 @@ STICKING_FRICTION = 2.0
 HERTZ_ELEMENTS = 8
 """Elements over the half width of contact."""
 HERTZ_EXTENT, HERTZ_GROWTH = 24.0, 1.35
-"""Depth and half width of the block, and growth of its elements outside of the contact."""
+"""Depth and half width of the block, and growth ratio of its elements outside the contact."""
 INNER_RADIUS = 0.8
 """Distance from the middle, over the half width, within which pressures are compared."""
 

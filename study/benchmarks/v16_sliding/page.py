@@ -92,13 +92,13 @@ FRICTION, TOOL_DEPTH, TOOL_TRAVEL = 0.3, 0.5, 0.6
 N_END_NODES = 3
 """Number of nodes at each end of the contact that do not count for evenness."""
 CONTACT_ZONE_FRACTION = 0.9
-"""Part of the block's half width within which nodes may come into contact."""
+"""Fraction of the block's half width within which nodes may come into contact."""
 RELATIVE_FORCE_ROUND_OFF = 1e-6
-"""Relative round-off of forces, as corners of the standard tetrahedron carry none."""
+"""Relative round-off of forces, a lower bound as corners of standard tetrahedra carry no force."""
 SPACE_HALF_WIDTH, SPACE_HEIGHT = 1.8, 1.4
 """Half width and height of the block in space."""
 SPACE_FINE_HALF_WIDTH, SPACE_GROWTH = 0.85, 1.8
-"""Half width of the block in space with elements of one size, and their growth beyond it."""
+"""Half width of the part in space with uniform elements, and growth ratio beyond it."""
 BLOCK_HEIGHT = {2: HEIGHT, 3: SPACE_HEIGHT}
 
 
@@ -159,7 +159,7 @@ def steps(element: str, elements: int, pressed: int, ironed: int) -> Result:
 
 
 def energy(element: str, elements: int, pressed: int) -> Result:
-    """Press the block without friction; return work less stored energy over the work."""
+    """Press the block without friction; return (work - stored energy) / work."""
     rubber, history = _press_and_iron_block(element, elements, pressed, 0, 0.0)
     work, tool_work = history.contact_work(), history.tool_work()
     stored = history.strain_energy[-1]
@@ -173,7 +173,7 @@ def energy(element: str, elements: int, pressed: int) -> Result:
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
-    """Move the tool as in CalculiX, with its energy; compare total forces with its stored record."""
+    """Move the tool as in CalculiX, with its strain energy; compare total forces with CalculiX'."""
     peer, recorded = CYLINDERS[case], load_unchanged_answer(case, tracked).numbers
     rubber = RubberBody(element, _make_plane_block(peer.elements), DEGREE[2], calculix_energy=True)
     history = _move_round_tool(rubber, peer.tool_translations, peer.friction, has_sliding=True)
@@ -192,7 +192,7 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
 
 
 def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result:
-    """Press a quarter of a block by a sphere, or press and iron half of a block."""
+    """Press a block by a sphere (a quarter is modelled), or press and iron it (one half)."""
     rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
     x = last.position
@@ -289,7 +289,7 @@ def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
 
 
 def _median_midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.bool_]) -> float:
-    """Return the median of mid-side forces over the mean of both neighbours', inside the contact."""
+    """Return the median ratio of mid-side forces to the mean of both neighbours, within contact."""
     pair = state.pairs[0]
     inner = np.flatnonzero(pair.status != OPEN)[N_END_NODES:-N_END_NODES]
     midside = inner[~is_vertex[pair.node[inner]]]

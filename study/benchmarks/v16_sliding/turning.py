@@ -1,4 +1,4 @@
-"""Tools that turn, with known answers: Carter's creep of a driven wheel, and a shaft in a bush."""
+"""Rotating tools with known answers: Carter's creep of a driven wheel, and a shaft in a bush."""
 
 from mpi4py import MPI
 
@@ -32,7 +32,7 @@ FRICTION = 0.3
 WHEEL_RADIUS, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH = 1000.0, 400.0, 1.6
 """Radius of the wheel; depth of the rubber and its width on both sides; growth of its elements."""
 WHEEL_TRAVEL, FINE_MARGIN = 4.0, 1.5
-"""Travel of the wheel, and length beyond it on both sides with elements of one size."""
+"""Travel of the wheel, and length beyond it on both sides with uniform elements."""
 TRACTION_RATIO = 0.5
 """Tangential force on the wheel over the friction limit."""
 
@@ -43,10 +43,10 @@ SHAFT_ANGLES = (0.02, 0.05, 0.1, 0.3, 0.6, 1.2)
 
 
 def wheel(element: str, elements: int) -> Result:
-    """Drive a rigid wheel under a weight over incompressible rubber by a torque.
+    """Drive a loaded rigid wheel by a torque over incompressible rubber.
 
-    Pressing an incompressible body by a rigid one causes no shear; at small strains creep is then
-    F. W. Carter's (1926, doi:10.1098/rspa.1926.0100),
+    Pressing an incompressible body by a rigid one causes no shear. At small strains the creep is
+    therefore that of F. W. Carter (1926, doi:10.1098/rspa.1926.0100),
     mu a / R (1 - (1 - Q / mu P)^(1/2)).
     """
     size = 1 / elements
@@ -168,8 +168,9 @@ def _make_bush_mesh() -> Mesh:
 def _solve_bush_boundary_value_problem(angle: float) -> tuple[float, float]:
     """Return torque and normal force on the shaft from a boundary value problem in the radius.
 
-    Unknowns are the deformed radius and the angle. They make the integral of rho W stationary,
-    where W(r', r, r angle') is the density of energy.
+    The unknowns are the deformed radius r and the angle of rotation as functions of the undeformed
+    radius rho. They make the integral of rho W stationary, where W(r', r, r angle') is the energy
+    density.
     """
     lame = lame_over_shear(POISSONS_RATIO)
     rho = np.linspace(1, BUSH_RADIUS, 41)

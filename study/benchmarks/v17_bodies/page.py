@@ -1,8 +1,8 @@
 """Two deformable bodies at large sliding: a die, bodies turned together, rings, a press fit.
 
 Neo-Hookean bodies with meshes that do not match are in contact. Balance of forces, evenness of
-forces on both sides, friction at the nodes and iterations of Newton's method are measured; the
-choice of the slave, of the frame and of the increments should not change the forces. The pressure
+forces on both sides, friction at the nodes and iterations of Newton's method are measured.
+The choice of the slave, the frame and the increments should not change the forces. The pressure
 of an incompressible press fit is known. The problems are in `problems`.
 """
 

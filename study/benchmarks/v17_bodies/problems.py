@@ -52,7 +52,7 @@ MIN_RELATIVE_MASTER_FORCE = 0.3
 CONTACT_LAW_ROUND_OFF = 1e-12
 """Round-off of violations of the contact law, over the largest force."""
 
-# A flat die; its top is tilted so that the rear end does not lift
+# A flat die, whose top is tilted to prevent the rear end from lifting
 FLAT_ELEMENTS = (8, 6)
 """Numbers of elements over the die's width, of the flat die and of the block."""
 FLAT_HEIGHT, FLAT_TRAVEL, FLAT_DEPTH, FLAT_TILT = 0.4, 1.0, 0.05, 0.5
@@ -75,7 +75,7 @@ class SlidingRecord:
     violations: list[list[float]] = field(default_factory=list)
 
     def summarise_iterations(self) -> dict[str, float]:
-        """Count iterations (including abandoned attempts), cut and all increments.
+        """Count iterations (including abandoned attempts), cut increments and all increments.
 
         `quadratic` is the fraction of increments whose last iteration converges quadratically.
         """
@@ -254,7 +254,7 @@ def _press_and_slide_die(
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
-    """Move the die as in CalculiX, with its energy; compare forces with its stored record."""
+    """Move the die as in CalculiX, with its strain energy; compare forces with the record."""
     peer, recorded = DIES[case], load_unchanged_answer(case, tracked).numbers
     bodies, _, record = _press_and_slide_die(
         element, peer.die_elements, peer.block_elements, calculix_energy=True
@@ -307,7 +307,7 @@ def ironed(element: str) -> Result:
 
 
 def turned(element: str, degrees: int) -> Result:
-    """Rotate the pressed die and block together: forces should rotate with them, without slip."""
+    """Rotate the pressed die and block together; forces should rotate with them, without slip."""
     mesh, sides = make_die_mesh(8, 6)
     bodies = RubberBody(element, mesh, QUADRATURE_DEGREE)
     x = bodies.x
@@ -381,7 +381,7 @@ def rings(element: str) -> Result:
 
 
 def fit(element: str) -> Result:
-    """Widen the hole of an incompressible tube until the tube presses on an outer one."""
+    """Widen the hole of an incompressible tube until it presses on an outer tube."""
     strips = [
         mesh_along_lines(
             MPI.COMM_SELF, _divide_interval(*radii, n), _divide_interval(0.0, 0.1, 1), "triangle"
@@ -469,7 +469,7 @@ def _make_half_ring(angles: Array, radii: Array, is_upper: bool) -> Mesh:
 
 
 def _make_quadratic_mesh(x: Array, y: Array, map_nodes: Callable[[Array], Array]) -> Mesh:
-    """Mesh a rectangle by quadratic triangles whose nodes a function maps."""
+    """Mesh a rectangle by quadratic triangles, with all nodes mapped by a function."""
     return curved_mesh(mesh_along_lines(MPI.COMM_SELF, x, y, "triangle"), map_nodes)
 
 
@@ -500,7 +500,7 @@ def _integrate_weight_functions(bodies: RubberBody, sides: Sequence[Indices]) ->
 def _measure_evenness(
     bodies: RubberBody, states: Sequence[ContactState], weight_area: Array, suffix: str
 ) -> dict[str, float]:
-    """Return medians of mid-side over corner values of forces divided by areas (n,), on both sides."""
+    """Return median ratios of mid-side to corner forces per area (n,), on both sides."""
     on_slave, on_master = [], []
     for state in states:
         pair = _contact_pair(state)
@@ -523,7 +523,7 @@ def _measure_evenness(
 def _median_midside_over_corner(
     bodies: RubberBody, node: Indices, values: Array, inner: Indices
 ) -> float:
-    """Return the median of mid-side values over the mean of both neighbours', along a side."""
+    """Return the median ratio of mid-side values to the mean of both neighbours, along a side."""
     midside = inner[~bodies.is_vertex[node[inner]]]
     return float(np.median(2 * values[midside] / (values[midside - 1] + values[midside + 1])))
 
@@ -546,7 +546,7 @@ def _tension_ratio(normal_force: Array) -> float:
 
 
 def _relative_moment_defect(bodies: RubberBody, state: ContactState) -> float:
-    """Return the moment of the forces on both sides over the sum of its magnitudes."""
+    """Return the moment of the forces on both sides over the sum of the moments' magnitudes."""
     pair = _contact_pair(state)
     nodes = np.concatenate([pair.node, pair.opposite_node])
     force = np.concatenate([pair.force_vector, pair.opposite_force])

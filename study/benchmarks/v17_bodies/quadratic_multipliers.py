@@ -7,8 +7,8 @@ node j is
 
     n_j·(x_j - sum of P_jk x_k),      P_jk = integral of psi_j N_k / A_j,
 
-and the fraction P_jk of its force acts on the master's node k. A facet that is not wholly opposite
-to the master is left out, as duals on a part of it would have nodes without area.
+and the fraction P_jk of its force acts on the master's node k. A facet that only
+partly faces the master is left out, as duals on a part of it would have nodes without area.
 
 Coordinates on a facet are t in [-1, 1] on the slave and s in [-1, 1] on the master.
 """
@@ -193,7 +193,7 @@ class DualQuadraticMortar(SlidingMortar):
         )
 
     def _facet_nodes_with_neighbours(self, facet: Indices) -> Indices:
-        """Return the nodes (q, 5) before, of and behind slave facets (q,)."""
+        """Return the nodes (q, 5) of slave facets (q,) including one adjacent node on each side."""
         a, m, b = self._slave_nodes[facet].T
         return np.stack([self._previous_node[a], a, m, b, self._next_node[b]], axis=1)
 

@@ -1,1 +1,1 @@
-"""Vibration with known answers: its page, and exact eigenvalues."""
+"""Section V8, vibration with known answers: the page, and exact eigenvalues."""

@@ -15,7 +15,7 @@ from pw_elements import Material
 from pw_elements.elasticity import StressState
 
 N_SEARCH_POINTS = 4000
-"""Number of points of the interval between which a change of sign is looked for."""
+"""Number of points of an interval between which changes of sign are sought."""
 MIN_WAVE_NUMBER = 1e-8
 """Smaller wave numbers p are replaced by this one in J_1(pa) / p, to avoid a division by zero."""
 
@@ -63,7 +63,7 @@ class Rod:
     def _evaluate_frequency_equation(self, eigenvalue: Array, n: int) -> Array:
         """Return the frequency equation's left side without its trivial factors.
 
-        The factors are q and, for n = 0, also q J_1(qa), which belongs to modes of u_z alone.
+        These factors are q and, for n = 0, also q J_1(qa), which belongs to modes with u_z only.
 
         Args:
             eigenvalue: Values of omega^2.

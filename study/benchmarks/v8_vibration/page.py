@@ -1,4 +1,4 @@
-"""Vibration, buckling and pressure problems with exact solutions, which test K, M and K_sigma."""
+"""Vibration, buckling and pressure problems with exact solutions, as tests of K, M and K_sigma."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -117,7 +117,7 @@ N_STRIP_MODES = 3
 RIGID_MODE_COUNTS = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
 TUBE_RADII = (1.0, 2.0)
 MAX_NODE_SHIFT = 0.05
-"""Largest shift of a mesh node that bends inner lines, over the side of the mesh."""
+"""Largest shift of a node, to bend inner mesh lines, over the side of the mesh."""
 QUADRATURE_DEGREES, REFERENCE_DEGREE = (2, 4, 6, 8), 16
 
 # Method
@@ -138,7 +138,7 @@ Treatment = Literal["transposed", "same", "all nodes", "lumped"]
 """Treatment of inner nodes: condensation with L of the transposed problem ("transposed") or L = R
 ("same"), or none ("all nodes"); "lumped" is "transposed" with a lumped mass."""
 MeshSolution = tuple[Array, dict[str, float], Discretisation]
-"""Values (n,) on one mesh, numbers on the quality of the modes, and the discretised body."""
+"""Values (n,) on one mesh, measures of the quality of the modes, and the discretised body."""
 
 
 def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
@@ -207,8 +207,8 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
 def free(element: str, state: str) -> Result:
     """Compute modes of an unsupported body (in axisymmetry with u_r = 0 on the axis).
 
-    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, this number less the
-    exact one; `zero`, the largest of their eigenvalues over the first elastic one.
+    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, this number minus the
+    exact number; `zero`, the largest of their eigenvalues over the first elastic one.
     """
     stress_state = StressState(state)
     build_square = partial(_mesh_rectangle, (1.0, 1.0), (6, 6))

@@ -381,7 +381,7 @@ class ModelsRecord:
         return hashlib.sha256(self.path.read_bytes()).hexdigest()[:16]
 
     def mesh(self, mesh: Mesh, element: str, mode: str) -> Array:
-        """Return one mesh's critical stresses in Pa, (set-ups, treatments), of an element and mode."""
+        """Return critical stresses (set-ups, treatments) in Pa of an element and mode on a mesh."""
         row = self._rows[mesh]
         return np.array(row[f"{element}_{mode}"], dtype=float) * PASCALS_PER_DIGIT
 

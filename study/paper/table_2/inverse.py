@@ -84,7 +84,7 @@ class Models(NamedTuple):
         return Models(self.deviation[mask], self.place[mask])
 
     def group(self, name: str) -> "Models":
-        """Return the models of a group: "all", or those whose A is a "corner" or a "midside" node."""
+        """Return the models of a group: "all", or those with A a "corner" or a "midside" node."""
         if name == "all":
             return self
         is_corner = np.isin(self.place[:, 0], _CORNER_MESHES)

@@ -1,7 +1,8 @@
 """Run CalculiX on the study's problems, and read its recorded answers.
 
-`python3 -m study.publish.renew_records 'calculix/*'` runs it on all problems and writes the record,
-and with `--check` compares. This needs Python, NumPy and `ccx`, but no DOLFINx.
+`python3 -m study.publish.renew_records 'calculix/*'` runs it on all problems and writes the record;
+with `--check` it compares the answers with the record instead. This needs Python, NumPy and `ccx`,
+but no DOLFINx.
 """
 
 import os
@@ -20,7 +21,7 @@ from study.solutions.calculix.problems import PROBLEMS
 
 TOLERANCE = 1e-5
 """Largest relative difference from a recorded answer. CalculiX prints seven digits; other
-processors and versions may round differently, and end iterations elsewhere within the tolerance."""
+processors and versions may round differently, and iterations then end at slightly other answers."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,10 @@ def load_answer(case: str) -> CalculixAnswer:
 
 
 def load_unchanged_answer(case: str, digest: str) -> CalculixAnswer:
-    """Return the recorded answer of a problem, which has to have this digest.
+    """Return the recorded answer of a problem after checking its digest.
 
     Raises:
-        ValueError: If it has another one.
+        ValueError: If the recorded answer has another digest.
     """
     if digest != answer_digest(case):
         raise ValueError(f"the record of {case} has changed since the study was started")
@@ -58,18 +59,18 @@ def load_unchanged_answer(case: str, digest: str) -> CalculixAnswer:
 
 
 def answer_digest(case: str) -> str:
-    """Return the digest of a recorded answer, with which results of another one are out of date."""
+    """Return the digest of a recorded answer, which marks results of older answers as outdated."""
     return records.digest_answer(_recorded_row(case))
 
 
 def answer_of_row(row: records.Row) -> CalculixAnswer:
-    """Return the answer in a row of the record."""
+    """Return the answer that a row of the record contains."""
     numbers = {name: np.array(values) for name, values in row.content["numbers"].items()}
     return CalculixAnswer(row.versions["calculix"], row.input_sha256, numbers)
 
 
 def create_row(case: str, answer: CalculixAnswer) -> records.Row:
-    """Return the row of the record of an answer that has been computed today, with nine digits."""
+    """Return the record's row for an answer computed today; numbers have nine digits."""
     numbers = {
         name: [float(f"{value:.9g}") for value in values] for name, values in answer.numbers.items()
     }
@@ -130,13 +131,13 @@ def compute_answer(case: str, calculix: str) -> CalculixAnswer:
 
 
 def check_finished(status: int, output: str, case: str = "block") -> None:
-    """Raise a `CalculixError` if CalculiX has ended with an error, or before the end of its job."""
+    """Raise a `CalculixError` if CalculiX has reported an error or has not finished its job."""
     if status or "Job finished" not in output or "*ERROR" in output:
         raise CalculixError(f"{case}: CalculiX failed:\n{output[-1000:]}")
 
 
 def largest_difference(new: CalculixAnswer, old: CalculixAnswer) -> float:
-    """Return the largest difference of two answers, that of each array over its largest entry.
+    """Return the largest difference of two answers, relative to the largest entry of each array.
 
     It is infinite if names or shapes of the arrays differ.
     """

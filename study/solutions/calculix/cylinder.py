@@ -1,8 +1,8 @@
 """CalculiX deck of a neo-Hookean block below a rigid cylinder, as in section V16.
 
-Needs no DOLFINx. The energy of CalculiX is C10 (J^(-2/3) I1 - 3) + (J - 1)^2 / D1: not that of
-section V16, but with the same moduli at small strains. Contact is surface-to-surface, by a penalty;
-the cylinder is a fine polygon.
+Needs no DOLFINx. CalculiX' energy is C10 (J^(-2/3) I1 - 3) + (J - 1)^2 / D1; it differs from that
+of section V16 but has the same moduli at small strains. Contact is surface-to-surface, by a
+penalty; the cylinder is a fine polygon.
 """
 
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, read_tables
 
 # Lengths are relative to the tool's radius, stresses to the shear modulus.
-# Half width and height of the block, half width with elements of one size, ratio of sizes beyond
+# Half width and height of the block, half width with uniform elements, and growth ratio beyond it
 HALF_WIDTH, HEIGHT, FINE_HALF_WIDTH, SIZE_RATIO = 3.0, 2.0, 1.5, 1.5
-FINE_DEPTH = 0.25  # below the surface, with elements of one size
+FINE_DEPTH = 0.25  # depth below the surface with uniform elements
 BULK_MODULUS = 2 * (1 + 0.3) / (3 * (1 - 2 * 0.3))  # at Poisson's ratio 0.3
 INDENTATION, SLIDING_DISTANCE = 0.25, 0.1
 N_TOOL_FACES, TOOL_HALF_ANGLE, TOOL_INNER_RADIUS = 240, np.pi / 3, 0.5  # of the tool
 
 
 def block_mesh_lines(elements: int) -> tuple[Array, Array]:
-    """Return mesh lines of the block: x, and y from below.
+    """Return the mesh lines of the block: x, and y from the bottom up.
 
     Args:
         elements: Number of elements along the tool's radius.
@@ -40,7 +40,7 @@ def block_mesh_lines(elements: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class CylinderOnRubber:
-    """Cylinder pressed into the block and, if there is friction, moved aside; CPE6 elements.
+    """Cylinder pressed into the block of CPE6 elements and, with friction, then moved sideways.
 
     Args:
         elements: Number of elements along the tool's radius.
@@ -144,7 +144,7 @@ class CylinderOnRubber:
         )
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return translations and forces of the tool: N and T of section V16."""
+        """Return the tool's translations, and its forces N and T of section V16."""
         forces = np.concatenate(read_tables(output, "total force"))
         x, y = np.array(self.tool_translations).T
         normal = {"down": -y, "N": -forces[:, 1]}

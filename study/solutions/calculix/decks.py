@@ -22,7 +22,7 @@ BOTTOM_FACE, RIGHT_FACE, TOP_FACE, LEFT_FACE = 1, 2, 2, 3
 class TrianglePairs:
     """Rectangle of squares, each cut from lower left to upper right into two 6-node triangles.
 
-    Nodes and elements count from 1 and along x first; a square's lower triangle comes first.
+    Nodes and elements are numbered from 1, along x first; a square's lower triangle comes first.
     """
 
     lower: tuple[float, float]
@@ -41,7 +41,7 @@ class TrianglePairs:
 
     @cached_property
     def elements(self) -> list[list[int]]:
-        """Nodes of the elements: corners counterclockwise, then the middles of sides."""
+        """Nodes of the elements: corners counterclockwise, then mid-side nodes."""
         nx, ny = self.divisions
         cells = []
         for j, i in product(range(0, 2 * ny, 2), range(0, 2 * nx, 2)):
@@ -99,7 +99,7 @@ class TrianglePairs:
 
 @dataclass(frozen=True)
 class TwoTriangles:
-    """Unit square under unit pressure (section 7.1): reactions of its lower side."""
+    """Unit square under unit pressure (section 7.1), for the reactions of its lower side."""
 
     mesh = TrianglePairs((0.0, 0.0), (1.0, 1.0), (1, 1))
 
@@ -131,16 +131,16 @@ class Block:
 
     Contact is node-to-surface, with a separate fixed brick below each node: the force on the brick
     is the contact force of the node, and the penalty is the same for all nodes. CalculiX takes
-    displacements into account, so the loads are made small and the forces are scaled back: without
-    gaps they are proportional to the loads.
+    changes of geometry into account, so the loads are made small and the forces are scaled back;
+    without initial gaps they are proportional to the loads.
 
     Args:
         element: "CPS6" is CalculiX's plane stress, with an independent field of thickness strains.
             "CPE6" with the constants of `_elastic_constants` is plane stress exactly.
         thickness: Thickness of the block.
         friction: Coulomb's coefficient, the same everywhere.
-        pull: Traction on the right side over the pressure.
-        pressed: Ends of the part of the upper side that the pressure acts on.
+        pull: Traction on the right side, divided by the pressure.
+        pressed: Ends of the part of the upper side on which the pressure acts.
     """
 
     element: str = "CPE6"
@@ -153,8 +153,8 @@ class Block:
     modulus, ratio, pressure = 1000.0, 0.3, 200.0
     increments = 10
     scale = 1e-3
-    # Penalty and stick slope, times the area of a brick's face; with larger ones friction does not
-    # converge
+    # Penalty and stick slope, times the area of a brick's face; with larger values friction does
+    # not converge
     penalty, stick_slope = 5e7, 1e6
     # Tension at open nodes, far below the contact pressure
     tension = 1e-9
@@ -205,7 +205,7 @@ class Block:
         return np.array([self.mesh.nodes[node - 1][0] for node in self.contact_nodes])
 
     def _elastic_constants(self) -> tuple[float, float]:
-        """Return the modulus and Poisson's ratio with which the element is in plane stress."""
+        """Return the Young's modulus and Poisson's ratio that give the element plane stress."""
         nu = self.ratio
         if self.element == "CPS6":
             return self.modulus, nu
@@ -246,7 +246,7 @@ class Block:
         ]
 
     def _load_lines(self) -> list[str]:
-        """Return pressure, then pull, in one step: a new one would relax the penetration."""
+        """Return the lines of pressure and pull, in one step, as a new one relaxes penetration."""
         pressure = self.scale * self.pressure
         pressed = self.mesh.top_elements(*self.pressed)
         if not self.pull:
@@ -264,9 +264,9 @@ class Block:
 
 @dataclass(frozen=True)
 class NativePressure(Block):
-    """Block under even pressure with contact as users set it up: its lower side on one face.
+    """Block under uniform pressure with contact as users set it up: its lower side on one face.
 
-    The contact pressure that CalculiX prints is the force of a node over an area of its choice.
+    The contact pressure that CalculiX prints is a nodal force divided by an area of its choice.
     """
 
     penalty = 1e7
@@ -301,13 +301,13 @@ class NativePressure(Block):
         return super().deck().replace("*END STEP", "*CONTACT PRINT\nCSTR\n*END STEP")
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return the contact pressures, each the mean over the spatial nodes of a plane node.
+        """Return contact pressures of plane nodes, each the mean over the node's spatial nodes.
 
-        CalculiX numbers its spatial nodes in threes, in the order of the plane nodes; a corner has
-        three of them, a mid-side node the outer two.
+        CalculiX reserves three numbers for the spatial nodes of each plane node, in the order of
+        the plane nodes. A corner has all three spatial nodes, a mid-side node only the outer two.
 
         Raises:
-            CalculixError: If there are other numbers of spatial nodes.
+            CalculixError: If the numbers of spatial nodes differ from these.
         """
         (spatial,) = read_tables(output, "contact stress")
         number = spatial[:, 0].astype(int)
@@ -324,11 +324,11 @@ class NativePressure(Block):
 
 @dataclass(frozen=True)
 class HalfBeam:
-    """Half beam under uniform load, v = 0 on the whole end face (section 7.6).
+    """Half beam under a uniform load, with v = 0 on the whole end face (section 7.6).
 
     Args:
         divisions: Numbers of squares along and across the beam.
-        mode: 1 with symmetric supports, 2 with antisymmetric ones.
+        mode: 1 for symmetric supports, 2 for antisymmetric ones.
     """
 
     divisions: tuple[int, int]
@@ -336,7 +336,8 @@ class HalfBeam:
 
     modulus, ratio, thickness = 2.07e11, 0.0, 0.1
     length, height = 8.0, 1.0
-    # Nominal stress in Pa: the factors become 2.5 and 9, of which seven digits are printed
+    # Nominal stress in Pa; with it the buckling factors are about 2.5 and 9, of which seven digits
+    # are printed
     stress = 1e9
 
     @property

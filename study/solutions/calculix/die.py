@@ -20,7 +20,7 @@ from study.solutions.calculix.output import Array, read_tables
 # Lengths are relative to the die's width, stresses to the shear modulus.
 # Initial gap, curvature and indentation of the die
 GAP, CURVATURE, DEPTH, FRICTION = 0.01, 1.2, 0.15, 0.3
-SLIDING_ELEMENTS = 10  # length of sliding, in elements of the die
+SLIDING_ELEMENTS = 10  # length of the sliding path, in elements of the die
 N_PRESSING_INCREMENTS, N_SLIDING_INCREMENTS = 4, 16  # numbers of increments
 BLOCK_ENDS, DIE_ENDS = (-1.0, 2.0), (-0.5, 0.5)
 SIZE_RATIO = 1.4  # of neighbouring elements, away from the contact
@@ -29,7 +29,7 @@ SIZE_RATIO = 1.4  # of neighbouring elements, away from the contact
 def mesh_lines(
     die_elements: int, block_elements: int
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return mesh lines (x, y) of block and die, from numbers of elements per width at contact."""
+    """Return mesh lines (x, y) of block and die, given their numbers of elements per die width."""
     block, die = (
         np.linspace(*ends, round((ends[1] - ends[0]) * n) + 1, dtype=np.float64)
         for ends, n in ((BLOCK_ENDS, block_elements), (DIE_ENDS, die_elements))
@@ -47,7 +47,7 @@ N_CALCULIX_INCREMENTS = N_PRESSING_INCREMENTS + N_SLIDING_INCREMENTS // 2
 
 
 def shape_die(x: Array) -> Array:
-    """Return the points (n, 2 or 3) of the die from those of a rectangle between y = 0 and 1."""
+    """Map points (n, 2 or 3) of a rectangle between y = 0 and 1 to points of the die."""
     low = GAP + CURVATURE * x[:, 0] ** 2 / 2
     return np.column_stack([x[:, 0], low + x[:, 1] * (1 - low), x[:, 2:]])
 

@@ -7,7 +7,7 @@ from itertools import permutations, product
 
 Point = tuple[float, ...]
 PointMarker = Callable[[Point], bool]
-LatticeIndex = tuple[int, ...]  # of a node, in steps of half a division along each axis
+LatticeIndex = tuple[int, ...]  # index of a node, in half divisions along each axis
 
 # Corners of each edge and of each face, in CalculiX's order; mid-side nodes follow the corners
 _EDGES = {
@@ -46,17 +46,17 @@ _UNIT_CELLS: dict[str, list[list[LatticeIndex]]] = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Structured mesh of a rectangle or box: two triangles a square, six tetrahedra a cube.
+    """Structured mesh of a rectangle or box: two triangles per square, six tetrahedra per cube.
 
-    Nodes and elements count from 1 and along x first.
+    Nodes and elements are numbered from 1, along x first.
 
     Args:
         cell: "T6", "Q8" or "T10".
         lower: Lowest coordinates.
         upper: Highest coordinates.
         divisions: Numbers of squares or cubes along each axis.
-        bulge: Relative increase of the width in the middle of the length (along x). The sides are
-            curved then: mid-side nodes move too.
+        bulge: Relative increase of the width in the middle of the length (along x). Sides are then
+            curved, as mid-side nodes are moved, too.
     """
 
     cell: str
@@ -67,7 +67,7 @@ class Grid:
 
     @cached_property
     def straight_nodes(self) -> list[Point]:
-        """Coordinates of the nodes without bulge; node k is entry k - 1."""
+        """Coordinates of the nodes without the bulge; node k is entry k - 1."""
         axes = list(zip(self.lower, self.upper, self.divisions, strict=True))
         return [
             tuple(a + (b - a) * i / (2 * n) for i, (a, b, n) in zip(index, axes, strict=True))
@@ -85,7 +85,7 @@ class Grid:
         return [[self._node_numbers[index] for index in cell] for cell in self._element_indices]
 
     def bulged_point(self, point: Point) -> Point:
-        """Return where the bulge moves a point of the box."""
+        """Return the position to which the bulge moves a point of the box."""
         start, length = self.lower[0], self.upper[0] - self.lower[0]
         s = (point[0] - start) / length
         widening = 1 + 4 * self.bulge * s * (1 - s)
@@ -94,11 +94,11 @@ class Grid:
         return (point[0], *across)
 
     def find_nodes(self, is_marked: PointMarker) -> list[int]:
-        """Return the nodes at which, without bulge, a marker is true."""
+        """Return the nodes whose positions without the bulge are marked."""
         return [k for k, point in enumerate(self.straight_nodes, start=1) if is_marked(point)]
 
     def find_faces(self, is_marked: PointMarker) -> list[tuple[int, int]]:
-        """Return elements, and numbers of their faces at whose corners a marker is true."""
+        """Return the element and face number of each face whose corners are all marked."""
         is_marked_node = [is_marked(point) for point in self.straight_nodes]
         return [
             (k, number)

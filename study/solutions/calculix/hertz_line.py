@@ -19,17 +19,17 @@ from study.solutions.calculix.output import Array, read_node_values
 from study.solutions.half_space import ElasticHalfSpace, HertzLine
 
 PENALTIES = 1, 10, 100
-"""Pressure over penetration, times h/E."""
+"""Penalties (pressure over penetration) times h/E."""
 RADIUS, MIN_FINE_WIDTH, BODY_SIZE, SIZE_RATIO = 1e5, 1.3, 5.0, 1.3
 
 
 @dataclass(frozen=True)
 class HertzLineProblem:
-    """Line contact of one half of a symmetric half plane, CPE6 elements.
+    """Line contact of a half plane, one half of which is modelled with CPE6 elements.
 
     Args:
         edges: Number of edges within the half width of the contact.
-        offset: Position of the end of contact in the next edge, from 0 to 1.
+        offset: Position of the end of contact within the next edge, from 0 to 1.
         penalty: Pressure over penetration, times h/E.
     """
 
@@ -142,7 +142,7 @@ class HertzLineProblem:
         )
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return positions of the slave nodes, and the pressures there over Hertz' peak."""
+        """Return positions of the slave nodes, and pressures there over Hertz' peak pressure."""
         contact = read_node_values(output)["CONTACT"]
         pressure = (
             np.array([contact[k][3] for k in self.slave_nodes]) / self.exact_solution.peak_pressure

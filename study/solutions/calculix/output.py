@@ -9,11 +9,11 @@ Array = npt.NDArray[np.float64]
 
 
 class CalculixError(Exception):
-    """CalculiX is missing, fails, or prints something else than expected."""
+    """Raised if CalculiX is missing, fails, or prints unexpected output."""
 
 
 def read_tables(output: str, heading: str) -> list[Array]:
-    """Return the numbers below each heading that begins with this text, arrays (rows, columns)."""
+    """Return the tables (rows, columns) below all headings that begin with a text."""
     tables: list[list[list[float]]] = []
     is_in_table = False
     for line in output.splitlines():
@@ -28,7 +28,7 @@ def read_tables(output: str, heading: str) -> list[Array]:
 
 
 def read_node_values(output: str) -> dict[str, dict[int, list[float]]]:
-    """Return the values at nodes, by names of blocks, of a file of results (.frd)."""
+    """Return the nodal values in a results file (.frd), by name of block and node number."""
     blocks: dict[str, dict[int, list[float]]] = {}
     block: dict[int, list[float]] | None = None
     for line in output.splitlines():

@@ -14,7 +14,7 @@ from study.solutions.calculix.grids import Grid, PointMarker
 from study.solutions.calculix.output import Array, read_tables
 
 N_SECTORS = 180
-"""Number of sectors of an axisymmetric body, of which CalculiX computes one: two degrees."""
+"""Number of sectors of an axisymmetric body; CalculiX models one of them, of two degrees."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Specimen:
     def pressure_lines(
         self, is_marked: PointMarker, pressure: float, parameters: str = ""
     ) -> list[str]:
-        """Return the lines of a pressure on the faces at whose corners a marker is true."""
+        """Return the lines of a pressure on the faces whose corners are all marked."""
         faces = self.grid.find_faces(is_marked)
         return [
             f"*DLOAD{parameters}",
@@ -122,15 +122,16 @@ class CompressedBody(Specimen):
         displacement, reaction = motions[:, 1:end], forces[:, 1:end]
         if self.is_axisymmetric:
             displacement[:, 0] /= self._radial_output_factors()
-            reaction = N_SECTORS * reaction[:, 1:]  # radial ones support the sector's sides, too
+            reaction = N_SECTORS * reaction[:, 1:]  # radial ones support the sides, too
         return {"displacement": displacement.ravel(), "reaction": reaction.ravel()}
 
     def _radial_output_factors(self) -> Array:
-        """Return the radial displacements that CalculiX prints over the true ones, at the nodes.
+        """Return the ratios (n,) of the radial displacements that CalculiX prints to the true ones.
 
-        CalculiX prints means of the x components at spatial nodes: at mid-side nodes of two nodes,
-        one degree beside the plane (apart from the curvature of the side's displacement); at
-        corners of these and of the node between, which has four times their weight.
+        CalculiX expands a plane node to spatial nodes and prints a mean of their x components. For
+        a mid-side node these are two nodes, one degree on either side of the plane (the curvature
+        of the displacement along the side is neglected). For a corner they are two such nodes and
+        the one between them, which has four times their weight.
         """
         cosine = np.cos(np.pi / N_SECTORS)
         factors = np.full(len(self.grid.nodes), cosine)
@@ -140,7 +141,7 @@ class CompressedBody(Specimen):
 
 @dataclass(frozen=True)
 class VibratingBody(Specimen):
-    """Body fixed at the bottom: squares of the lowest angular frequencies."""
+    """Body fixed at the bottom, for the squares of the lowest angular frequencies."""
 
     count = 6
 
@@ -163,10 +164,10 @@ class VibratingBody(Specimen):
 
 @dataclass(frozen=True)
 class BucklingColumn(Specimen):
-    """Plane column, fixed at the bottom and pressed on the top: buckling pressures.
+    """Plane column, fixed at the bottom and pressed on the top, for the buckling pressures.
 
     Args:
-        thickness: Thickness of the column; exact pressures do not depend on it.
+        thickness: Thickness of the column; the exact buckling pressures do not depend on it.
     """
 
     thickness: float = 1.0
@@ -194,15 +195,15 @@ class BucklingColumn(Specimen):
 
 @dataclass(frozen=True)
 class BodyOnPlane(Specimen):
-    """Body on a rigid plane, pressed on a part of the top near x = 0, symmetric about y = 0.
+    """Body on a rigid plane, pressed on the part of its top near x = 0; symmetric about y = 0.
 
-    There is a separate fixed brick below each contact node, as in `Block`.
+    Each contact node has its own fixed brick below it, as in `Block`.
 
     Args:
-        friction: Coulomb's coefficient; without friction x = 0 is supported.
-        pull: Traction on the side at the end of x over the pressure.
-        penalty: Pressure over penetration on a brick of area four.
-        stick_slope: Friction over slip of a sticking node, on a brick of area four.
+        friction: Coulomb's coefficient; without friction the side x = 0 is supported.
+        pull: Traction on the side of largest x, divided by the pressure.
+        penalty: Pressure over penetration, on a brick of area four.
+        stick_slope: Friction traction over slip of a sticking node, on a brick of area four.
     """
 
     friction: float = 0.0
@@ -241,7 +242,7 @@ class BodyOnPlane(Specimen):
         )
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return the forces on the bricks, of the whole body, after the last increment."""
+        """Return the forces of the whole body on the bricks after the last increment."""
         force = read_tables(output, "forces")[-1][:, 1:]
         brick_force = force.reshape(-1, 8, 3).sum(axis=1) * (
             N_SECTORS if self.is_axisymmetric else 1
@@ -267,7 +268,7 @@ class BodyOnPlane(Specimen):
         return pairs + contact_law_lines(self.penalty, self.friction, self.stick_slope)
 
     def _load_lines(self) -> list[str]:
-        """Return pressure, then pull, in one step: a new one would relax the penetration."""
+        """Return the lines of pressure and pull, in one step, as a new one relaxes penetration."""
         if not self.pull:
             return ["*STEP\n*STATIC\n1.,1.", *self.pressure_lines(self.is_pressed, self.pressure)]
         end = self.is_on_plane(0, self.grid.upper[0])
@@ -282,7 +283,7 @@ class BodyOnPlane(Specimen):
 
 @dataclass(frozen=True)
 class RoughBlock(Specimen):
-    """Free block on one rigid face, with surface-to-surface contact: pressed and pushed at once.
+    """Free block on one rigid face, pressed and pushed at once, with surface-to-surface contact.
 
     Args:
         friction: Coulomb's coefficient.
@@ -294,7 +295,7 @@ class RoughBlock(Specimen):
     penalty: float = 1e6
     stick_slope: float = 1e5
 
-    # Small, because CalculiX takes displacements into account
+    # Small, because CalculiX takes changes of geometry into account
     pressure, push = 0.1, (0.02, 0.01)
 
     def deck(self) -> str:
@@ -326,7 +327,7 @@ class RoughBlock(Specimen):
         return {"displacement": displacement.ravel(), "force": force.sum(axis=0)}
 
     def traction_lines(self, is_marked: PointMarker, traction: tuple[float, float]) -> list[str]:
-        """Return the lines of a traction along x and y: its forces are on mid-side nodes alone."""
+        """Return the lines of a traction along x and y, whose forces act on mid-side nodes only."""
         force: dict[int, float] = {}
         nodes = [np.array(point) for point in self.grid.nodes]
         for k, number in self.grid.find_faces(is_marked):
@@ -347,7 +348,7 @@ class RoughBlock(Specimen):
 def rigid_brick_lines(
     body: Specimen, points: list[tuple[float, ...]], half_width: float
 ) -> list[str]:
-    """Return the lines of bricks of height one, with these points in the middle of their tops.
+    """Return the lines of bricks of height one whose upper faces are centred at the given points.
 
     Nodes and elements are numbered after those of the body.
     """
@@ -376,12 +377,12 @@ def contact_law_lines(penalty: float, friction: float, stick_slope: float) -> li
 
 
 def join_node_numbers(nodes: list[int]) -> str:
-    """Return node numbers in lines of sixteen, which is as many as CalculiX reads."""
+    """Return node numbers in lines of sixteen, the largest number that CalculiX reads."""
     return "\n".join(join_numbers(nodes[k : k + 16]) for k in range(0, len(nodes), 16))
 
 
 def join_rounded(values: Iterable[float]) -> str:
-    """Return a part of a line: numbers with twelve digits, which CalculiX can read."""
+    """Return numbers as part of a line, with twelve digits, which CalculiX can read."""
     return ",".join(f"{value:.12g}" for value in values)
 
 
@@ -394,7 +395,7 @@ _BLOCK = Grid("T10", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (4, 2, 2))
 
 
 def _with_quadrilaterals(grid: Grid) -> Grid:
-    """Return the same rectangle with 8-node quadrilaterals."""
+    """Return the grid of the same rectangle with 8-node quadrilaterals."""
     return Grid("Q8", grid.lower, grid.upper, grid.divisions)
 
 

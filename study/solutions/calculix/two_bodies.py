@@ -1,9 +1,9 @@
 """CalculiX decks of two elastic bodies on the meshes of section V11.
 
-Needs no DOLFINx. Contact is either "SURFACE TO SURFACE", a penalty at points of the slave's faces,
-or "MORTAR", with dual multipliers. With the latter, slave nodes must not be supported, or the
-matrix is singular: no plane of symmetry may cut the contact. Keywords: G. Dhondt, "CalculiX
-CrunchiX User's Manual", version 2.20.
+Needs no DOLFINx. Contact is either "SURFACE TO SURFACE", with a penalty at points of the slave's
+faces, or "MORTAR", with dual multipliers. With the latter, slave nodes must not be supported, as
+the matrix would be singular: no plane of symmetry may cut the contact. Keywords: G. Dhondt,
+"CalculiX CrunchiX User's Manual", version 2.20.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ Support = tuple[int, int, float]  # node, axis, displacement
 
 @dataclass(frozen=True)
 class TwoBodies(ABC):
-    """Lower body, whose upper side is the slave, and an upper body.
+    """A lower body, whose upper side is the slave, and an upper body.
 
     Args:
         contact: Contact formulation, by its name in CalculiX.
@@ -39,7 +39,7 @@ class TwoBodies(ABC):
     contact: str
     penalty: float = 1e6
 
-    output_suffix = ".frd"  # of the file that numbers are read from
+    output_suffix = ".frd"  # of the file from which numbers are read
     ratio = 0.3  # Poisson's ratio
     moduli = (1.0, 1.0)
 
@@ -50,7 +50,7 @@ class TwoBodies(ABC):
 
     @abstractmethod
     def place_nodes(self, x: Array, upper: bool) -> Array:
-        """Return where nodes (n, 3) of a mesh in `grids` are."""
+        """Return the positions (n, 3) of the nodes (n, 3) of a mesh in `grids`."""
 
     @abstractmethod
     def supports(self) -> Iterator[Support]:
@@ -108,7 +108,7 @@ class TwoBodies(ABC):
 
     @cached_property
     def nodes_around_contact(self) -> Indices:
-        """Nodes of all elements with a node in contact: contact forces depend on them."""
+        """Nodes of all elements with a node in contact, which determine the contact forces."""
         faces = np.concatenate([self.slave_nodes, self.master_nodes])
         return np.unique(self.elements[np.isin(self.elements, faces).any(axis=1)])
 
@@ -167,12 +167,12 @@ class TwoBodies(ABC):
 
 @dataclass(frozen=True)
 class StackedBlocks(TwoBodies):
-    """Patch test: a block on another, pressed from above and held by contact alone.
+    """Patch test: a block on another one, pressed from above and held by contact alone.
 
-    Supports that hold the blocks sideways are far from the contact, and have no reactions.
+    Lateral supports of the blocks are far from the contact and have no reactions.
     """
 
-    pressure = 1e-6  # small, because CalculiX takes displacements into account
+    pressure = 1e-6  # small, because CalculiX takes changes of geometry into account
     grids = (
         Grid("T10", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (3, 4, 3)),
         Grid("T10", (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (2, 3, 2)),
@@ -205,7 +205,7 @@ class TouchingSpheres(TwoBodies):
 
     Args:
         edges: Number of edges of the slave along the radius of the contact.
-        size_ratio: Number of edges of the master over that of the slave.
+        size_ratio: Number of the master's edges over that of the slave's edges.
     """
 
     edges: int = 3
@@ -233,7 +233,7 @@ class TouchingSpheres(TwoBodies):
         return first, second
 
     def place_nodes(self, x: Array, upper: bool) -> Array:
-        """Return the nodes on the mesh lines; the lower side of the upper body is curved."""
+        """Return the nodes' positions on mesh lines; the upper body's lower side is curved."""
         across, along = self._mesh_lines(upper)
         lines = (across, across, along)
         y = [np.interp(x[:, i], np.arange(len(line)), line) for i, line in enumerate(lines)]
@@ -263,13 +263,13 @@ class TouchingSpheres(TwoBodies):
                 yield k + 1, axis, 0.0
 
     def _mesh_lines(self, upper: bool | int) -> tuple[Array, Array]:
-        """Return mesh lines across the axis, and along it."""
+        """Return the mesh lines across the axis and along it."""
         lines = graded_body_lines(self.edges * self.size_ratio if upper else self.edges)
         return lines.horizontal, -lines.vertical[::-1] if upper else lines.vertical
 
 
 def _round_to_9_digits(value: float) -> float:
-    """Return a number without the digits that another processor or NumPy would round otherwise."""
+    """Round a number to nine digits, which do not depend on the processor or version of NumPy."""
     return float(f"{value:.9g}")
 
 
@@ -279,5 +279,8 @@ PAIRS: dict[str, StackedBlocks | TouchingSpheres] = {
     "two-spheres-surface": TouchingSpheres(SURFACE_TO_SURFACE, 1e2),
     "two-spheres-surface-stiff": TouchingSpheres(SURFACE_TO_SURFACE, 1e3),
 }
-"""Problems by their names. A penalty on faces of quadratic elements constrains more points than the
-faces have nodes: the stiffer it is, the worse are the pressures between spheres."""
+"""Problems by their names.
+
+A penalty on faces of quadratic elements acts at more points than the faces have nodes: the stiffer
+it is, the worse are the pressures between spheres.
+"""

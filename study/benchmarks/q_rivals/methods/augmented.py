@@ -5,11 +5,11 @@ from dolfinx import fem
 
 from study.solutions.hertz_problem import E, Problem, Solution, solve_newton
 
-SWEEP = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)  # values of the augmentation times h / E
+SWEEP = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)  # values of the augmentation parameter times h / E
 
 
 def solve(problem: Problem, parameter: float, degree: int = 1) -> Solution:
-    """Solve by a semismooth Newton method, with multipliers of a degree."""
+    """Solve by a semismooth Newton method, with multipliers of the given degree."""
     W = problem.make_space(multiplier_degree=degree)
     w, (v, m), y = fem.Function(W), ufl.TestFunctions(W), problem.normal_axis
     u, pressure = ufl.split(w)

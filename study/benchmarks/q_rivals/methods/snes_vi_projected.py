@@ -10,7 +10,7 @@ from study.solutions.hertz_problem import Problem, Solution, make_function, solv
 
 
 def solve(problem: Problem) -> Solution:
-    """Solve for the linear pressure that does the work of the forces on linear functions."""
+    """Solve for the linear pressure with the same work as the forces on all linear functions."""
     u, count = solve_displacements(problem)
     Q1, Q2 = (fem.functionspace(problem.mesh, ("Lagrange", degree)) for degree in (1, 2))
     forces = make_function(Q2, problem.nodal_forces(u, u.function_space)[:, problem.normal_axis])

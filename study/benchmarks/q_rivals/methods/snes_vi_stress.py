@@ -6,11 +6,11 @@ from dolfinx import fem
 from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
 from study.solutions.hertz_problem import Problem, Solution, make_function, solve_lu
 
-SWEEP = (0.0, 1.0, 2.0)  # 0: discontinuous stresses; 1, 2: degree of the projected ones
+SWEEP = (0.0, 1.0, 2.0)  # 0: discontinuous stresses; 1, 2: degree of projected stresses
 
 
 def solve(problem: Problem, parameter: float) -> Solution:
-    """Solve; use stresses as they are (parameter 0) or projected to continuous functions."""
+    """Solve; use discontinuous stresses (parameter 0), or their projection to this degree."""
     u, count = solve_displacements(problem)
     stress = problem.stress(u)[problem.normal_axis, problem.normal_axis]
     if parameter == 0:

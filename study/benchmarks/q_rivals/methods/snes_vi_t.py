@@ -1,4 +1,4 @@
-"""The standard element by SNES, with forces times T over the new element's weights."""
+"""The standard element by SNES, with forces multiplied by T and divided by the new weights."""
 
 from pw_elements import force_transfer, test_space
 from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
@@ -6,7 +6,7 @@ from study.solutions.hertz_problem import Problem, Solution, make_function
 
 
 def solve(problem: Problem) -> Solution:
-    """Solve; mid-side nodes keep 3/4 of their force and give 1/8 to either end of the side."""
+    """Solve; mid-side nodes keep 3/4 of their force and pass 1/8 to each end of the side."""
     u, count = solve_displacements(problem)
     V = u.function_space
     forces = make_function(V, problem.nodal_forces(u, V).ravel())
