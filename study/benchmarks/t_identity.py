@@ -50,6 +50,7 @@ Array = npt.NDArray[np.float64]
 
 SECTION = "T"
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
+VERIFICATION = ""  # told in the text of the report
 FACTS = {
     "geometry": "a unit square; a unit cube",
     "mesh": "6 × 6 squares cut into triangles, distorted, with straight or curved sides; "

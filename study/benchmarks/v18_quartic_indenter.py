@@ -210,6 +210,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| quartic indenter, inner 80 % | exact | pressure, rms | {{ pct(s("V18/line-pw-T6", "error_pressure_own_inner")) }} | {{ pct(s("V18/line-galerkin-T6", "error_pressure_own_inner")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -263,6 +263,10 @@ FIGURES = [
     )
 ]
 
+VERIFICATION = r"""
+| patch test, distorted mesh | exact | pressure, largest | {{ num(s("V1/pw-T6-distorted", "error_pressure_own"), 1) }} | {{ num(s("V1/galerkin-T6-distorted", "error_pressure_own"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -299,6 +299,11 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| Hertz: cylinder, inner 80 % | exact | pressure, rms | {{ pct(s("V2/line-pw-T6", "error_pressure_own_inner")) }} | {{ pct(s("V2/line-galerkin-T6", "error_pressure_own_inner")) }} |
+| Hertz: sphere (axisymmetric), inner 80 % | exact | pressure, rms | {{ pct(s("V2/sphere-pw-T6", "error_pressure_own_inner")) }} | {{ pct(s("V2/sphere-galerkin-T6", "error_pressure_own_inner")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -310,6 +310,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| smooth flat punch, graded mesh, inner 80 % | exact {{ cite("sadowsky") }} | pressure, rms | {{ pct(s("V3/smooth-pw-T6-graded", "error_pressure_own_inner")) }} | {{ pct(s("V3/smooth-galerkin-T6-graded", "error_pressure_own_inner")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -422,6 +422,10 @@ def largest_distance_from_stick_border(results: Results) -> float:
     return max(distances)
 
 
+VERIFICATION = r"""
+| flat punch with friction | our own boundary elements, ± 0.003 | stick radius, difference | {{ num(measure("scalar_difference", key="V4/pw-T6-nu0.25-20.0deg-64", name="stick", other="stick_known") | abs, 1) }} | {{ num(measure("scalar_difference", key="V4/galerkin-T6-nu0.25-20.0deg-64", name="stick", other="stick_known") | abs, 1) }} |
+"""
+
 CHECKS = [
     check(
         "V4-nu030-167",

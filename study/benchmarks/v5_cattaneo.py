@@ -469,6 +469,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| equal cylinders, partial slip | exact | shear, rms | {{ pct(s("V5/pw-T6-40", "error_shear_apart")) }} | {{ pct(s("V5/galerkin-T6-40", "error_shear_apart")) }} |
+"""
+
 # Findings
 
 CHECKS = [

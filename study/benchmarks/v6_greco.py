@@ -283,6 +283,10 @@ FIGURES = [
     )
 ]
 
+VERIFICATION = r"""
+| GRECO plate | published, uncertainty “average” | displacements, largest deviation | {{ num(measure("greco_deviation", cases="pw-T6-64", reference="published"), 2) }} % | {{ num(measure("greco_deviation", cases="galerkin-T6-64", reference="published"), 2) }} % |
+"""
+
 # Findings
 
 CHECKS = [

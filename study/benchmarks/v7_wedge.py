@@ -335,6 +335,10 @@ FIGURES = [
     )
 ]
 
+VERIFICATION = r"""
+| wedge on an incline | statics | force ratio | {{ num(measure("relative_difference", section="V7", cases="pw-T6-mu.*", name="ratio", other="ratio_known"), 1) }} | {{ num(measure("relative_difference", section="V7", cases="galerkin-T6-mu.*", name="ratio", other="ratio_known"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

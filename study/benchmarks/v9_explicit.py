@@ -305,6 +305,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| free vibration, lumped mass | no growth | growth per step | {{ pct(s("V9/pw-lumped", "growth_per_step")) }} | {{ num(s("V9/galerkin-lumped", "growth_per_step"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -442,6 +442,10 @@ It moves a quarter of a force at a mid-side node to the neighbouring corners, so
 {{ figure("s7_6_buckling_shapes") }}
 """
 
+VERIFICATION = r"""
+| strip under uniform load | exact, forms G and J | critical stresses, form G, larger | {{ num(measure("finest_error", case="pw-T6"), 1) }} % | {{ num(measure("finest_error", case="galerkin-T6"), 1) }} % |
+"""
+
 # Findings
 
 CHECKS = [

@@ -391,11 +391,27 @@ def test_no_statement_of_the_paper_is_without_a_grade(study_report, tmp_path):
     statement_rows = [row for row in results.claims() if row["kind"] in ("paper", "implied")]
     assert len(statement_rows) > 80
     for row in statement_rows:
-        article = claims_page.partition(f'<article id="{row["id"]}"')[2].partition("</article>")[0]
+        article = claims_page.partition(f'<article id="{row["id"]}"')[2]
+        article = article.partition("</article>")[0]
         assert f'<span class="grade">{row["grade"]}' in article, row["id"]
     for grade in ("reproduced", "not explained", "contradicted"):
         count = sum(row["grade"] == grade for row in statement_rows)
-        assert re.search(rf">{grade}</t.>(\s*<td[^>]*>\d+</td>)*?\s*<td[^>]*>{count}</td>\s*</tr>", html)
+        assert re.search(
+            rf">{grade}</t.>(\s*<td[^>]*>\d+</td>)*?\s*<td[^>]*>{count}</td>\s*</tr>", html
+        )
+
+
+def test_each_benchmark_has_a_row_in_the_table_of_verification(study_report):
+    """Benchmarks whose `VERIFICATION` is empty are told in the text instead."""
+    table = study_report[1].partition('<table id="verification"')[2].partition("</table>")[0]
+    sections_with_rows = set(re.findall(r"<tr>\s*<td>(\w[\w.]*)</td>", table))
+    benchmarks = {
+        section: texts.read_constants(texts.find_page_source(section)).get("VERIFICATION")
+        for section in texts.SECTIONS
+        if "benchmarks" in texts.find_page_source(section).parts
+    }
+    assert len(benchmarks) > 20
+    assert {name for name, rows in benchmarks.items() if rows != ""} <= sections_with_rows
 
 
 def test_examples_follow_one_template(study_report):

@@ -477,6 +477,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| beam, half model, uniform load | CalculiX, seven digits | critical stresses | {{ num(measure("peer_critical_stress_difference", element="pw-T6"), 1) }} | {{ num(measure("peer_critical_stress_difference", element="galerkin-T6"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

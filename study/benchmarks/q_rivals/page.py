@@ -58,6 +58,7 @@ Array = npt.NDArray[Any]
 
 SECTION = "Q"
 TITLE = "What a user would pick instead"
+VERIFICATION = ""  # told in the text of the report
 FACTS = {
     "geometry": "a rigid parabola on an elastic half plane; a paraboloid on a half space",
     "mesh": "4, 8 and 16 edges of T6 over the half width, 3 and 5 of T10; the contact's edge at "

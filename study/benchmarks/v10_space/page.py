@@ -561,6 +561,11 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| sphere on a half space, T10 | exact (Hertz) | pressure at common nodes, median | {{ pct(s("V10/sphere-pw-T10-5", "pressure_error_common_median")) }} | {{ pct(s("V10/sphere-galerkin-T10-5", "pressure_error_common_median")) }} |
+| spheres in partial slip, T10, common nodes | exact for $\nu = 0$ (Mindlin) | shear, rms | {{ pct(s("V10/mindlin-pw-T10-4", "shear_error_common_rms")) }} | {{ pct(s("V10/mindlin-galerkin-T10-4", "shear_error_common_rms")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -397,6 +397,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| two cylinders, non-matching meshes | exact (Hertz) | pressure, L2 | {{ pct(s("V11/hertz-2d-pw-dual-16", "pressure_l2")) }} | {{ pct(s("V11/hertz-2d-p2-dual-16", "pressure_l2")) }} (duals) |
+"""
+
 # Findings
 
 CHECKS = [

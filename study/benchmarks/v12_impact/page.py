@@ -499,6 +499,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| impact of a bar of tetrahedra, common nodes | exact wave | mean pressure, largest | {{ pct(s("V12/bar-3d-sibling-7", "pressure_error_common_max")) }} (sibling) | {{ pct(s("V12/bar-3d-hrz-7", "pressure_error_common_max")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -459,6 +459,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| flux into a square | exact | flux, largest | {{ pct(s("V13/square-pw-32", "flux_error_max")) }} | {{ pct(s("V13/square-own-32", "flux_error_max")) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -472,6 +472,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| rubber block, rotated by 0.7 rad | objectivity | change of the forces | {{ num(s("V14/punch-pw-T6-16", "objectivity"), 1) }} | {{ num(s("V14/punch-galerkin-T6-16", "objectivity"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

@@ -398,6 +398,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| Hertz: cylinder, $\nu = 0.4999$, hybrid, inner 80 % | exact | pressure, rms | {{ pct(s("V15/hertz-pw-hybrid-T6-32", "pressure_rms")) }} | {{ pct(s("V15/hertz-galerkin-hybrid-T6-32", "pressure_rms")) }} |
+"""
+
 # Findings
 
 CHECKS = [

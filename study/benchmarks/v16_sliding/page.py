@@ -470,6 +470,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| shaft turned in a rubber bush | ordinary differential equation | torque | {{ pct(s("V16/bush-pw-T6", "torque_error")) }} | |
+"""
+
 # Findings
 
 CHECKS = [

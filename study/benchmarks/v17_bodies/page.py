@@ -159,6 +159,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| two incompressible tubes, one within the other | exact | pressure, largest | {{ pct(s("V17/fit-pw-hybrid-T6", "pressure_error")) }} (hybrid) | |
+"""
+
 # Findings
 
 CHECKS = [

@@ -601,6 +601,10 @@ FIGURES = [
     ),
 ]
 
+VERIFICATION = r"""
+| round rod, six eigenvalues | exact {{ cite("pochhammer") }} | eigenvalues, largest; order | {{ num(s("V8/rod-pw-T6", "error"), 2) }}; {{ fixed(s("V8/rod-pw-T6", "order"), 1) }} | {{ num(s("V8/rod-galerkin-T6", "error"), 2) }}; {{ fixed(s("V8/rod-galerkin-T6", "order"), 1) }} |
+"""
+
 # Findings
 
 CHECKS = [

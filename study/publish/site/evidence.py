@@ -54,7 +54,7 @@ SUMMARY_TEXTS = {
     "evidence": "What was tested, and with which result",
     "vocabulary": "Verification, validation and comparison",
     "uncertainty": "Uncertainty of the numbers without an exact value",
-    "appendix": "How each section was computed",
+    "computations": "How each section was computed",
     "unknown": "What could not be known, and errata of the paper",
 }
 

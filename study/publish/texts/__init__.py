@@ -34,7 +34,7 @@ from study.model.vocabulary import (
 from study.publish.markdown import render_markdown, render_table_rows
 from study.publish.reproducibility import summarize_reproducibility
 from study.publish.texts import numbers
-from study.publish.texts.appendix import (
+from study.publish.texts.computations import (
     NON_POLYNOMIAL_DEGREE,
     count_computed_and_recorded,
     describe_computation,
@@ -170,6 +170,7 @@ class TextRenderer:
             "cite": self.render_citation,
             "cited": self.list_cited_references,
             "statements": self.render_statements,
+            "verification_rows": self.render_verification_rows,
             "counts": count_claims(self.claims),
             "fact_counts": count_facts(self.claims),
             "graded": self.format_grade_counts,
@@ -291,6 +292,29 @@ class TextRenderer:
         )
         return _remove_blank_lines(table)
 
+    def render_verification_rows(self) -> Markup:
+        """Return the rows of the table of verification, in Markdown.
+
+        The rows of a section are the constant `VERIFICATION` of its page: problem, reference,
+        quantity, its error with the new and with the standard element. Benchmarks without it have
+        a row that names their reference.
+        """
+        rows = []
+        for section in SECTIONS:
+            page_path = find_page_source(section)
+            constants = read_constants(page_path)
+            if not self.results.cases(section):
+                continue
+            if "VERIFICATION" in constants:
+                texts = constants["VERIFICATION"].strip().splitlines()
+            elif "benchmarks" in page_path.parts:
+                facts = short_section_facts(section)
+                texts = [f"| {constants['TITLE']} | {facts['reference']} | see its page | | |"]
+            else:
+                texts = []
+            rows += [f"| {section} {text}" for text in texts]
+        return Markup(self.environment.from_string("\n".join(rows)).render())
+
     def format_grade_counts(self, *sections: str) -> Markup:
         """Return how many statements of some sections have which grade, in words."""
         grades = [row["grade"] for row in self._paper_statements(sections)]
@@ -357,7 +381,7 @@ def section_facts(section: str) -> dict[str, str]:
 
 
 def short_section_facts(section: str) -> dict[str, str]:
-    """Return the same in words for which the report's appendix has room."""
+    """Return the same in words for tables."""
     short_facts: dict[str, str] = read_constants(find_page_source(section)).get("SHORT_FACTS", {})
     return section_facts(section) | short_facts
 

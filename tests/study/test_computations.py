@@ -1,11 +1,11 @@
-"""The report's appendix: what sections were computed with, as results and code say."""
+"""The list of what each section was computed with, as results and code say."""
 
 import sys
 from importlib import import_module
 
 import pytest
 
-from study.publish.texts import appendix
+from study.publish.texts import computations
 from study.run.store import Result, Results, save
 
 
@@ -18,7 +18,7 @@ def summary_after_storing_case(tmp_path):
         provenance = {"record": record} | ({} if dofs is None else {"dofs": dofs})
         result = Result({"y": 1.0}, {"y": "1"}, curves or {})
         save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
-        return appendix.describe_computation(Results(tmp_path), "V1")
+        return computations.describe_computation(Results(tmp_path), "V1")
 
     return store_case_and_summarise
 
@@ -43,7 +43,7 @@ def test_computed_and_recorded_results_are_counted(summary_after_storing_case, t
     summary_after_storing_case({}, dofs=1)
     summary_after_storing_case({}, dofs=1)
     summary_after_storing_case({}, dofs=1, record="study/run/records.json")
-    assert appendix.count_computed_and_recorded(Results(tmp_path)) == (2, 1)
+    assert computations.count_computed_and_recorded(Results(tmp_path)) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_mesh_sizes_come_from_parameters_and_series(
 def test_quadrature_degrees_are_those_that_the_modules_use(section, module):
     degree = import_module(module).DEGREE if module else {}
     expected = {*degree.values()} if isinstance(degree, dict) else {degree}
-    assert appendix._quadrature_degrees(appendix.SECTIONS[section]) == expected
+    assert computations._quadrature_degrees(computations.SECTIONS[section]) == expected
 
 
 def test_rational_degree_is_the_librarys_quadrature_degree():
@@ -84,4 +84,4 @@ def test_rational_degree_is_the_librarys_quadrature_degree():
         for name, module in sys.modules.items()
         if name.startswith("pw_elements") and "_NON_POLYNOMIAL_QUADRATURE_DEGREE" in vars(module)
     ]
-    assert library_degrees == [appendix.NON_POLYNOMIAL_DEGREE]
+    assert library_degrees == [computations.NON_POLYNOMIAL_DEGREE]

@@ -1,4 +1,4 @@
-"""What a section was computed with: unknowns, meshes and quadrature, from results and sources."""
+"""Describe how sections were computed: unknowns, meshes and quadrature."""
 
 import ast
 from typing import Any, NamedTuple
