@@ -7,7 +7,7 @@ ARPACK, unlike those of the page (`study.paper.s7_5_column`), by which they are 
 Units are those of the paper as printed: kN, m, kg; eigenvalues are in 1000/s².
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -107,11 +107,13 @@ class Element:
         mesh: the moving mesh, in its reference position when this is made.
         spaces: of displacements and weights.
         degrees: quadrature degree of each set of forms; None is the library's.
+        node_points: nodes (n, 3) in the reference position.
     """
 
     mesh: MovingMesh
     spaces: Spaces
     degrees: tuple[int | None, ...] = (None,)
+    node_points: Array = field(init=False)
 
     def __post_init__(self) -> None:
         material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
@@ -120,8 +122,8 @@ class Element:
             body = Body(self.spaces, material, StressState.AXISYMMETRIC, quadrature_degree=degree)
             self._stiffness[degree] = fem.form(body.stiffness())
             self._mass[degree] = fem.form(body.mass())
-        x = self.spaces.trial.tabulate_dof_coordinates().T
-        self.n_nodes = x.shape[1]
+        self.node_points = self.spaces.trial.tabulate_dof_coordinates().copy()
+        x = self.node_points.T
         self._on_axis = np.isclose(x[0], 0.0)
         self._on_surface = [face.contains(x) for face in self.mesh.topology.reference.faces]
 
@@ -135,7 +137,7 @@ class Element:
 
     def free_dofs(self, supports: Supports, axis_open: bool = False) -> Indices:
         """Return the degrees of freedom that supports leave, component by component of nodes."""
-        fixed = np.zeros((self.n_nodes, 2), dtype=bool)
+        fixed = np.zeros((len(self.node_points), 2), dtype=bool)
         fixed[self._on_axis, 0] = True
         for surface in supports.surfaces:
             closed = self._on_surface[surface - 1]
@@ -169,24 +171,33 @@ def standard_eigenvalues(element: Element, shape: Shape, supports: Supports) -> 
     """Return the first eigenvalues (6,) of a standard element."""
     element.mesh.move(shape)
     free = element.free_dofs(supports, supports.axis_open)
-    return lowest_eigenvalues(element.stiffness(), element.mass(), free)
+    return Stiffness(element.stiffness(), free).lowest_eigenvalues(element.mass())
 
 
-def lowest_eigenvalues(K: csr_matrix, M: csr_matrix, free: Indices) -> Array:
-    """Return the smallest eigenvalues (6,) of (K - lambda M) d = 0 on free unknowns.
+class Stiffness:
+    """Stiffness (n, n) on free unknowns, factorised once for all masses."""
 
-    They are NaN if one of them is complex or not positive.
-    """
-    K_free, M_free = (matrix.tocsr()[free][:, free] for matrix in (K, M))
-    lu = splu(csc_matrix(K_free), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01)
-    inverse = LinearOperator(K_free.shape, lambda d: lu.solve(M_free @ d), dtype=float)
-    start = np.random.default_rng(0).standard_normal(len(free))
-    options = {"v0": start, "tol": EIGENVALUE_TOLERANCE, "return_eigenvectors": False}
-    values = 1 / eigs(inverse, k=MODES, ncv=24, which="LM", **options)
-    is_complex = np.abs(values.imag) > MAX_IMAGINARY_RATIO * np.abs(values.real)
-    if is_complex.any() or values.real.min() <= 0:
-        return np.full(MODES, np.nan)
-    return np.asarray(np.sort(values.real))
+    def __init__(self, K: csr_matrix, free: Indices) -> None:
+        self._free = free
+        K_free = csc_matrix(K.tocsr()[free][:, free])
+        self._factors = splu(K_free, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01)
+
+    def lowest_eigenvalues(self, M: csr_matrix) -> Array:
+        """Return the smallest eigenvalues (6,) of (K - lambda M) d = 0 with a mass (n, n).
+
+        They are NaN if one of them is complex or not positive.
+        """
+        M_free = M.tocsr()[self._free][:, self._free]
+        inverse = LinearOperator(
+            M_free.shape, lambda d: self._factors.solve(M_free @ d), dtype=float
+        )
+        start = np.random.default_rng(0).standard_normal(len(self._free))
+        options = {"v0": start, "tol": EIGENVALUE_TOLERANCE, "return_eigenvectors": False}
+        values = 1 / eigs(inverse, k=MODES, ncv=24, which="LM", **options)
+        is_complex = np.abs(values.imag) > MAX_IMAGINARY_RATIO * np.abs(values.real)
+        if is_complex.any() or values.real.min() <= 0:
+            return np.full(MODES, np.nan)
+        return np.asarray(np.sort(values.real))
 
 
 def _profile(lengths: Array, topology: Topology) -> Profile:

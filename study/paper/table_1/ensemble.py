@@ -48,7 +48,7 @@ from study.paper.table_1.columns import (
 from study.run.files import replace_file_atomically
 from study.run.provenance import package_versions
 
-RECORD = Path(__file__).with_name("columns.json")
+COLUMNS_RECORD = Path(__file__).with_name("columns.json")
 
 SUPPORTS = tuple(
     Supports(surfaces, tangential)
@@ -255,7 +255,7 @@ def main() -> None:
     parts = [f'"{name}": {json.dumps(value, ensure_ascii=False)}' for name, value in head.items()]
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
     text = "{\n" + ",\n".join(parts) + ',\n"rows": [\n' + lines + "\n]}\n"
-    replace_file_atomically(RECORD, text.encode())
+    replace_file_atomically(COLUMNS_RECORD, text.encode())
 
 
 if __name__ == "__main__":
