@@ -60,9 +60,9 @@ SUPPORTS = tuple(
 
 ACCEPTED_DEVIATION, SCOUTED_DEVIATION = 0.02, 0.5
 """Largest deviation from a printed eigenvalue, in per cent."""
-COLUMNS, MAX_DRAWS, MAX_DRAWS_WITHOUT_SUCCESS = 12, 24, 8
+COLUMNS, MAX_DRAWS, MAX_DRAWS_WITHOUT_SUCCESS = 12, 36, 8
 """Accepted columns for each set of supports, and the draws after which no more are tried."""
-SCOUTS, SCOUT_STEPS, STEPS = 6, 25, 10
+SCOUTS, SCOUT_STEPS, STEPS = 6, 25, 16
 """Starts of the coarse fit, its steps, and those of a column's fit."""
 SCOUT_SCATTER, SCATTER = 0.4, 0.1
 """Standard deviations of the logarithms of the lengths at the starts."""
@@ -77,7 +77,7 @@ DIVISIONS: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...] = (
 """Rings and heights of the page's mesh and of three others, of 759 quadrilaterals each."""
 PATTERNS: tuple[DiagonalPattern, ...] = ("right", "left", "right_left")
 COARSE_TOPOLOGY = Topology((2, 1, 3, 2), (8, 6, 8, 3), "right")
-GRADINGS, FILLETS = (1.0, 16.0), (0.0, 0.5)
+GRADINGS, FILLETS = (1.0, 16.0), (0.0, 0.35)
 """Ranges, of the logarithm and of the value; every third column has sharp corners."""
 
 PRINTED = np.array([TABLE_1["CAX6"], TABLE_1["CAX8"]])
