@@ -60,7 +60,7 @@ SUPPORTS = tuple(
 
 ACCEPTED_DEVIATION, SCOUTED_DEVIATION = 0.02, 0.5
 """Largest deviation from a printed eigenvalue, in per cent."""
-COLUMNS, MAX_DRAWS, MAX_DRAWS_WITHOUT_SUCCESS = 12, 36, 8
+COLUMNS, MAX_DRAWS, MAX_DRAWS_WITHOUT_SUCCESS = 12, 72, 8
 """Accepted columns for each set of supports, and the draws after which no more are tried."""
 SCOUTS, SCOUT_STEPS, STEPS = 6, 25, 16
 """Starts of the coarse fit, its steps, and those of a column's fit."""

@@ -120,11 +120,11 @@ class Shifts(NamedTuple):
 
 
 class UserElements:
-    """Standard and user elements on the meshes of one topology."""
+    """Standard and user elements on the meshes of one topology; `triangle` is the standard one."""
 
     def __init__(self, topology: Topology) -> None:
         triangles = MovingMesh(topology, "triangle")
-        self._standard = Element(triangles, Spaces.galerkin(triangles.mesh))
+        self.triangle = Element(triangles, Spaces.galerkin(triangles.mesh))
         degrees = tuple(QUADRATURE_DEGREE.values())
         self._new = Element(triangles, Spaces.petrov_galerkin(triangles.mesh), degrees)
         self._quadrilateral = standard_quadrilateral(topology)
@@ -135,10 +135,10 @@ class UserElements:
         standard = np.array(
             [
                 standard_eigenvalues(element, shape, supports)
-                for element in (self._standard, self._quadrilateral)
+                for element in (self.triangle, self._quadrilateral)
             ]
         )
-        open_axis = standard_eigenvalues(self._standard, shape, supports._replace(axis_open=True))
+        open_axis = standard_eigenvalues(self.triangle, shape, supports._replace(axis_open=True))
         rows: dict[str, Array] = {}
         for reference, (name, treatments) in zip(standard, TREATMENTS.items(), strict=True):
             values = dict.fromkeys(treatments, np.full(reference.shape, np.nan))
@@ -152,7 +152,7 @@ class UserElements:
         """Return the eigenvalues (6,) of all treatments with so many points, as the mesh lies."""
         degree = QUADRATURE_DEGREE[points]
         K, new_mass = self._new.stiffness(degree), self._new.mass(degree)
-        masses = {"new": new_mass, "standard": self._standard.mass(), "lumped": _row_sums(new_mass)}
+        masses = {"new": new_mass, "standard": self.triangle.mass(), "lumped": _row_sums(new_mass)}
         free = self._new.free_dofs(supports)
         if name == "six":
             return {
