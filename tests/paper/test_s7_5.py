@@ -8,10 +8,29 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.sparse
 
+from study.judge.claims import load_claims
+from study.judge.measures.column import eigenvalue_shift
+from study.model.discretisation import mesh_nodes_and_cells
 from study.paper import s7_5_column, s7_5_profiles
+from study.paper.items import TABLE_1
+from study.paper.table_1.columns import Shape, Supports, Topology
+from study.paper.table_1.ensemble import COARSE_TOPOLOGY, page_lengths
+from study.paper.table_1.family import (
+    RECORD_TOLERANCE,
+    TREATMENTS,
+    UNIT,
+    FamilyRecord,
+    Treatment,
+    UserElements,
+    condensation,
+)
+from study.paper.table_1.inverse import MIN_ODDS, Mechanisms, judge_row, printed_shifts
+from study.run.store import Result
 from tests.oracle.contact import NodesAndSurface, solve_increments
-from tests.oracle.eigen import eigenvalues_nearest_to_shift
+from tests.oracle.eigen import eigenvalues_nearest_to_shift, guyan_reduction
 from tests.oracle.problem import (
     ELEMENT_NAMES_IN_STATICS,
     NORMAL_DOWN,
@@ -105,3 +124,171 @@ def stepped_column_comparison(element):
 @pytest.mark.parametrize("element", ELEMENT_NAMES_IN_STATICS)
 def test_oracle_finds_the_numbers_of_the_study(element):
     assert_agrees_with_own_weights_alone(stepped_column_comparison(element), element)
+
+
+# Table 1 as a blind test
+
+RECORD = FamilyRecord()
+COLUMNS_TO_RECOMPUTE = (0, len(RECORD.rows) - 1)
+FITTED_TOPOLOGY = Topology((5, 1, 7, 4), (26, 17, 21, 5), "right")
+FAMILY_TREATMENTS_BY_CASE = {
+    "pw-T6": ("six", Treatment(0, "new")),
+    "pwsym-T6": ("six", Treatment(0, "new", "yes")),
+    "pw-T6-lumped": ("six", Treatment(0, "lumped")),
+    "pwsym-T6-lumped": ("six", Treatment(0, "lumped", "yes")),
+    "pw-T6-mass": ("six", Treatment(0, "standard")),
+    "pw-T6-onepoint": ("six", Treatment(1, "new")),
+    "pwsym-T6-onepoint": ("six", Treatment(1, "new", "yes")),
+    "pw-Q8": ("eight", Treatment(0, "new", "no", "transposed")),
+    "pw-Q8-same": ("eight", Treatment(0, "new", "no", "same")),
+    "pw-Q8-lumped": ("eight", Treatment(0, "lumped", "no", "transposed")),
+    "pw-Q8-same-lumped": ("eight", Treatment(0, "lumped", "no", "same")),
+    "pw-Q8-mass": ("eight", Treatment(0, "standard", "no", "transposed")),
+    "pwsym-Q8": ("eight", Treatment(0, "new", "yes", "transposed")),
+    "pwsym-Q8-same": ("eight", Treatment(0, "new", "yes", "same")),
+    "pwsym-Q8-lumped": ("eight", Treatment(0, "lumped", "yes", "transposed")),
+}
+
+
+@pytest.fixture(scope="module")
+def page_shifts():
+    """Shifts by the family's program on the page's first column."""
+    shape = Shape(page_lengths("first"))
+    return UserElements(FITTED_TOPOLOGY).compute_shifts(shape, Supports((1,), tangential=False))
+
+
+@pytest.mark.parametrize("case", FAMILY_TREATMENTS_BY_CASE)
+def test_cases_of_the_page_are_treatments_of_the_family(case, page_shifts, results):
+    """Another eigenvalue solver and condensation: the page's, which the oracle checks."""
+    name, treatment = FAMILY_TREATMENTS_BY_CASE[case]
+    over = {"six": "galerkin-T6", "eight": "galerkin-Q8"}[name]
+    page_values = [eigenvalue_shift(results, case, over, mode) for mode in range(1, 7)]
+    values = getattr(page_shifts, name)[TREATMENTS[name].index(treatment)]
+    assert values == pytest.approx(page_values, abs=1e-7)
+
+
+def coarse_oracle_matrices():
+    """Return the oracle's matrices of new and standard triangle on a filleted coarse column."""
+    with patch_library_quadrature_degree("galerkin-T6"):
+        elements = UserElements(COARSE_TOPOLOGY)
+    shape = Shape(page_lengths("second"), grading=3.0, fillet=0.4)
+    shifts = elements.compute_shifts(shape, Supports((1, 4), tangential=True))
+    space = elements.triangle.spaces.trial
+    curves = mesh_nodes_and_cells(space)
+    oracle_matrices = {}
+    for element, linear_weights in (("galerkin-T6", False), ("pw-T6", True)):
+        body = make_oracle_body(
+            Result({}, {}, curves),
+            element,
+            linear_weights,
+            "axisymmetric",
+            2.1e8,
+            0.3,
+            rho=7856.0,
+            n_gauss=oracle_points_per_direction(element),
+        )
+        oracle_matrices[element] = body.stiffness(), body.mass()
+    return shifts, curves["nodes"], oracle_matrices
+
+
+def test_standard_mass_and_supported_top_agree_with_dense_eigenvalues():
+    """The oracle's matrices and LAPACK's eigenvalues, on other supports and with fillets."""
+    shifts, nodes, matrices = coarse_oracle_matrices()
+    height = sum(page_lengths("second")[4:])
+    is_held = np.zeros((len(nodes), 2), dtype=bool)
+    is_held[np.isclose(nodes[:, 0], 0.0), 0] = True
+    is_held[np.isclose(nodes[:, 1], 0.0) | np.isclose(nodes[:, 1], height)] = True
+    free = np.flatnonzero(~is_held.ravel())
+
+    def lowest(K, M):
+        K, M = (matrix.toarray()[np.ix_(free, free)] for matrix in (K, M))
+        return np.sort(scipy.linalg.eigvals(K, M).real)[:6]
+
+    (K, M), (K_new, M_new) = matrices["galerkin-T6"], matrices["pw-T6"]
+    standard = lowest(K, M)
+    assert shifts.standard[0] == pytest.approx(standard, rel=1e-8)
+    for treatment, values in (
+        (Treatment(0, "standard"), lowest(K_new, M)),
+        (Treatment(0, "standard", "yes"), lowest((K_new + K_new.T) / 2, M)),
+        (Treatment(0, "new"), lowest(K_new, M_new)),
+    ):
+        row = shifts.six[TREATMENTS["six"].index(treatment)]
+        assert row == pytest.approx(100 * (values / standard - 1), abs=1e-6)
+
+
+@pytest.mark.parametrize("number", COLUMNS_TO_RECOMPUTE)
+def test_shifts_agree_with_their_record(number):
+    supports, topology, shape = RECORD.list_columns()[number]
+    shifts = UserElements(topology).compute_shifts(shape, supports)
+    for name in TREATMENTS:
+        recorded = RECORD.shifts(name)[number]
+        tolerance = RECORD_TOLERANCE * UNIT
+        np.testing.assert_allclose(getattr(shifts, name), recorded, rtol=0, atol=tolerance)
+    assert shifts.standard == pytest.approx(np.array(RECORD.rows[number]["standard"]), rel=1e-8)
+
+
+def test_fitted_columns_meet_their_acceptance():
+    for row in RECORD.rows:
+        printed = np.array([TABLE_1["CAX6"], TABLE_1["CAX8"]])
+        assert np.abs(100 * (np.array(row["standard"]) / printed - 1)).max() <= 0.02
+    topologies = {topology for _, topology, _ in RECORD.list_columns()}
+    assert all(
+        s7_5_profiles.mesh_column(topology.reference, "quadrilateral")
+        .topology.index_map(2)
+        .size_local
+        == 759
+        for topology in topologies
+    )
+
+
+def test_mirrored_condensation_is_that_of_the_transposed_problem():
+    random = np.random.default_rng(0)
+    K = scipy.sparse.csr_matrix(random.normal(0, 1, (8, 8)) + 8 * np.eye(8))
+    inner = np.array([2, 3])
+    left, right = condensation(K, inner)
+    reduced, _ = guyan_reduction(K, K, np.array([1]))
+    np.testing.assert_allclose((left.T @ K @ right).toarray(), reduced, atol=1e-12)
+    transposed_left, transposed_right = condensation(K.T.tocsr(), inner)
+    np.testing.assert_allclose(left.toarray(), transposed_right.toarray(), atol=1e-12)
+    np.testing.assert_allclose(right.toarray(), transposed_left.toarray(), atol=1e-12)
+
+
+def make_mechanisms(medians, half_width):
+    medians = np.array(medians)
+    place = np.zeros((len(medians), 2), dtype=int)
+    return Mechanisms(medians - half_width, medians + half_width, medians, place)
+
+
+def test_a_mechanism_that_gives_the_print_is_singled_out_and_others_are_not():
+    printed, rounding = printed_shifts("six")
+    others = np.random.default_rng(0).normal(0, 0.05, (200, 6))
+    row = judge_row(make_mechanisms(others, 0.002), printed, rounding)
+    assert row["distance"] > 0
+    row = judge_row(make_mechanisms([*others, printed], 0.002), printed, rounding)
+    assert row["distance"] == 0
+    assert row["odds"] > MIN_ODDS
+    assert row["nearest_misfit"] == 0
+    assert row["within"] == 1
+
+
+def test_chance_is_the_probability_of_a_single_band():
+    printed, rounding = printed_shifts("six")
+    low, high = np.full((1, 6), -np.inf), np.full((1, 6), np.inf)
+    high[0, 0] = 0.0  # half of the rows, whatever their scatter; the print lies within
+    mechanisms = Mechanisms(low, high, np.array([printed]), np.zeros((1, 2), dtype=int))
+    distances = mechanisms.distances(np.array([printed, -printed]), 0 * rounding)
+    assert distances.tolist() == [0.0, pytest.approx(-printed[0])]
+
+
+def test_table_1_is_graded_by_the_criterion(results):
+    """Not explained, unless all lie in a mechanism's bands with odds of 20 to 1 or more."""
+    grades = {loaded_claim.id: loaded_claim for loaded_claim in load_claims()}
+    for row, claim_id in (("six", "75-shift-6-node"), ("eight", "75-shift-8-node")):
+        scalars = [
+            {name: results.scalar("7.5/blind", f"{key}_{name}") for name in ("odds", "distance")}
+            for key in (row, "both")
+        ]
+        explained = any(s["odds"] >= MIN_ODDS and s["distance"] == 0 for s in scalars)
+        assert (grades[claim_id].grade == "not explained") == (not explained)
+        chance = results.scalar("7.5/blind", f"{row}_chance")
+        assert f"in {100 * chance:.0f} % of draws" in grades[claim_id].grade_why

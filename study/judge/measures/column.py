@@ -131,6 +131,22 @@ def largest_deviation_from_printed(results: Results, case: str, element: str) ->
     )
 
 
+def blind_test_scalar(results: Results, row: str, name: str) -> float:
+    """Number of Table 1's blind test.
+
+    Args:
+        results: the stored results.
+        row: "six" or "eight" nodes, or "both" (all twelve shifts).
+        name: as in `study.paper.table_1.inverse.judge_row`.
+    """
+    return results.scalar("7.5/blind", f"{row}_{name}")
+
+
+def largest_shift_odds(results: Results) -> float:
+    """Largest odds against chance of the user elements' rows of shifts and of all twelve shifts."""
+    return max(blind_test_scalar(results, row, "odds") for row in ("six", "eight", "both"))
+
+
 def column_height(results: Results, reading: str) -> float:
     """Height in m at which the column's first eigenvalue is CAX8's, printed number for number.
 
