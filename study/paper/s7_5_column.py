@@ -344,7 +344,6 @@ DEFAULT_TREATMENT: dict[str, object] = {
     "youngs_modulus": YOUNGS_MODULUS,
     "friction": FRICTION,
 }
-"""With contact, matrices are those of `vibration` by its defaults."""
 
 
 def _contact_case(element: str, suffix: str = "", **parameters: object) -> Case:
@@ -379,7 +378,7 @@ CASES += [
     Case("7.5", "blind", inverse.blind_test, {"record": FamilyRecord().digest}, blind_parameters)
 ]
 
-# Halved elements, for the uncertainty of the numbers, see `study.judge.mesh_series`
+# Halved elements, see `study.judge.mesh_series`
 CASES += mark_costly(
     [
         _contact_case(element, f"-refined{refined}", refined=refined)
@@ -595,8 +594,7 @@ FURTHER_FINDINGS = r"""
    {{ fixed(measure("printed_shift", element="CAX6", over="CAX8", mode=6), 3) }} %, three of the six by less than the print's
    rounding. The computed ones differ by
    {{ fixed(measure("highest_eigenvalue_shift", cases="galerkin-T6", over="galerkin-Q8"), 3) }} to
-   {{ fixed(-measure("largest_eigenvalue_shift", cases="galerkin-T6", over="galerkin-Q8"), 3) }} %. This is said and not
-   judged: it hangs on the section's re-entrant corners.
+   {{ fixed(-measure("largest_eigenvalue_shift", cases="galerkin-T6", over="galerkin-Q8"), 3) }} %.
 4. **Re-entrant corners.** Stresses there are singular. Cutting along the other diagonal moves the standard triangle's first
    eigenvalue by {{ fixed(measure("eigenvalue_shift", case="galerkin-T6-left", over="galerkin-T6", mode=1), 3) }} %.
    With the other diagonals the symmetrised triangle is up to
