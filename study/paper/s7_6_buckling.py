@@ -111,7 +111,7 @@ def exact() -> Result:
             f"G_{n}": strip.elasticity(n, "G"),
             f"J_{n}": strip.elasticity(n, "J"),
             f"deflection_{n}": strip.elasticity(n, "deflection"),
-            f"rayleigh_lamb_{n}": strip.rayleigh_lamb(n),
+            f"rayleigh_lamb_{n}": strip.rayleigh_lamb_modulus(n),
         }
     return Result(scalars, dict.fromkeys(scalars, "Pa"))
 

@@ -56,7 +56,7 @@ class Strip:
         """
         return _find_smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
 
-    def rayleigh_lamb(self, n: int) -> float:
+    def rayleigh_lamb_modulus(self, n: int) -> float:
         """Return the "G" value by the Rayleigh-Lamb equation with rho omega² replaced by s k²."""
         E, nu, G = self.youngs_modulus, self.poissons_ratio, self.shear_modulus
         k, b = n * np.pi / self.slenderness, 0.5

@@ -24,7 +24,7 @@ from tests.oracle.problem import (
 )
 
 
-def row_comparison(result, element):
+def make_square_row_comparison(result, element):
     """Squares on a smooth base under unit load, cut in two triangles each (Figs 4 and 5).
 
     Printed: with Galerkin's method the central reaction is four times the others; with the new one
@@ -48,7 +48,7 @@ def row_comparison(result, element):
     return StudyComparison(study_values, solve_by_oracle)
 
 
-def block_comparison(result, element):
+def make_block_comparison(result, element):
     """Pressed by 200, then pulled by 60 in ten steps; smooth below its first and last element.
 
     Printed: E = 1000, Poisson's ratio 0.3, friction 0.3, 400 triangles or 200 quadrilaterals, no
@@ -71,7 +71,7 @@ def block_comparison(result, element):
     return make_contact_line_comparison(result, solve_by_oracle, NORMAL_UP)
 
 
-def punch_comparison(result, element):
+def make_parabolic_punch_comparison(result, element):
     """Pressed in by 0.25 in twenty steps, then pushed aside by a tenth of that force.
 
     Printed: E = 1000, Poisson's ratio 0.25, friction 0.6, 76 8-node quadrilaterals, an indentation
@@ -108,7 +108,7 @@ def punch_comparison(result, element):
     )
 
 
-def plate_comparison(result, element):
+def make_rigid_plate_comparison(result, element):
     """A plate two metres wide, pressed by 40 kN in five steps on a body held all around.
 
     Printed: E = 1.2e8 kN/m2, Poisson's ratio 0.25, friction angle 20 degrees, unit thickness, a
@@ -142,11 +142,11 @@ def plate_comparison(result, element):
     )
 
 
-COMPARISONS_AND_ELEMENTS_BY_KEY = {
-    "7.1/{}-row": (row_comparison, ELEMENT_NAMES_IN_STATICS),
-    "7.2/{}": (block_comparison, ELEMENT_NAMES_IN_STATICS),
-    "7.3/{}": (punch_comparison, ("pw-T6", "galerkin-Q8")),
-    "7.4/{}": (plate_comparison, ELEMENT_NAMES_IN_STATICS),
+COMPARISON_MAKERS_AND_ELEMENTS_BY_KEY = {
+    "7.1/{}-row": (make_square_row_comparison, ELEMENT_NAMES_IN_STATICS),
+    "7.2/{}": (make_block_comparison, ELEMENT_NAMES_IN_STATICS),
+    "7.3/{}": (make_parabolic_punch_comparison, ("pw-T6", "galerkin-Q8")),
+    "7.4/{}": (make_rigid_plate_comparison, ELEMENT_NAMES_IN_STATICS),
 }
 
 
@@ -154,12 +154,12 @@ COMPARISONS_AND_ELEMENTS_BY_KEY = {
     ("key", "element"),
     [
         (key, element)
-        for key, (_, elements) in COMPARISONS_AND_ELEMENTS_BY_KEY.items()
+        for key, (_, elements) in COMPARISON_MAKERS_AND_ELEMENTS_BY_KEY.items()
         for element in elements
     ],
 )
-def test_oracle_finds_the_numbers_of_the_study(key, element, results):
-    make_comparison, _ = COMPARISONS_AND_ELEMENTS_BY_KEY[key]
+def test_oracle_agrees_with_the_studys_contact_with_own_weights_only(key, element, results):
+    make_comparison, _ = COMPARISON_MAKERS_AND_ELEMENTS_BY_KEY[key]
     assert_agrees_with_own_weights_alone(
         make_comparison(results[key.format(element)], element), element
     )

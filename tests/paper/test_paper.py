@@ -8,11 +8,11 @@ from study.paper.items import ITEMS, TABLE_1, TABLE_2, section_table
 from study.publish.texts import BLOCK_OF_CONSTANT
 from study.run.cases import SECTIONS
 
-PROJECT = Path(__file__).parents[2]
-TEXT_CONSTANTS = {*BLOCK_OF_CONSTANT, "FACTS", "SHORT_FACTS"}
+PROJECT_FOLDER = Path(__file__).parents[2]
+TEXT_CONSTANT_NAMES = {*BLOCK_OF_CONSTANT, "FACTS", "SHORT_FACTS"}
 """Constants of a page that report and site print."""
-STUDY_MAP_FILE = PROJECT / "docs" / "study.md"
-PRINTED_NUMBERS_BY_KIND = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
+STUDY_MAP_FILE = PROJECT_FOLDER / "docs" / "study.md"
+ITEM_NUMBERS_BY_KIND = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
 PRINTED_TABLES = """
 CAX6                  36389.  1.9319E+06  3.8114E+06  3.9787E+06  5.7680E+06  7.6025E+06
 6-node user element   36386.  1.9317E+06  3.8104E+06  3.9763E+06  5.7636E+06  7.5964E+06
@@ -27,33 +27,36 @@ CPS6M                 2.6105E+09  9.6683E+09
 
 
 def test_every_figure_table_and_equation_is_listed_once():
-    for kind, numbers in PRINTED_NUMBERS_BY_KIND.items():
+    for kind, numbers in ITEM_NUMBERS_BY_KIND.items():
         assert [item.number for item in ITEMS if item.kind == kind] == [str(n) for n in numbers]
 
 
 def test_each_item_names_its_section_and_files_that_exist():
     for item in ITEMS:
         assert re.fullmatch(r"[2-7](\.[1-6])?", item.section), item
-        assert (PROJECT / item.module).is_file(), item
+        assert (PROJECT_FOLDER / item.module).is_file(), item
         assert bool(item.figure) == (item.kind != "equation"), item
-        assert (PROJECT / item.source_path).is_file(), item
+        assert (PROJECT_FOLDER / item.source_path).is_file(), item
 
 
 def test_each_equation_number_stands_in_the_module_that_treats_it():
     for item in ITEMS:
         if item.kind == "equation":
-            assert f"Eq. ({item.number})" in (PROJECT / item.module).read_text(), item
-    for path in [*PROJECT.glob("pw_elements/**/*.py"), *PROJECT.glob("study/**/*.py")]:
-        code = source_without_texts(path)
+            assert f"Eq. ({item.number})" in (PROJECT_FOLDER / item.module).read_text(), item
+    for path in [
+        *PROJECT_FOLDER.glob("pw_elements/**/*.py"),
+        *PROJECT_FOLDER.glob("study/**/*.py"),
+    ]:
+        code = read_source_without_texts(path)
         assert not re.search(r"\bEqs? \(", code), f"{path}: not found by its number"
 
 
-def source_without_texts(path):
+def read_source_without_texts(path):
     """Return a source without the texts of a page, which may say "Eqs (25) and (26)"."""
     source = path.read_text()
     lines = source.splitlines()
     for node in ast.parse(source).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TEXT_CONSTANTS:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TEXT_CONSTANT_NAMES:
             lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
     return "\n".join(lines)
 
@@ -61,7 +64,7 @@ def source_without_texts(path):
 def test_figures_belong_to_the_sections_of_their_items():
     for item in ITEMS:
         if item.figure:
-            assert f'SECTION = "{item.section}"' in (PROJECT / item.figure).read_text(), item
+            assert f'SECTION = "{item.section}"' in (PROJECT_FOLDER / item.figure).read_text(), item
 
 
 def test_study_map_is_the_section_table_and_its_files_exist():
@@ -70,7 +73,7 @@ def test_study_map_is_the_section_table_and_its_files_exist():
     named_files = re.findall(r"`([\w/]+\.py)`", table)
     assert len(named_files) > 60
     for name in named_files:
-        assert (PROJECT / name).is_file(), name
+        assert (PROJECT_FOLDER / name).is_file(), name
 
 
 def test_names_of_modules_and_figures_start_with_the_section_id():
@@ -79,7 +82,7 @@ def test_names_of_modules_and_figures_start_with_the_section_id():
         prefix = f"s{name}_" if section[0].isdigit() else f"{name}_"
         page = module.removesuffix(".page").rpartition(".")[2]  # of a folder, its name
         assert page.startswith(prefix), module
-        for path in PROJECT.glob("figures/*.py"):
+        for path in PROJECT_FOLDER.glob("figures/*.py"):
             is_of_section = f'SECTION = "{section}"' in path.read_text()
             if is_of_section and not re.fullmatch(r"(fig|tab)\d\d(_\d\d)?", path.stem):
                 assert path.stem.startswith(prefix), path
@@ -91,7 +94,7 @@ def test_vocabulary_agrees_with_library_and_study():
     assert set(vocabulary.PLANE_ELEMENTS) < set(vocabulary.ELEMENTS)
 
 
-def test_tables_1_and_2_are_as_printed():
+def test_constants_of_tables_1_and_2_agree_with_the_printed_text():
     for text, table in zip(PRINTED_TABLES.strip().split("\n\n"), (TABLE_1, TABLE_2), strict=True):
         rows = [(line[:22].rstrip(), line[22:].split()) for line in text.splitlines()]
         assert {name: tuple(map(float, numbers)) for name, numbers in rows} == table

@@ -9,7 +9,9 @@ from tests.oracle.elements import tabulate_at_gauss_points
 
 
 @pytest.mark.parametrize(("linear_weights", "corner_has_half"), [(False, True), (True, False)])
-def test_corner_has_half_of_a_mid_side_nodes_force(linear_weights, corner_has_half):
+def test_only_standard_weights_give_a_corner_half_of_the_mid_side_force(
+    linear_weights, corner_has_half
+):
     """Under a uniform pressure; a corner has the shares of two edges."""
     functions = tabulate_at_gauss_points("L3", linear_weights, 4)
     corner_force, _, midside_force = functions.measure @ functions.weights

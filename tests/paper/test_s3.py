@@ -10,7 +10,7 @@ from tests.oracle.elements import tabulate_at_gauss_points
 # The paper numbers mid-sides after the vertices 1 2 3: 4 between 1 and 2, 5 between 2 and 3, 6
 # between 3 and 1. Basix and the oracle have the mid-side opposite to each vertex instead
 BASIX_NODES_IN_PAPER_ORDER = [0, 1, 2, 5, 3, 4]
-SUB_ELEMENT_CORNERS = {
+LOWER_LEFT_CORNERS_BY_SUB_ELEMENT = {
     1: (0, 0),
     2: (0.5, 0),
     3: (0, 0.5),
@@ -18,7 +18,7 @@ SUB_ELEMENT_CORNERS = {
 }  # lower left corners of the sub-elements
 
 
-def printed_weights(sub_element, x, y):
+def evaluate_printed_weights(sub_element, x, y):
     """w1 to w6 in the sub-element A1 to A4."""
     zero = 0 * x
     return {
@@ -29,27 +29,27 @@ def printed_weights(sub_element, x, y):
     }[sub_element]
 
 
-def random_points_inside(sub_element, count=40):
+def make_random_points_inside(sub_element, count=40):
     random_points = np.random.default_rng(sub_element).dirichlet(np.ones(3), count)[:, :2] / 2
     return (
         0.5 - random_points
-        if SUB_ELEMENT_CORNERS[sub_element] is None
-        else random_points + SUB_ELEMENT_CORNERS[sub_element]
+        if LOWER_LEFT_CORNERS_BY_SUB_ELEMENT[sub_element] is None
+        else random_points + LOWER_LEFT_CORNERS_BY_SUB_ELEMENT[sub_element]
     )
 
 
-@pytest.mark.parametrize("sub_element", SUB_ELEMENT_CORNERS)
+@pytest.mark.parametrize("sub_element", LOWER_LEFT_CORNERS_BY_SUB_ELEMENT)
 def test_basix_element_has_the_printed_weight_functions(sub_element):
-    points = random_points_inside(sub_element)
+    points = make_random_points_inside(sub_element)
     tabulated = piecewise_linear_sub_cell_element("triangle").tabulate(0, points)[0][
         :, BASIX_NODES_IN_PAPER_ORDER
     ]
     np.testing.assert_allclose(
-        tabulated, np.transpose(printed_weights(sub_element, *points.T)), atol=1e-14
+        tabulated, np.transpose(evaluate_printed_weights(sub_element, *points.T)), atol=1e-14
     )
 
 
-@pytest.mark.parametrize("sub_element", SUB_ELEMENT_CORNERS)
+@pytest.mark.parametrize("sub_element", LOWER_LEFT_CORNERS_BY_SUB_ELEMENT)
 def test_oracle_has_the_printed_weight_functions(sub_element):
     """At its own Gauss points, which it takes sub-element by sub-element."""
     functions = tabulate_at_gauss_points("T6", True, 3)
@@ -59,11 +59,11 @@ def test_oracle_has_the_printed_weight_functions(sub_element):
         :, BASIX_NODES_IN_PAPER_ORDER
     ]
     np.testing.assert_allclose(
-        oracle_weights, np.transpose(printed_weights(sub_element, *points.T)), atol=1e-14
+        oracle_weights, np.transpose(evaluate_printed_weights(sub_element, *points.T)), atol=1e-14
     )
 
 
-def test_trial_functions_are_basixs_quadratic_ones(results):
+def test_stored_trial_functions_are_basixs_quadratic_ones(results):
     curves = results.curves("3/weights")
     triangle = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, 2)
     basix_functions = triangle.tabulate(0, curves["grid"])[0][:, BASIX_NODES_IN_PAPER_ORDER, 0]

@@ -13,16 +13,18 @@ from tests.oracle.assembly import LinearElasticBody as OracleBody
 from tests.oracle.elements import tabulate_at_gauss_points
 
 E, NU, RHO = 2.0, 0.3, 1.7
-CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
-MAKE_SPACES_BY_LINEAR_WEIGHTS = {True: Spaces.petrov_galerkin, False: Spaces.galerkin}
+TRIANGLE_CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])
+SPACES_MAKERS_BY_LINEAR_WEIGHTS = {True: Spaces.petrov_galerkin, False: Spaces.galerkin}
 
 
 def make_triangle_matrices_and_oracle(linear_weights):
     """The library's matrices of one element, and the oracle's body on the same nodes."""
     geometry_element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
-    mesh = create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=CORNERS, e=geometry_element)
+    mesh = create_mesh(
+        MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=TRIANGLE_CORNERS, e=geometry_element
+    )
     body = Body(
-        MAKE_SPACES_BY_LINEAR_WEIGHTS[linear_weights](mesh), Material(E, NU, RHO), "plane stress"
+        SPACES_MAKERS_BY_LINEAR_WEIGHTS[linear_weights](mesh), Material(E, NU, RHO), "plane stress"
     )
     U = body.spaces.trial
     matrices = [to_dense_array(assemble_matrix(form)) for form in (body.stiffness(), body.mass())]
@@ -32,7 +34,7 @@ def make_triangle_matrices_and_oracle(linear_weights):
 
 
 @pytest.mark.parametrize("linear_weights", [True, False])
-def test_oracle_has_the_matrices_of_the_library(linear_weights):
+def test_oracle_has_the_stiffness_and_mass_of_the_library(linear_weights):
     (K, M), oracle = make_triangle_matrices_and_oracle(linear_weights)
     np.testing.assert_allclose(oracle.stiffness().toarray(), K, atol=1e-13 * np.abs(K).max())
     np.testing.assert_allclose(oracle.mass().toarray(), M, atol=1e-13 * np.abs(M).max())

@@ -51,7 +51,7 @@ RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.1877
 COARSE_PROFILE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 
-def stepped_column_comparison(element):
+def make_stepped_column_comparison(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
     with (
         patch.dict(s7_5_column.PROFILES, coarse=COARSE_PROFILE),
@@ -122,15 +122,15 @@ def stepped_column_comparison(element):
 
 
 @pytest.mark.parametrize("element", ELEMENT_NAMES_IN_STATICS)
-def test_oracle_finds_the_numbers_of_the_study(element):
-    assert_agrees_with_own_weights_alone(stepped_column_comparison(element), element)
+def test_oracle_agrees_with_the_studys_column_with_own_weights_only(element):
+    assert_agrees_with_own_weights_alone(make_stepped_column_comparison(element), element)
 
 
 # Table 1 as a blind test
 
-RECORD = FamilyRecord()
-COLUMNS_TO_RECOMPUTE = (0, len(RECORD.rows) - 1)
-FITTED_TOPOLOGY = Topology((5, 1, 7, 4), (26, 17, 21, 5), "right")
+FAMILY_RECORD = FamilyRecord()
+NUMBERS_OF_RECOMPUTED_COLUMNS = (0, len(FAMILY_RECORD.rows) - 1)
+FIRST_COLUMN_MESH_TOPOLOGY = Topology((5, 1, 7, 4), (26, 17, 21, 5), "right")
 FAMILY_TREATMENTS_BY_CASE = {
     "pw-T6": ("six", Treatment(0, "new")),
     "pwsym-T6": ("six", Treatment(0, "new", "yes")),
@@ -151,23 +151,27 @@ FAMILY_TREATMENTS_BY_CASE = {
 
 
 @pytest.fixture(scope="module")
-def page_shifts():
+def family_shifts_of_first_column():
     """Shifts by the family's program on the page's first column."""
     shape = Shape(page_lengths("first"))
-    return UserElements(FITTED_TOPOLOGY).compute_shifts(shape, Supports((1,), tangential=False))
+    return UserElements(FIRST_COLUMN_MESH_TOPOLOGY).compute_shifts(
+        shape, Supports((1,), tangential=False)
+    )
 
 
 @pytest.mark.parametrize("case", FAMILY_TREATMENTS_BY_CASE)
-def test_cases_of_the_page_are_treatments_of_the_family(case, page_shifts, results):
+def test_shifts_of_page_cases_agree_with_treatments_of_the_family(
+    case, family_shifts_of_first_column, results
+):
     """Another eigenvalue solver and condensation: the page's, which the oracle checks."""
     name, treatment = FAMILY_TREATMENTS_BY_CASE[case]
-    over = {"six": "galerkin-T6", "eight": "galerkin-Q8"}[name]
-    page_values = [eigenvalue_shift(results, case, over, mode) for mode in range(1, 7)]
-    values = getattr(page_shifts, name)[TREATMENTS[name].index(treatment)]
+    standard_element = {"six": "galerkin-T6", "eight": "galerkin-Q8"}[name]
+    page_values = [eigenvalue_shift(results, case, standard_element, mode) for mode in range(1, 7)]
+    values = getattr(family_shifts_of_first_column, name)[TREATMENTS[name].index(treatment)]
     assert values == pytest.approx(page_values, abs=1e-7)
 
 
-def coarse_oracle_matrices():
+def coarse_shifts_and_oracle_matrices():
     """Return the oracle's matrices of new and standard triangle on a filleted coarse column."""
     with patch_library_quadrature_degree("galerkin-T6"):
         elements = UserElements(COARSE_TOPOLOGY)
@@ -191,47 +195,49 @@ def coarse_oracle_matrices():
     return shifts, curves["nodes"], oracle_matrices
 
 
-def test_standard_mass_and_supported_top_agree_with_dense_eigenvalues():
+def test_shifts_agree_with_dense_eigenvalues_of_oracle_matrices():
     """The oracle's matrices and LAPACK's eigenvalues, on other supports and with fillets."""
-    shifts, nodes, matrices = coarse_oracle_matrices()
+    shifts, nodes, matrices = coarse_shifts_and_oracle_matrices()
     height = sum(page_lengths("second")[4:])
     is_held = np.zeros((len(nodes), 2), dtype=bool)
     is_held[np.isclose(nodes[:, 0], 0.0), 0] = True
     is_held[np.isclose(nodes[:, 1], 0.0) | np.isclose(nodes[:, 1], height)] = True
     free = np.flatnonzero(~is_held.ravel())
 
-    def lowest(K, M):
+    def compute_lowest_eigenvalues(K, M):
         K, M = (matrix.toarray()[np.ix_(free, free)] for matrix in (K, M))
         return np.sort(scipy.linalg.eigvals(K, M).real)[:6]
 
     (K, M), (K_new, M_new) = matrices["galerkin-T6"], matrices["pw-T6"]
-    standard = lowest(K, M)
+    standard = compute_lowest_eigenvalues(K, M)
     assert shifts.standard[0] == pytest.approx(standard, rel=1e-8)
     for treatment, values in (
-        (Treatment(0, "standard"), lowest(K_new, M)),
-        (Treatment(0, "standard", "yes"), lowest((K_new + K_new.T) / 2, M)),
-        (Treatment(0, "new"), lowest(K_new, M_new)),
+        (Treatment(0, "standard"), compute_lowest_eigenvalues(K_new, M)),
+        (Treatment(0, "standard", "yes"), compute_lowest_eigenvalues((K_new + K_new.T) / 2, M)),
+        (Treatment(0, "new"), compute_lowest_eigenvalues(K_new, M_new)),
     ):
         row = shifts.six[TREATMENTS["six"].index(treatment)]
         assert row == pytest.approx(100 * (values / standard - 1), abs=1e-6)
 
 
-@pytest.mark.parametrize("number", COLUMNS_TO_RECOMPUTE)
-def test_shifts_agree_with_their_record(number):
-    supports, topology, shape = RECORD.list_columns()[number]
+@pytest.mark.parametrize("column_number", NUMBERS_OF_RECOMPUTED_COLUMNS)
+def test_recomputed_shifts_agree_with_their_record(column_number):
+    supports, topology, shape = FAMILY_RECORD.list_columns()[column_number]
     shifts = UserElements(topology).compute_shifts(shape, supports)
     for name in TREATMENTS:
-        recorded = RECORD.shifts(name)[number]
+        recorded = FAMILY_RECORD.shifts(name)[column_number]
         tolerance = RECORD_TOLERANCE * UNIT
         np.testing.assert_allclose(getattr(shifts, name), recorded, rtol=0, atol=tolerance)
-    assert shifts.standard == pytest.approx(np.array(RECORD.rows[number]["standard"]), rel=1e-8)
+    assert shifts.standard == pytest.approx(
+        np.array(FAMILY_RECORD.rows[column_number]["standard"]), rel=1e-8
+    )
 
 
-def test_fitted_columns_meet_their_acceptance():
-    for row in RECORD.rows:
+def test_recorded_columns_fit_table_1_to_0_02_percent_with_759_cells():
+    for row in FAMILY_RECORD.rows:
         printed = np.array([TABLE_1["CAX6"], TABLE_1["CAX8"]])
         assert np.abs(100 * (np.array(row["standard"]) / printed - 1)).max() <= 0.02
-    topologies = {topology for _, topology, _ in RECORD.list_columns()}
+    topologies = {topology for _, topology, _ in FAMILY_RECORD.list_columns()}
     assert all(
         s7_5_profiles.mesh_column(topology.reference, "quadrilateral")
         .topology.index_map(2)
@@ -241,7 +247,7 @@ def test_fitted_columns_meet_their_acceptance():
     )
 
 
-def test_mirrored_condensation_is_that_of_the_transposed_problem():
+def test_condensation_is_guyans_and_transposition_swaps_its_factors():
     random = np.random.default_rng(0)
     K = scipy.sparse.csr_matrix(random.normal(0, 1, (8, 8)) + 8 * np.eye(8))
     inner = np.array([2, 3])
@@ -253,25 +259,27 @@ def test_mirrored_condensation_is_that_of_the_transposed_problem():
     np.testing.assert_allclose(right.toarray(), transposed_left.toarray(), atol=1e-12)
 
 
-def make_mechanisms(medians, half_width):
+def make_mechanisms_with_bands_about(medians, half_width):
     medians = np.array(medians)
     place = np.zeros((len(medians), 2), dtype=int)
     return Mechanisms(medians - half_width, medians + half_width, medians, place)
 
 
-def test_a_mechanism_that_gives_the_print_is_singled_out_and_others_are_not():
+def test_odds_single_out_only_a_mechanism_that_gives_the_printed_shifts():
     printed, rounding = printed_shifts("six")
-    others = np.random.default_rng(0).normal(0, 0.05, (200, 6))
-    row = judge_row(make_mechanisms(others, 0.002), printed, rounding)
+    scattered_medians = np.random.default_rng(0).normal(0, 0.05, (200, 6))
+    row = judge_row(make_mechanisms_with_bands_about(scattered_medians, 0.002), printed, rounding)
     assert row["distance"] > 0
-    row = judge_row(make_mechanisms([*others, printed], 0.002), printed, rounding)
+    row = judge_row(
+        make_mechanisms_with_bands_about([*scattered_medians, printed], 0.002), printed, rounding
+    )
     assert row["distance"] == 0
     assert row["odds"] > MIN_ODDS
     assert row["nearest_misfit"] == 0
     assert row["within"] == 1
 
 
-def test_chance_is_the_probability_of_a_single_band():
+def test_distance_from_a_band_is_zero_inside_and_the_excess_outside():
     printed, rounding = printed_shifts("six")
     low, high = np.full((1, 6), -np.inf), np.full((1, 6), np.inf)
     high[0, 0] = 0.0  # half of the rows, whatever their scatter; the print lies within
@@ -280,7 +288,7 @@ def test_chance_is_the_probability_of_a_single_band():
     assert distances.tolist() == [0.0, pytest.approx(-printed[0])]
 
 
-def test_table_1_is_graded_by_the_criterion(results):
+def test_table_1_claims_are_explained_only_with_zero_distance_and_sufficient_odds(results):
     """Not explained, unless all lie in a mechanism's bands with odds of 20 to 1 or more."""
     grades = {loaded_claim.id: loaded_claim for loaded_claim in load_claims()}
     for row, claim_id in (("six", "75-shift-6-node"), ("eight", "75-shift-8-node")):

@@ -46,7 +46,7 @@ ELEMENTS = ("galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8")
 IS_UNIFORM_BY_LOAD_SUFFIX = {"": False, "-uniform-8x2": True}
 
 
-def beam_comparison(result, element, is_uniform):
+def make_beam_buckling_comparison(result, element, is_uniform):
     """Half of the beam, symmetric and antisymmetric, under the load at A or a uniform one."""
 
     def solve_by_oracle(linear_weights):
@@ -84,16 +84,18 @@ def beam_comparison(result, element, is_uniform):
     )
 
 
-@pytest.mark.parametrize("load", IS_UNIFORM_BY_LOAD_SUFFIX)
+@pytest.mark.parametrize("load_suffix", IS_UNIFORM_BY_LOAD_SUFFIX)
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_oracle_finds_the_numbers_of_the_study(element, load, results):
-    comparison = beam_comparison(
-        results[f"7.6/{element}{load}"], element, IS_UNIFORM_BY_LOAD_SUFFIX[load]
+def test_oracle_agrees_with_the_studys_critical_stresses(element, load_suffix, results):
+    comparison = make_beam_buckling_comparison(
+        results[f"7.6/{element}{load_suffix}"], element, IS_UNIFORM_BY_LOAD_SUFFIX[load_suffix]
     )
-    (assert_study_agrees_with_oracle if load else assert_agrees_with_own_weights_alone)(
+    (assert_study_agrees_with_oracle if load_suffix else assert_agrees_with_own_weights_alone)(
         comparison, element
     )
-    if load and element == "pw-T6":  # K_PW = T K, and K_sigma alike: no weights make a difference
+    if (
+        load_suffix and element == "pw-T6"
+    ):  # K_PW = T K, and K_sigma alike: no weights make a difference
         assert_study_agrees_with_oracle(comparison, "galerkin-T6")
 
 
@@ -108,16 +110,16 @@ def test_eulers_stress_follows_from_eq_27(results):
 BEAM_STRIP = Strip(2.07e11, 0.0, 8.0)
 
 # Published or computed independently of this code
-REFERENCE_STRESSES = {
+REFERENCE_STRESSES_BY_FORM = {
     "G": (2.549732978e9, 9.099805943e9),
     "J": (2.613156933e9, 9.926530181e9),
     "deflection": (2.580580e9, 9.472353e9),
 }
 
 
-@pytest.mark.parametrize("form", REFERENCE_STRESSES)
+@pytest.mark.parametrize("form", REFERENCE_STRESSES_BY_FORM)
 def test_critical_stresses_of_the_beam_agree_with_references(form):
-    for n, value in enumerate(REFERENCE_STRESSES[form], start=1):
+    for n, value in enumerate(REFERENCE_STRESSES_BY_FORM[form], start=1):
         assert BEAM_STRIP.elasticity(n, form) == pytest.approx(value, rel=5e-7)
 
 
@@ -125,10 +127,10 @@ def test_critical_stresses_of_the_beam_agree_with_references(form):
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_determinant_and_rayleigh_lamb_have_the_same_root(n, nu):
     strip = Strip(3.0, nu, 6.0)
-    assert strip.elasticity(n, "G") == pytest.approx(strip.rayleigh_lamb(n), rel=1e-10)
+    assert strip.elasticity(n, "G") == pytest.approx(strip.rayleigh_lamb_modulus(n), rel=1e-10)
 
 
-def test_slender_strips_are_euler_beams():
+def test_stresses_of_slender_strips_tend_to_eulers():
     for theory in (Strip.engesser, Strip.haringx, lambda strip, n: strip.elasticity(n, "J")):
         errors = [
             theory(Strip(1.0, 0.0, slenderness), 1) / Strip(1.0, 0.0, slenderness).euler(1) - 1
@@ -151,7 +153,7 @@ def test_haringx_and_engesser_have_the_same_shear_stiffness():
 
 # Table 2 as an inverse problem
 
-RECORD = ModelsRecord()
+MODELS_RECORD = ModelsRecord()
 RECOMPUTED_MODELS = [
     # mesh of the near hit, all treatments, some set-ups of either load
     (Mesh("right", 6, 1), (0, 3), (0, 5, 11)),
@@ -161,10 +163,10 @@ RECOMPUTED_MODELS = [
 
 @pytest.mark.parametrize("element", TREATMENTS)
 @pytest.mark.parametrize(("mesh", "mode_1_set_ups", "mode_2_set_ups"), RECOMPUTED_MODELS, ids=str)
-def test_models_agree_with_their_record(mesh, mode_1_set_ups, mode_2_set_ups, element):
+def test_recomputed_models_agree_with_their_record(mesh, mode_1_set_ups, mode_2_set_ups, element):
     models = MeshModels(mesh)
     for mode, set_ups in (("mode_1", mode_1_set_ups), ("mode_2", mode_2_set_ups)):
-        recorded = RECORD.mesh(mesh, element, mode)
+        recorded = MODELS_RECORD.mesh(mesh, element, mode)
         for i in set_ups:
             if mode == "mode_1":
                 stresses = models.mode_1(element, *MODE_1_SET_UPS[i])
@@ -185,7 +187,7 @@ FAMILY_MODELS_BY_CASE = {
 
 
 @pytest.mark.parametrize("case", FAMILY_MODELS_BY_CASE)
-def test_cases_of_the_page_are_models_of_the_family(case, results):
+def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, results):
     """Another assembly, another eigenvalue solver: the page's, which the oracle checks."""
     element, treatment = FAMILY_MODELS_BY_CASE[case]
     stored_result = results[f"7.6/{case}"]
@@ -196,7 +198,7 @@ def test_cases_of_the_page_are_models_of_the_family(case, results):
         for i, set_up in enumerate(SET_UPS)
         if set_up == ("point", "centre", "centre", "antisymmetric")
     )
-    values = RECORD.family().stresses[element]
+    values = MODELS_RECORD.family().stresses[element]
     for mode in (1, 2):
         value = values[mesh, set_up, TREATMENTS[element].index(treatment), mode - 1]
         assert value == pytest.approx(
@@ -204,9 +206,9 @@ def test_cases_of_the_page_are_models_of_the_family(case, results):
         )
 
 
-def test_under_uniform_stress_the_weight_functions_change_nothing():
+def test_under_uniform_stress_both_elements_have_equal_critical_stresses():
     """Unless a mid-side node is supported alone, whose force T moves to the corners beside it."""
-    stresses = RECORD.family().stresses
+    stresses = MODELS_RECORD.family().stresses
     uniform_set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
     supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform_set_ups])
     is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])
@@ -225,12 +227,12 @@ def test_under_uniform_stress_the_weight_functions_change_nothing():
         np.testing.assert_allclose(standard_stresses, new_stresses, rtol=3e-6)
 
 
-def _scattered_models(count, seed=0):
+def _make_scattered_models(count, seed=0):
     deviation = np.random.default_rng(seed).normal(0, 3, (count, 2))
     return Models(deviation, np.zeros((count, 3), dtype=int))
 
 
-def test_chance_is_the_area_that_a_few_models_cover():
+def test_chance_is_the_area_near_few_models_times_their_density():
     """Squares of side 2 d about n models, which hardly overlap, times the density of the rows."""
     deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
     models = Models(np.array(deviation), None)
@@ -242,9 +244,9 @@ def test_chance_is_the_area_that_a_few_models_cover():
     assert chance.within(0.3) == pytest.approx(0.6**2 * density.sum(), rel=0.15)
 
 
-def test_a_model_that_gives_the_print_is_singled_out_and_others_are_not():
+def test_odds_single_out_only_a_model_that_gives_the_printed_values():
     rounding, uncertainty = np.array([0.002, 0.002]), np.array([0.5, 0.5])
-    scattered_models = _scattered_models(500)
+    scattered_models = _make_scattered_models(500)
     row_values, _ = judge_row(scattered_models, uncertainty, rounding)
     assert row_values["odds"] < MIN_ODDS
     assert row_values["within_rounding"] == 0
@@ -255,7 +257,7 @@ def test_a_model_that_gives_the_print_is_singled_out_and_others_are_not():
     assert row_values["within_rounding"] == 1
 
 
-def test_likelihood_is_shared_by_models_within_their_uncertainty():
+def test_likelihood_shares_are_normal_densities_that_sum_to_one():
     models = Models(np.array([[0.0, 0.0], [1.0, 0.0], [100.0, 0.0]]), None)
     shares = likelihood_shares(models, np.array([1.0, 1.0]), np.zeros(2))
     assert shares == pytest.approx(np.array([1, np.exp(-0.5), 0]) / (1 + np.exp(-0.5)))
@@ -266,7 +268,7 @@ def test_models_with_the_same_values_count_once():
     assert distinct(models).place.tolist() == [[0, 1, 2], [6, 7, 8]]
 
 
-def test_table_2_is_graded_by_the_criterion(results):
+def test_table_2_claims_are_explained_only_with_sufficient_odds(results):
     """Not explained, unless a model is singled out with odds of at least 20 to 1."""
     claims = [
         loaded_claim

@@ -17,13 +17,13 @@ from study.judge.sentences import (
     split_sentences,
 )
 
-SENTENCES = load_sentences()
-CLAIMS = load_paper_claims()
+LISTED_SENTENCES = load_sentences()
+PAPER_CLAIMS = load_paper_claims()
 PAPER_TEXT_FILE = Path(os.environ.get("PW_ELEMENTS_PAPER", ""))  # a file with the paper's text
 
 
 def test_every_sentence_has_statements_or_a_reason_and_every_statement_a_sentence():
-    assert find_incomplete_entries(SENTENCES, CLAIMS) == []
+    assert find_incomplete_entries(LISTED_SENTENCES, PAPER_CLAIMS) == []
 
 
 @pytest.mark.skipif(
@@ -33,11 +33,11 @@ def test_listed_sentences_are_those_of_the_paper(capsys):
     assert main([str(PAPER_TEXT_FILE)]) == 0, capsys.readouterr().out
 
 
-def test_no_sentence_of_the_paper_is_in_the_tree():
-    assert max(len(listed_sentence.begins.split()) for listed_sentence in SENTENCES) <= 5
+def test_listed_sentences_quote_at_most_five_words():
+    assert max(len(listed_sentence.begins.split()) for listed_sentence in LISTED_SENTENCES) <= 5
 
 
-def test_sentences_end_at_points_before_capitals_and_blocks_are_whole():
+def test_split_ends_sentences_before_capitals_and_keeps_headings_and_captions():
     text = "# A. Head\n\nOne, e.g. [3], in Fig. 1. Two\nlines. $x$ is one.\n\nFig. 2. A b. C d.\n"
     expected = [
         "# A. Head",
@@ -59,15 +59,17 @@ def test_sentences_end_at_points_before_capitals_and_blocks_are_whole():
     ],
 )
 def test_incomplete_entries_are_reported(changes, message):
-    messages = find_incomplete_entries([replace(SENTENCES[0], **changes), *SENTENCES[1:]], CLAIMS)
+    messages = find_incomplete_entries(
+        [replace(LISTED_SENTENCES[0], **changes), *LISTED_SENTENCES[1:]], PAPER_CLAIMS
+    )
     assert [reported_line for reported_line in messages if message in reported_line]
 
 
 def test_changed_text_and_wrong_quote_are_reported():
-    (claim,) = [paper_claim for paper_claim in CLAIMS if paper_claim.id == "71-four"]
+    (claim,) = [paper_claim for paper_claim in PAPER_CLAIMS if paper_claim.id == "71-four"]
     sentence = f"He said that {claim.quote}, or so."
     listed_sentence = replace(
-        SENTENCES[0],
+        LISTED_SENTENCES[0],
         begins=first_words(sentence),
         digest=digest_sentence(sentence),
         claims=(claim.id,),

@@ -33,7 +33,7 @@ from tests.study.computed_results import ComputedResults
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = load_claims()
-STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER_KINDS]
+PAPER_STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER_KINDS]
 # What rests on printed numbers but is no statement of the paper; scans take too long
 FINDINGS_ON_PRINTED_NUMBERS = [
     claim
@@ -42,7 +42,9 @@ FINDINGS_ON_PRINTED_NUMBERS = [
     and re.match("printed|stress_difference_misfit|computed_deviation", claim.judgement.measure)
 ]
 LISTED_FACTS = load_facts()
-SLOW_CLAIM_IDS = re.compile("7[25]-even-shear.*")  # on fine meshes; that of 7.4 is measured alike
+SLOW_CLAIM_ID_PATTERN = re.compile(
+    "7[25]-even-shear.*"
+)  # on fine meshes; that of 7.4 is measured alike
 
 
 def parametrize_claims(claims):
@@ -50,7 +52,7 @@ def parametrize_claims(claims):
     marks_by_slowness = {True: [pytest.mark.slow], False: []}
     claim_parameters = [
         pytest.param(
-            claim, id=claim.id, marks=marks_by_slowness[bool(SLOW_CLAIM_IDS.match(claim.id))]
+            claim, id=claim.id, marks=marks_by_slowness[bool(SLOW_CLAIM_ID_PATTERN.match(claim.id))]
         )
         for claim in claims
     ]
@@ -61,29 +63,29 @@ def parametrize_graded_statements(grade, *bases):
     return parametrize_claims(
         [
             claim
-            for claim in STATEMENTS
+            for claim in PAPER_STATEMENTS
             if claim.grade == grade and (not bases or claim.basis in bases)
         ]
     )
 
 
 @pytest.fixture(scope="session")
-def mutations_by_claim(results, request):
+def turning_mutations_by_claim(results, request):
     """What turns each statement: found once for all workers, for it takes long."""
     path, is_quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
     if not path.exists():
         judged_statements = [
             claim
-            for claim in STATEMENTS + FINDINGS_ON_PRINTED_NUMBERS
-            if not (is_quick and SLOW_CLAIM_IDS.match(claim.id))
+            for claim in PAPER_STATEMENTS + FINDINGS_ON_PRINTED_NUMBERS
+            if not (is_quick and SLOW_CLAIM_ID_PATTERN.match(claim.id))
         ]
         write_json(path, find_turning_mutations(judge(judged_statements, results), results))
     return json.loads(path.read_text())
 
 
 @pytest.fixture(scope="session")
-def fact_ids_by_statement(mutations_by_claim):
-    return assign_facts(STATEMENTS, mutations_by_claim, LISTED_FACTS)
+def fact_ids_by_statement(turning_mutations_by_claim):
+    return assign_facts(PAPER_STATEMENTS, turning_mutations_by_claim, LISTED_FACTS)
 
 
 def judge_claim(claim, results):
@@ -91,7 +93,7 @@ def judge_claim(claim, results):
     return judged_claim
 
 
-@parametrize_claims(STATEMENTS)
+@parametrize_claims(PAPER_STATEMENTS)
 def test_statement_has_the_verdict_of_its_grade(claim, results):
     judged_claim = judge_claim(claim, results)
     assert not judged_claim.differs, (judged_claim.verdict, judged_claim.measured)
@@ -100,34 +102,38 @@ def test_statement_has_the_verdict_of_its_grade(claim, results):
 
 
 @parametrize_graded_statements("reproduced")
-def test_another_element_or_law_turns_each_reproduced_statement(claim, mutations_by_claim):
+def test_another_element_or_law_turns_each_reproduced_statement(claim, turning_mutations_by_claim):
     assert {
         mutation.name for mutation in RESULT_MUTATIONS if mutation.kind in ("element", "law")
-    } & {*mutations_by_claim[claim.id]}
+    } & {*turning_mutations_by_claim[claim.id]}
 
 
 @parametrize_graded_statements("consistent by construction", "insensitive")
-def test_no_element_turns_statements_that_do_not_distinguish_elements(claim, mutations_by_claim):
+def test_no_element_turns_statements_that_do_not_distinguish_elements(
+    claim, turning_mutations_by_claim
+):
     assert not {mutation.name for mutation in RESULT_MUTATIONS if mutation.kind == "element"} & {
-        *mutations_by_claim[claim.id]
+        *turning_mutations_by_claim[claim.id]
     }
 
 
-def test_every_printed_number_is_turned_by_a_misprint(mutations_by_claim):
-    turning_mutations = {name for names in mutations_by_claim.values() for name in names}
+def test_a_misprint_of_any_printed_number_turns_a_statement(turning_mutations_by_claim):
+    turning_mutations = {name for names in turning_mutations_by_claim.values() for name in names}
     assert {mutation.name for mutation in MISPRINT_MUTATIONS} <= turning_mutations
-    for claim in (statement for statement in STATEMENTS if statement.printed):
+    for claim in (statement for statement in PAPER_STATEMENTS if statement.printed):
         is_computed = claim.grade == "reproduced"  # "around half" of the examples
-        assert is_computed or own_number_mutation(claim) in mutations_by_claim[claim.id], claim.id
+        assert is_computed or own_number_mutation(claim) in turning_mutations_by_claim[claim.id], (
+            claim.id
+        )
 
 
 def test_statements_share_a_fact_if_the_same_mutations_turn_them(
-    mutations_by_claim, fact_ids_by_statement
+    turning_mutations_by_claim, fact_ids_by_statement
 ):
-    assert fact_ids_by_statement.keys() == {claim.id for claim in STATEMENTS}
+    assert fact_ids_by_statement.keys() == {claim.id for claim in PAPER_STATEMENTS}
     signatures = {
-        claim.id: fact_mutations(claim, mutations_by_claim.get(claim.id, ()))
-        for claim in STATEMENTS
+        claim.id: fact_mutations(claim, turning_mutations_by_claim.get(claim.id, ()))
+        for claim in PAPER_STATEMENTS
     }
     for statement_id in signatures:
         for other_id in signatures:
@@ -153,12 +159,12 @@ def test_each_fact_supports_a_statement_and_names_an_existing_test(fact_ids_by_s
     ("number", "expected"),
     [(0.3, (0.2, 0.4)), (76.0, (75.0, 77.0)), (9.6683e9, (9.5683e9, 9.7683e9)), (4.0, (3.0, 5.0))],
 )
-def test_a_misread_number_has_another_second_digit(number, expected):
+def test_misread_digits_change_the_second_digit_or_the_only_one(number, expected):
     assert misread_digits(number) == pytest.approx(expected)
 
 
 @parametrize_graded_statements("reproduced")
-def test_reproduced_claim_reads_computed_results(claim, tmp_path):
+def test_reproduced_claim_is_not_judged_without_results(claim, tmp_path):
     assert judge_claim(claim, Results(tmp_path)).verdict == "not judged"
 
 
@@ -173,7 +179,7 @@ def test_identity_gives_a_simple_fraction_to_round_off(claim, results):
     assert abs(measured - Fraction(measured).limit_denominator(12)) < 1e-9
 
 
-OTHER_INPUTS = {
+CHANGED_INPUTS_BY_CONSTANT = {
     "study.paper.s7_2_block.DIVISIONS": {"divisions": (18, 10)},
     "study.paper.s7_3_parabolic_punch.RADIUS": {"radius": 10.0},
     "study.paper.s7_3_parabolic_punch.DIVISIONS": {"divisions": (18, 4), "increments": 1},
@@ -185,10 +191,10 @@ OTHER_INPUTS = {
 
 
 @parametrize_graded_statements("consistent by construction", "input", "fit")
-def test_verdict_follows_the_input_or_fitted_value(claim, monkeypatch, tmp_path):
+def test_claim_fails_with_another_input_or_fitted_value(claim, monkeypatch, tmp_path):
     """With another input the number is not met: that it is met says what was put in."""
     parameters = {}
-    match OTHER_INPUTS[claim.chosen]:
+    match CHANGED_INPUTS_BY_CONSTANT[claim.chosen]:
         case dict(parameters):
             pass
         case str(name):
@@ -216,7 +222,7 @@ def test_untestable_statement_names_what_is_missing(claim):
 
 def test_every_statement_of_the_paper_has_a_grade_and_a_short_quote_and_nothing_else_has():
     assert {claim.grade for claim in CLAIMS if claim.kind not in PAPER_KINDS} == {None}
-    for claim in STATEMENTS:
+    for claim in PAPER_STATEMENTS:
         assert claim.grade in GRADES, claim.id
         assert 0 < len(claim.quote.split()) <= 25, claim.id
         assert ("implied" in claim.source) == (claim.kind == "implied"), claim.id

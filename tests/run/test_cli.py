@@ -15,7 +15,12 @@ from study.publish.command import main
 from study.run.store import Result, Results, StudyError, save
 from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
-from tests.study.toystudy import NO_FIGURES, count_started_runs, install_toy_study, make_claim_toml
+from tests.study.toystudy import (
+    EMPTY_FIGURE_DRAWING,
+    count_started_runs,
+    install_toy_study,
+    make_claim_toml,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -54,7 +59,7 @@ def run_study(results_folder):
 
     def run_and_return_status(*arguments, jobs=1):
         arguments = [*arguments, "--jobs", str(jobs), "--out", str(results_folder)]
-        return main(arguments, figures=NO_FIGURES)
+        return main(arguments, figures=EMPTY_FIGURE_DRAWING)
 
     return run_and_return_status
 
@@ -415,12 +420,12 @@ def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_s
 @pytest.mark.usefixtures("real_report")
 def test_failing_figures_give_status_1_but_do_not_prevent_the_report(results_folder):
     def fail_to_draw(folder, complete, jobs):
-        return not NO_FIGURES.draw_all(folder, complete, jobs)
+        return not EMPTY_FIGURE_DRAWING.draw_all(folder, complete, jobs)
 
     arguments = ["1", "--jobs", "1", "--out", str(results_folder)]
-    assert main(arguments, NO_FIGURES._replace(draw_all=fail_to_draw)) == 1
+    assert main(arguments, EMPTY_FIGURE_DRAWING._replace(draw_all=fail_to_draw)) == 1
     assert (results_folder / "report.html").exists()
-    assert main(arguments, NO_FIGURES) == 0
+    assert main(arguments, EMPTY_FIGURE_DRAWING) == 0
 
 
 def test_without_functions_that_draw_the_study_says_that_no_figures_are_drawn(

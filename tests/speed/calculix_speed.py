@@ -17,13 +17,13 @@ import time
 from pathlib import Path
 
 from study.solutions.calculix.calculix import find_calculix, read_version
-from study.solutions.calculix.decks import NativePressure, TrianglePairs
+from study.solutions.calculix.decks import BlockWithPrintedContactPressure, TrianglePairs
 
 
 def measure(ccx: str, divisions: int, runs: int) -> list[float]:
     """Seconds of whole runs, decks written beforehand."""
 
-    class Fine(NativePressure):
+    class Fine(BlockWithPrintedContactPressure):
         mesh = TrianglePairs((0.0, 0.0), (4.0, 2.0), (divisions, divisions // 2))
 
     seconds = []

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.study.pages import find_faults
 
-BROWSER_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+BROWSER_EXECUTABLES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 WINDOW_WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
 TIMEOUT_SECONDS = 60  # for one answer
 
@@ -33,7 +33,7 @@ PAGE_STATE_SCRIPT = """return (async () => {
   }
 })()"""
 
-BODIES_BY_FAULT = {
+PAGE_BODIES_BY_FAULT = {
     "image does not load": '<img src="data:image/png;base64,AAAA" alt="x">',
     "console-api: ": "<script>console.error('failed')</script>",
     "javascript: ": "<script>nothing.at.all</script>",
@@ -43,10 +43,10 @@ BODIES_BY_FAULT = {
 """What is to be told of a page, and a page it is true of."""
 
 
-def find_chromium():
+def find_chromium_with_driver():
     """Path of a Chromium that can be driven, or None."""
     return shutil.which("chromedriver") and next(
-        filter(None, map(shutil.which, BROWSER_NAMES)), None
+        filter(None, map(shutil.which, BROWSER_EXECUTABLES)), None
     )
 
 
@@ -55,7 +55,7 @@ def start_chromium():
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
-    options.binary_location = find_chromium()
+    options.binary_location = find_chromium_with_driver()
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     for flag in BROWSER_FLAGS.split():
         options.add_argument(f"--{flag}")
@@ -93,7 +93,7 @@ def count_search_results(browser, folder, word):
     )
 
 
-def read_claim_counts(browser, folder, query):
+def read_stated_and_visible_claim_counts(browser, folder, query):
     """What the page of claims says of how many it shows, as "10 of 86", for a query."""
     url = (folder / "evidence" / "claims.html").resolve().as_uri()
     browser.get(f"{url}?{query}")
@@ -114,7 +114,8 @@ def find_site_faults(browser, folder):
             ]
     count_search_results(browser, folder, "friction")
     failing_counts, all_counts = (
-        read_claim_counts(browser, folder, f"verdict={verdict}") for verdict in ("fails", "")
+        read_stated_and_visible_claim_counts(browser, folder, f"verdict={verdict}")
+        for verdict in ("fails", "")
     )
     for counts in (failing_counts, all_counts):
         if int(counts.split(" ")[0]) != int(counts.split(": ")[1]):
@@ -126,18 +127,18 @@ def find_site_faults(browser, folder):
 
 def main(paths):
     """Check pages and folders of them, and first that faults are seen at all; return the status."""
-    if find_chromium() is None:
+    if find_chromium_with_driver() is None:
         print(
-            f"browser: there is no chromedriver, or none of {', '.join(BROWSER_NAMES)}",
+            f"browser: there is no chromedriver, or none of {', '.join(BROWSER_EXECUTABLES)}",
             file=sys.stderr,
         )
         return 2
     n_failures = 0
     with start_chromium() as browser:
-        for fault, body in BODIES_BY_FAULT.items():
+        for fault, body in PAGE_BODIES_BY_FAULT.items():
             if not any(
-                fault in told
-                for told in find_page_faults(browser, make_page_url(body), WINDOW_WIDTHS[0])
+                fault in message
+                for message in find_page_faults(browser, make_data_url(body), WINDOW_WIDTHS[0])
             ):
                 print(f"browser: does not see the fault {fault!r}", file=sys.stderr)
                 n_failures += 1
@@ -153,7 +154,7 @@ def main(paths):
     return int(n_failures > 0)
 
 
-def make_page_url(body):
+def make_data_url(body):
     return f"data:text/html,<!doctype html><title>x</title>{body.replace('#', '%23')}"
 
 

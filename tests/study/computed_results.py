@@ -47,10 +47,10 @@ class ComputedResults(Results):
             with (self.folder / f".{key.replace('/', '-')}").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)  # others wait: two that save would mix their files
                 if key not in self:
-                    self._compute(load_cases_by_key()[key])
+                    self._compute_and_save(load_cases_by_key()[key])
         return super().__getitem__(key)
 
-    def _compute(self, case):
+    def _compute_and_save(self, case):
         case = replace(case, parameters=case.parameters | self.parameters)
         result = case.run(**case.parameters)
         save(self.folder, case.section, case.name, result, case.stored_parameters, {})

@@ -12,15 +12,15 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-REFERENCE_ATTRIBUTES = ("href", "src", "srcset")
+URL_ATTRIBUTES = ("href", "src", "srcset")
 VERBATIM_TAGS = {"code", "pre", "script", "style", "annotation", "textarea"}
-LEFTOVER_PATTERNS = {
+UNRENDERED_MARKUP_PATTERNS = {
     "a template": re.compile(r"\{\{|\{%|%\}|\{#|\bUndefined\b"),
     "LaTeX": re.compile(r"\\(?:[A-Za-z]{2,}|[,;!({[])|\$\$|\$\\"),
     "Markdown": re.compile(r"\]\((?:https?:|\.\./|\w+\.md)|^```", re.MULTILINE),
 }
 
-BODIES_BY_FAULT = {
+PAGE_BODIES_BY_FAULT = {
     "link leads nowhere": '<a href="nowhere.html">x</a>',
     "anchor leads nowhere": '<a href="#nowhere">x</a>',
     "image is missing": '<img src="nowhere.png" alt="x">',
@@ -86,10 +86,10 @@ def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[s
     }
     faults = [f"no alternative text: {image}" for image in sorted(images_without_text)]
     loaded_references = page.attribute_values(
-        *REFERENCE_ATTRIBUTES, tags=("script", "img", "link", "source")
+        *URL_ATTRIBUTES, tags=("script", "img", "link", "source")
     )
-    image_references = page.attribute_values(*REFERENCE_ATTRIBUTES, tags=("img", "source"))
-    for reference in sorted(page.attribute_values(*REFERENCE_ATTRIBUTES)):
+    image_references = page.attribute_values(*URL_ATTRIBUTES, tags=("img", "source"))
+    for reference in sorted(page.attribute_values(*URL_ATTRIBUTES)):
         parts = urlsplit(reference)
         if parts.scheme or parts.netloc:
             if reference in loaded_references and parts.scheme != "data":
@@ -104,28 +104,30 @@ def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[s
             faults.append(f"{fault_kind}: {reference}")
         elif anchor and file in pages and anchor not in pages[file].attribute_values("id", "name"):
             faults.append(f"anchor leads nowhere: {reference}")
-    for kind, pattern in LEFTOVER_PATTERNS.items():
+    for kind, pattern in UNRENDERED_MARKUP_PATTERNS.items():
         if leftover := pattern.search(page.text):
             context = page.text[max(0, leftover.start() - 30) : leftover.end() + 30]
             faults.append(f"text has {kind}: {' '.join(context.split())}")
     return faults
 
 
-def find_unseen_faults() -> list[str]:
+def list_undetected_fault_kinds() -> list[str]:
     """Return the kinds of faults that pages with one of them are not told to have."""
-    unseen = []
+    undetected_faults = []
     with tempfile.TemporaryDirectory() as name:
         page = Path(name) / "page.html"
-        for fault, body in BODIES_BY_FAULT.items():
+        for fault, body in PAGE_BODIES_BY_FAULT.items():
             page.write_text(f"<!doctype html><title>x</title>{body}", "utf-8")
             if not any(fault in line for line in find_faults(page.parent)):
-                unseen.append(fault)
-    return unseen
+                undetected_faults.append(fault)
+    return undetected_faults
 
 
 def main(paths: list[str]) -> int:
     """Check pages and folders of pages; return 1 if something is wrong."""
-    messages = [f"the check does not see the fault {fault!r}" for fault in find_unseen_faults()]
+    messages = [
+        f"the check does not see the fault {fault!r}" for fault in list_undetected_fault_kinds()
+    ]
     for path in map(Path, paths):
         folder, chosen_paths = (path, None) if path.is_dir() else (path.parent, [path.resolve()])
         n_pages = len(list(path.rglob("*.html"))) if path.is_dir() else int(path.is_file())

@@ -23,7 +23,7 @@ def test_variants_differ_from_their_base_in_the_varied_parameters_only(section):
 
 
 @pytest.mark.parametrize("section", OTHER_DIAGONALS)
-def test_variants_have_all_diagonals(section):
+def test_base_case_and_variants_cover_all_diagonal_patterns(section):
     (case,) = (
         section_case for section_case in load_section(section).cases if section_case.name == "pw-T6"
     )
@@ -32,7 +32,7 @@ def test_variants_have_all_diagonals(section):
     assert patterns == {"right", "left", "left_right", "right_left", "crossed"}
 
 
-def test_envelope_encloses_every_line_within_the_first():
+def test_envelope_spans_the_first_curves_range_and_encloses_all_curves():
     rng = np.random.default_rng(3)
     lines = []
     for count in (5, 9, 4):
@@ -51,15 +51,19 @@ def test_envelope_encloses_every_line_within_the_first():
     assert low.min() == pytest.approx(min(np.nanmin(values) for _, values in lines))
 
 
-@pytest.mark.parametrize(("standard", "weights"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
-def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(standard, weights):
+@pytest.mark.parametrize(
+    ("is_standard", "edge_integrals_times_six"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))]
+)
+def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(
+    is_standard, edge_integrals_times_six
+):
     """They sum to one; one edge's integrals are those of the element, over its length."""
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)
-    functions = _test_functions(nodes, x, standard)
+    functions = _test_functions(nodes, x, is_standard)
     assert functions.sum(axis=0) == pytest.approx(1.0)
     assert functions[np.arange(5), np.searchsorted(x, nodes)] == pytest.approx(1.0)
     integrals = np.trapezoid(functions, x, axis=1)
-    first, middle, last = (np.array(weights) / 6).tolist()
+    first, middle, last = (np.array(edge_integrals_times_six) / 6).tolist()
     expected = [first, middle, last + 2 * first, 2 * middle, 2 * last]
     assert integrals == pytest.approx(expected, rel=1e-6)

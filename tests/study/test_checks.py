@@ -30,7 +30,7 @@ def _claim_id(claim):
 
 
 @cache
-def stored_results():
+def load_stored_results_and_states():
     """Return the stored results of the project, and whether each is of the present code."""
     results = Results(STORED_RESULTS_FOLDER)
     slow_cases = [case for key, case in load_cases_by_key().items() if key in read_expected_table()]
@@ -43,7 +43,7 @@ class QuickOrStoredResults(ComputedResults):
     def __getitem__(self, key):
         if key not in read_expected_table() or load_cases_by_key()[key].record:
             return super().__getitem__(key)
-        results, states = stored_results()
+        results, states = load_stored_results_and_states()
         if states[key] == "stored":
             return results[key]
         message = f"{key} is {states[key]} in {STORED_RESULTS_FOLDER}: run ./run study"
@@ -58,7 +58,7 @@ def quick_or_stored_results(results):
 
 
 @pytest.mark.parametrize("claim", FINDINGS_AND_PINS, ids=_claim_id)
-def test_check_has_its_recorded_verdict(claim, quick_or_stored_results):
+def test_finding_or_pin_has_its_expected_verdict(claim, quick_or_stored_results):
     (verdict,) = judge([claim], quick_or_stored_results)
     assert not verdict.differs, (
         f"{claim.statement} {verdict.verdict} with {verdict.measured}, not "
@@ -66,7 +66,7 @@ def test_check_has_its_recorded_verdict(claim, quick_or_stored_results):
     )
 
 
-def test_checks_with_wrong_numbers_are_refused():
+def test_checks_with_unknown_relation_or_non_finite_bound_are_refused():
     with pytest.raises(StudyError, match="relation '==' is none of"):
         checks.check("X-1", "It is one.", largest, "==", 1.0, why="")
     with pytest.raises(StudyError, match="have to be finite"):

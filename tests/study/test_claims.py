@@ -16,9 +16,9 @@ from study.judge.claims import (
     write_claims,
 )
 from study.run.store import Result, Results, StudyError, save
-from tests.study.toystudy import TOY_MEASURES, make_claim_toml, make_finding_toml
+from tests.study.toystudy import TOY_MEASURES_MODULE, make_claim_toml, make_finding_toml
 
-PIN_ENTRIES = {
+PIN_ENTRY = {
     "id": "number",
     "source": "This study, section 1",
     "statement": "It is five.",
@@ -28,10 +28,10 @@ PIN_ENTRIES = {
     "bound": 5.0,
     "tolerance": 1e-12,
 }
-CONTRADICTED_GRADE = '"contradicted"'
-BY_CONSTRUCTION_GRADE = '"consistent by construction"'
-FOUND_NUMBER_ENTRIES = {"found": 1, "found_tol": 0}
-NOT_TESTABLE_ENTRIES = {
+CONTRADICTED_GRADE_TOML = '"contradicted"'
+BY_CONSTRUCTION_GRADE_TOML = '"consistent by construction"'
+PINNED_NUMBER_CLAIM_CHANGES = {"found": 1, "found_tol": 0}
+NOT_TESTABLE_CLAIM_CHANGES = {
     "grade": '"not testable"',
     "missing": '"A second force."',
     **dict.fromkeys(
@@ -51,7 +51,7 @@ def read_toml_claims(tmp_path):
     def write_and_read_claims(*texts):
         path = tmp_path / "claims.toml"
         path.write_text("\n".join(texts))
-        return read_claims([path], TOY_MEASURES)
+        return read_claims([path], TOY_MEASURES_MODULE)
 
     return write_and_read_claims
 
@@ -62,7 +62,7 @@ def judge_changed_claim(read_toml_claims, results, **changes):
 
 
 @pytest.mark.parametrize(
-    ("relation", "holds", "fails"),
+    ("relation", "holding_values_and_tolerances", "failing_values_and_tolerances"),
     [
         ("=", [(5.0, 0.0), (5.25, 0.25), (4.75, 0.25)], [(5.25, 0.125), (4.75, 0.125)]),
         ("<", [(5.0, 0.25)], [(5.0, 0.0), (4.75, 0.25)]),
@@ -72,9 +72,16 @@ def judge_changed_claim(read_toml_claims, results, **changes):
     ],
 )
 def test_verdict_follows_from_relation_and_tolerance(
-    read_toml_claims, results, relation, holds, fails
+    read_toml_claims,
+    results,
+    relation,
+    holding_values_and_tolerances,
+    failing_values_and_tolerances,
 ):
-    for expected, values_and_tolerances in (("holds", holds), ("fails", fails)):
+    for expected, values_and_tolerances in (
+        ("holds", holding_values_and_tolerances),
+        ("fails", failing_values_and_tolerances),
+    ):
         for value, tol in values_and_tolerances:
             judged_claim = judge_changed_claim(
                 read_toml_claims, results, relation=f'"{relation}"', value=value, tol=tol
@@ -96,7 +103,7 @@ def test_pinned_failure_with_another_number_differs(
         read_toml_claims,
         results,
         value=1,
-        grade=CONTRADICTED_GRADE,
+        grade=CONTRADICTED_GRADE_TOML,
         found=pinned_number,
         found_tol=0.2,
     )
@@ -105,10 +112,10 @@ def test_pinned_failure_with_another_number_differs(
 
 
 @pytest.mark.parametrize(
-    ("changes", "expected"),
+    ("changes", "expected_verdict"),
     [
-        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"identity"'}, "by construction"),
-        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"identity"', "value": 4.0}, "fails"),
+        ({"grade": BY_CONSTRUCTION_GRADE_TOML, "basis": '"identity"'}, "by construction"),
+        ({"grade": BY_CONSTRUCTION_GRADE_TOML, "basis": '"identity"', "value": 4.0}, "fails"),
         (
             {"grade": '"not explained"', "value": 1.0, "found": 5.0, "found_tol": 0.1},
             "not explained",
@@ -116,29 +123,29 @@ def test_pinned_failure_with_another_number_differs(
         ({"grade": '"not explained"', "found": 5.0, "found_tol": 0.1}, "holds"),
     ],
 )
-def test_verdict_by_construction_or_not_explained_replaces_holds_or_fails(
-    read_toml_claims, results, changes, expected
+def test_grade_turns_holds_into_by_construction_and_fails_into_not_explained(
+    read_toml_claims, results, changes, expected_verdict
 ):
     judged_claim = judge_changed_claim(read_toml_claims, results, **changes)
-    assert judged_claim.verdict == expected
-    assert judged_claim.differs == (expected in ("fails", "holds"))
+    assert judged_claim.verdict == expected_verdict
+    assert judged_claim.differs == (expected_verdict in ("fails", "holds"))
 
 
 @pytest.mark.parametrize(
-    ("factor", "expected"), [(0.1, "holds"), (1.0, "not judged: no reference")]
+    ("factor", "expected_verdict"), [(0.1, "holds"), (1.0, "not judged: no reference")]
 )
 def test_reference_is_accepted_if_its_error_is_below_a_third_of_the_tolerance(
-    read_toml_claims, results, factor, expected
+    read_toml_claims, results, factor, expected_verdict
 ):
     args = f'{{ key = "1/b", name = "y", factor = {factor} }}'
     reference = f'{{ measure = "value", args = {args} }}'
     judged_claim = judge_changed_claim(
         read_toml_claims, results, value=4.0, tol=2.0, reference=reference
     )
-    assert (judged_claim.verdict, judged_claim.measured) == (expected, 5.0)
+    assert (judged_claim.verdict, judged_claim.measured) == (expected_verdict, 5.0)
     not_testable_entries = {
-        "grade": NOT_TESTABLE_ENTRIES["grade"],
-        "missing": NOT_TESTABLE_ENTRIES["missing"],
+        "grade": NOT_TESTABLE_CLAIM_CHANGES["grade"],
+        "missing": NOT_TESTABLE_CLAIM_CHANGES["missing"],
     }
     assert judge_changed_claim(
         read_toml_claims, results, tol=2.0, reference=reference, **not_testable_entries
@@ -164,23 +171,23 @@ def test_claim_without_result_is_not_judged(read_toml_claims, results):
         ({"value": "nan"}, "the-claim: value cannot be nan"),
         ({"relation": '"=="'}, "the-claim: relation is '=='"),
         ({"pinned": '"holds"'}, "the-claim: pinned is not a key of it"),
-        ({"grade": CONTRADICTED_GRADE, "found": 1}, "the-claim: found_tol is missing"),
+        ({"grade": CONTRADICTED_GRADE_TOML, "found": 1}, "the-claim: found_tol is missing"),
         ({"found": 1.0}, "the-claim: found belongs to statements that fail"),
         ({"measure": '"velocity"'}, "the-claim: measure 'velocity' is not in toy_measures"),
         ({"args": '{ key = "1/b" }'}, "the-claim: args do not suit value: .*'name'"),
         (
-            {"grade": CONTRADICTED_GRADE, "basis": '"fit"', **FOUND_NUMBER_ENTRIES},
+            {"grade": CONTRADICTED_GRADE_TOML, "basis": '"fit"', **PINNED_NUMBER_CLAIM_CHANGES},
             "the-claim: basis is not a key",
         ),
         ({"reference": '{ measure = "value" }'}, "the-claim: reference.args is missing"),
-        ({"grade": BY_CONSTRUCTION_GRADE}, "the-claim: basis is missing"),
-        ({"grade": BY_CONSTRUCTION_GRADE, "basis": '"fit"'}, "the-claim: chosen is missing"),
+        ({"grade": BY_CONSTRUCTION_GRADE_TOML}, "the-claim: basis is missing"),
+        ({"grade": BY_CONSTRUCTION_GRADE_TOML, "basis": '"fit"'}, "the-claim: chosen is missing"),
         ({"grade": '"not testable"'}, "the-claim: missing is missing"),
         ({"grade": '"not testable"', "missing": '"x"'}, "the-claim: (args|measure) is not a key"),
         ({"reading_of": '"another"'}, "the-claim: reading_of names no other claim"),
     ],
 )
-def test_error_names_claim_and_key(read_toml_claims, changes, message):
+def test_error_of_a_malformed_claim_names_claim_and_key(read_toml_claims, changes, message):
     with pytest.raises(StudyError, match=message):
         read_toml_claims(make_claim_toml(**changes))
 
@@ -193,7 +200,9 @@ def test_only_statements_of_the_paper_have_grades(read_toml_claims):
 
 
 def test_untestable_statement_has_no_measure_and_never_differs(read_toml_claims, results):
-    (judged_claim,) = judge(read_toml_claims(make_claim_toml(**NOT_TESTABLE_ENTRIES)), results)
+    (judged_claim,) = judge(
+        read_toml_claims(make_claim_toml(**NOT_TESTABLE_CLAIM_CHANGES)), results
+    )
     assert (judged_claim.verdict, judged_claim.measured, judged_claim.differs) == (
         "not testable",
         None,
@@ -205,7 +214,7 @@ def test_untestable_statement_has_no_measure_and_never_differs(read_toml_claims,
 @pytest.mark.parametrize(
     "text", ["[[claim]", "title = 1", "claim = 3", make_claim_toml() + make_claim_toml()]
 )
-def test_error_names_a_file_without_a_list_of_distinct_claims(read_toml_claims, text):
+def test_error_names_file_of_malformed_toml_or_claim_with_repeated_id(read_toml_claims, text):
     with pytest.raises(StudyError, match=r"claims\.toml|the-claim: its id"):
         read_toml_claims(text)
 
@@ -219,7 +228,7 @@ def test_error_names_a_failing_measure_and_its_claim(read_toml_claims, results, 
         judge_changed_claim(read_toml_claims, results, measure=f'"{measure}"', args=None)
 
 
-def test_verdicts_are_written_for_the_report(read_toml_claims, results):
+def test_claims_are_written_with_verdict_fact_and_turning_mutations(read_toml_claims, results):
     judged_claims = judge(
         read_toml_claims(
             make_claim_toml(), make_claim_toml(id='"other"', args='{ key = "7/no", name = "y" }')
@@ -249,10 +258,10 @@ def test_summary_counts_verdicts_and_table_lists_differing_claims(read_toml_clai
             make_claim_toml(),
             make_claim_toml(id='"wrong"', value=4.0),
             make_claim_toml(id='"absent"', args='{ key = "7/no", name = "y" }'),
-            make_claim_toml(id='"open"', **NOT_TESTABLE_ENTRIES),
+            make_claim_toml(id='"open"', **NOT_TESTABLE_CLAIM_CHANGES),
             make_finding_toml(id='"own"'),
         )
-        + claims_from_pins([PIN_ENTRIES]),
+        + claims_from_pins([PIN_ENTRY]),
         results,
     )
     assert summarise_verdicts(judged_claims) == (
@@ -268,11 +277,11 @@ def test_summary_counts_verdicts_and_table_lists_differing_claims(read_toml_clai
     assert format_verdict_table([]) == ""
 
 
-def test_schema_is_a_valid_json_schema():
+def test_schema_of_claims_is_a_valid_json_schema():
     jsonschema.Draft202012Validator.check_schema(json.loads(SCHEMA_FILE.read_bytes()))
 
 
-def test_the_paper_s_own_claims_are_well_formed():
+def test_claims_of_the_study_can_be_loaded_and_are_of_four_kinds():
     assert {loaded_claim.kind for loaded_claim in load_claims()} == {
         "paper",
         "implied",

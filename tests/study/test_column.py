@@ -13,7 +13,7 @@ from study.paper import s7_5_column, s7_5_fit, s7_5_profiles
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_mesh_fills_the_section(profile, cell):
+def test_column_mesh_has_the_printed_cell_count_and_the_profiles_area_and_outline(profile, cell):
     mesh = s7_5_profiles.mesh_column(profile, cell)
     assert mesh.topology.index_map(2).size_local == {"quadrilateral": 759, "triangle": 1518}[cell]
     unit_field = fem.Constant(mesh, 1.0)
@@ -25,7 +25,7 @@ def test_mesh_fills_the_section(profile, cell):
     assert outline == pytest.approx(2 * sum(profile.heights) + np.abs(np.diff(radii)).sum())
 
 
-def test_eigenvalues_agree_with_an_independent_program():
+def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
     # its 8-node elements of 12 mm on the section from which the first one was fitted
     start_profile = s7_5_fit.make_profile(s7_5_fit.STARTS["first"])
     coarse_profile = replace(
@@ -38,7 +38,7 @@ def test_eigenvalues_agree_with_an_independent_program():
 
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
-def test_columns_reproduce_the_eigenvalues_of_table_1(profile):
+def test_column_eigenvalues_deviate_from_table_1_by_less_than_0_3_percent(profile):
     deviations = s7_5_fit.deviations_from_table_1(profile)
     assert np.abs(deviations).max() < 0.3
     assert np.abs(deviations.mean(axis=0)).max() < 0.1  # none of the printed columns is preferred

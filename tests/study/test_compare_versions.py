@@ -39,7 +39,7 @@ def test_equal_results_do_not_differ_and_missing_results_are_no_agreement(
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "too_large"),
+    ("name", "value", "is_too_large"),
     [
         ("x", 2.0 * (1 + 0.9e-8), False),
         ("x", 2.0 * (1 + 1.1e-8), True),
@@ -49,18 +49,20 @@ def test_equal_results_do_not_differ_and_missing_results_are_no_agreement(
         ("residual", 1.1e-7, True),
     ],
 )
-def test_difference_is_relative_to_the_scale_of_its_kind(store_scalars, name, value, too_large):
+def test_differences_are_judged_relative_to_the_scale_of_their_kind(
+    store_scalars, name, value, is_too_large
+):
     folders = store_scalars("0.9"), store_scalars("0.11", **{name: value})
     differences, only_in_one_folder = compare_folders(*folders)
     assert only_in_one_folder == []
     assert [difference.name for difference in differences if difference.too_large] == [
         name
-    ] * too_large
-    assert main(list(folders)) == int(too_large)
-    assert ("TOO LARGE" in format_differences(differences, only_in_one_folder)) is too_large
+    ] * is_too_large
+    assert main(list(folders)) == int(is_too_large)
+    assert ("TOO LARGE" in format_differences(differences, only_in_one_folder)) is is_too_large
 
 
-def test_a_change_of_sign_of_a_small_number_is_a_difference(store_scalars):
+def test_a_change_of_sign_of_a_small_number_is_too_large(store_scalars):
     assert main([store_scalars("0.9", x=1e-12), store_scalars("0.11", x=-1e-12)]) == 1
 
 
@@ -74,7 +76,7 @@ def test_scalars_and_cases_in_one_folder_only_are_reported(store_scalars):
 
 
 @pytest.mark.parametrize(
-    ("scalar", "kind"),
+    ("case_and_scalar_name", "kind"),
     [
         ("C/pw-T10-ball error_L2", "numbers on Gmsh's meshes"),
         ("C/pw-T10-cube error_L2", "errors"),
@@ -92,8 +94,8 @@ def test_scalars_and_cases_in_one_folder_only_are_reported(store_scalars):
         ("V11/patch-3d-pw-dual master_force_min", "errors"),
     ],
 )
-def test_scalar_has_the_kind_that_its_case_and_name_say(scalar, kind):
-    assert find_kind(scalar).name == kind
+def test_scalar_has_the_kind_that_its_case_and_name_say(case_and_scalar_name, kind):
+    assert find_kind(case_and_scalar_name).name == kind
     assert len({listed_kind.name for listed_kind in KINDS}) == len(KINDS)
 
 

@@ -10,7 +10,7 @@ from study.run.store import Result, Results, save
 
 
 @pytest.fixture
-def summary_after_storing_case(tmp_path):
+def store_v1_case_and_describe(tmp_path):
     """A function that stores a case of V1 and returns what the section was computed with."""
 
     def store_case_and_summarise(parameters, dofs=None, curves=None, record=""):
@@ -23,31 +23,33 @@ def summary_after_storing_case(tmp_path):
     return store_case_and_summarise
 
 
-def test_summary_gives_fewest_and_most_unknowns_and_each_mesh_size_once(summary_after_storing_case):
-    summary_after_storing_case({"divisions": [80, 40]}, dofs=40)
-    summary_after_storing_case(
+def test_summary_has_result_counts_range_of_unknowns_and_distinct_mesh_sizes(
+    store_v1_case_and_describe,
+):
+    store_v1_case_and_describe({"divisions": [80, 40]}, dofs=40)
+    store_v1_case_and_describe(
         {"dofs": 900, "divisions": [20, 10]}
     )  # a recorded case keeps them among its parameters
-    assert summary_after_storing_case({"divisions": [20, 10]}, dofs=120)[:4] == (
+    assert store_v1_case_and_describe({"divisions": [20, 10]}, dofs=120)[:4] == (
         3,
         0,
         (40, 900),
         ["20 × 10", "80 × 40"],
     )
-    assert summary_after_storing_case({"measured": {}}, dofs=120, record="study/run/records.json")[
+    assert store_v1_case_and_describe({"measured": {}}, dofs=120, record="study/run/records.json")[
         :2
     ] == (4, 1)
 
 
-def test_computed_and_recorded_results_are_counted(summary_after_storing_case, tmp_path):
-    summary_after_storing_case({}, dofs=1)
-    summary_after_storing_case({}, dofs=1)
-    summary_after_storing_case({}, dofs=1, record="study/run/records.json")
+def test_computed_and_recorded_results_are_counted_separately(store_v1_case_and_describe, tmp_path):
+    store_v1_case_and_describe({}, dofs=1)
+    store_v1_case_and_describe({}, dofs=1)
+    store_v1_case_and_describe({}, dofs=1, record="study/run/records.json")
     assert computations.count_computed_and_recorded(Results(tmp_path)) == (2, 1)
 
 
 @pytest.mark.parametrize(
-    ("parameters", "curves", "meshes"),
+    ("parameters", "curves", "expected_mesh_sizes"),
     [
         ({"squares": [8, 2, 4]}, {}, ["2", "4", "8"]),
         ({"elements": 5}, {}, ["5"]),
@@ -56,10 +58,13 @@ def test_computed_and_recorded_results_are_counted(summary_after_storing_case, t
         ({"friction": 0.3}, {"x": [1.0, 2.0]}, []),
     ],
 )
-def test_mesh_sizes_come_from_parameters_and_series(
-    summary_after_storing_case, parameters, curves, meshes
+def test_mesh_sizes_are_read_from_parameters_and_curves(
+    store_v1_case_and_describe, parameters, curves, expected_mesh_sizes
 ):
-    assert summary_after_storing_case(parameters, dofs=1, curves=curves).mesh_sizes == meshes
+    assert (
+        store_v1_case_and_describe(parameters, dofs=1, curves=curves).mesh_sizes
+        == expected_mesh_sizes
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,13 +76,13 @@ def test_mesh_sizes_come_from_parameters_and_series(
         ("V2", None),
     ],
 )
-def test_quadrature_degrees_are_those_that_the_modules_use(section, module):
+def test_listed_quadrature_degrees_are_the_degree_constants_of_the_modules(section, module):
     degree = import_module(module).DEGREE if module else {}
     expected = {*degree.values()} if isinstance(degree, dict) else {degree}
     assert computations._quadrature_degrees(computations.SECTIONS[section]) == expected
 
 
-def test_rational_degree_is_the_librarys_quadrature_degree():
+def test_degree_for_non_polynomials_is_that_of_the_library():
     import_module("pw_elements")
     library_degrees = [
         vars(module)["_NON_POLYNOMIAL_QUADRATURE_DEGREE"]

@@ -23,7 +23,7 @@ from study.meshes.mesh_families import (
 )
 
 
-def measure_orders(element, setting, *cell_sides):
+def measure_orders_and_finest_errors(element, setting, *cell_sides):
     errors_by_mesh = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
     h = np.array([errors["h"] for errors in errors_by_mesh])
     error_names = [name for name in errors_by_mesh[0] if name.startswith("error_")]
@@ -41,8 +41,8 @@ def measure_orders(element, setting, *cell_sides):
         *[(element, "curved-ring") for element in ("galerkin-T6", "pw-T6", "pw-Q9")],
     ],
 )
-def test_quadratic_elements_have_orders_two_and_three(element, setting):
-    orders, finest_errors = measure_orders(element, setting, 1 / 4, 1 / 8, 1 / 16)
+def test_quadratic_plane_elements_have_order_two_in_h1_and_three_in_l2(element, setting):
+    orders, finest_errors = measure_orders_and_finest_errors(element, setting, 1 / 4, 1 / 8, 1 / 16)
     assert orders["error_H1"] == pytest.approx(2, abs=0.2)
     assert orders["error_L2"] == pytest.approx(3, abs=0.3)
     assert orders["error_stress"] == pytest.approx(2, abs=0.25)
@@ -53,15 +53,15 @@ def test_quadratic_elements_have_orders_two_and_three(element, setting):
     assert finest_errors["error_force"] < 6 * h1_bound
 
 
-def test_tetrahedra_have_orders_two_and_three():
-    orders, finest_errors = measure_orders("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
+def test_tetrahedra_have_order_two_in_h1_and_three_in_l2():
+    orders, finest_errors = measure_orders_and_finest_errors("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
     assert orders["error_H1"] == pytest.approx(2, abs=0.3)
     assert orders["error_L2"] == pytest.approx(3, abs=0.4)
     assert finest_errors["error_H1"] < 1e-2
     assert finest_errors["error_force"] < 1e-2
 
 
-def test_nodal_forces_of_linear_field_are_exact_for_all_test_functions():
+def test_all_errors_of_a_linear_field_are_round_off_for_every_plane_element():
     def linear_field(_, x, __):
         return 0.3 * x[0] + x[1], 0.2 * x[1] - x[0]
 
@@ -94,7 +94,7 @@ def test_order_is_the_slope_through_the_finest_three_meshes():
     assert convergence_order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
 
 
-def test_exact_eigenvalues_match_wave_formulas():
+def test_exact_eigenvalues_of_square_cube_cylinder_and_ring_match_formulas():
     square = eigenvalues.square_eigenvalues()
     cube = eigenvalues.cube_eigenvalues()
     cylinder = eigenvalues.cylinder_eigenvalues()

@@ -11,7 +11,7 @@ from study.benchmarks.k_cost.tasks import TASKS, Measurement
 from study.run import records
 from study.run.cases import load_section
 
-PROCESS_NUMBER_NAMES = {"wall_seconds", "whole_seconds", "megabytes"}
+NAMES_OF_NUMBERS_ADDED_TO_TASKS = {"wall_seconds", "whole_seconds", "megabytes"}
 """Numbers that are added to those of a task."""
 SMALL_MEASUREMENTS = [
     Measurement("assembly", "galerkin-T6", 2),
@@ -28,22 +28,22 @@ SMALL_MEASUREMENTS = [
 ]
 
 
-def read_measured_numbers():
+def read_recorded_numbers_by_measurement():
     """Return the numbers of the record by their measurements."""
     rows = records.read_rows(records.TIME_AND_MEMORY).values()
     return {measurement_of_row(row): row.content["measured"] for row in rows}
 
 
 @pytest.mark.parametrize("measurement", SMALL_MEASUREMENTS, ids=lambda one: one.name)
-def test_a_task_measures_what_the_record_has(measurement):
+def test_each_task_returns_the_named_numbers_of_its_record(measurement):
     recorded_names = {
         (recorded_measurement.task, recorded_measurement.method): set(numbers)
-        for recorded_measurement, numbers in read_measured_numbers().items()
+        for recorded_measurement, numbers in read_recorded_numbers_by_measurement().items()
     }
     numbers = TASKS[measurement.task](measurement)
     assert (
         numbers.keys()
-        == recorded_names[measurement.task, measurement.method] - PROCESS_NUMBER_NAMES
+        == recorded_names[measurement.task, measurement.method] - NAMES_OF_NUMBERS_ADDED_TO_TASKS
     )
     assert numbers["dofs"] > 0
     assert numbers["seconds"] > 0
@@ -57,11 +57,11 @@ def test_small_and_listed_measurements_cover_every_task():
     assert tried_tasks == TASKS.keys() == listed_tasks
 
 
-def test_all_measurements_are_recorded():
-    assert read_measured_numbers().keys() == set(list_measurements())
+def test_recorded_measurements_are_exactly_the_listed_ones():
+    assert read_recorded_numbers_by_measurement().keys() == set(list_measurements())
 
 
-def test_costs_are_measured_anew_on_demand(tmp_path, monkeypatch):
+def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_path, monkeypatch):
     """Each once; those of CalculiX stay read from the record."""
     rows = records.read_rows(records.TIME_AND_MEMORY)
     measured_keys = []

@@ -24,10 +24,14 @@ from tests.contact.cases import ElasticBody, on_plane
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 
 
-def make_block(element, cells=3):
-    mesh_lines = np.linspace(0, 1, cells + 1)
+def make_elastic_block(element, cells_per_side=3):
+    mesh_lines = np.linspace(0, 1, cells_per_side + 1)
     is_plane = element.endswith("T6")
-    mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if is_plane else None
+    mesh = (
+        triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells_per_side, cells_per_side))
+        if is_plane
+        else None
+    )
     mesh = mesh or mesh_box("tetrahedron", mesh_lines, mesh_lines, mesh_lines)
     state = "plane strain" if is_plane else "solid"
     return ElasticBody(
@@ -38,7 +42,7 @@ def make_block(element, cells=3):
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_pressure_matrix_recovers_pressure_from_nodal_forces(element):
     """Even ones all but tributary areas, linear ones those that are projected; 1 + 2 x."""
-    body = make_block(element).body
+    body = make_elastic_block(element).body
     mesh = body.spaces.mesh
     vertical_axis = mesh.geometry.dim - 1
     surface = SurfaceNodes.from_body(body, on_plane(vertical_axis, 0.0))
@@ -68,7 +72,7 @@ def test_pressure_matrix_recovers_pressure_from_nodal_forces(element):
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_an_unworn_punch_has_the_librarys_contact_forces(element):
-    punch, body = sliding.Punch.make(element, 4), make_block(element, 4)
+    punch, body = sliding.Punch.make(element, 4), make_elastic_block(element, 4)
     vertical_axis = body.dim - 1
 
     def is_loaded(x):
@@ -92,13 +96,13 @@ def test_an_unworn_punch_has_the_librarys_contact_forces(element):
 
 
 @cache
-def solve_worn_punch(element, rule="own"):
-    return sliding.wear_punch(element, rule, 4, 200)
+def solve_worn_punch(element, pressure_rule="own"):
+    return sliding.wear_punch(element, pressure_rule, 4, 200)
 
 
-def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
+def test_final_wear_depth_follows_face_displacement_under_even_pressure():
     """The face's displacements under the even pressure, by one linear solution."""
-    body, worn = make_block("pw-T6", 4), solve_worn_punch("pw-T6")
+    body, worn = make_elastic_block("pw-T6", 4), solve_worn_punch("pw-T6")
     is_loaded = lambda x: np.isclose(x[1], 1) & (x[0] < sliding.LOADED_WIDTH + 1e-9)  # noqa: E731
     load = body.traction_load((0.0, 1.0), on_plane(1, 0.0)) + body.traction_load(
         (0.0, -1 / sliding.LOADED_WIDTH), is_loaded
@@ -122,7 +126,7 @@ def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
     assert worn.pressure == pytest.approx(sliding.MEAN_PRESSURE, rel=0.01)
 
 
-def test_a_step_beyond_the_bound_is_refused_and_just_below_it_is_stable():
+def test_wear_step_beyond_the_stability_bound_is_refused_and_below_it_is_stable():
     min_stable_steps = solve_worn_punch("pw-T6").step_over_bound * 200
     with pytest.raises(ValueError, match="not stable"):
         sliding.wear_punch("pw-T6", "own", 4, int(min_stable_steps))
@@ -135,7 +139,7 @@ def solve_partial_slip(element, halving_pressure):
 
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
-def test_constant_friction_sticks_as_cattaneo_and_mindlin_say(element):
+def test_stick_width_under_constant_friction_agrees_with_cattaneo_and_mindlin(element):
     """To a third of the distance of nodes; the sides are near, and both directions coupled."""
     slip_result = solve_partial_slip(element, 1e9)
     assert slip_result.stick == pytest.approx(np.sqrt(1 - slip_result.force), abs=0.02)
@@ -155,7 +159,7 @@ def test_shear_is_at_the_limit_of_friction_in_slip_and_below_it_in_stick(element
 
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
-def test_heat_that_is_linear_in_the_pressure_is_that_of_the_force(element, monkeypatch):
+def test_heat_through_a_weak_joint_is_proportional_to_the_contact_force(element, monkeypatch):
     """Through a joint so weak that the body has one temperature, whatever the nodal forces."""
     monkeypatch.setattr(pressures, "CONDUCTANCE", 1e-9)
     contact = pressures.HertzContact.solve(element, 4)
@@ -199,7 +203,7 @@ def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
 
 
 @pytest.mark.parametrize("offset", [-1 / 3, 0.0, 1 / 3])
-def test_shifted_mesh_lines_change_neither_body_nor_load(offset):
+def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
     """Forces of the punch add up to the load, and the contact's force is Hertz' on any mesh."""
     punch = sliding.Punch.make("pw-T6", 4, offset)
     force, _ = punch.forces(
@@ -214,7 +218,7 @@ def test_shifted_mesh_lines_change_neither_body_nor_load(offset):
     )  # of one half
 
 
-def test_other_cells_agree_with_triangles_on_a_fine_mesh():
+def test_quadrilaterals_agree_with_triangles_on_a_fine_mesh():
     """References are independent of the elements compared, but solve the same problems."""
     depth = {
         element: sliding.wear_punch(element, "own", 16, 400).half_depth[0]
@@ -227,7 +231,7 @@ def test_other_cells_agree_with_triangles_on_a_fine_mesh():
     assert rebounds[0] == pytest.approx(rebounds[1], rel=5e-3)
 
 
-def store_answers(folder, standard_answers, new_answers, reference_uncertainty=0.001):
+def store_wear_answers(folder, standard_answers, new_answers, reference_uncertainty=0.001):
     """Store answers on three meshes, each with two shifted ones; the reference is 1."""
 
     def save_result(name, parameters, scalars):
@@ -251,8 +255,8 @@ def store_answers(folder, standard_answers, new_answers, reference_uncertainty=0
     return Results(folder)
 
 
-def test_band_extends_by_the_range_on_both_sides_of_its_middle(tmp_path):
-    results = store_answers(tmp_path, (1.02, 1.03, 1.04), (1.0, 1.001, 0.999))
+def test_answer_band_is_the_middle_of_shifted_answers_plus_minus_their_range(tmp_path):
+    results = store_wear_answers(tmp_path, (1.02, 1.03, 1.04), (1.0, 1.001, 0.999))
     wear_arguments = (results, "wear", "T6", "")
     assert engineering.answer_band(*wear_arguments, False, 0) == pytest.approx((1.01, 1.05))
     assert engineering.error_band(*wear_arguments, False, 0) == pytest.approx((0.009, 0.051))
@@ -267,13 +271,13 @@ def test_band_extends_by_the_range_on_both_sides_of_its_middle(tmp_path):
     [(1.0, 1.02, 1.01), (1.012, 1.0125, 1.0115)],
     ids=["overlapping", "nearer than 1 %"],
 )
-def test_answers_in_overlapping_or_near_bands_do_not_change(tmp_path, new_answers):
-    results = store_answers(tmp_path, (1.02, 1.021, 1.019), new_answers)
+def test_answer_is_unchanged_if_bands_overlap_or_are_nearer_than_1_percent(tmp_path, new_answers):
+    results = store_wear_answers(tmp_path, (1.02, 1.021, 1.019), new_answers)
     assert not engineering.answer_changes(results, "wear", "T6", "", 0)
 
 
-def test_an_uncertain_reference_resolves_no_ratio(tmp_path):
-    results = store_answers(
+def test_error_ratio_is_not_resolved_with_an_uncertain_reference(tmp_path):
+    results = store_wear_answers(
         tmp_path, (1.02, 1.021, 1.019), (1.0, 1.001, 0.999), reference_uncertainty=0.02
     )
     assert engineering.answer_changes(results, "wear", "T6", "", 0)

@@ -22,7 +22,7 @@ from study.run.store import Result, save
 
 ROOT = Path(__file__).parents[2]
 
-SCRIPT_SOURCE = '''"""Force over place.
+FIGURE_SCRIPT_SOURCE = '''"""Force over place.
 
 More about it.
 """
@@ -53,18 +53,18 @@ def alt(results):
 '''
 
 
-def store_case(out, case, y, **curves):
-    save(out, "1", case, Result({"y": y}, {"y": "1"}, curves), {"problem": "toy"}, {})
+def store_toy_result(results_folder, case, y, **curves):
+    save(results_folder, "1", case, Result({"y": y}, {"y": "1"}, curves), {"problem": "toy"}, {})
 
 
 @pytest.fixture
-def out(tmp_path):
-    store_case(tmp_path / "out", "a", 2.5, x=np.linspace(0, 1, 5))
+def results_folder(tmp_path):
+    store_toy_result(tmp_path / "out", "a", 2.5, x=np.linspace(0, 1, 5))
     return tmp_path / "out"
 
 
 @pytest.fixture
-def add_script(tmp_path, monkeypatch):
+def add_figure_script(tmp_path, monkeypatch):
     """A function that adds a figure script; no others exist."""
     folder = tmp_path / "scripts"
     folder.mkdir()
@@ -73,50 +73,57 @@ def add_script(tmp_path, monkeypatch):
     added_names = []
 
     def add(name, replaced="", replacement=""):
-        assert replaced in SCRIPT_SOURCE
+        assert replaced in FIGURE_SCRIPT_SOURCE
         added_names.append(name)
         (folder / f"{name}.py").write_text(
-            SCRIPT_SOURCE.replace(replaced, replacement) if replaced else SCRIPT_SOURCE
+            FIGURE_SCRIPT_SOURCE.replace(replaced, replacement)
+            if replaced
+            else FIGURE_SCRIPT_SOURCE
         )
 
     return add
 
 
-def read_index_names(out):
-    return [entry["name"] for entry in json.loads((out / "figures" / "index.json").read_text())]
+def read_indexed_figure_names(results_folder):
+    return [
+        entry["name"]
+        for entry in json.loads((results_folder / "figures" / "index.json").read_text())
+    ]
 
 
-def find_redrawn_figures(out, *names):
+def draw_and_list_redrawn_figures(results_folder, *names):
     """Which of the figures the next call draws: a file made empty beforehand has content again."""
-    paths_by_name = {name: out / "figures" / f"{name}.svg" for name in names}
+    paths_by_name = {name: results_folder / "figures" / f"{name}.svg" for name in names}
     for path in paths_by_name.values():
         path.write_text("")
-    assert draw_all(out, complete=False)
+    assert draw_all(results_folder, complete=False)
     return [name for name, picture in paths_by_name.items() if picture.stat().st_size > 0]
 
 
-def test_figures_are_drawn_again_only_after_a_change_of_their_own(out, add_script):
+def test_figures_are_redrawn_only_if_their_script_or_results_change(
+    results_folder, add_figure_script
+):
     toy_names = ("toy_one", "toy_two", "toy_whole")
-    store_case(out, "b", 1.0, x=np.linspace(0, 1, 3))
-    add_script("toy_one")
-    add_script("toy_two", '"1/a"', '"1/b"')
-    add_script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
-    assert draw_all(out, complete=True)
-    assert find_redrawn_figures(out, *toy_names) == []
-    add_script("toy_one", "A parabola", "The parabola")
-    assert find_redrawn_figures(out, *toy_names) == ["toy_one"]
-    result_path = out / "1" / "b.json"
+    store_toy_result(results_folder, "b", 1.0, x=np.linspace(0, 1, 3))
+    add_figure_script("toy_one")
+    add_figure_script("toy_two", '"1/a"', '"1/b"')
+    add_figure_script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
+    assert draw_all(results_folder, complete=True)
+    assert draw_and_list_redrawn_figures(results_folder, *toy_names) == []
+    add_figure_script("toy_one", "A parabola", "The parabola")
+    assert draw_and_list_redrawn_figures(results_folder, *toy_names) == ["toy_one"]
+    result_path = results_folder / "1" / "b.json"
     result_path.write_text(result_path.read_text() + "\n")
-    assert find_redrawn_figures(out, *toy_names) == ["toy_two", "toy_whole"]
-    store_case(out, "c", 1.0)
-    assert find_redrawn_figures(out, *toy_names) == ["toy_whole"]
-    (out / "figures" / "index.json").unlink()
-    assert find_redrawn_figures(out, *toy_names) == []
-    assert {*read_index_names(out)} == {*toy_names}
+    assert draw_and_list_redrawn_figures(results_folder, *toy_names) == ["toy_two", "toy_whole"]
+    store_toy_result(results_folder, "c", 1.0)
+    assert draw_and_list_redrawn_figures(results_folder, *toy_names) == ["toy_whole"]
+    (results_folder / "figures" / "index.json").unlink()
+    assert draw_and_list_redrawn_figures(results_folder, *toy_names) == []
+    assert {*read_indexed_figure_names(results_folder)} == {*toy_names}
     result_path.unlink()  # a failure only where all is said to be there
-    assert not draw_all(out, complete=True)
-    assert draw_all(out, complete=False)
-    assert "toy_two" not in read_index_names(out)
+    assert not draw_all(results_folder, complete=True)
+    assert draw_all(results_folder, complete=False)
+    assert "toy_two" not in read_indexed_figure_names(results_folder)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +135,7 @@ def test_figures_are_drawn_again_only_after_a_change_of_their_own(out, add_scrip
     ],
 )
 def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
-    out, add_script, value_expression, store_call
+    results_folder, add_figure_script, value_expression, store_call
 ):
     """Others compute while a figure is drawn: what it has not read is not what it shows."""
     late_storing_source = (
@@ -144,14 +151,16 @@ def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
         "    return said\n\n\n"
         "def caption_before(results):"
     )
-    add_script("toy_late", "def caption(results):", late_storing_source)
+    add_figure_script("toy_late", "def caption(results):", late_storing_source)
     for _ in range(2):  # the note of the first drawing does not hold
-        assert draw_all(out, complete=False)
-    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+        assert draw_all(results_folder, complete=False)
+    (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["caption"] == "It is 3.5."
 
 
-def test_figures_need_no_writable_project(tmp_path, add_script, monkeypatch, capfd):
+def test_results_go_beside_the_figure_if_the_project_is_read_only(
+    tmp_path, add_figure_script, monkeypatch, capfd
+):
     """In a clone that is read-only, results go beside the figure."""
     (tmp_path / "results").write_text("no folder")
     monkeypatch.setattr("figures.__main__.ROOT", tmp_path)
@@ -160,11 +169,11 @@ def test_figures_need_no_writable_project(tmp_path, add_script, monkeypatch, cap
     def compute(names, results, jobs):
         assert jobs == 1
         compute_calls.append((names, results))
-        store_case(results, "a", 2.5, x=np.linspace(0, 1, 5))
+        store_toy_result(results, "a", 2.5, x=np.linspace(0, 1, 5))
         return True
 
     monkeypatch.setattr("figures.__main__._compute_needed_results", compute)
-    add_script("toy_one")
+    add_figure_script("toy_one")
     assert main(["toy_one"]) == 2
     assert "results cannot be written: name another folder by --results" in capfd.readouterr().err
     assert main(["toy_one", "--out", str(tmp_path / "drawn")]) == 0
@@ -177,7 +186,7 @@ def test_figures_need_no_writable_project(tmp_path, add_script, monkeypatch, cap
     ]
 
 
-def test_ids_in_drawings_are_the_same_in_every_process():
+def test_svg_ids_do_not_depend_on_the_hash_seed():
     use_elements = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
     code = f"from figures.drawing import _strip_svg; print(_strip_svg('<svg>{use_elements}</svg>'))"
 
@@ -189,21 +198,25 @@ def test_ids_in_drawings_are_the_same_in_every_process():
     assert strip_in_process("1") == strip_in_process("2")
 
 
-def test_figure_is_indexed_and_its_drawing_is_reproducible_and_minimal(out, add_script):
-    add_script("toy_same")
+def test_figure_is_indexed_and_its_svg_is_reproducible_without_unused_ids(
+    results_folder, add_figure_script
+):
+    add_figure_script("toy_same")
     drawings = []
     for _ in range(2):
-        assert draw_all(out, complete=False)
+        assert draw_all(results_folder, complete=False)
         assert plt.get_fignums() == []
         suffixes = ("json", "narrow.svg", "svg")
         files = ["index.json", *(f"toy_same.{kind}" for kind in suffixes)]
-        assert sorted(os.listdir(out / "figures")) == files
-        pictures = [out / "figures" / f"toy_same.{suffix}" for suffix in ("svg", "narrow.svg")]
+        assert sorted(os.listdir(results_folder / "figures")) == files
+        pictures = [
+            results_folder / "figures" / f"toy_same.{suffix}" for suffix in ("svg", "narrow.svg")
+        ]
         drawings.append([picture.read_bytes() for picture in pictures])
         pictures[0].write_text("")
-        (out / "figures" / "toy_same.json").unlink()
+        (results_folder / "figures" / "toy_same.json").unlink()
     assert drawings[0] == drawings[1]
-    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry == {
         "name": "toy_same", "title": "Force over place", "section": "1", "alt": "A parabola",
         "caption": "Its scalar is 2.5.", "width": 336, "height": 192, "narrow": [336, 192],
@@ -218,27 +231,30 @@ def test_figure_is_indexed_and_its_drawing_is_reproducible_and_minimal(out, add_
     assert used_ids == set(re.findall(r'id="([^"]+)"', svg))
 
 
-WIDE_FIGURE_REPLACEMENT = (
+WIDE_FIGURE_OLD_AND_NEW_CODE = (
     "figsize=(COLUMN_WIDTH, 2.0))",
     "ncols=2, figsize=(2 * COLUMN_WIDTH, 2.6), sharey=True)",
 )
 
 
-def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, add_script):
-    add_script("toy_wide", *WIDE_FIGURE_REPLACEMENT)
-    path = out.parent / "scripts" / "toy_wide.py"
+def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(
+    results_folder, add_figure_script
+):
+    add_figure_script("toy_wide", *WIDE_FIGURE_OLD_AND_NEW_CODE)
+    path = results_folder.parent / "scripts" / "toy_wide.py"
     text = path.read_text().replace("figure, ax =", "figure, (ax, other) =")
     legend_entries = "2 * ax.lines[:1], [20 * 'm', 20 * 'n']"
     legend = f"figure.legend({legend_entries}, loc='outside lower center', ncols=2)"
     path.write_text(text.replace("ax.legend()", f"other.set(xlabel='place'); {legend}"))
-    assert draw_all(out, complete=False)
-    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert draw_all(results_folder, complete=False)
+    (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["width"] == 672
     width, height = entry["narrow"]
     assert width <= 358  # what a telephone's screen of 390 pixels leaves
     assert height > entry["height"]
     narrow_svg, wide_svg = (
-        (out / "figures" / f"toy_wide.{suffix}").read_text() for suffix in ("narrow.svg", "svg")
+        (results_folder / "figures" / f"toy_wide.{suffix}").read_text()
+        for suffix in ("narrow.svg", "svg")
     )
     assert wide_svg.count(">0.0<") == 3  # both panels' x, one y
     assert narrow_svg.count(">0.0<") == 4
@@ -247,40 +263,44 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, add
     assert label_positions[0] == label_positions[1]  # too wide to be beside each other
 
 
-def test_figures_without_their_results_are_skipped_with_a_line(out, add_script, capsys):
-    add_script("toy_ready")
-    add_script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
-    assert draw_all(out, complete=False)
+def test_figures_without_their_results_are_skipped_and_reported(
+    results_folder, add_figure_script, capsys
+):
+    add_figure_script("toy_ready")
+    add_figure_script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
+    assert draw_all(results_folder, complete=False)
     assert capsys.readouterr().err == "figures: toy_wants: not drawn, for want of 7.5/x\n"
-    assert read_index_names(out) == ["toy_ready"]
+    assert read_indexed_figure_names(results_folder) == ["toy_ready"]
     for number in range(2, 6):
-        add_script(f"toy_many{number}", '"1/a"', f'"{number}/a"')
-    assert draw_all(out, complete=False)
+        add_figure_script(f"toy_many{number}", '"1/a"', f'"{number}/a"')
+    assert draw_all(results_folder, complete=False)
     message = "figures: 5 not drawn, for want of results of sections 2, 3, 4, 5, 7.5\n"
     assert capsys.readouterr().err == message
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line"),
+    ("replaced_code", "faulty_code", "expected_error"),
     [
         ("figure, ax =", "1 / 0 #", "ZeroDivisionError: division by zero"),
         ("'y'", "'z'", "no scalar 'z'"),
         ("import matplotlib", "import no_such_matplotlib", "ModuleNotFoundError"),
     ],
 )
-def test_failing_script_does_not_prevent_other_figures(out, add_script, capsys, old, new, line):
-    name = f"toy_bad{len(line)}"
-    add_script(name, old, new)
-    add_script("toy_z_good")
-    assert not draw_all(out, complete=False)
+def test_failing_script_does_not_prevent_other_figures(
+    results_folder, add_figure_script, capsys, replaced_code, faulty_code, expected_error
+):
+    name = f"toy_bad{len(expected_error)}"
+    add_figure_script(name, replaced_code, faulty_code)
+    add_figure_script("toy_z_good")
+    assert not draw_all(results_folder, complete=False)
     errors = capsys.readouterr().err
     assert errors.startswith(f"figures: {name}: ")
-    assert line in errors
-    assert read_index_names(out) == ["toy_z_good"]
+    assert expected_error in errors
+    assert read_indexed_figure_names(results_folder) == ["toy_z_good"]
     assert plt.get_fignums() == []
 
 
-def test_each_of_the_papers_figures_and_tables_has_its_name():
+def test_each_figure_and_table_of_the_paper_has_a_name_and_a_script():
     paper_names = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
     assert list(list_figure_names())[:27] == paper_names
     for name in paper_names:
@@ -325,24 +345,28 @@ def test_unknown_figure_name_gets_a_suggestion(capfd):
         ("Section 7.6", set()),
     ],
 )
-def test_figures_that_a_source_cites_are_found(source, figure_names):
+def test_figures_cited_by_the_source_of_a_claim_are_found(source, figure_names):
     assert cited_figures(Claim("x", "paper", source, "", None)) == figure_names
 
 
-def test_figure_prints_caption_values_and_verdicts(out, add_script, monkeypatch, capsys):
-    add_script("toy_told")
+def test_figures_command_prints_caption_and_verdicts_of_claims(
+    results_folder, add_figure_script, monkeypatch, capsys
+):
+    add_figure_script("toy_told")
     claims = read_claims([PAPER_CLAIMS_FILE])[:1]
     monkeypatch.setattr("figures.__main__.load_paper_claims", lambda: claims)
     monkeypatch.setattr("figures.__main__.cited_figures", lambda _: {"toy_told"})
     monkeypatch.setattr("figures.__main__._compute_needed_results", lambda *_: True)
-    assert main(["toy_told", "--results", str(out)]) == 0
+    assert main(["toy_told", "--results", str(results_folder)]) == 0
     printed = capsys.readouterr().out
     assert "Its scalar is 2.5." in printed
     assert "expected < 0.75 ± 0, computed missing: not judged (consistent by" in printed
 
 
-def test_figure_whose_result_cannot_be_computed_gives_status_1(tmp_path, add_script, capfd):
-    add_script("toy_never", '"1/a"', '"7.1/never"')
+def test_status_is_1_for_a_missing_case_and_2_for_an_unknown_figure(
+    tmp_path, add_figure_script, capfd
+):
+    add_figure_script("toy_never", '"1/a"', '"7.1/never"')
     folders = ["--results", str(tmp_path / "mine"), "--out", str(tmp_path / "drawn")]
     assert main(["toy_never", *folders]) == 1
     assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
@@ -351,15 +375,15 @@ def test_figure_whose_result_cannot_be_computed_gives_status_1(tmp_path, add_scr
     assert "there is no figure nonsense. All names:\nfig01 " in capfd.readouterr().err
 
 
-def test_files_that_were_not_drawn_are_not_replaced_and_those_that_were_are(
-    out, add_script, tmp_path, monkeypatch, capsys
+def test_foreign_files_are_not_overwritten_and_own_drawings_are(
+    results_folder, add_figure_script, tmp_path, monkeypatch, capsys
 ):
-    add_script("toy_mine")
+    add_figure_script("toy_mine")
     monkeypatch.setattr(
         "figures.__main__._compute_needed_results", lambda *_: compute_calls.append(1) or True
     )
     compute_calls, drawings_folder = [], tmp_path / "drawn"
-    arguments = ["toy_mine", "--results", str(out), "--out", str(drawings_folder)]
+    arguments = ["toy_mine", "--results", str(results_folder), "--out", str(drawings_folder)]
     drawings_folder.mkdir()
     (drawings_folder / "toy_mine.pdf").write_bytes(b"%PDF mine")
     assert main(arguments) == 2
@@ -372,15 +396,15 @@ def test_files_that_were_not_drawn_are_not_replaced_and_those_that_were_are(
 
 
 def test_figure_with_a_corrupt_result_is_skipped_like_one_with_a_missing_result(
-    out, add_script, capsys
+    results_folder, add_figure_script, capsys
 ):
-    add_script("toy_corrupt")
-    (out / "1" / "a.json").write_text("{")
-    assert draw_all(out, complete=False)
+    add_figure_script("toy_corrupt")
+    (results_folder / "1" / "a.json").write_text("{")
+    assert draw_all(results_folder, complete=False)
     assert capsys.readouterr().err == "figures: toy_corrupt: not drawn, for want of 1/a\n"
 
 
-def test_every_script_has_title_needs_section_and_functions():
+def test_every_figure_script_defines_title_results_section_and_functions():
     for name in list_scripts():
         loaded_script = load_script(name)
         assert loaded_script.title != name
@@ -392,7 +416,7 @@ def test_every_script_has_title_needs_section_and_functions():
         ), name
 
 
-def test_looks_are_distinct_and_visible_on_white():
+def test_looks_of_elements_are_distinct_and_contrast_with_white():
     assert {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"} < set(ELEMENT_LOOK)
     for key in ("color", "marker", "label"):
         assert len({look[key] for look in ELEMENT_LOOK.values()}) == len(ELEMENT_LOOK)
@@ -401,7 +425,7 @@ def test_looks_are_distinct_and_visible_on_white():
         assert 1.05 / (linear_rgb @ [0.2126, 0.7152, 0.0722] + 0.05) > 2.3
 
 
-def plot_mesh_sides_and_nodes(node_positions, cells):
+def plot_mesh_and_list_sides_and_nodes(node_positions, cells):
     with study_style():
         figure, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2))
         plot_mesh(ax, np.array(node_positions), np.array(cells))
@@ -411,10 +435,10 @@ def plot_mesh_sides_and_nodes(node_positions, cells):
     return sides, nodes
 
 
-def test_cell_side_passes_through_its_middle_node_whatever_the_numbering():
+def test_plotted_cell_sides_pass_through_mid_side_nodes_for_any_numbering():
     x = [[0, 0], [2, 0], [0, 2], [1, 0.3], [1.2, 1.2], [-0.1, 1]]
     for cell in ([0, 1, 2, 3, 4, 5], [0, 1, 2, 4, 5, 3], [2, 0, 1, 3, 4, 5]):
-        sides, (corners, middles) = plot_mesh_sides_and_nodes(x, [cell])
+        sides, (corners, middles) = plot_mesh_and_list_sides_and_nodes(x, [cell])
         assert len(sides) == 3
         assert {tuple(side[4]) for side in sides} == {(1, 0.3), (1.2, 1.2), (-0.1, 1)}
         end_points = {frozenset([tuple(side[0]), tuple(side[-1])]) for side in sides}

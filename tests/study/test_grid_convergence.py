@@ -10,10 +10,10 @@ from study.judge.grid_convergence import (
     grid_convergence,
 )
 
-SIZES = [(1, 1 / 2, 1 / 4), (1, 1 / 3, 1 / 6), (3, 2, 1)]
+MESH_SIZE_TRIPLES = [(1, 1 / 2, 1 / 4), (1, 1 / 3, 1 / 6), (3, 2, 1)]
 
 
-@pytest.mark.parametrize("sizes", SIZES)
+@pytest.mark.parametrize("sizes", MESH_SIZE_TRIPLES)
 @pytest.mark.parametrize("order", [0.6, 1.0, 1.09, 2.0, 4.0])
 @pytest.mark.parametrize("coefficient", [0.3, -0.02])
 def test_an_exact_power_law_gives_its_order_limit_and_error(sizes, order, coefficient):
@@ -58,14 +58,16 @@ def test_values_that_are_not_asymptotic_have_a_named_reason(values, reason):
 
 
 @pytest.mark.parametrize("order", [MIN_ORDER - 0.01, MAX_ORDER + 0.01])
-def test_an_order_outside_the_range_is_told_and_not_used(order):
-    convergence = grid_convergence([1 + h**order for h in SIZES[0]], SIZES[0])
+def test_an_order_out_of_range_is_reported_but_gives_no_index(order):
+    convergence = grid_convergence(
+        [1 + h**order for h in MESH_SIZE_TRIPLES[0]], MESH_SIZE_TRIPLES[0]
+    )
     assert convergence.reason == "order out of range"
     assert convergence.order == pytest.approx(order)
     assert convergence.index is None
 
 
-def test_unequal_ratios_of_a_diverging_series_are_told():
+def test_divergence_is_detected_with_unequal_refinement_ratios():
     sizes = (1, 1 / 2, 1 / 6)
     assert grid_convergence(np.log(sizes), sizes).reason == "divergent"
     assert grid_convergence([h**-0.5 for h in sizes], sizes).reason == "divergent"
@@ -79,15 +81,17 @@ PUBLISHED_EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize(("n_cells", "values", "order", "limit", "index"), PUBLISHED_EXAMPLES)
+@pytest.mark.parametrize(
+    ("n_cells", "values", "order", "limit", "index_percent"), PUBLISHED_EXAMPLES
+)
 def test_published_examples_are_reproduced_to_the_printed_digits(
-    n_cells, values, order, limit, index
+    n_cells, values, order, limit, index_percent
 ):
     convergence = grid_convergence(values, [n**-0.5 for n in n_cells])
     assert convergence.reason == ""
     assert convergence.order == pytest.approx(order, abs=0.005)
     assert convergence.extrapolated == pytest.approx(limit, abs=5e-5)
-    assert 100 * convergence.index == pytest.approx(index, abs=0.05)
+    assert 100 * convergence.index == pytest.approx(index_percent, abs=0.05)
 
 
 def test_the_published_oscillating_example_is_not_accepted():

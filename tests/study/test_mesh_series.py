@@ -24,39 +24,41 @@ from study.run.cases import load_section
 from study.run.store import Results
 
 RESULTS_FOLDER = Path(__file__).parents[2] / "results"
-MESH_PARAMETERS = ("divisions", "refined")
-CASES = {
+MESH_PARAMETER_NAMES = ("divisions", "refined")
+CASES_BY_KEY = {
     case.key: case
     for section in sorted({quantity.section for quantity in QUANTITIES})
     for case in load_section(section).cases
 }
-SERIES = sorted(
+KEYS_AND_REFINEMENTS_OF_SERIES = sorted(
     {
         (keys, quantity.refinements)
         for quantity in QUANTITIES
         for keys in (quantity.new, quantity.standard)
     }
 )
-RECORD_PARAMETERS = ("measured", "units", "dofs")
+RECORD_PARAMETER_NAMES = ("measured", "units", "dofs")
 
 
-def read_parameters(key):
+def split_mesh_and_other_parameters(key):
     """Return the parameters that state the mesh, and all others, of a case."""
     parameters = {
         name: value
-        for name, value in CASES[key].stored_parameters.items()
-        if name not in RECORD_PARAMETERS
+        for name, value in CASES_BY_KEY[key].stored_parameters.items()
+        if name not in RECORD_PARAMETER_NAMES
     }
-    mesh = {name: parameters.pop(name) for name in MESH_PARAMETERS if name in parameters}
-    if CASES[key].section == "7.4":  # alternates: see the test of the plate's edges
+    mesh = {name: parameters.pop(name) for name in MESH_PARAMETER_NAMES if name in parameters}
+    if CASES_BY_KEY[key].section == "7.4":  # alternates: see the test of the plate's edges
         del parameters["pattern"]
     return mesh, parameters
 
 
-@pytest.mark.parametrize(("keys", "refinements"), SERIES, ids=lambda value: str(value[0]))
+@pytest.mark.parametrize(
+    ("keys", "refinements"), KEYS_AND_REFINEMENTS_OF_SERIES, ids=lambda value: str(value[0])
+)
 def test_cases_of_a_series_differ_by_the_mesh_alone(keys, refinements):
-    meshes, others = zip(*map(read_parameters, keys), strict=True)
-    assert others[0] == others[1] == others[2]
+    meshes, other_parameters = zip(*map(split_mesh_and_other_parameters, keys), strict=True)
+    assert other_parameters[0] == other_parameters[1] == other_parameters[2]
     assert len(meshes[0]) == 1
     ((name, coarse),) = meshes[0].items()
     for mesh, refinement in zip(meshes, refinements, strict=True):
@@ -69,17 +71,19 @@ def test_cases_of_a_series_differ_by_the_mesh_alone(keys, refinements):
 
 
 @pytest.mark.parametrize("suffix", ["", "-mu0", "-strain"])
-def test_halving_leaves_the_diagonals_at_the_edges_of_the_plate_as_they_are(suffix):
+def test_refinement_preserves_the_triangle_counts_at_the_plate_edges(suffix):
     counts = [
-        count_triangles_at_edges(CASES[f"7.4/pw-T6{suffix}{refinement}"].parameters)
+        count_triangles_at_both_plate_edges(
+            CASES_BY_KEY[f"7.4/pw-T6{suffix}{refinement}"].parameters
+        )
         for refinement in ("", "-refined2", "-refined4")
     ]
     assert counts[0] == counts[1] == counts[2]
-    turned = CASES["7.4/pw-T6-mu0-refined2-turned"].parameters
-    assert count_triangles_at_edges(turned) != counts[0]
+    turned_pattern_parameters = CASES_BY_KEY["7.4/pw-T6-mu0-refined2-turned"].parameters
+    assert count_triangles_at_both_plate_edges(turned_pattern_parameters) != counts[0]
 
 
-def count_triangles_at_edges(parameters):
+def count_triangles_at_both_plate_edges(parameters):
     """Return how many triangles meet at the left and at the right edge of the plate."""
     pattern, refined = parameters.get("pattern", PATTERN), parameters.get("refined", 1)
     mesh = _mesh_body(
@@ -93,10 +97,10 @@ def count_triangles_at_edges(parameters):
     return [int(mask[nodes].any(axis=1).sum()) for mask in is_edge]
 
 
-def test_each_quantity_has_the_new_and_the_standard_triangle_and_a_name_of_its_own():
+def test_each_quantity_compares_new_and_standard_triangles_under_a_distinct_name():
     for quantity in QUANTITIES:
         new, standard = (
-            CASES[keys[0]].stored_parameters["element"]
+            CASES_BY_KEY[keys[0]].stored_parameters["element"]
             for keys in (quantity.new, quantity.standard)
         )
         assert (new.startswith("pw"), standard) == (True, "galerkin-T6")
@@ -116,12 +120,16 @@ class PowerLawResults:
         return {"x": np.array([0.0, 2.0]), "pressure": 2 * np.full(2, self.scalar(key, "force"))}
 
 
-NEW, STANDARD = (tuple(f"{element}-{n}" for n in (1, 2, 4)) for element in ("new", "standard"))
+NEW_ELEMENT_KEYS, STANDARD_ELEMENT_KEYS = (
+    tuple(f"{element}-{n}" for n in (1, 2, 4)) for element in ("new", "standard")
+)
 
 
 @pytest.mark.parametrize(("name", "position", "limit"), [("force", None, 0.5), ("pressure", 1, 1)])
 def test_a_quantity_is_estimated_from_scalars_or_curves_in_its_unit(name, position, limit):
-    quantity = SeriesQuantity("1", "force", name, NEW, STANDARD, (1, 2, 4), 2.0, position)
+    quantity = SeriesQuantity(
+        "1", "force", name, NEW_ELEMENT_KEYS, STANDARD_ELEMENT_KEYS, (1, 2, 4), 2.0, position
+    )
     new, standard = (
         quantity.estimate(PowerLawResults(), element) for element in ("new", "standard")
     )
@@ -134,11 +142,15 @@ def test_a_quantity_is_estimated_from_scalars_or_curves_in_its_unit(name, positi
 
 def test_an_exact_power_law_has_its_order_and_an_error_of_four_fifths_of_the_index():
     results = PowerLawResults()
-    assert observed_order(results, NEW, "force", (1, 2, 4)) == pytest.approx(2)
-    assert error_over_index(results, NEW, STANDARD, "force", (1, 2, 4)) == pytest.approx(0.8)
+    assert observed_order(results, NEW_ELEMENT_KEYS, "force", (1, 2, 4)) == pytest.approx(2)
+    assert error_over_index(
+        results, NEW_ELEMENT_KEYS, STANDARD_ELEMENT_KEYS, "force", (1, 2, 4)
+    ) == pytest.approx(0.8)
     constant = ("new-1", "new-2", "new-2")
     assert math.isnan(observed_order(results, constant, "force", (1, 2, 4)))
-    assert math.isnan(error_over_index(results, constant, STANDARD, "force", (1, 2, 4)))
+    assert math.isnan(
+        error_over_index(results, constant, STANDARD_ELEMENT_KEYS, "force", (1, 2, 4))
+    )
 
 
 @pytest.mark.skipif(

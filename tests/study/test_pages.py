@@ -6,21 +6,21 @@ from pathlib import Path
 import pytest
 from docutils.utils.math import latex2mathml
 
-from tests.study.pages import BODIES_BY_FAULT, find_faults, find_unseen_faults, main
+from tests.study.pages import PAGE_BODIES_BY_FAULT, find_faults, list_undetected_fault_kinds, main
 
 DOCS_FOLDER = Path(__file__).parents[2] / "docs"
 FORMULA_PATTERN = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$]+?)\$(?!\w)", re.DOTALL)
 
 
-def test_each_kind_of_fault_is_seen(tmp_path):
-    assert find_unseen_faults() == []
-    for number, page_body in enumerate(BODIES_BY_FAULT.values()):
+def test_page_check_detects_each_kind_of_fault(tmp_path):
+    assert list_undetected_fault_kinds() == []
+    for number, page_body in enumerate(PAGE_BODIES_BY_FAULT.values()):
         (tmp_path / f"{number}.html").write_text(f"<title>x</title>{page_body}")
     assert main([str(tmp_path)]) == 1
-    assert len(find_faults(tmp_path)) >= len(BODIES_BY_FAULT)
+    assert len(find_faults(tmp_path)) >= len(PAGE_BODIES_BY_FAULT)
 
 
-def test_a_good_page_has_no_fault(tmp_path, capsys):
+def test_good_pages_pass_the_check_and_a_missing_page_fails(tmp_path, capsys):
     (tmp_path / "one.html").write_text(
         '<p id="a">x</p><a href="two.html#b">x</a><a href="#a">x</a>'
     )
@@ -31,7 +31,7 @@ def test_a_good_page_has_no_fault(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("page", sorted(DOCS_FOLDER.rglob("*.md")), ids=lambda page: page.stem)
-def test_formulas_of_the_guide_can_be_typeset(page):
+def test_formulas_of_the_docs_can_be_typeset_by_docutils(page):
     """By docutils, as the site does it, which knows part of LaTeX."""
     text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
     for block, inline in FORMULA_PATTERN.findall(text):

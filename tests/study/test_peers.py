@@ -23,25 +23,25 @@ from study.solutions.calculix.standard_decks import SPECIMENS, RoughBlock
 
 ROOT = Path(__file__).parents[2]
 
-needs_ccx = pytest.mark.skipif(
+needs_calculix = pytest.mark.skipif(
     calculix.find_calculix() is None,
     reason="CalculiX (ccx, Debian's calculix-ccx) is not installed",
 )
 
 
 @pytest.mark.parametrize("case", PROBLEMS)
-def test_recorded_answer_belongs_to_the_deck(case):
+def test_recorded_answer_has_the_digest_of_its_deck(case):
     deck_digest = records.digest_input(PROBLEMS[case].deck())
     assert calculix.load_answer(case).deck_sha256 == deck_digest
 
 
-def test_recorded_rows_have_only_the_version_and_numbers():
+def test_recorded_calculix_rows_have_only_its_version_and_numbers():
     for row in records.read_rows(records.CALCULIX).values():
         assert row.versions.keys() == {"calculix"}
         assert row.content.keys() == {"numbers"}
 
 
-@needs_ccx
+@needs_calculix
 def test_check_notices_a_changed_number_and_a_changed_deck(tmp_path, monkeypatch, capsys):
     key = "calculix/two-triangles"
     row = records.read_rows(records.CALCULIX)[key]
@@ -62,7 +62,7 @@ def test_check_notices_a_changed_number_and_a_changed_deck(tmp_path, monkeypatch
     assert "the deck is not the one of the record" in messages
 
 
-@needs_ccx
+@needs_calculix
 def test_a_deck_that_calculix_refuses_is_an_error(monkeypatch):
     problem = replace(PROBLEMS["two-triangles"])
     deck = problem.deck().replace("*ELASTIC", "*PLASTIC", 1)
@@ -71,7 +71,7 @@ def test_a_deck_that_calculix_refuses_is_an_error(monkeypatch):
         calculix.compute_answer("two-triangles", calculix.find_calculix())
 
 
-def test_largest_difference_depends_on_shape_and_size():
+def test_largest_difference_is_relative_and_infinite_for_other_shapes():
     answer = calculix.CalculixAnswer("1", "", {"a": np.array([1.0, 2.0])})
     assert calculix.largest_difference(answer, answer) == 0.0
     changed_answer = replace(answer, numbers={"a": np.array([1.0, 2.0 + 1e-3])})
@@ -82,7 +82,7 @@ def test_largest_difference_depends_on_shape_and_size():
     )
 
 
-def test_tables_are_read_below_their_headings():
+def test_tables_of_calculix_output_are_read_below_their_headings():
     output = """
  forces (fx,fy,fz) for set A and time  0.1E+01
 
@@ -115,7 +115,7 @@ def test_benchmark_blocks_have_the_documented_sizes_and_decks(tmp_path):
     assert (tmp_path / "block-2.inp").read_text() == rough_block(2).deck()
 
 
-@needs_ccx
+@needs_calculix
 def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
     cost = measure_calculix(calculix.find_calculix(), rough_block(2))
     assert cost["dofs"] == 3 * len(rough_block(2).grid.nodes)
@@ -127,7 +127,7 @@ def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
         measure_calculix(calculix.find_calculix(), rough_block(2))
 
 
-def test_script_starts_without_dolfinx():
+def test_renewal_of_records_imports_no_dolfinx():
     module = "study.publish.renew_records"
     code = f"import sys, {module}; print({{'dolfinx', 'mpi4py'}} & set(sys.modules))"
     completed = subprocess.run(

@@ -27,26 +27,26 @@ def on_lower_side(x):
     return np.isclose(x[-1], 0.0)
 
 
-def make_plane_body(state):
+def make_plane_body_and_face_marker(state):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
     return Body(Spaces.galerkin(mesh), Material(1.0, 0.3), state), lambda x: np.isclose(x[1], 0.0)
 
 
-def make_solid_body():
+def make_solid_body_and_face_marker():
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [3, 2, 1], CellType.tetrahedron)
     return Body(Spaces.galerkin(mesh), Material(1.0, 0.3), StressState.SOLID), on_lower_side
 
 
-BODIES = {
-    "plane": lambda: make_plane_body(StressState.PLANE_STRAIN),
-    "axisymmetric": lambda: make_plane_body(StressState.AXISYMMETRIC),
-    "solid": make_solid_body,
+BODY_MAKERS_BY_NAME = {
+    "plane": lambda: make_plane_body_and_face_marker(StressState.PLANE_STRAIN),
+    "axisymmetric": lambda: make_plane_body_and_face_marker(StressState.AXISYMMETRIC),
+    "solid": make_solid_body_and_face_marker,
 }
 
 
-@pytest.mark.parametrize("body_name", BODIES)
+@pytest.mark.parametrize("body_name", BODY_MAKERS_BY_NAME)
 def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
-    body, on_face = BODIES[body_name]()
+    body, on_face = BODY_MAKERS_BY_NAME[body_name]()
     space = body.spaces.trial
     vertical = np.eye(space.mesh.geometry.dim)[-1]
     standard_load = assemble_vector(
@@ -71,7 +71,7 @@ def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
 
 def test_siblings_weights_are_integrals_of_its_basis():
     """Interpolate each function of T N and integrate it over the face."""
-    body, on_face = make_solid_body()
+    body, on_face = make_solid_body_and_face_marker()
     space = body.spaces.trial
     surface = with_transferred_weights(SurfaceNodes.from_body(body, on_face), force_transfer(space))
     basis, basis_function = Sibling.from_space(space).basis, fem.Function(space)
@@ -84,7 +84,7 @@ def test_siblings_weights_are_integrals_of_its_basis():
         assert surface.weight_area[row] == pytest.approx(integral, rel=1e-12)
 
 
-def test_errors_on_common_nodes_and_on_the_others():
+def test_error_norms_are_split_into_common_and_other_nodes():
     nan = np.nan
     error, other_error = np.array([1.0, -3.0, nan, 2.0, nan]), np.array([5.0, nan, 1.0, 0.0, nan])
     assert error_norms_on_common_and_other_nodes(error, other_error) == pytest.approx(

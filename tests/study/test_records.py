@@ -17,7 +17,7 @@ from study.run.cases import load_section
 from study.run.store import StudyError
 from study.solutions.calculix import calculix
 
-QUICK_CASE, TIMED_CASE = "V13/square-own-64", "Q/seconds-penalty-16"
+QUICK_CASE_KEY, TIMED_CASE_KEY = "V13/square-own-64", "Q/seconds-penalty-16"
 COSTLY_CASES_BY_KEY = renew_records.find_costly_cases()
 RECORD_CLASSES = (
     renew_records.CostlyCases,
@@ -26,7 +26,7 @@ RECORD_CLASSES = (
 )
 
 
-def read_costly_rows():
+def read_rows_of_costly_cases():
     return records.read_rows(records.COSTLY_CASES)
 
 
@@ -46,8 +46,8 @@ def test_rows_of_a_record_have_complete_headers_and_known_keys(record_class):
         assert (row.machine is not None) is (record_class is renew_records.TimeAndMemory)
 
 
-def test_costly_rows_have_the_parameters_of_their_cases():
-    for key, row in read_costly_rows().items():
+def test_rows_of_costly_cases_have_their_parameters_and_digest():
+    for key, row in read_rows_of_costly_cases().items():
         assert row.content["parameters"] == COSTLY_CASES_BY_KEY[key].stored_parameters
         assert row.input_sha256 == records.digest_input(COSTLY_CASES_BY_KEY[key].stored_parameters)
 
@@ -59,7 +59,7 @@ def test_measured_rows_have_the_digest_of_their_measurement():
 
 
 def test_only_costly_cases_are_recorded():
-    assert all(map(records.is_costly, read_costly_rows().values()))
+    assert all(map(records.is_costly, read_rows_of_costly_cases().values()))
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):
@@ -91,7 +91,7 @@ def test_two_rows_of_one_key_are_refused(tmp_path):
 def test_sections_read_costly_cases_from_the_record(section):
     section_cases = {case.key: case for case in load_section(section).cases}
     for key, costly_case in COSTLY_CASES_BY_KEY.items():
-        if costly_case.section == section and key in read_costly_rows():
+        if costly_case.section == section and key in read_rows_of_costly_cases():
             case = section_cases[key]
             assert case.record == "study/run/recorded/costly_cases.json"
             assert case.recomputed == costly_case
@@ -100,7 +100,7 @@ def test_sections_read_costly_cases_from_the_record(section):
 
 
 def test_a_record_of_other_parameters_is_not_read(tmp_path, monkeypatch):
-    key, row = next(iter(read_costly_rows().items()))
+    key, row = next(iter(read_rows_of_costly_cases().items()))
     monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
     row_of_other_parameters = replace(
         row, input_sha256=records.digest_input({"problem": "another"})
@@ -114,8 +114,12 @@ def test_a_record_of_other_parameters_is_not_read(tmp_path, monkeypatch):
     assert not case.record
 
 
-def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys):
-    cases = {key: replace(find_case_by_key(key), costly=True) for key in (QUICK_CASE, TIMED_CASE)}
+def test_check_of_costly_cases_ignores_times_and_notices_a_changed_number(
+    tmp_path, monkeypatch, capsys
+):
+    cases = {
+        key: replace(find_case_by_key(key), costly=True) for key in (QUICK_CASE_KEY, TIMED_CASE_KEY)
+    }
     monkeypatch.setattr(renew_records, "find_costly_cases", lambda: cases)
     monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
     monkeypatch.setattr(records, "COSTLY_SECONDS", 0.0)
@@ -124,11 +128,11 @@ def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys
     content = json.loads(records.COSTLY_CASES.read_text())
     content["rows"][0]["scalars"]["nodes"] += 1
     records.COSTLY_CASES.write_text(json.dumps(content))
-    assert renew_records.main(["--check", QUICK_CASE]) == 1
+    assert renew_records.main(["--check", QUICK_CASE_KEY]) == 1
     assert "TOO LARGE: V13/square-own-64 nodes 128 and 127" in capsys.readouterr().out
-    assert renew_records.main([QUICK_CASE]) == 0  # computes the row again, and keeps the other
-    assert list(read_costly_rows()) == list(cases)
-    assert renew_records.main(["--check", QUICK_CASE]) == 0
+    assert renew_records.main([QUICK_CASE_KEY]) == 0  # computes the row again, and keeps the other
+    assert list(read_rows_of_costly_cases()) == list(cases)
+    assert renew_records.main(["--check", QUICK_CASE_KEY]) == 0
 
 
 def find_case_by_key(key):
@@ -146,13 +150,13 @@ def test_check_of_costs_compares_counts_and_not_times(monkeypatch, capsys):
     key = "K/contact-pw-T10-5-Iterative"
     row = records.read_rows(records.TIME_AND_MEMORY)[key]
 
-    def make_measure(**changes):
+    def make_measure_of_changed_numbers(**changes):
         measured = row.content["measured"] | {"seconds": 99.0, "iterations": 9} | changes
         return lambda *_: replace(row, content=row.content | {"measured": measured})
 
-    monkeypatch.setattr(measure, "measure", make_measure())
+    monkeypatch.setattr(measure, "measure", make_measure_of_changed_numbers())
     assert renew_records.main(["--check", key]) == 0
-    monkeypatch.setattr(measure, "measure", make_measure(sticking=1.0))
+    monkeypatch.setattr(measure, "measure", make_measure_of_changed_numbers(sticking=1.0))
     assert renew_records.main(["--check", key]) == 1
     assert f"TOO LARGE: {key} sticking" in capsys.readouterr().out
 
@@ -174,7 +178,9 @@ def test_check_reports_skipped_rows_where_calculix_is_not_installed(monkeypatch,
 
 def test_docs_and_usage_give_the_recorded_computing_times():
     """As the records say: CPU time of the costly cases, and of all runs that measure costs."""
-    costly_minutes = round(sum(row.content["seconds"] for row in read_costly_rows().values()) / 60)
+    costly_minutes = round(
+        sum(row.content["seconds"] for row in read_rows_of_costly_cases().values()) / 60
+    )
     run_seconds = [
         row.content["measured"]["whole_seconds"]
         for row in records.read_rows(records.TIME_AND_MEMORY).values()

@@ -24,7 +24,7 @@ TEXTS_FOLDER = Path(texts.__file__).parent
 
 
 @pytest.fixture
-def toy_results(tmp_path, monkeypatch):
+def toy_results_folder(tmp_path, monkeypatch):
     return write_toy_results(tmp_path, monkeypatch)
 
 
@@ -33,22 +33,22 @@ def render_fragment(tmp_path):
     """A function that writes the first part's text and returns the page; others say nothing."""
     folder = tmp_path / "templates"
 
-    def render_page(fragment, toy_results):
+    def render_page(fragment, toy_results_folder):
         folder.mkdir(exist_ok=True)
         for name, *_ in report.PARTS:
             (folder / f"{name}.html").write_text(fragment if name == "answer" else "")
-        return render_report(Results(toy_results), folder).html
+        return render_report(Results(toy_results_folder), folder).html
 
     return render_page
 
 
-FIGURES_FRAGMENT = (
+FIGURES_AND_STATEMENTS_TEMPLATE = (
     '{{ figure("fig05") }}{{ figure("tab2") }}{{ figure("orders") }}{{ statements() }}'
 )
 
 
-def test_page_is_self_contained_and_accessible(toy_results, render_fragment):
-    html = render_fragment(FIGURES_FRAGMENT, toy_results)
+def test_report_page_is_self_contained_and_accessible(toy_results_folder, render_fragment):
+    html = render_fragment(FIGURES_AND_STATEMENTS_TEMPLATE, toy_results_folder)
     page = Page(html)
     sources = [
         attributes[key]
@@ -73,7 +73,7 @@ def test_page_is_self_contained_and_accessible(toy_results, render_fragment):
     assert len(scroll_boxes) == len(page.tag_attributes("table")) == 1
 
 
-def assert_links_have_targets(page):
+def assert_internal_links_have_targets(page):
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     links = [link["href"] for link in page.tag_attributes("a")]
@@ -81,12 +81,13 @@ def assert_links_have_targets(page):
     return links
 
 
-def test_every_internal_link_has_one_target(toy_results, render_fragment):
-    links = assert_links_have_targets(
+def test_every_internal_link_has_one_target(toy_results_folder, render_fragment):
+    links = assert_internal_links_have_targets(
         Page(
             render_fragment(
-                '<p id="ref-guo">{{ cite("guo") }} {{ ref("fig05") }}</p>' + FIGURES_FRAGMENT,
-                toy_results,
+                '<p id="ref-guo">{{ cite("guo") }} {{ ref("fig05") }}</p>'
+                + FIGURES_AND_STATEMENTS_TEMPLATE,
+                toy_results_folder,
             )
         )
     )
@@ -94,14 +95,14 @@ def test_every_internal_link_has_one_target(toy_results, render_fragment):
 
 
 def test_figures_tables_and_references_are_numbered_in_order_of_appearance(
-    toy_results, render_fragment
+    toy_results_folder, render_fragment
 ):
     html = render_fragment(
         '<p id="first">{{ ref("orders") }}, {{ cite("guo", "paper") }}, {{ cite("paper") }}</p>'
         '{{ figure("fig05") }}{{ figure("orders") }}'
         '{% call table("made", "Caption < here", of="1") %}<tr><td>1</td></tr>{% endcall %}'
         '{% for one in cited() %}<p id="ref-{{ one.key }}">{{ one.text }}</p>{% endfor %}',
-        toy_results,
+        toy_results_folder,
     )
     first_paragraph = html.partition('id="first">')[2].partition("</p>")[0]
     assert first_paragraph == (
@@ -114,8 +115,10 @@ def test_figures_tables_and_references_are_numbered_in_order_of_appearance(
     assert html.index('id="ref-guo"') < html.index('id="ref-paper"')
 
 
-def test_statements_have_grade_anchor_and_numbers(toy_results, render_fragment):
-    html = render_fragment('{{ statements() }}<p id="grades">{{ graded() }}</p>', toy_results)
+def test_statements_have_grade_anchor_and_numbers(toy_results_folder, render_fragment):
+    html = render_fragment(
+        '{{ statements() }}<p id="grades">{{ graded() }}</p>', toy_results_folder
+    )
     rows = {row_html.split('"')[0]: row_html for row_html in html.split('<tr id="claim-')[1:]}
     assert set(rows) == {"the-claim", "wrong", "open"}
     assert ">reproduced<" in rows["the-claim"]
@@ -128,7 +131,7 @@ def test_statements_have_grade_anchor_and_numbers(toy_results, render_fragment):
 
 
 @pytest.mark.parametrize(
-    ("row", "wanted_text", "found_text"),
+    ("row", "criterion_text", "measured_text"),
     [
         ({"relation": "=", "value": 0.0, "tol": 1e-12, "measured": 3e-16}, "= 0", "round-off"),
         ({"relation": "=", "value": 4.0, "tol": 1e-12, "measured": 4 - 1e-14}, "= 4", "4"),
@@ -142,34 +145,35 @@ def test_statements_have_grade_anchor_and_numbers(toy_results, render_fragment):
         ({"relation": None, "value": None, "tol": None, "measured": None}, "–", "–"),
     ],
 )
-def test_numbers_of_statements_are_formatted_with_units(row, wanted_text, found_text):
+def test_numbers_of_statements_are_formatted_with_units(row, criterion_text, measured_text):
     row = {"unit": "", **row}
-    assert statements.format_criterion(row).unescape().replace("\u202f", " ") == wanted_text
-    assert statements.format_measured(row).replace("\u202f", " ") == found_text
+    assert statements.format_criterion(row).unescape().replace("\u202f", " ") == criterion_text
+    assert statements.format_measured(row).replace("\u202f", " ") == measured_text
 
 
-def test_missing_results_and_figures_are_listed(toy_results, render_fragment, tmp_path):
-    html = render_fragment('{{ figure("fig77") }}{{ s("1/never", "y") }}', toy_results)
+def test_missing_results_and_figures_are_listed(toy_results_folder, render_fragment, tmp_path):
+    html = render_fragment('{{ figure("fig77") }}{{ s("1/never", "y") }}', toy_results_folder)
     assert "This part is incomplete: " in html
     assert "run ./run study 1/never." in html
     figure_message, part_message = render_report(
-        Results(toy_results), tmp_path / "templates"
+        Results(toy_results_folder), tmp_path / "templates"
     ).missing_content
     assert figure_message == "figure fig77 has not been drawn"
     assert part_message.startswith("answer: ")
     assert any(
-        line.startswith("7.2: ") for line in render_report(Results(toy_results)).missing_content
+        line.startswith("7.2: ")
+        for line in render_report(Results(toy_results_folder)).missing_content
     )
     for damaged_content, message in (("", "has no scalar"), ("{", "cannot be used")):
-        path = toy_results / "1" / "a.json"
+        path = toy_results_folder / "1" / "a.json"
         path.write_text(damaged_content or path.read_text())
-        assert f"1/a.json {message}" in render_fragment('{{ s("1/a", "z") }}', toy_results)
-    html = render_fragment('{{ figure("fig77") }}', toy_results)
+        assert f"1/a.json {message}" in render_fragment('{{ s("1/a", "z") }}', toy_results_folder)
+    html = render_fragment('{{ figure("fig77") }}', toy_results_folder)
     assert "Fig. 1 (the paper&#39;s Fig. 77) is not drawn" in html
     assert 'id="fig77"' in html
-    (toy_results / "figures" / "fig05.svg").unlink()
+    (toy_results_folder / "figures" / "fig05.svg").unlink()
     with pytest.raises(MissingResult, match=r"fig05\.svg: draw them again with"):
-        render_report(Results(toy_results))
+        render_report(Results(toy_results_folder))
 
 
 @pytest.mark.parametrize(
@@ -182,9 +186,11 @@ def test_missing_results_and_figures_are_listed(toy_results, render_fragment, tm
         ("{% if %}", r"answer\.html: "),
     ],
 )
-def test_error_names_the_mistake_in_a_text(toy_results, render_fragment, fragment, message):
+def test_error_names_the_mistake_in_a_template(
+    toy_results_folder, render_fragment, fragment, message
+):
     with pytest.raises(StudyError, match=message):
-        render_fragment(fragment, toy_results)
+        render_fragment(fragment, toy_results_folder)
 
 
 @pytest.mark.parametrize(
@@ -223,9 +229,9 @@ def report_folder(request, tmp_path, monkeypatch):
         if not (RESULTS_FOLDER / "report.pdf").exists():
             pytest.skip("there is no results/report.pdf: ./run study writes it")
         return RESULTS_FOLDER
-    toy_results = write_toy_results(tmp_path, monkeypatch)
-    build_report(Results(toy_results), toy_results)
-    return toy_results
+    toy_results_folder = write_toy_results(tmp_path, monkeypatch)
+    build_report(Results(toy_results_folder), toy_results_folder)
+    return toy_results_folder
 
 
 def test_pdf_has_bookmarks_tags_and_the_links_of_the_page(report_folder):
@@ -238,7 +244,7 @@ def test_pdf_has_bookmarks_tags_and_the_links_of_the_page(report_folder):
     }
     assert pdf.metadata.title.startswith("Piecewise-linear weight functions")
     assert pdf.metadata.author == "The pw-elements maintainers"
-    assert any("other methods, and cost" in entry.title for entry in iterate_outline(pdf.outline))
+    assert any("other methods, and cost" in entry.title for entry in flatten_outline(pdf.outline))
     root = pdf.trailer["/Root"]
     assert root["/MarkInfo"]["/Marked"]
     assert "/StructTreeRoot" in root
@@ -259,16 +265,16 @@ def test_pdf_has_bookmarks_tags_and_the_links_of_the_page(report_folder):
     assert len(internal_targets) >= 4
     assert internal_targets == expected_targets
     assert all(
-        pdf.get_destination_page_number(entry) >= 0 for entry in iterate_outline(pdf.outline)
+        pdf.get_destination_page_number(entry) >= 0 for entry in flatten_outline(pdf.outline)
     )
 
 
-def iterate_outline(outline):
+def flatten_outline(outline):
     for entry in outline:
-        yield from iterate_outline(entry) if isinstance(entry, list) else [entry]
+        yield from flatten_outline(entry) if isinstance(entry, list) else [entry]
 
 
-FORMATTED_NUMBERS = """
+NUMBER_FORMATTING_EXAMPLES = """
 format_number 2.549732978e9 5: 2.5497 × 10<sup>9</sup>
 format_number -1.25e-7 2: −1.2 × 10<sup>−7</sup>
 format_number 0.25: 0.2500
@@ -298,9 +304,12 @@ format_count 2132343: 2 132 343
 """
 
 
-@pytest.mark.parametrize("line", FORMATTED_NUMBERS.strip().splitlines())
-def test_number_is_formatted_for_readers(line):
-    (name, value, *digits), expected_text = line.split(": ")[0].split(), line.split(": ")[1]
+@pytest.mark.parametrize("example_line", NUMBER_FORMATTING_EXAMPLES.strip().splitlines())
+def test_number_formatting_functions_give_the_listed_texts(example_line):
+    (name, value, *digits), expected_text = (
+        example_line.split(": ")[0].split(),
+        example_line.split(": ")[1],
+    )
     format_number, digit_arguments = getattr(numbers, name), map(int, digits)
     formatted = format_number(float(value), *digit_arguments)
     assert formatted.replace("\u202f", " ") == expected_text
@@ -312,7 +321,7 @@ def test_number_is_formatted_for_readers(line):
 
 
 @pytest.fixture(scope="module")
-def study_report():
+def study_results_and_html():
     """The stored results, and the page that they make."""
     if (
         not (RESULTS_FOLDER / "claims.json").exists()
@@ -326,13 +335,13 @@ def study_report():
 
 
 @pytest.fixture(scope="module")
-def pdf_document(study_report):
+def pdf_document(study_results_and_html):
     """The PDF as a document of WeasyPrint."""
-    return report.lay_out_pages(study_report[1])
+    return report.lay_out_pages(study_results_and_html[1])
 
 
 def test_report_is_short_and_small_and_no_page_is_a_quarter_blank_but_the_last(
-    study_report, pdf_document
+    study_results_and_html, pdf_document
 ):
     """The article has at most 24 pages, without reproducibility and references."""
     pdf_pages = pdf_document.pages
@@ -343,8 +352,8 @@ def test_report_is_short_and_small_and_no_page_is_a_quarter_blank_but_the_last(
     )
     assert 15 < n_article_pages <= 24
     assert len(pdf_pages) <= n_article_pages + 3
-    assert len(study_report[1].encode()) < 5e6
-    assert_links_have_targets(Page(study_report[1]))
+    assert len(study_results_and_html[1].encode()) < 5e6
+    assert_internal_links_have_targets(Page(study_results_and_html[1]))
     for number, pdf_page in enumerate(pdf_pages[:-1], start=1):
         page_box = pdf_page._page_box
         top = page_box.content_box_y()
@@ -357,23 +366,24 @@ def test_report_is_short_and_small_and_no_page_is_a_quarter_blank_but_the_last(
         assert max(box_ends) - top > 0.75 * page_box.height, f"page {number}"
 
 
-def test_all_figures_and_tables_of_the_paper_have_captions(study_report):
+def test_all_figures_and_tables_of_the_paper_have_captions(study_results_and_html):
     figure_numbers = set()
     labels = re.findall(
-        r"<b>Fig\. \d+ \(the paper(?:&#39;|')s Figs?\.? (\d+)(?: and | to )?(\d*)", study_report[1]
+        r"<b>Fig\. \d+ \(the paper(?:&#39;|')s Figs?\.? (\d+)(?: and | to )?(\d*)",
+        study_results_and_html[1],
     )
     for first, last in labels:
         figure_numbers |= set(range(int(first), int(last or first) + 1))
     assert figure_numbers == set(range(1, 26))
     table_numbers = re.findall(
-        r"<b>Table \d+ \(the paper(?:&#39;|')s Table (\d)\)", study_report[1]
+        r"<b>Table \d+ \(the paper(?:&#39;|')s Table (\d)\)", study_results_and_html[1]
     )
     assert sorted(table_numbers) == ["1", "2"]
 
 
-def test_captions_name_panels_by_letters_not_by_side(study_report):
+def test_captions_do_not_name_panels_by_their_side(study_results_and_html):
     """On a telephone panels stand below each other."""
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", study_report[1], re.DOTALL)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", study_results_and_html[1], re.DOTALL)
     assert len(captions) > 25
     side_pattern = (
         r"(?i)\b(left|right|middle|above|upper|lower) ?(panel|:|\))|on the (left|right)\b"
@@ -382,9 +392,11 @@ def test_captions_name_panels_by_letters_not_by_side(study_report):
         assert not re.search(side_pattern, caption), caption
 
 
-def test_no_statement_of_the_paper_is_without_a_grade(study_report, tmp_path):
+def test_claims_page_grades_every_statement_and_report_counts_grades(
+    study_results_and_html, tmp_path
+):
     """The report counts the grades; the site's page of claims shows each statement with its own."""
-    results, html = study_report
+    results, html = study_results_and_html
     (tmp_path / "which-way.md").write_text("")
     write_evidence(results, tmp_path)
     claims_page = (tmp_path / "evidence" / "claims.md").read_text()
@@ -401,9 +413,11 @@ def test_no_statement_of_the_paper_is_without_a_grade(study_report, tmp_path):
         )
 
 
-def test_each_benchmark_has_a_row_in_the_table_of_verification(study_report):
+def test_each_benchmark_has_a_row_in_the_table_of_verification(study_results_and_html):
     """Benchmarks whose `VERIFICATION` is empty are told in the text instead."""
-    table = study_report[1].partition('<table id="verification"')[2].partition("</table>")[0]
+    table = (
+        study_results_and_html[1].partition('<table id="verification"')[2].partition("</table>")[0]
+    )
     sections_with_rows = set(re.findall(r"<tr>\s*<th[^>]*>(\w[\w.]*)</th>", table))
     benchmarks = {
         section: texts.read_constants(texts.find_page_source(section)).get("VERIFICATION")
@@ -414,10 +428,12 @@ def test_each_benchmark_has_a_row_in_the_table_of_verification(study_report):
     assert {name for name, rows in benchmarks.items() if rows != ""} <= sections_with_rows
 
 
-def test_examples_follow_one_template(study_report):
+def test_report_parts_of_examples_have_the_same_order_of_content(study_results_and_html):
     for example in ("7.2", "7.3", "7.4", "7.5", "7.6"):
         section_html = (
-            study_report[1].partition(f'id="part-{example}"')[2].partition("</section>")[0]
+            study_results_and_html[1]
+            .partition(f'id="part-{example}"')[2]
+            .partition("</section>")[0]
         )
         lead_texts = ("Printed.", "Reconstructed.", "<figure", "<table", "Sensitivity.", "Finding.")
         positions = [section_html.find(lead_text) for lead_text in lead_texts]
@@ -490,12 +506,14 @@ def test_no_measured_number_is_typed_into_the_first_page():
     assert re.findall(r"\d[\d.]*", text_without_markup) == allowed_numbers
 
 
-def test_every_reference_is_cited(study_report):
+def test_every_reference_is_cited(study_results_and_html):
     """Each reference is cited by a text of the report or by the page of a section."""
     page_texts = [texts.find_page_source(section).read_text() for section in texts.SECTIONS]
     chapters = [path.read_text() for path in TEXTS_FOLDER.glob("*.md")]
     calls = re.findall(r"cite\((.*?)\)", "".join(page_texts + chapters))
     assert set(re.findall(r'"(\w+)"', "".join(calls))) == texts.REFERENCES.keys()
-    cited_ids = {link["id"] for link in Page(study_report[1]).tag_attributes("li") if "id" in link}
+    cited_ids = {
+        link["id"] for link in Page(study_results_and_html[1]).tag_attributes("li") if "id" in link
+    }
     assert {"ref-paper", "ref-celik"} <= cited_ids
     assert cited_ids <= {f"ref-{key}" for key in texts.REFERENCES}

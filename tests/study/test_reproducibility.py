@@ -22,7 +22,12 @@ from study.publish.reproducibility import (
 )
 from study.publish.texts import TEXTS_FOLDER
 from study.run.store import Result, Results, save
-from tests.study.toystudy import PROVENANCE, TOY_PARAMETERS, install_toy_study, write_toy_results
+from tests.study.toystudy import (
+    TOY_PARAMETERS,
+    TOY_PROVENANCE,
+    install_toy_study,
+    write_toy_results,
+)
 
 RESULTS_FOLDER = Path(__file__).parents[2] / "results"
 SCALARS = {"y": 1.5, "z": -0.0, "cpu_seconds": 2.0}
@@ -30,50 +35,50 @@ CURVES = {"x": [1.0, 2.0, np.nan], "n": [[1, 2], [3, 4]], "names": ["a", "b"]}
 
 
 @pytest.fixture
-def digest_result(tmp_path, monkeypatch):
+def save_and_digest_result(tmp_path, monkeypatch):
     """A function that stores one result besides another one, and returns the digest of both."""
     install_toy_study(tmp_path, monkeypatch)
 
     def save_and_digest(scalars=SCALARS, curves=CURVES, case="b", **provenance):
         folder = tmp_path / f"results-{len(list(tmp_path.glob('results-*')))}"
-        for name, one, its_curves in (("a", {"y": 7.0}, {}), (case, scalars, curves)):
-            units = dict.fromkeys(one, "1")
-            arrays = {key: np.array(curve) for key, curve in its_curves.items()}
-            result = Result(one, units, arrays)
-            save(folder, "1", name, result, TOY_PARAMETERS, PROVENANCE | provenance)
+        for name, result_scalars, result_curves in (("a", {"y": 7.0}, {}), (case, scalars, curves)):
+            units = dict.fromkeys(result_scalars, "1")
+            arrays = {key: np.array(curve) for key, curve in result_curves.items()}
+            result = Result(result_scalars, units, arrays)
+            save(folder, "1", name, result, TOY_PARAMETERS, TOY_PROVENANCE | provenance)
         return digest_numbers(Results(folder))
 
     return save_and_digest
 
 
-def test_the_digest_depends_on_numbers_alone(digest_result):
-    digest = digest_result()
+def test_the_digest_depends_on_numbers_alone(save_and_digest_result):
+    digest = save_and_digest_result()
     assert re.fullmatch(r"[0-9a-f]{64}", digest)
     reordered = dict(reversed(SCALARS.items())), dict(reversed(CURVES.items()))
     as_floats = CURVES | {"n": np.array(CURVES["n"], dtype=float)}
-    same = [
-        digest_result(),
-        digest_result(*reordered),
-        digest_result(curves=as_floats),
-        digest_result(SCALARS | {"z": 0.0}),
-        digest_result(SCALARS | {"cpu_seconds": 3.0}),
-        digest_result(seconds=99.0, time="2027-01-01T00:00:00+00:00", commit="f" * 16),
-        digest_result(versions={"dolfinx": "1.0"}, fingerprint="g"),
+    digests_of_equal_numbers = [
+        save_and_digest_result(),
+        save_and_digest_result(*reordered),
+        save_and_digest_result(curves=as_floats),
+        save_and_digest_result(SCALARS | {"z": 0.0}),
+        save_and_digest_result(SCALARS | {"cpu_seconds": 3.0}),
+        save_and_digest_result(seconds=99.0, time="2027-01-01T00:00:00+00:00", commit="f" * 16),
+        save_and_digest_result(versions={"dolfinx": "1.0"}, fingerprint="g"),
     ]
-    assert same == [digest] * len(same)
+    assert digests_of_equal_numbers == [digest] * len(digests_of_equal_numbers)
 
 
-def test_the_digest_changes_with_each_number_and_name(digest_result):
+def test_the_digest_changes_with_each_number_and_name(save_and_digest_result):
     digests = [
-        digest_result(),
-        digest_result(SCALARS | {"y": np.nextafter(1.5, 2.0)}),
-        digest_result({"w": 1.5, "z": 0.0}),
-        digest_result(case="c"),
-        digest_result(curves=CURVES | {"x": [1.0, 2.0, 3.0]}),
-        digest_result(curves=CURVES | {"x": [2.0, 1.0, np.nan]}),
-        digest_result(curves=CURVES | {"n": [1, 2, 3, 4]}),
-        digest_result(curves=CURVES | {"names": ["a", "c"]}),
-        digest_result(curves={}),
+        save_and_digest_result(),
+        save_and_digest_result(SCALARS | {"y": np.nextafter(1.5, 2.0)}),
+        save_and_digest_result({"w": 1.5, "z": 0.0}),
+        save_and_digest_result(case="c"),
+        save_and_digest_result(curves=CURVES | {"x": [1.0, 2.0, 3.0]}),
+        save_and_digest_result(curves=CURVES | {"x": [2.0, 1.0, np.nan]}),
+        save_and_digest_result(curves=CURVES | {"n": [1, 2, 3, 4]}),
+        save_and_digest_result(curves=CURVES | {"names": ["a", "c"]}),
+        save_and_digest_result(curves={}),
     ]
     assert len(set(digests)) == len(digests)
 
@@ -82,7 +87,7 @@ def test_versions_commits_and_time_are_those_of_the_results(tmp_path, monkeypatc
     results = Results(write_toy_results(tmp_path, monkeypatch))
     assert read_stored_versions(results) == {"DOLFINx": ["0.10.0", "0.9.0"], "NumPy": ["2.2.4"]}
     assert list_commits(results) == ["0123456789", "0123456789+"]
-    elapsed_seconds = 2 * PROVENANCE["processes"] * PROVENANCE["seconds"]
+    elapsed_seconds = 2 * TOY_PROVENANCE["processes"] * TOY_PROVENANCE["seconds"]
     assert sum_computing_time(results) == ComputingTime(pytest.approx(elapsed_seconds), 0.0, 2)
 
 
@@ -94,7 +99,7 @@ def test_versions_of_the_environment_are_identified():
         assert re.match(r"\d+\.\d+\.\d+|not identified", versions[name]), (name, versions[name])
 
 
-def test_unknown_libraries_are_said_to_be_unknown(tmp_path):
+def test_mumps_and_blas_versions_are_read_from_files_or_not_identified(tmp_path):
     library = tmp_path / "libdmumps-5.7.so"
     library.write_bytes(b"\0version 5.7.3\0GCC: (Debian 14.2.0-19) 14.2.0\0 2.2.5\0")
     assert read_mumps_version([library]) == "5.7.3"
@@ -106,7 +111,7 @@ def test_unknown_libraries_are_said_to_be_unknown(tmp_path):
     assert read_blas_version([broken_library]) == broken_library.name
 
 
-def test_the_citation_is_that_of_the_file():
+def test_citation_and_licence_agree_with_their_files():
     citation = read_citation()
     text = (Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8")
     assert f'\ntitle: "{citation["title"]}"\n' in text
@@ -117,7 +122,9 @@ def test_the_citation_is_that_of_the_file():
     assert "associated documentation files" in licence_text  # "covers code and documentation alike"
 
 
-def test_the_box_shows_all_of_it(tmp_path, monkeypatch):
+def test_reproducibility_box_shows_command_commits_versions_digest_and_licence(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(reproducibility, "describe_processor", lambda: "Some Processor, 2 cores")
     results = Results(write_toy_results(tmp_path, monkeypatch))
     renderer = _ReportRenderer(results, TEXTS_FOLDER)
@@ -139,7 +146,7 @@ def test_the_box_shows_all_of_it(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not RESULTS_FOLDER.is_dir(), reason="there are no results")
-def test_the_box_names_the_versions_of_all_libraries_that_were_used():
+def test_stored_and_environment_versions_cover_all_libraries():
     versions = read_stored_versions(Results(RESULTS_FOLDER)) | read_environment_versions()
     assert list(versions) == [
         *("DOLFINx", "Basix", "UFL", "FFCx", "PETSc", "SLEPc", "NumPy"),

@@ -19,59 +19,59 @@ from study.run.expected import read_expected_table
 from study.run.pages import read_constants
 from study.run.store import StoredResult
 
-CASES = {case.key: case for section in SECTIONS for case in load_section(section).cases}
+CASES_BY_KEY = {case.key: case for section in SECTIONS for case in load_section(section).cases}
 
 
-def find_quickest_case_keys():
+def find_quickest_case_key_of_each_problem():
     """Return the keys of one computed case of each problem, that of the shortest expected time."""
     by_problem = {}
-    for key, case in CASES.items():
+    for key, case in CASES_BY_KEY.items():
         if not case.record:
             by_problem.setdefault((case.section, case.run.__name__), []).append(key)
     seconds = read_expected_table()
     return [min(keys, key=lambda key: seconds.get(key, 0.0)) for keys in by_problem.values()]
 
 
-QUICKEST_CASE_KEYS = [
+QUICKEST_CASE_KEYS_WITH_MARKS = [
     pytest.param(key, marks=[pytest.mark.slow] * (read_expected_table().get(key, 0.0) > 3.0))
-    for key in find_quickest_case_keys()
+    for key in find_quickest_case_key_of_each_problem()
 ]
 UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
-OTHER_UNITS = {"1", "s", "MB", "1/s²", "1000/s²", "Pa"}
+UNITS_ALLOWED_IN_EVERY_SYSTEM = {"1", "s", "MB", "1/s²", "1000/s²", "Pa"}
 # What names say, whatever the section; the first pattern counts
-NAME_PATTERNS_BY_KIND = {
+SCALAR_NAME_PATTERNS_BY_KIND = {
     "1": "error* smallest_* *_error order* *difference* *residual* iterations* imaginary* ratio* "
     "sawtooth* peak_over_mean*",
     "force": "*force* reaction_*",
     "stress": "peak_pressure* mean_pressure sigma_cr_*",
     "length": "closed_* stick_from* translation *radius*",
 }
-KIND_BY_NAME_PATTERN = {
+KIND_BY_SCALAR_NAME_PATTERN = {
     pattern: kind
-    for kind, patterns in NAME_PATTERNS_BY_KIND.items()
+    for kind, patterns in SCALAR_NAME_PATTERNS_BY_KIND.items()
     for pattern in patterns.split()
 }
 
 
-def is_element(name):
+def is_element_of_this_study(name):
     """Whether it is one of ours; those of CalculiX have another parameter."""
     return name in ELEMENTS and name != "exact"
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_every_case_states_its_element_where_it_has_one(section):
-    cases = [case for case in CASES.values() if case.section == section]
+def test_every_case_states_its_element_compared_elements_or_method(section):
+    cases = [case for case in CASES_BY_KEY.values() if case.section == section]
     for case in cases:
         parameters = case.stored_parameters
         assert parameters["problem"], case.key
         assert {*case.parameters, *case.implied} <= set(parameters), case.key
         if "element" in parameters:
-            assert is_element(parameters["element"]), case.key
+            assert is_element_of_this_study(parameters["element"]), case.key
         elif "compared" in parameters:
             assert parameters["compared"], case.key
-            assert all(map(is_element, parameters["compared"])), case.key
+            assert all(map(is_element_of_this_study, parameters["compared"])), case.key
         elif "peer_element" in parameters:
-            assert not is_element(parameters["peer_element"]), case.key
+            assert not is_element_of_this_study(parameters["peer_element"]), case.key
         else:
             assert (
                 parameters["problem"] in ("exact", "trefftz", "reference") or parameters["method"]
@@ -81,40 +81,40 @@ def test_every_case_states_its_element_where_it_has_one(section):
 @pytest.mark.parametrize("section", SECTIONS)
 def test_parameters_distinguish_cases(section):
     parameters_by_case = [
-        case.stored_parameters for case in CASES.values() if case.section == section
+        case.stored_parameters for case in CASES_BY_KEY.values() if case.section == section
     ]
     assert all(parameters_by_case.count(parameters) == 1 for parameters in parameters_by_case)
 
 
 def test_element_in_a_case_name_is_that_of_its_parameters():
-    for key, case in CASES.items():
+    for key, case in CASES_BY_KEY.items():
         element = case.stored_parameters.get("element")
         elements_in_name = [name for name in ELEMENTS if f"-{name}-" in f"-{case.name}-"]
         if element and elements_in_name:
             assert elements_in_name == [element], key
 
 
-@pytest.mark.parametrize("key", QUICKEST_CASE_KEYS)
-def test_every_scalar_has_a_suitable_unit(key, results):
-    case, stored_result = CASES[key], results[key]
+@pytest.mark.parametrize("key", QUICKEST_CASE_KEYS_WITH_MARKS)
+def test_units_of_scalars_fit_their_names_in_one_unit_system(key, results):
+    case, stored_result = CASES_BY_KEY[key], results[key]
     assert stored_result.parameters == case.stored_parameters
     assert set(stored_result.units) == set(stored_result.scalars)
     suitable_systems = [
         units
         for units in map(vars, UNIT_SYSTEMS)
-        if set(stored_result.units.values()) <= {*units.values()} | OTHER_UNITS
-        and _has_units(stored_result, units)
+        if set(stored_result.units.values()) <= {*units.values()} | UNITS_ALLOWED_IN_EVERY_SYSTEM
+        and _units_suit_scalar_names(stored_result, units)
     ]
     assert suitable_systems, stored_result.units
 
 
-def _has_units(result, units):
+def _units_suit_scalar_names(result, units):
     """Whether numbers whose names tell their kind have the unit of this kind."""
     for name, unit in result.units.items():
         kind = next(
             (
-                KIND_BY_NAME_PATTERN[pattern]
-                for pattern in KIND_BY_NAME_PATTERN
+                KIND_BY_SCALAR_NAME_PATTERN[pattern]
+                for pattern in KIND_BY_SCALAR_NAME_PATTERN
                 if fnmatchcase(name, pattern)
             ),
             None,
@@ -141,17 +141,17 @@ def test_measures_select_by_parameters_or_by_names(results):
     )
 
 
-TEXT_FILES = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
-TEXT_FILES += [find_page_source(section) for section in SECTIONS]
+TEXT_AND_PAGE_FILES = sorted(Path(texts.__file__).parent.glob("*.[hm][td]*"))
+TEXT_AND_PAGE_FILES += [find_page_source(section) for section in SECTIONS]
 CASE_KEY_PATTERN = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
 
 
 @pytest.mark.parametrize("name", list_scripts())
 def test_figures_need_existing_cases_only(name):
-    assert set(load_script(name).needs) <= set(CASES)
+    assert set(load_script(name).needs) <= set(CASES_BY_KEY)
 
 
-def _read_text(path):
+def _read_html_or_page_texts(path):
     """Return a text in HTML, or all texts of a page."""
     if path.suffix != ".py":
         return path.read_text(encoding="utf-8")
@@ -159,21 +159,23 @@ def _read_text(path):
     return "\n".join(constants.get(name, "") for name in ("MACROS", *BLOCK_OF_CONSTANT))
 
 
-@pytest.mark.parametrize("path", TEXT_FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", TEXT_AND_PAGE_FILES, ids=lambda path: path.stem)
 def test_texts_refer_to_existing_cases_and_figures_only(path):
-    content = _read_text(path)
+    content = _read_html_or_page_texts(path)
     assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(list_scripts())
     for key, is_beginning in CASE_KEY_PATTERN.findall(content):
-        assert key in CASES or (is_beginning and any(case.startswith(key) for case in CASES)), key
+        assert key in CASES_BY_KEY or (
+            is_beginning and any(case.startswith(key) for case in CASES_BY_KEY)
+        ), key
 
 
 @pytest.mark.parametrize("claim", load_claims(), ids=lambda claim: claim.id)
 def test_claims_measure_existing_cases_only(claim):
     args = claim.judgement.args if claim.judgement else {}
     named_keys = [value for value in args.values() if isinstance(value, str) and "/" in value]
-    assert set(named_keys) <= set(CASES)
+    assert set(named_keys) <= set(CASES_BY_KEY)
     if {"section", "cases"} <= set(args):
-        section_cases = [case for case in CASES.values() if case.section == args["section"]]
+        section_cases = [case for case in CASES_BY_KEY.values() if case.section == args["section"]]
         assert any(_is_selected(args["cases"], case) for case in section_cases)
 
 

@@ -28,8 +28,8 @@ PUBLIC_NAMES = [
 ]
 # Names that say of themselves all that there is to say
 NAMES_WITHOUT_PAGE = {*reference.CONSTANTS_WITHOUT_PAGE}
-METHODS_NOT_CHECKED = {"shape"}
-MAIN_NAMES = """
+METHODS_WITHOUT_DOCSTRING_CHECK = {"shape"}
+PUBLIC_NAMES_THAT_NEED_AN_EXAMPLE = """
 Spaces Body Material Reduction assemble_matrix assemble_vector boundary_measure prescribe
 solve reactions nodal_flux vibration_modes buckling Sibling lumped_mass test_space
 as_function draw PetrovGalerkinProblem contact.ContactPair contact.Motion contact.Plane
@@ -43,7 +43,7 @@ def import_object(qualified_name):
     return getattr(import_module(module), name)
 
 
-def test_every_public_name_has_a_page():
+def test_reference_lists_every_public_name_once():
     pages = {name.rpartition(".")[2] for name in reference.list_public_names()}
     assert {name.rpartition(".")[2] for name in PUBLIC_NAMES} - NAMES_WITHOUT_PAGE <= pages
     assert len(reference.list_public_names()) == len({*reference.list_public_names()})
@@ -59,7 +59,7 @@ def test_every_public_object_documents_itself_and_the_parameters_of_its_methods(
         if (
             inspect.isfunction(method)
             and not name.startswith("_")
-            and name not in METHODS_NOT_CHECKED
+            and name not in METHODS_WITHOUT_DOCSTRING_CHECK
         ):
             functions_by_name[name] = method
     for name, function in functions_by_name.items():
@@ -67,11 +67,14 @@ def test_every_public_object_documents_itself_and_the_parameters_of_its_methods(
         parameters = {*inspect.signature(function).parameters} - {"self", "cls"}
         assert docstring, name
         assert all(
-            f"    {one}:" in docstring or f" {one} (n, " in docstring for one in parameters
+            f"    {parameter}:" in docstring or f" {parameter} (n, " in docstring
+            for parameter in parameters
         ), name
 
 
-@pytest.mark.parametrize("qualified_name", [f"pw_elements.{name}" for name in MAIN_NAMES.split()])
+@pytest.mark.parametrize(
+    "qualified_name", [f"pw_elements.{name}" for name in PUBLIC_NAMES_THAT_NEED_AN_EXAMPLE.split()]
+)
 def test_main_public_names_have_an_example(qualified_name):
     names_in_examples = {
         name for example in gallery.load_examples() for name in example.library_names
@@ -91,16 +94,16 @@ def test_every_section_has_facts_and_one_group():
     assert sorted(grouped_sections) == sorted(SECTIONS)
 
 
-def test_examples_are_in_the_gallery_with_title_and_text():
+def test_gallery_lists_all_examples_in_order_with_titles_and_parseable_files():
     examples = gallery.load_examples()
-    assert {one.name for one in examples} == {*gallery.GALLERY_ORDER}
+    assert {gallery_example.name for gallery_example in examples} == {*gallery.GALLERY_ORDER}
     for example in examples:
         assert example.title.endswith((".", "?")), example.name
         ast.parse((gallery.EXAMPLES_FOLDER / f"{example.name}.py").read_text())
 
 
 @pytest.fixture
-def toy_results(tmp_path, monkeypatch):
+def toy_results_folder(tmp_path, monkeypatch):
     """Results with claims and figures, and a site that has one page besides their data."""
     results_folder = toystudy.write_toy_results(tmp_path, monkeypatch)
     monkeypatch.setattr("study.publish.site.write_sources", lambda *_: [])
@@ -120,22 +123,22 @@ def _run_site_command(results_folder, site_folder):
     return site([f"--results={results_folder}", f"--out={site_folder}", "--jobs=1"])
 
 
-def test_site_replaces_an_earlier_site_and_no_other_folder(toy_results, tmp_path, capsys):
+def test_site_replaces_an_earlier_site_and_no_other_folder(toy_results_folder, tmp_path, capsys):
     out = tmp_path / "pages"
     for _ in range(2):
-        assert _run_site_command(toy_results, out) == 0
+        assert _run_site_command(toy_results_folder, out) == 0
         assert (out / "data" / "1" / "a.json").read_bytes() == (
-            toy_results / "1" / "a.json"
+            toy_results_folder / "1" / "a.json"
         ).read_bytes()
         assert (out / "data" / "1" / "a.npz").exists()
         assert not (out / "data" / "1" / "b.npz").exists()
     _write_text(out / "data" / "CNAME", "mine")
-    assert _run_site_command(toy_results, out) == 2
+    assert _run_site_command(toy_results_folder, out) == 2
     assert "it holds data/CNAME, not written with it" in capsys.readouterr().err
     foreign_folder = tmp_path / "home"
     foreign_folder.mkdir()
     _write_text(foreign_folder / "index.html", "mine")
-    assert _run_site_command(toy_results, foreign_folder) == 2
+    assert _run_site_command(toy_results_folder, foreign_folder) == 2
     assert (
         f"{foreign_folder} is there, and does not say that it is a site" in capsys.readouterr().err
     )
@@ -147,32 +150,34 @@ def test_site_replaces_an_earlier_site_and_no_other_folder(toy_results, tmp_path
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def test_a_site_that_fails_leaves_the_earlier_one(toy_results, tmp_path, monkeypatch):
+def test_failed_site_build_leaves_the_earlier_site(toy_results_folder, tmp_path, monkeypatch):
     out = tmp_path / "pages"
-    assert _run_site_command(toy_results, out) == 0
+    assert _run_site_command(toy_results_folder, out) == 0
     monkeypatch.setattr("study.publish.site._run_sphinx", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        _run_site_command(toy_results, out)
+        _run_site_command(toy_results_folder, out)
     assert (out / "index.html").read_text() == "made"
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def test_corrupt_results_are_left_out_of_the_site_and_give_a_status(toy_results, tmp_path, capsys):
+def test_corrupt_results_are_left_out_of_the_site_and_give_a_status(
+    toy_results_folder, tmp_path, capsys
+):
     out = tmp_path / "pages"
-    _write_text(toy_results / "1" / "a.json", "{")
-    assert _run_site_command(toy_results, out) == 3
+    _write_text(toy_results_folder / "1" / "a.json", "{")
+    assert _run_site_command(toy_results_folder, out) == 3
     errors = capsys.readouterr().err
-    assert f"site: {toy_results / '1' / 'a.json'} cannot be used" in errors
+    assert f"site: {toy_results_folder / '1' / 'a.json'} cannot be used" in errors
     assert "run ./run study 1/a\n" in errors
     assert [path.name for path in (out / "data" / "1").iterdir()] == ["b.json"]
     for name in ("claims.json", "figures/index.json"):
-        _write_text(toy_results / name, "[")
-        assert _run_site_command(toy_results, out) == 3
-        assert f"{toy_results / name} can" in capsys.readouterr().err
-        (toy_results / name).unlink()
-        assert _run_site_command(toy_results, out) == 2
-        assert f"site: there is no {toy_results / name}" in capsys.readouterr().err
-        _write_text(toy_results / name, "[]")
+        _write_text(toy_results_folder / name, "[")
+        assert _run_site_command(toy_results_folder, out) == 3
+        assert f"{toy_results_folder / name} can" in capsys.readouterr().err
+        (toy_results_folder / name).unlink()
+        assert _run_site_command(toy_results_folder, out) == 2
+        assert f"site: there is no {toy_results_folder / name}" in capsys.readouterr().err
+        _write_text(toy_results_folder / name, "[]")
     assert _run_site_command(tmp_path / "nowhere", out) == 2
     assert "there are no results" in capsys.readouterr().err
     assert not (tmp_path / "nowhere").exists()
@@ -181,7 +186,7 @@ def test_corrupt_results_are_left_out_of_the_site_and_give_a_status(toy_results,
 @pytest.mark.skipif(
     not (RESULTS_FOLDER / "claims.json").exists(), reason="./run study makes results"
 )
-def test_evidence_pages_have_all_results_that_their_texts_need():
+def test_evidence_pages_render_without_missing_content_and_have_verdicts():
     first_sheets = evidence._SheetRenderer(Results(RESULTS_FOLDER), {}, strict=False)
     first_sheets.render_pages([*SECTIONS])
     sheets = evidence._SheetRenderer(

@@ -22,38 +22,52 @@ from study.run.store import (
     save,
 )
 
-KEY = "7.1/pw-T6"
-RESULT = Result(
+STORED_KEY = "7.1/pw-T6"
+STORED_RESULT = Result(
     scalars={"reaction_1": 0.1 + 0.2, "count": np.int64(3), "tiny": np.float64(5e-324)},
     units={"reaction_1": "N", "count": "1", "tiny": "mm"},
     curves={"x": np.array([0.0, math.pi, math.nan]), "nodes": np.arange(6).reshape(2, 3)},
 )
-PARAMETERS = {"element": "pw-T6", "divisions": [20, 10], "friction": 0.3, "smooth": None}
+STORED_PARAMETERS = {"element": "pw-T6", "divisions": [20, 10], "friction": 0.3, "smooth": None}
 
 
-def make_result(value=1.0, unit="1", curves=None):
+def make_result_of_one_scalar(value=1.0, unit="1", curves=None):
     return Result({"y": value}, {"y": unit}, curves or {})
 
 
 @pytest.fixture
-def stored_folder(tmp_path):
-    save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {"seconds": 1.5, "fingerprint": "f"})
+def folder_with_stored_result(tmp_path):
+    save(
+        tmp_path,
+        "7.1",
+        "pw-T6",
+        STORED_RESULT,
+        STORED_PARAMETERS,
+        {"seconds": 1.5, "fingerprint": "f"},
+    )
     return tmp_path
 
 
-def test_saved_result_is_read_unchanged_and_leaves_two_files_only(stored_folder):
-    stored_result = Results(stored_folder)[KEY]
-    assert (stored_result.section, stored_result.case, stored_result.key) == ("7.1", "pw-T6", KEY)
+def test_saved_result_is_read_unchanged_and_leaves_two_files_only(folder_with_stored_result):
+    stored_result = Results(folder_with_stored_result)[STORED_KEY]
+    assert (stored_result.section, stored_result.case, stored_result.key) == (
+        "7.1",
+        "pw-T6",
+        STORED_KEY,
+    )
     assert stored_result.scalars == {"reaction_1": 0.1 + 0.2, "count": 3.0, "tiny": 5e-324}
-    assert (stored_result.units, stored_result.parameters) == (RESULT.units, PARAMETERS)
+    assert (stored_result.units, stored_result.parameters) == (
+        STORED_RESULT.units,
+        STORED_PARAMETERS,
+    )
     assert stored_result.provenance["seconds"] == 1.5
-    for name, curve in RESULT.curves.items():
+    for name, curve in STORED_RESULT.curves.items():
         np.testing.assert_array_equal(stored_result.curves[name], curve)
         assert stored_result.curves[name].dtype == curve.dtype
-    content = json.loads((stored_folder / "7.1" / "pw-T6.json").read_text())
+    content = json.loads((folder_with_stored_result / "7.1" / "pw-T6.json").read_text())
     content_keys = {"parameters", "scalars", "units", "provenance"}
     assert set(content) == {"format", "section", "case", "digest"} | content_keys
-    assert sorted(os.listdir(stored_folder / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+    assert sorted(os.listdir(folder_with_stored_result / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
 
 
 UNSTORABLE_CURVES = {"odd": np.array([{}, None])}
@@ -64,22 +78,22 @@ UNITS_OF_TWO_SCALARS = {"y": "N", "z": "1"}
     ("result", "parameters", "message"),
     [
         *[
-            (make_result(value), PARAMETERS, r"\by = -?(nan|inf)")
+            (make_result_of_one_scalar(value), STORED_PARAMETERS, r"\by = -?(nan|inf)")
             for value in (math.nan, -math.inf)
         ],
-        (Result({"y": 1.0, "z": 2.0}, {}), PARAMETERS, "numbers without a unit: y, z$"),
+        (Result({"y": 1.0, "z": 2.0}, {}), STORED_PARAMETERS, "numbers without a unit: y, z$"),
         (
             Result({"y": 1.0, "z": 2.0}, UNITS_OF_TWO_SCALARS | {"z": ""}),
-            PARAMETERS,
+            STORED_PARAMETERS,
             "without a unit: z$",
         ),
         (
             Result({"y": 1.0, "z": 2.0}, UNITS_OF_TWO_SCALARS | {"x": "m"}),
-            PARAMETERS,
+            STORED_PARAMETERS,
             "units of no number: x$",
         ),
-        (make_result(), {}, "has no parameters$"),
-        (make_result(curves=UNSTORABLE_CURVES), PARAMETERS, "odd"),
+        (make_result_of_one_scalar(), {}, "has no parameters$"),
+        (make_result_of_one_scalar(curves=UNSTORABLE_CURVES), STORED_PARAMETERS, "odd"),
     ],
 )
 def test_error_names_what_cannot_be_stored(tmp_path, result, parameters, message):
@@ -88,10 +102,17 @@ def test_error_names_what_cannot_be_stored(tmp_path, result, parameters, message
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_results_are_selected_by_parameters(stored_folder):
+def test_results_are_selected_by_parameters(folder_with_stored_result):
     other_parameters = {"element": "galerkin-T6", "divisions": [20, 10], "friction": 0.3}
-    save(stored_folder, "7.1", "galerkin-T6", make_result(), other_parameters, {})
-    results = Results(stored_folder)
+    save(
+        folder_with_stored_result,
+        "7.1",
+        "galerkin-T6",
+        make_result_of_one_scalar(),
+        other_parameters,
+        {},
+    )
+    results = Results(folder_with_stored_result)
 
     def find_case_names(**parameters):
         return [selected_result.case for selected_result in results.where("7.1", **parameters)]
@@ -132,39 +153,52 @@ def kill_save_between_curves_and_scalars(folder):
 
 def test_kill_before_the_scalars_are_written_leaves_no_result_and_no_mixture(tmp_path):
     kill_save_between_curves_and_scalars(tmp_path)
-    assert KEY not in Results(tmp_path)
+    assert STORED_KEY not in Results(tmp_path)
     assert Results(tmp_path).section("7.1") == []
-    save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {})
+    save(tmp_path, "7.1", "pw-T6", STORED_RESULT, STORED_PARAMETERS, {})
     kill_save_between_curves_and_scalars(tmp_path)
     with pytest.raises(CorruptResult, match=r"not of the same run.*study 7\.1/pw-T6$"):
-        Results(tmp_path)[KEY]
+        Results(tmp_path)[STORED_KEY]
 
 
-def test_failed_write_leaves_the_old_result_and_no_other_files(stored_folder, monkeypatch):
+def test_failed_write_leaves_the_old_result_and_no_other_files(
+    folder_with_stored_result, monkeypatch
+):
     def raise_disk_full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", raise_disk_full)
     with pytest.raises(OSError, match="No space"):
         save(
-            stored_folder,
+            folder_with_stored_result,
             "7.1",
             "pw-T6",
-            make_result(9.0, curves={"x": np.ones(1)}),
-            PARAMETERS,
+            make_result_of_one_scalar(9.0, curves={"x": np.ones(1)}),
+            STORED_PARAMETERS,
             {},
         )
-    path = stored_folder / "7.1" / "pw-T6.json"  # in another layout, it has the same numbers
+    path = (
+        folder_with_stored_result / "7.1" / "pw-T6.json"
+    )  # in another layout, it has the same numbers
     path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
-    assert Results(stored_folder).scalar(KEY, "reaction_1") == 0.1 + 0.2
-    assert sorted(os.listdir(stored_folder / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+    assert Results(folder_with_stored_result).scalar(STORED_KEY, "reaction_1") == 0.1 + 0.2
+    assert sorted(os.listdir(folder_with_stored_result / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
     monkeypatch.undo()
-    save(stored_folder, "7.1", "pw-T6", make_result(), PARAMETERS, {})
-    assert Results(stored_folder).curves(KEY) == {}  # those of the earlier result went with it
-    assert os.listdir(stored_folder / "7.1") == ["pw-T6.json"]
+    save(
+        folder_with_stored_result,
+        "7.1",
+        "pw-T6",
+        make_result_of_one_scalar(),
+        STORED_PARAMETERS,
+        {},
+    )
+    assert (
+        Results(folder_with_stored_result).curves(STORED_KEY) == {}
+    )  # those of the earlier result went with it
+    assert os.listdir(folder_with_stored_result / "7.1") == ["pw-T6.json"]
 
 
-EDITS_OF_CONTENT = [
+EDITS_THAT_THE_DIGEST_DETECTS = [
     ('"count": 3.0', '"count": 3.0000000000000004'),
     ('"reaction_1": "N"', '"reaction_1": "kN"'),
     ('"friction": 0.3', '"friction": 0.4'),
@@ -179,7 +213,7 @@ EDITS_OF_CONTENT = [
 @pytest.mark.parametrize(
     ("replaced", "replacement"),
     [
-        *EDITS_OF_CONTENT,
+        *EDITS_THAT_THE_DIGEST_DETECTS,
         ("3.0", "NaN"),
         ("3.0", '"3.0"'),
         ('"units"', '"unit"'),
@@ -196,9 +230,9 @@ EDITS_OF_CONTENT = [
     ],
 )
 def test_error_names_a_damaged_or_edited_result_and_its_remedy(
-    stored_folder, replaced, replacement
+    folder_with_stored_result, replaced, replacement
 ):
-    path = stored_folder / "7.1" / "pw-T6.json"
+    path = folder_with_stored_result / "7.1" / "pw-T6.json"
     if replaced.startswith("."):
         path = path.with_suffix(replaced)
         path.unlink() if replacement is None else path.write_bytes(replacement)
@@ -206,37 +240,43 @@ def test_error_names_a_damaged_or_edited_result_and_its_remedy(
         text = path.read_text()
         assert replaced in text
         path.write_text(text.replace(replaced, replacement))
-    assert KEY in Results(stored_folder)
+    assert STORED_KEY in Results(folder_with_stored_result)
     with pytest.raises(CorruptResult) as error_info:
-        Results(stored_folder)[KEY]
+        Results(folder_with_stored_result)[STORED_KEY]
     message = str(error_info.value)
-    assert str(stored_folder / "7.1" / "pw-T6.") in message
+    assert str(folder_with_stored_result / "7.1" / "pw-T6.") in message
     assert message.endswith("run ./run study 7.1/pw-T6")
     assert "\n" not in message
-    assert "edited since the run" in message or (replaced, replacement) not in EDITS_OF_CONTENT
+    assert (
+        "edited since the run" in message
+        or (replaced, replacement) not in EDITS_THAT_THE_DIGEST_DETECTS
+    )
 
 
-def test_copy_of_a_result_is_refused_as_another_case(stored_folder):
+def test_copy_of_a_result_is_refused_as_another_case(folder_with_stored_result):
     """Nor if its digest is made anew, as the numbers of a forger would have one."""
     for other_key in ("7.2/pw-T6", "7.1/pw-Q8"):
         for suffix in (".json", ".npz"):
-            copy = stored_folder / f"{other_key}{suffix}"
+            copy = folder_with_stored_result / f"{other_key}{suffix}"
             copy.parent.mkdir(exist_ok=True)
-            copy.write_bytes((stored_folder / f"{KEY}{suffix}").read_bytes())
+            copy.write_bytes((folder_with_stored_result / f"{STORED_KEY}{suffix}").read_bytes())
         with pytest.raises(CorruptResult, match=r"it is of the case 7\.1/pw-T6"):
-            Results(stored_folder)[other_key]
+            Results(folder_with_stored_result)[other_key]
         other_section_and_case = {
             "section": other_key.partition("/")[0],
             "case": other_key.partition("/")[2],
         }
-        content = json.loads((stored_folder / f"{KEY}.json").read_text()) | other_section_and_case
-        (stored_folder / f"{other_key}.json").write_text(json.dumps(content))
+        content = (
+            json.loads((folder_with_stored_result / f"{STORED_KEY}.json").read_text())
+            | other_section_and_case
+        )
+        (folder_with_stored_result / f"{other_key}.json").write_text(json.dumps(content))
         with pytest.raises(CorruptResult, match="it has been edited"):
-            Results(stored_folder)[other_key]
+            Results(folder_with_stored_result)[other_key]
 
 
-def test_result_in_another_format_version_exists_but_is_outdated(stored_folder):
-    path = stored_folder / f"{KEY}.json"
+def test_result_in_another_format_version_exists_but_is_outdated(folder_with_stored_result):
+    path = folder_with_stored_result / f"{STORED_KEY}.json"
     content = json.loads(path.read_text())
     first_format_content = {
         name: content[name] for name in ("case", "parameters", "scalars", "units")
@@ -247,44 +287,53 @@ def test_result_in_another_format_version_exists_but_is_outdated(stored_folder):
     ):
         path.write_text(json.dumps(other_format_content))
         assert is_result_file(path)
-        assert KEY in Results(stored_folder)
+        assert STORED_KEY in Results(folder_with_stored_result)
         with pytest.raises(OutdatedResult, match=r"another version: run \./run study 7\.1/pw-T6$"):
-            Results(stored_folder)[KEY]
+            Results(folder_with_stored_result)[STORED_KEY]
         assert (
-            Results(stored_folder).readable_results("7.1"),
-            Results(stored_folder).corrupt_results("7.1"),
+            Results(folder_with_stored_result).readable_results("7.1"),
+            Results(folder_with_stored_result).corrupt_results("7.1"),
         ) == ([], {})
     path.write_text('{"case": "pw-T6"}')
     assert not is_result_file(path)
 
 
-def test_section_separates_readable_and_corrupt_results(stored_folder):
-    save(stored_folder, "7.1", "galerkin-T6", make_result(), PARAMETERS, {})
-    (stored_folder / f"{KEY}.json").write_text("{")
-    results = Results(stored_folder)
+def test_section_separates_readable_and_corrupt_results(folder_with_stored_result):
+    save(
+        folder_with_stored_result,
+        "7.1",
+        "galerkin-T6",
+        make_result_of_one_scalar(),
+        STORED_PARAMETERS,
+        {},
+    )
+    (folder_with_stored_result / f"{STORED_KEY}.json").write_text("{")
+    results = Results(folder_with_stored_result)
     assert [readable_result.case for readable_result in results.readable_results("7.1")] == [
         "galerkin-T6"
     ]
-    assert {*results.corrupt_results("7.1")} == {KEY}
-    assert results.corrupt_results("7.1")[KEY].endswith("run ./run study 7.1/pw-T6")
+    assert {*results.corrupt_results("7.1")} == {STORED_KEY}
+    assert results.corrupt_results("7.1")[STORED_KEY].endswith("run ./run study 7.1/pw-T6")
     with pytest.raises(CorruptResult):
         results.section("7.1")
 
 
-def test_error_names_a_missing_result_or_scalar(stored_folder):
-    assert "7.6/pw-T6" not in Results(stored_folder)
+def test_error_names_a_missing_result_or_scalar(folder_with_stored_result):
+    assert "7.6/pw-T6" not in Results(folder_with_stored_result)
     with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6/pw-T6$"):
-        Results(stored_folder)["7.6/pw-T6"]
+        Results(folder_with_stored_result)["7.6/pw-T6"]
     with pytest.raises(MissingScalar, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
-        Results(stored_folder).scalar(KEY, "reaction_9")
+        Results(folder_with_stored_result).scalar(STORED_KEY, "reaction_9")
 
 
-def test_section_is_sorted_and_ignores_unfinished_files(stored_folder):
-    save(stored_folder, "7.1", "galerkin-T6", Result({}, {}), PARAMETERS, {})
-    save(stored_folder, "7.6", "other", Result({}, {}), PARAMETERS, {})
-    (stored_folder / "7.1" / ".pw-Q8.json.77").write_text("{")
-    (stored_folder / "7.1" / ".half.json").write_text("{")
-    assert [stored_result.case for stored_result in Results(stored_folder).section("7.1")] == [
+def test_section_is_sorted_and_ignores_unfinished_files(folder_with_stored_result):
+    save(folder_with_stored_result, "7.1", "galerkin-T6", Result({}, {}), STORED_PARAMETERS, {})
+    save(folder_with_stored_result, "7.6", "other", Result({}, {}), STORED_PARAMETERS, {})
+    (folder_with_stored_result / "7.1" / ".pw-Q8.json.77").write_text("{")
+    (folder_with_stored_result / "7.1" / ".half.json").write_text("{")
+    assert [
+        stored_result.case for stored_result in Results(folder_with_stored_result).section("7.1")
+    ] == [
         "galerkin-T6",
         "pw-T6",
     ]

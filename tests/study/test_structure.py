@@ -13,9 +13,9 @@ ROOT = Path(__file__).parents[2]
 STUDY_FOLDER = ROOT / "study"
 MAX_TOP_LEVEL_ENTRIES = 10
 MAX_MODULES_PER_FOLDER = 14
-MAX_SHARED_MODULES = 8
+MAX_MODULES_PER_SHARED_FOLDER = 8
 MAX_PAGE_CHARACTERS = 35_000
-MAX_FILES_OF_A_PAGE = 4
+MAX_FILES_PER_PAGE_FOLDER = 4
 METHODS_FOLDER = (
     STUDY_FOLDER / "benchmarks" / "q_rivals" / "methods"
 )  # a file each, to be copied alone
@@ -31,7 +31,7 @@ def list_source_files(folder):
     ]
 
 
-def test_the_study_has_few_entries_at_its_top():
+def test_study_folder_has_few_top_level_entries():
     entries = {path.relative_to(STUDY_FOLDER).parts[0] for path in list_source_files(STUDY_FOLDER)}
     assert len(entries) <= MAX_TOP_LEVEL_ENTRIES, sorted(entries)
 
@@ -43,21 +43,21 @@ def test_folders_have_few_modules():
             counts[path.parent] = counts.get(path.parent, 0) + 1
     max_counts = dict.fromkeys(counts, MAX_MODULES_PER_FOLDER)
     max_counts |= dict.fromkeys(
-        (STUDY_FOLDER / "solutions", STUDY_FOLDER / "meshes"), MAX_SHARED_MODULES
+        (STUDY_FOLDER / "solutions", STUDY_FOLDER / "meshes"), MAX_MODULES_PER_SHARED_FOLDER
     )
     max_counts[STUDY_FOLDER / "benchmarks"] = len(SECTIONS)
     assert not {folder: count for folder, count in counts.items() if count > max_counts[folder]}
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_a_section_has_a_page_that_can_be_read_in_one_go(section):
+def test_section_page_is_short_and_its_folder_has_few_files(section):
     page = find_page_source(section)
     assert len(page.read_text(encoding="utf-8")) <= MAX_PAGE_CHARACTERS
     if page.name == "page.py":
         files = [
             path for path in list_source_files(page.parent) if METHODS_FOLDER not in path.parents
         ]
-        assert len(files) <= MAX_FILES_OF_A_PAGE
+        assert len(files) <= MAX_FILES_PER_PAGE_FOLDER
     else:
         assert page.parent in (STUDY_FOLDER / "benchmarks", STUDY_FOLDER / "paper")
 

@@ -36,7 +36,7 @@ EXACT_SOLUTIONS = [
     BondedLinePunch(STIFF_HALF_SPACE, 1.0, 3.0),
     FlatRoundPunch(STIFF_HALF_SPACE, 1.0, 3.0),
 ]
-AXISYMMETRIC_SOLUTIONS = (HertzSphere, FlatRoundPunch)
+AXISYMMETRIC_SOLUTION_CLASSES = (HertzSphere, FlatRoundPunch)
 
 
 def stress_by_differences(exact_solution, x):
@@ -48,7 +48,7 @@ def stress_by_differences(exact_solution, x):
     )
     hoop_strain = (
         exact_solution.displacement(x)[:, 0] / x[:, 0]
-        if isinstance(exact_solution, AXISYMMETRIC_SOLUTIONS)
+        if isinstance(exact_solution, AXISYMMETRIC_SOLUTION_CLASSES)
         else 0.0
     )
     nu, shear = STIFF_HALF_SPACE.poissons_ratio, STIFF_HALF_SPACE.shear_modulus
@@ -82,7 +82,7 @@ class TestExactFields:
         )
         stresses, r = (
             stress_by_differences(exact_solution, x),
-            x[:, 0] if isinstance(exact_solution, AXISYMMETRIC_SOLUTIONS) else np.inf,
+            x[:, 0] if isinstance(exact_solution, AXISYMMETRIC_SOLUTION_CLASSES) else np.inf,
         )
         residual = [
             by_x[0] + by_y[2] + (stresses[0] - stresses[3]) / r,
@@ -90,13 +90,13 @@ class TestExactFields:
         ]
         assert np.abs(residual).max() < 1e-3 * np.abs(by_x).max()
 
-    def test_surface_beside_the_contact_is_free(self, exact_solution):
+    def test_surface_beside_the_contact_is_free_of_traction(self, exact_solution):
         a = exact_solution.half_width
         surface_stress = stress_by_differences(exact_solution, np.array([[2.5 * a, -2e-4 * a]]))
         interior_stress = stress_by_differences(exact_solution, np.array([[2.5 * a, -2.5 * a]]))
         assert np.abs(surface_stress[[1, 2]]).max() < 1e-3 * np.abs(interior_stress[:3]).max()
 
-    def test_stresses_carry_the_force(self, exact_solution):
+    def test_stresses_on_a_box_balance_the_contact_force(self, exact_solution):
         side, n = 3 * exact_solution.half_width, 400
         s = (np.arange(n) + 0.5) * side / n
         bottom_stress = stress_by_differences(
@@ -107,19 +107,19 @@ class TestExactFields:
         )[2]
         circumference = (
             2 * np.pi * np.array([s, np.full(n, side)])
-            if isinstance(exact_solution, AXISYMMETRIC_SOLUTIONS)
+            if isinstance(exact_solution, AXISYMMETRIC_SOLUTION_CLASSES)
             else 2.0
         )
         width, height = circumference * np.ones((2, n))
         total_force = (-bottom_stress @ width + side_shear @ height) * side / n
         assert total_force == pytest.approx(exact_solution.force, rel=1e-4)
 
-    def test_force_is_the_integral_of_the_pressure(self, exact_solution):
+    def test_force_within_a_radius_is_the_integral_of_the_pressure(self, exact_solution):
         radius = 0.7 * exact_solution.half_width
 
         def force_density(x):
             circumference = (
-                2 * np.pi * x if isinstance(exact_solution, AXISYMMETRIC_SOLUTIONS) else 1.0
+                2 * np.pi * x if isinstance(exact_solution, AXISYMMETRIC_SOLUTION_CLASSES) else 1.0
             )
             return circumference * exact_solution.pressure(np.array([x]))[0]
 
@@ -128,7 +128,7 @@ class TestExactFields:
         )
         total_force = (
             exact_solution.force
-            if isinstance(exact_solution, AXISYMMETRIC_SOLUTIONS)
+            if isinstance(exact_solution, AXISYMMETRIC_SOLUTION_CLASSES)
             else exact_solution.force / 2
         )
         assert exact_solution.force_within(np.array([exact_solution.half_width]))[
@@ -139,7 +139,7 @@ class TestExactFields:
 SOFT_HALF_SPACE = ElasticHalfSpace(2.0, 0.3)
 
 
-def stress_and_divergence(field, x, h=1e-3):
+def stress_and_its_divergence(field, x, h=1e-3):
     """Stress (3, 3) of a displacement field at x, and its divergence, by differences."""
 
     def stress(x):
@@ -163,15 +163,15 @@ def cerruti_displacement(x):
     ]
 
 
-def test_cerruti_is_in_equilibrium_and_free_of_tractions():
+def test_cerruti_field_is_in_equilibrium_with_a_traction_free_surface():
     for x in np.array([[1.0, 0.5, -0.7], [-0.4, 0.9, -1.5]]):
-        stress, divergence = stress_and_divergence(cerruti_displacement, x)
+        stress, divergence = stress_and_its_divergence(cerruti_displacement, x)
         assert divergence == pytest.approx(0.0, abs=1e-5 * np.abs(stress).max())
-    stress, _ = stress_and_divergence(cerruti_displacement, np.array([0.7, -0.4, -2e-3]))
+    stress, _ = stress_and_its_divergence(cerruti_displacement, np.array([0.7, -0.4, -2e-3]))
     assert stress[:, 2] == pytest.approx(0.0, abs=5e-3 * np.abs(stress).max())
 
 
-def test_cerruti_carries_the_force():
+def test_cerruti_tractions_on_a_half_ball_balance_the_unit_force():
     """Tractions on a half ball around it, by Gauss' rule and even angles."""
     gauss_points, weight = np.polynomial.legendre.leggauss(10)
     total = np.zeros(3)
@@ -179,11 +179,11 @@ def test_cerruti_carries_the_force():
         for angle in 2 * np.pi * np.arange(16) / 16:
             sine = np.sqrt(1 - cosine**2)
             n = np.array([sine * np.cos(angle), sine * np.sin(angle), cosine])
-            total += stress_and_divergence(cerruti_displacement, n)[0] @ n * w * 2 * np.pi / 16
+            total += stress_and_its_divergence(cerruti_displacement, n)[0] @ n * w * 2 * np.pi / 16
     assert total == pytest.approx([-1.0, 0.0, 0.0], abs=1e-4)
 
 
-def test_mindlin_sphere_has_its_force_displacement_and_limit_of_friction():
+def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius():
     mindlin = MindlinSphere(
         HertzSphere(
             ElasticHalfSpace(1.0, 0.0), 10.0, force_of_unit_hertz_contact(SOFT_HALF_SPACE, 10.0)
@@ -233,7 +233,7 @@ def mesh_volume(mesh):
     return fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
 
 
-def test_partial_slip_formulas_balance_the_forces():
+def test_cattaneo_tractions_balance_the_forces_and_obey_the_friction_law():
     cattaneo = Cattaneo(half_width=2.0, force=3.0, friction=0.3, friction_utilisation=0.6)
     x = np.linspace(-2, 2, 200_001)
     assert np.trapezoid(cattaneo.pressure(x), x) == pytest.approx(3.0, rel=1e-6)
@@ -260,19 +260,19 @@ def test_rod_eigenvalues_agree_with_published_ones():
     assert Rod(MATERIAL, 0.5, 1.0).eigenvalues(6) == pytest.approx(published, rel=2e-9)
 
 
-def test_thin_rod_eigenvalues_tend_to_those_of_a_bar():
+def test_thin_rod_eigenvalues_are_those_of_a_bar_with_rayleighs_correction():
     # Rayleigh's correction for lateral inertia: E k^2 / rho (1 - (nu k a)^2 / 2)
     material, radius, length = Material(7.0, 0.3, density=2.0), 0.02, 3.0
-    exact_solution = np.pi * np.arange(1, 4) / length
-    bar_eigenvalues = 7.0 / 2.0 * exact_solution**2
+    wavenumbers = np.pi * np.arange(1, 4) / length
+    bar_eigenvalues = 7.0 / 2.0 * wavenumbers**2
     rod_eigenvalues = np.array(Rod(material, radius, length).eigenvalues(3))
     assert rod_eigenvalues == pytest.approx(
-        bar_eigenvalues * (1 - (0.3 * exact_solution * radius) ** 2 / 2), rel=1e-6
+        bar_eigenvalues * (1 - (0.3 * wavenumbers * radius) ** 2 / 2), rel=1e-6
     )
     assert np.all(rod_eigenvalues < bar_eigenvalues * (1 - 1e-5))
 
 
-def test_wave_speeds_in_plane_states_agree_with_theory():
+def test_squared_wave_speeds_in_plane_states_agree_with_theory():
     solid_pressure_wave, solid_shear_wave = squared_wave_speeds(MATERIAL, StressState.PLANE_STRAIN)
     plate_pressure_wave, plate_shear_wave = squared_wave_speeds(MATERIAL, StressState.PLANE_STRESS)
     assert solid_shear_wave == plate_shear_wave == pytest.approx(1 / 2.6)

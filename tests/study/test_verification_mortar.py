@@ -54,7 +54,7 @@ def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
     assert coupling.rows @ unit_motion == pytest.approx(coupling.weight)
 
 
-def test_dual_multipliers_on_matching_meshes_are_node_to_segment():
+def test_dual_multipliers_equal_node_to_segment_on_matching_meshes():
     """Each slave node is then opposite to a node of the master."""
     errors = [
         hertz(method, 4, 1.0).scalars["pressure_l2"] for method in ("p2-dual", "node-to-segment")

@@ -11,7 +11,7 @@ from study.benchmarks.v14_rubber.page import DEGREE, RubberBlock
 CONDUCTIVITY_RATIO = 20.0
 
 
-def central_difference(f, x, axis, h=1e-4):
+def fourth_order_central_difference(f, x, axis, h=1e-4):
     step = np.zeros_like(x)
     step[axis] = h
     return (8 * (f(x + step) - f(x - step)) - f(x + 2 * step) + f(x - 2 * step)) / (12 * h)
@@ -28,10 +28,11 @@ def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem
 
     def flux(axis):
         return lambda p: (
-            conductivity(p) * central_difference(lambda q: problem.temperature(*q), p, axis)
+            conductivity(p)
+            * fourth_order_central_difference(lambda q: problem.temperature(*q), p, axis)
         )
 
-    balance = sum(central_difference(flux(axis), x, axis, 1e-3) for axis in (0, 1))
+    balance = sum(fourth_order_central_difference(flux(axis), x, axis, 1e-3) for axis in (0, 1))
     assert np.abs(balance / CONDUCTIVITY_RATIO ** x[0] + problem.source(*x)).max() < 1e-6
     points_on_right_side = np.array([np.ones(20), x[1]])
     assert flux(0)(points_on_right_side) == pytest.approx(problem.flux(x[1]), rel=1e-6)
@@ -41,7 +42,7 @@ def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem
 
 
 @pytest.mark.parametrize(
-    ("problem", "degree", "transformed", "error"),
+    ("problem", "degree", "transformed", "max_temperature_error"),
     [
         (GradedWall, 10, True, 1e-10),
         (SourcedSquare, 10, True, 1e-10),
@@ -49,7 +50,9 @@ def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem
         (SourcedSquare, 8, False, 1e-11),
     ],
 )
-def test_trefftz_uses_exact_temperatures_on_the_boundary_only(problem, degree, transformed, error):
+def test_trefftz_is_accurate_with_exact_temperatures_on_the_boundary_only(
+    problem, degree, transformed, max_temperature_error
+):
     class BoundaryOnly(problem):
         """Problem whose exact temperature is NaN inside."""
 
@@ -60,8 +63,13 @@ def test_trefftz_uses_exact_temperatures_on_the_boundary_only(problem, degree, t
     exact_problem = problem(CONDUCTIVITY_RATIO)
     solution = TrefftzSolution(BoundaryOnly(CONDUCTIVITY_RATIO), degree, transformed)
     x = np.random.default_rng(1).uniform(0, 1, (2, 50))
-    assert np.abs(solution.temperature(*x) - exact_problem.temperature(*x)).max() < error
-    assert solution.flux(x[1]) == pytest.approx(exact_problem.flux(x[1]), abs=300 * error)
+    assert (
+        np.abs(solution.temperature(*x) - exact_problem.temperature(*x)).max()
+        < max_temperature_error
+    )
+    assert solution.flux(x[1]) == pytest.approx(
+        exact_problem.flux(x[1]), abs=300 * max_temperature_error
+    )
 
 
 @pytest.mark.parametrize("transformed", [True, False])
@@ -70,7 +78,7 @@ def test_trefftz_raises_if_its_iteration_does_not_converge(transformed):
         TrefftzSolution(GradedWall(1e4), 10, transformed)
 
 
-def test_trefftz_iteration_contracts_by_the_smallest_laplacian_eigenvalue():
+def test_trefftz_iteration_count_follows_from_the_smallest_laplacian_eigenvalue():
     """The eigenvalue is pi^2 for functions that are zero at the ends and insulated at the sides."""
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2
@@ -79,7 +87,7 @@ def test_trefftz_iteration_contracts_by_the_smallest_laplacian_eigenvalue():
     )
 
 
-def test_interpolation_error_of_a_polynomial_is_zero():
+def test_interpolation_error_vanishes_for_polynomials_of_sufficient_degree_only():
     class Cubic(SourcedSquare):
         def temperature(self, x, y):
             return x**3 * y

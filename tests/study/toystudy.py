@@ -79,7 +79,7 @@ def nothing(results):
 SVG_PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
 
 TOY_PARAMETERS = {"problem": "toy"}
-PROVENANCE = {
+TOY_PROVENANCE = {
     "commit": "0123456789abcdef", "dirty": True, "time": "2026-01-02T03:04:05+00:00",
     "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
     "seconds": 1.239, "dofs": 4290, "processes": 2, "fingerprint": "f",
@@ -107,14 +107,14 @@ def make_finding_toml(**changes):
     return make_claim_toml(**entry).replace("[[claim]]", "[[finding]]")
 
 
-def make_module(name, source, **attributes):
+def make_module_from_source(name, source, **attributes):
     new_module = ModuleType(name)
     new_module.__dict__.update(attributes)
     exec(source, new_module.__dict__)
     return new_module
 
 
-TOY_MEASURES = make_module("toy_measures", MEASURES_SOURCE)
+TOY_MEASURES_MODULE = make_module_from_source("toy_measures", MEASURES_SOURCE)
 
 
 def install_toy_study(folder, monkeypatch):
@@ -139,7 +139,9 @@ def install_toy_study(folder, monkeypatch):
     monkeypatch.setitem(SECTIONS, "2", "toy.two")
     path = folder / "claims.toml"
     path.write_text(make_claim_toml())
-    monkeypatch.setattr(claims, "load_claims", partial(claims.read_claims, [path], TOY_MEASURES))
+    monkeypatch.setattr(
+        claims, "load_claims", partial(claims.read_claims, [path], TOY_MEASURES_MODULE)
+    )
 
 
 def write_toy_results(folder, monkeypatch):
@@ -152,10 +154,10 @@ def write_toy_results(folder, monkeypatch):
         "a",
         Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}),
         TOY_PARAMETERS,
-        PROVENANCE,
+        TOY_PROVENANCE,
     )
-    versions = {**PROVENANCE["versions"], "dolfinx": "0.10.0"}
-    other_provenance = {**PROVENANCE, "versions": versions, "dirty": False}
+    versions = {**TOY_PROVENANCE["versions"], "dolfinx": "0.10.0"}
+    other_provenance = {**TOY_PROVENANCE, "versions": versions, "dirty": False}
     save(results_folder, "1", "b", Result({"y": 5.0}, {"y": "1"}), TOY_PARAMETERS, other_provenance)
     claims_path = folder / "claims.toml"
     claims_path.write_text(
@@ -191,12 +193,12 @@ def count_started_runs(folder):
     return len(log.read_text().split()) if log.exists() else 0
 
 
-def _write_empty_index(out, *_):
+def _write_empty_figure_index(out, *_):
     write_json(out / "figures" / "index.json", [])
     return True
 
 
-NO_FIGURES = FigureDrawing(list_needs="", draw="", draw_all=_write_empty_index)
+EMPTY_FIGURE_DRAWING = FigureDrawing(list_needs="", draw="", draw_all=_write_empty_figure_index)
 """The toy study has no figures: drawing all writes an empty index."""
 
 

@@ -29,8 +29,8 @@ from study.run.store import Result, Results
 from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
 from study.solutions.calculix.decks import (
     Block,
+    BlockWithPrintedContactPressure,
     HalfBeam,
-    NativePressure,
     TrianglePairs,
     TwoTriangles,
 )
@@ -203,7 +203,7 @@ def native_pressure(case: str, tracked: str) -> Result:
         tracked: Digest of the recorded answer.
     """
     problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
-    assert isinstance(problem, NativePressure)
+    assert isinstance(problem, BlockWithPrintedContactPressure)
     pressure = peer.numbers["pressure"] / problem.pressure
     corner, midside = float(np.median(pressure[2:-2:2])), float(np.median(pressure[1::2]))
     scalars = {"corner": corner, "midside": midside, "ratio": midside / corner}
@@ -309,7 +309,7 @@ def _max_abs(values: Array) -> float:
 PROBLEM_FUNCTIONS = {
     TwoTriangles: reactions,
     Block: contact,
-    NativePressure: native_pressure,
+    BlockWithPrintedContactPressure: native_pressure,
     HalfBeam: critical_stress,
 }
 
@@ -321,7 +321,9 @@ def _implied_parameters(problem: TwoTriangles | Block | HalfBeam) -> dict[str, o
     """
     fields = asdict(problem)
     return {
-        "compared": [GALERKIN] if isinstance(problem, NativePressure) else [GALERKIN, PW],
+        "compared": [GALERKIN]
+        if isinstance(problem, BlockWithPrintedContactPressure)
+        else [GALERKIN, PW],
         "peer_element": fields.pop("element", "CPS6"),
         "divisions": problem.mesh.divisions,
         **fields,

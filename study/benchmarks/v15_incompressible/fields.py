@@ -235,8 +235,8 @@ def make_layered_mesh(comm: MPI.Comm, cell: CellType) -> Mesh:
     """Return a unit square or cube with inner nodes, except those between the layers, moved."""
     n = LAYER_CELLS_PER_SIDE
     if cell in (CellType.triangle, CellType.quadrilateral):
-        return move_nodes(create_unit_square(comm, n, n, cell), _move_within_layers)
-    return move_nodes(create_unit_cube(comm, n, n, n, cell), _move_within_layers)
+        return move_nodes(create_unit_square(comm, n, n, cell), _distort_keeping_layers)
+    return move_nodes(create_unit_cube(comm, n, n, n, cell), _distort_keeping_layers)
 
 
 def largest_layer_displacement_error(
@@ -274,7 +274,7 @@ def largest_layer_displacement_error(
     return float(mesh.comm.allreduce(error, MPI.MAX) / largest)
 
 
-def _move_within_layers(x: Array) -> Array:
+def _distort_keeping_layers(x: Array) -> Array:
     """Move points (n, 3) of the unit square or cube, except those on its sides and between layers."""
     dim = 3 if x[:, 2].any() else 2
     x_moved = x[:, :dim]

@@ -15,7 +15,7 @@ def printed_critical_stress(results: Results, element: str, mode: int) -> float:
     return TABLE_2[element][mode - 1]
 
 
-def euler_difference(results: Results, element: str, mode: int) -> float:
+def printed_euler_difference(results: Results, element: str, mode: int) -> float:
     """How far a printed critical stress lies below Euler's printed one, in per cent of it."""
     euler = TABLE_2["Euler"][mode - 1]
     return 100 * (euler - TABLE_2[element][mode - 1]) / euler

@@ -286,7 +286,8 @@ def answer_difference_over_error(
         pair = select_best_results(results, problem, cell, mesh, name, readings)
         smaller_error = min(_answer_error(results, stored, name) for stored in pair)
         ratios.append(
-            _answer_difference(results, *pair, name) / max(smaller_error, MIN_RELEVANT_DIFFERENCE)
+            _relative_answer_difference(results, *pair, name)
+            / max(smaller_error, MIN_RELEVANT_DIFFERENCE)
         )
     return min(ratios)
 
@@ -296,7 +297,9 @@ def answer_differences(
 ) -> tuple[float, ...]:
     """Relative differences of both elements' answers, from the coarsest to the finest mesh."""
     return tuple(
-        _answer_difference(results, *select_best_results(results, problem, cell, mesh, name), name)
+        _relative_answer_difference(
+            results, *select_best_results(results, problem, cell, mesh, name), name
+        )
         for mesh in _list_meshes(results, problem, cell)
     )
 
@@ -317,7 +320,7 @@ def n_distinct_answers(results: Results) -> float:
             for mesh in _list_meshes(results, problem, cell)[:2]
         ]
         count += all(
-            _answer_difference(results, *pair, name)
+            _relative_answer_difference(results, *pair, name)
             > max(_answer_error(results, stored, name) for stored in pair)
             for pair in pairs
         )
@@ -354,7 +357,7 @@ def _answer_error(results: Results, stored: StoredResult, name: str) -> float:
     return abs(stored.scalars[f"{name}answer"] / reference - 1)
 
 
-def _answer_difference(
+def _relative_answer_difference(
     results: Results, standard: StoredResult, new: StoredResult, name: str
 ) -> float:
     """Difference of two answers over their reference."""

@@ -101,7 +101,7 @@ class TextRenderer:
 
     Args:
         results: What is reported; its folder has the claims and the figures, too.
-        folders: Where templates are looked for, before this module's own folder.
+        template_folders: Where templates are looked for, before this module's own folder.
         layout: The template that arranges the blocks of a section's text.
         link_targets: Places of figures, tables and sections, for what is referred to before it
             comes.
@@ -180,7 +180,7 @@ class TextRenderer:
             "computed": lambda section: describe_computation(results, section),
             "computed_and_recorded": lambda: count_computed_and_recorded(results),
             "reproducibility": cache(lambda: summarize_reproducibility(results)),
-            "verification_range": _format_verification_range(),
+            "verification_range": _format_range_of_verification_sections(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": NON_POLYNOMIAL_DEGREE,
             "uncertainties": lambda: estimate_uncertainties(results),
@@ -439,7 +439,7 @@ def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
     }
 
 
-def _format_verification_range() -> str:
+def _format_range_of_verification_sections() -> str:
     """Return the first and the last of the sections V1, V2 and so on, in words."""
     sections = [section for section in SECTIONS if section.startswith("V")]
     return " to ".join([*sections[:1], *sections[-1:]])

@@ -263,7 +263,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class NativePressure(Block):
+class BlockWithPrintedContactPressure(Block):
     """Block under uniform pressure with contact as users set it up: its lower side on one face.
 
     The contact pressure that CalculiX prints is a nodal force divided by an area of its choice.

@@ -1,7 +1,12 @@
 """All problems that CalculiX solves for the study."""
 
 from study.solutions.calculix.cylinder import CYLINDERS, CylinderOnRubber
-from study.solutions.calculix.decks import Block, HalfBeam, NativePressure, TwoTriangles
+from study.solutions.calculix.decks import (
+    Block,
+    BlockWithPrintedContactPressure,
+    HalfBeam,
+    TwoTriangles,
+)
 from study.solutions.calculix.die import DIES, DieOnBlock
 from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineProblem
 from study.solutions.calculix.standard_decks import SPECIMENS, AnySpecimen
@@ -28,7 +33,7 @@ PROBLEMS: dict[str, Problem] = {
     "block-friction-0.30": Block(friction=0.3, pull=0.3),
     "block-part-CPS6": Block(pressed=(1.0, 3.0), element="CPS6"),
     "block-part-CPS6-thin": Block(pressed=(1.0, 3.0), element="CPS6", thickness=0.01),
-    "block-native": NativePressure(),
+    "block-native": BlockWithPrintedContactPressure(),
     **{
         f"beam-{nx}x{ny}-mode{mode}": HalfBeam((nx, ny), mode)
         for nx, ny in ((8, 2), (16, 4))
