@@ -55,9 +55,9 @@ NEEDS = [
 def draw(results: Results) -> Figure:
     """Eigenvalues as numbers; below, one panel an element, difference over the standard one."""
     fig = plt.figure(figsize=(PAGE_WIDTH, 4.9))
-    numbers, panels = fig.add_gridspec(2, 1, height_ratios=(1.65, 2.6))
-    _write_eigenvalues(fig.add_subplot(numbers), results)
-    axes = panels.subgridspec(1, 2).subplots()
+    grid = fig.add_gridspec(2, 2, height_ratios=(1.65, 2.6))
+    _write_eigenvalues(fig.add_subplot(grid[0, :]), results)
+    axes = [fig.add_subplot(grid[1, k]) for k in (0, 1)]
     for ax, (nodes, cases, reference) in zip(
         axes,
         (("6", SIX_NODE_CASES, "galerkin-T6"), ("8", EIGHT_NODE_CASES, "galerkin-Q8")),
@@ -95,7 +95,7 @@ def _write_eigenvalues(ax: Axes, results: Results) -> None:
     """Write printed and computed eigenvalues, one row an element, with the computed ones' error."""
     ax.set_axis_off()
     ax.set(xlim=(0, 1), ylim=(-8.8, 0.6))
-    columns = np.linspace(0.36, 1.0, 7)
+    columns = [float(x) for x in np.linspace(0.36, 1.0, 7)]
     ax.text(0, 0, "Table 1 and synthetic column", weight="bold", fontsize=7.5)
     for x, mode in zip(columns, MODES, strict=False):
         power = "" if mode == 1 else "/10$^6$"
@@ -112,10 +112,10 @@ def _write_eigenvalues(ax: Axes, results: Results) -> None:
         ):
             y -= 1.05
             cells = [f"{values[0]:.0f}", *(f"{value / 1e6:.4f}" for value in values[1:]), last]
-            look = {"color": "black" if not last else ELEMENT_LOOK[case]["color"], "fontsize": 7.5}
-            ax.text(0, y, name, **look)
+            color = ELEMENT_LOOK[case]["color"] if last else "black"
+            ax.text(0, y, name, color=color, fontsize=7.5)
             for x, cell in zip(columns, cells, strict=True):
-                ax.text(x, y, cell, ha="right", **look)
+                ax.text(x, y, cell, ha="right", color=color, fontsize=7.5)
 
 
 def _plot_shifts(ax: Axes, results: Results, case: str, reference: str, **look: object) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from study.paper import s7_5_column
+from study.paper import s7_5_model
 from study.paper.items import TABLE_1
 from study.paper.s7_5_profiles import Profile
 
@@ -43,7 +43,7 @@ def deviations_from_table_1(profile: Profile) -> npt.NDArray[np.float64]:
     """Return the deviations (4, 6) from the printed eigenvalues in per cent; rows are elements."""
     return np.array(
         [
-            100 * (s7_5_column.compute_eigenvalues(element, profile) / TABLE_1[printed] - 1)
+            100 * (s7_5_model.compute_eigenvalues(element, profile) / TABLE_1[printed] - 1)
             for printed, element in ELEMENT_BY_PRINTED_NAME.items()
         ]
     )

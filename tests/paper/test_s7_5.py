@@ -14,10 +14,10 @@ import scipy.sparse
 from study.judge.claims import load_claims
 from study.judge.measures.column import eigenvalue_shift
 from study.model.discretisation import mesh_nodes_and_cells
-from study.paper import s7_5_column, s7_5_profiles
+from study.paper import s7_5_model, s7_5_profiles
 from study.paper.items import TABLE_1
 from study.paper.table_1.columns import Shape, Supports, Topology
-from study.paper.table_1.ensemble import COARSE_TOPOLOGY, page_lengths
+from study.paper.table_1.ensemble import COARSE_TOPOLOGY, SUPPORTS, page_lengths
 from study.paper.table_1.family import (
     RECORD_TOLERANCE,
     TREATMENTS,
@@ -27,7 +27,7 @@ from study.paper.table_1.family import (
     UserElements,
     condensation,
 )
-from study.paper.table_1.inverse import MIN_ODDS, Mechanisms, judge_row, printed_shifts
+from study.paper.table_1.inverse import MIN_COLUMNS, MIN_ODDS, Mechanisms, judge_row, printed_shifts
 from study.run.store import Result
 from tests.oracle.contact import NodesAndSurface, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to_shift, guyan_reduction
@@ -54,10 +54,10 @@ COARSE_PROFILE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2
 def make_stepped_column_comparison(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
     with (
-        patch.dict(s7_5_column.PROFILES, coarse=COARSE_PROFILE),
+        patch.dict(s7_5_model.PROFILES, coarse=COARSE_PROFILE),
         patch_library_quadrature_degree(element),
     ):
-        result = s7_5_column.stepped_column(element, section="coarse")
+        result = s7_5_model.stepped_column(element, section="coarse")
     face_heights = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
         (0.0, RADII[0], face_heights[0], NORMAL_UP, 0.0),
@@ -300,3 +300,30 @@ def test_table_1_claims_are_explained_only_with_zero_distance_and_sufficient_odd
         assert (grades[claim_id].grade == "not explained") == (not explained)
         chance = results.scalar("7.5/blind", f"{row}_chance")
         assert f"in {100 * chance:.0f} % of draws" in grades[claim_id].grade_why
+
+
+def test_the_standard_mass_gives_the_signs_of_all_printed_shifts(results):
+    for row in TREATMENTS:
+        printed, _ = printed_shifts(row)
+        medians = [results.scalar("7.5/blind", f"{row}_mass_median_{mode}") for mode in range(1, 7)]
+        assert np.array_equal(np.sign(medians), np.sign(printed))
+
+
+def test_the_page_names_the_nearest_treatments(results):
+    """Its findings say in words which treatments these are."""
+
+    def nearest(row, *names):
+        return [results.scalar("7.5/blind", f"{row}_nearest_{name}") for name in names]
+
+    assert nearest("six", "mass_1", "symmetrised_1") == [0, 1]  # own mass, symmetrised
+    assert nearest("both", "mass_1", "symmetrised_1") == [1, 0]  # standard mass, as derived
+    assert nearest("both", "mass_2", "symmetrised_2") == [4, 0]  # that of CAX8
+    numbers_of_columns = {
+        SUPPORTS[number]: results.scalar("7.5/blind", f"columns_{number}")
+        for number in range(len(SUPPORTS))
+    }
+    assert {supports[:2] for supports, n in numbers_of_columns.items() if n >= MIN_COLUMNS} == {
+        ((1,), False),
+        ((1,), True),
+        ((1, 4), False),
+    }

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 
 from study.judge import measures
-from study.paper import s7_5_column, s7_5_fit, s7_5_profiles
+from study.paper import s7_5_fit, s7_5_model, s7_5_profiles
 
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
@@ -32,7 +32,7 @@ def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
         start_profile, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3)
     )
     independent_eigenvalues = (36398, 1.93064e6, 3.81184e6, 3.97913e6, 5.77631e6, 7.59933e6)
-    assert s7_5_column.compute_eigenvalues("galerkin-Q8", coarse_profile) == pytest.approx(
+    assert s7_5_model.compute_eigenvalues("galerkin-Q8", coarse_profile) == pytest.approx(
         independent_eigenvalues, rel=3e-4
     )
 

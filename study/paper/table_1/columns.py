@@ -2,7 +2,7 @@
 
 The mesh of a column keeps its topology while radii, heights, grading and fillets change: matrices
 are assembled anew, forms are compiled once. Matrices here are SciPy's, and the eigenvalue solver is
-ARPACK, unlike those of the page (`study.paper.s7_5_column`), by which they are tested.
+ARPACK, unlike those of the page (`study.paper.s7_5_model`), by which they are tested.
 
 Units are those of the paper as printed: kN, m, kg; eigenvalues are in 1000/s².
 """
@@ -23,14 +23,12 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern
 from study.meshes.inner_nodes import mid_diagonal_nodes
 from study.model.elements import serendipity_spaces
+from study.paper.s7_5_model import DENSITY, MODES, POISSONS_RATIO, YOUNGS_MODULUS
 from study.paper.s7_5_profiles import Profile, mesh_column
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 2.1e8, 0.3, 7856.0
-"""Printed; the page's, too."""
-MODES = 6
 EIGENVALUE_TOLERANCE = 1e-11
 """Relative, of the eigenvalue solver."""
 MAX_IMAGINARY_RATIO = 1e-6
@@ -152,7 +150,7 @@ class Element:
     def inner_dofs(self) -> Indices:
         """Return the degrees of freedom (m,) of the nodes inside pairs of triangles."""
         nodes = mid_diagonal_nodes(self.spaces.trial)
-        return (2 * nodes[:, None] + [0, 1]).ravel()
+        return np.asarray((2 * nodes[:, None] + [0, 1]).ravel(), dtype=np.intp)
 
 
 def standard_triangle(topology: Topology) -> Element:
@@ -201,7 +199,7 @@ class Stiffness:
 
 
 def _profile(lengths: Array, topology: Topology) -> Profile:
-    r1, r2, r3, r4, h1, h2, h3, h4 = lengths.tolist()
+    r1, r2, r3, r4, h1, h2, h3, h4 = (float(length) for length in lengths)
     return Profile((r1, r2, r3, r4), (h1, h2, h3, h4), topology.rings, topology.heights)
 
 

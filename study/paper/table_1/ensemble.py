@@ -229,7 +229,8 @@ def main() -> None:
     start, elements, rows = process_time(), Elements(), []
     for supports in SUPPORTS:
         centre, scouted = scout(supports)
-        columns, draws, least = [], 0, scouted
+        columns: list[Column] = []
+        draws, least = 0, scouted
         if scouted <= SCOUTED_DEVIATION:
             columns, draws, least = fit_columns(supports, centre, elements)
         row: dict[str, Any] = {
