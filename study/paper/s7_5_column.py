@@ -72,7 +72,7 @@ others, and a rigid plane moves the top down in ten increments.
 """
 
 THEORY = r"""
-Two cross-sections were fitted to Table 1 (`study/paper/s7_5_fit.py`). From the base upwards,
+Two cross-sections were fitted to Table 1 (`study/paper/table_1/fit.py`). From the base upwards,
 {% for case, words in columns %}
 the {{ words }} column has radii {% for k in (1, 2, 3, 4) %}{{ fixed(1e3 * s("7.5/" ~ case, "radius_" ~ k), 2) }}{{ ", " if k < 4 }}{% endfor %} mm and heights {% for k in (1, 2, 3, 4) %}{{ fixed(1e3 * s("7.5/" ~ case, "height_" ~ k), 2) }}{{ ", " if k < 4 }}{% endfor %} mm{{ ";" if not loop.last else "." }}
 {% endfor %}

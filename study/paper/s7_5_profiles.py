@@ -91,7 +91,7 @@ PROFILES = {
     "first": Profile((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
     "second": Profile((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
 }
-"""Columns fitted by `study.paper.s7_5_fit`; the mesh of each has 759 quadrilaterals."""
+"""Columns fitted by `study.paper.table_1.fit`; the mesh of each has 759 quadrilaterals."""
 
 
 def on_axis(x: Points) -> npt.NDArray[np.bool_]:

@@ -8,7 +8,8 @@ import ufl
 from dolfinx import fem
 
 from study.judge import measures
-from study.paper import s7_5_fit, s7_5_model, s7_5_profiles
+from study.paper import s7_5_model, s7_5_profiles
+from study.paper.table_1 import fit
 
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
@@ -27,7 +28,7 @@ def test_column_mesh_has_the_printed_cell_count_and_the_profiles_area_and_outlin
 
 def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
     # its 8-node elements of 12 mm on the section from which the first one was fitted
-    start_profile = s7_5_fit.make_profile(s7_5_fit.STARTS["first"])
+    start_profile = fit.make_profile(fit.STARTS["first"])
     coarse_profile = replace(
         start_profile, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3)
     )
@@ -39,7 +40,7 @@ def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
 
 @pytest.mark.parametrize("profile", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
 def test_column_eigenvalues_deviate_from_table_1_by_less_than_0_3_percent(profile):
-    deviations = s7_5_fit.deviations_from_table_1(profile)
+    deviations = fit.deviations_from_table_1(profile)
     assert np.abs(deviations).max() < 0.3
     assert np.abs(deviations.mean(axis=0)).max() < 0.1  # none of the printed columns is preferred
 
@@ -47,7 +48,7 @@ def test_column_eigenvalues_deviate_from_table_1_by_less_than_0_3_percent(profil
 @pytest.mark.slow
 @pytest.mark.parametrize("name", s7_5_profiles.PROFILES)
 def test_stored_profiles_are_those_of_the_fit(name):
-    lengths = s7_5_fit.fit_lengths(s7_5_fit.STARTS[name])
+    lengths = fit.fit_lengths(fit.STARTS[name])
     stored_profile = s7_5_profiles.PROFILES[name]
     assert lengths == pytest.approx([*stored_profile.radii, *stored_profile.heights], abs=2e-5)
 

@@ -37,7 +37,7 @@ QUICKEST_CASE_KEYS_WITH_MARKS = [
     for key in find_quickest_case_key_of_each_problem()
 ]
 UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
-UNITS_ALLOWED_IN_EVERY_SYSTEM = {"1", "s", "MB", "1/s²", "1000/s²", "Pa"}
+UNITS_ALLOWED_IN_EVERY_SYSTEM = {"1", "%", "s", "MB", "1/s²", "1000/s²", "Pa"}
 # What names say, whatever the section; the first pattern counts
 SCALAR_NAME_PATTERNS_BY_KIND = {
     "1": "error* smallest_* *_error order* *difference* *residual* iterations* imaginary* ratio* "

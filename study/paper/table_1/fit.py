@@ -1,4 +1,4 @@
-"""Fit the columns of section 7.5 to Table 1: `python3 -m study.paper.s7_5_fit`, in a minute.
+"""Fit the columns of section 7.5 to Table 1: `python3 -m study.paper.table_1.fit`, in a minute.
 
 Fig. 15 is lost, so eight lengths are unknown; each column of Table 1 has six modes. The lengths are
 fitted by least squares to the four printed columns, each computed with its own element and a
