@@ -54,8 +54,8 @@ NEEDS = [
 
 def draw(results: Results) -> Figure:
     """Eigenvalues as numbers; below, one panel an element, difference over the standard one."""
-    fig = plt.figure(figsize=(PAGE_WIDTH, 4.9))
-    grid = fig.add_gridspec(2, 2, height_ratios=(1.65, 2.6))
+    fig = plt.figure(figsize=(PAGE_WIDTH, 3.6))
+    grid = fig.add_gridspec(2, 2, height_ratios=(1.6, 1.6))
     _write_eigenvalues(fig.add_subplot(grid[0, :]), results)
     axes = [fig.add_subplot(grid[1, k]) for k in (0, 1)]
     for ax, (nodes, cases, reference) in zip(
@@ -69,7 +69,7 @@ def draw(results: Results) -> Figure:
             )
             for mode in MODES
         ]
-        ax.plot(MODES, printed, "*-", color="black", ms=9, label="printed")
+        ax.plot(MODES, printed, "*-", color="black", ms=7, label="printed")
         row = BLIND_ROWS[nodes]
         low, high = (
             [measures.blind_test_scalar(results, row, f"nearest_{end}_{mode}") for mode in MODES]
@@ -96,12 +96,12 @@ def _write_eigenvalues(ax: Axes, results: Results) -> None:
     ax.set_axis_off()
     ax.set(xlim=(0, 1), ylim=(-8.8, 0.6))
     columns = [float(x) for x in np.linspace(0.36, 1.0, 7)]
-    ax.text(0, 0, "Table 1 and synthetic column", weight="bold", fontsize=7.5)
+    ax.text(0, 0, "Table 1 and synthetic column", weight="bold", fontsize=7)
     for x, mode in zip(columns, MODES, strict=False):
         power = "" if mode == 1 else "/10$^6$"
-        ax.text(x, 0, f"$\\lambda_{mode}${power}", ha="right", fontsize=7.5)
-    ax.text(columns[-1], 0, "farthest", ha="right", fontsize=7.5)
-    ax.axhline(-0.35, color="black", lw=0.6)
+        ax.text(x, 0, f"$\\lambda_{mode}${power}", ha="right", fontsize=7)
+    ax.text(columns[-1], 0, "farthest", ha="right", fontsize=7)
+    ax.axhline(-0.3, color="black", lw=0.6)
     y = 0.0
     for printed_name, (words, case) in COMPUTED_BY_PRINTED_NAME.items():
         computed = [results.scalar(f"7.5/{case}", f"omega2_{mode}") for mode in MODES]
@@ -113,9 +113,9 @@ def _write_eigenvalues(ax: Axes, results: Results) -> None:
             y -= 1.05
             cells = [f"{values[0]:.0f}", *(f"{value / 1e6:.4f}" for value in values[1:]), last]
             color = ELEMENT_LOOK[case]["color"] if last else "black"
-            ax.text(0, y, name, color=color, fontsize=7.5)
+            ax.text(0, y, name, color=color, fontsize=7)
             for x, cell in zip(columns, cells, strict=True):
-                ax.text(x, y, cell, ha="right", color=color, fontsize=7.5)
+                ax.text(x, y, cell, ha="right", color=color, fontsize=7)
 
 
 def _plot_shifts(ax: Axes, results: Results, case: str, reference: str, **look: object) -> None:
