@@ -1,1 +1,1 @@
-"""What the results say to the paper's statements and to this study's findings."""
+"""Judge the paper's statements and this study's findings by the stored results."""

@@ -1,4 +1,4 @@
-"""Checks of a page: statements of this study, each judged by one number."""
+"""Checks of pages, which are statements of this study that are each judged by one number."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
 
 @dataclass(frozen=True)
 class Check:
-    """A statement of this study and the number that it is judged by; see `check`."""
+    """A statement of this study and the number by which it is judged; see `check`."""
 
     id: str
     statement: str
@@ -48,23 +48,26 @@ def check(
     tolerance_set: Literal["before", "after"] | None = None,
     unit: str = "",
 ) -> Check:
-    """State what a page finds: report and site print it, and a test of this name checks it.
+    """Return a check that states a finding of a page.
+
+    The report and the site print the finding, and a test with the name of the check verifies it.
 
     Args:
-        id: name of the check, section first: "V2-edge".
-        statement: what is found, as a sentence.
-        measure: returns the number from stored results.
-        relation: how the number compares with the bound.
-        bound: what it is compared with.
+        id: name of the check, which begins with the section, such as "V2-edge".
+        statement: the finding, as a sentence.
+        measure: function that computes the number from stored results.
+        relation: relation between the number and the bound that the finding states.
+        bound: value with which the number is compared.
         why: explanation of the finding.
-        tolerance: absolute, in favour of the statement.
-        tolerance_why: where the tolerance comes from.
+        tolerance: absolute tolerance in favour of the statement.
+        tolerance_why: justification of the tolerance.
         tolerance_set: whether bound and tolerance were set before or after the first value was
             seen, if this is known.
         unit: unit of the number, the bound and the tolerance.
 
     Raises:
-        StudyError: if the relation is unknown, or a number is not finite.
+        StudyError: if the relation is unknown, the bound or the tolerance is not finite, or the
+            tolerance is negative.
     """
     if relation not in RELATIONS:
         raise StudyError(f"check {id}: relation {relation!r} is none of {', '.join(RELATIONS)}")

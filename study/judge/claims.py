@@ -1,4 +1,4 @@
-"""Statements of the paper and findings of this study, and whether the results bear them out."""
+"""Statements of the paper and findings of this study, and whether the results confirm them."""
 
 import inspect
 import json
@@ -54,25 +54,25 @@ Outcome = Literal[
 
 @dataclass(frozen=True)
 class Judgement:
-    """How a statement is judged: `measured relation value`, within `tol`.
+    """Criterion by which a statement is judged: `measured relation value`, within `tol`.
 
     Attributes:
-        measure: Name of a function of `study.judge.measures`.
-        function: The function itself.
-        args: Its keyword arguments.
+        measure: Name of the measure, a function of `study.judge.measures`.
+        function: The function of that name.
+        args: Keyword arguments of the function.
         relation: One of `RELATIONS`.
-        value: What the measure is compared with.
-        tol: Absolute tolerance, in favour of the statement.
-        tol_why: Where the tolerance comes from.
-        pinned: The verdict that is expected; of the paper's statements, what their grade says.
-        why: The reason of that verdict.
-        reference: Measure of the error of what is compared with, and its arguments: if it is not
-            below a third of the tolerance, nothing is judged.
-        tol_set: Whether value and tolerance were set "before" or "after" the first value was
-            seen; None of findings for which it is not recorded.
-        unit: Unit of measure, value and tolerances.
-        found: What is measured where the statement fails: pinned like the verdict.
-        found_tol: How far from it still counts as the same.
+        value: Value with which the measured number is compared.
+        tol: Absolute tolerance in favour of the statement.
+        tol_why: Justification of the tolerance.
+        pinned: Expected verdict; for statements of the paper, it follows from their grade.
+        why: Explanation of that verdict.
+        reference: Function that returns the error of the reference, and its keyword arguments. The
+            statement is judged only if this error is less than a third of the tolerance.
+        tol_set: Whether `value` and `tol` were set "before" or "after" the first value was seen;
+            None for findings for which this is not recorded.
+        unit: Unit of the measured number, `value` and the tolerances.
+        found: Number that is measured if the statement fails, which is pinned like the verdict.
+        found_tol: Largest accepted deviation from `found`.
     """
 
     measure: str
@@ -93,23 +93,25 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement.
+    """A statement of the paper or a finding of this study.
+
+    The attributes from `quote` on are used for statements of the paper only.
 
     Attributes:
-        id: Its name.
-        kind: "paper", "implied" (read into the paper), "finding" of this study, or "pin": a number
-            that is only recorded.
-        source: Where the paper says it.
-        statement: What it says.
-        judgement: How it is judged; None if it is not testable.
-        quote: The paper's words; as all below, of statements of the paper only.
+        id: Name of the claim.
+        kind: "paper" (stated in the paper), "implied" (read into the paper), "finding" (of this
+            study) or "pin" (a number that is only recorded).
+        source: Part of the paper or of this study that makes the statement.
+        statement: The statement as a sentence.
+        judgement: Criterion for the statement; None if it is not testable.
+        quote: Quotation from the paper.
         grade: One of `GRADES`.
-        grade_why: Its reason.
-        reading_of: The claim of which this is another reading.
-        basis: Why it cannot but hold, if it is consistent by construction.
-        chosen: The constant of the study that was put in or fitted.
-        printed: Whether the value is the paper's own number.
-        missing: What a test would need.
+        grade_why: Reason for the grade.
+        reading_of: Name of the claim of which this is another interpretation.
+        basis: Reason why the statement must hold, if it is consistent by construction.
+        chosen: Constant of the study that was chosen or fitted.
+        printed: Whether the value is printed in the paper.
+        missing: Data that a test would require.
     """
 
     id: str
@@ -129,13 +131,14 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim with what was measured; None if a result is missing or nothing can be measured.
+    """Verdict on a claim.
 
     Attributes:
         claim: The claim.
-        measured: Its number.
-        verdict: What follows from that.
-        unreadable_reason: Why it is not judged, if a result is there that cannot be used.
+        measured: Measured number; None if a result is missing or the claim is not testable.
+        verdict: Outcome of the comparison.
+        unreadable_reason: Reason why the claim is not judged although its results exist; otherwise
+            empty.
     """
 
     claim: Claim
@@ -145,7 +148,7 @@ class Verdict:
 
     @property
     def differs(self) -> bool:
-        """Whether verdict or finding are not the pinned ones."""
+        """Whether the verdict or the measured number differs from the pinned one."""
         judgement = self.claim.judgement
         return judgement is not None and (
             self.verdict != judgement.pinned or self._differs_from_found(judgement)
@@ -153,7 +156,7 @@ class Verdict:
 
     @property
     def expected_verdict(self) -> str:
-        """The pinned verdict, with the pinned finding where the statement fails."""
+        """The pinned verdict, followed by the pinned number if the statement is expected to fail."""
         judgement = self.claim.judgement
         if judgement is None:
             return "not testable"
@@ -170,7 +173,7 @@ class Verdict:
 def load_claims() -> list[Claim]:
     """Return the paper's statements, the checks of all pages, and the pins.
 
-    The pages are imported, and with them the solver.
+    This imports the pages and therefore the solver.
     """
     claims = read_claims([PAPER_CLAIMS_FILE])
     for section in SECTIONS:
@@ -181,16 +184,16 @@ def load_claims() -> list[Claim]:
 
 
 def load_paper_claims() -> list[Claim]:
-    """Return the paper's statements; no page is imported."""
+    """Return the paper's statements without importing any page."""
     return read_claims([PAPER_CLAIMS_FILE])
 
 
 def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> list[Claim]:
-    """Read and check the claims of files.
+    """Read and check the claims in TOML files.
 
     Args:
         paths: files with tables [[claim]] and [[finding]].
-        measures: module of the measures; `study.judge.measures` if not given.
+        measures: module that contains the measures; by default `study.judge.measures`.
     """
     measures = measures or import_module("study.judge.measures")
     claims = [
@@ -235,7 +238,7 @@ def claims_from_checks(checks: Sequence[Check], source: str) -> list[Claim]:
 
 
 def claims_from_pins(pins: Sequence[Pin]) -> list[Claim]:
-    """Return pins as claims; one that names what is found instead of its bound has to fail."""
+    """Return pins as claims; a pin that states a number found instead of its bound must fail."""
     measures = import_module("study.judge.measures")
     return [
         Claim(
@@ -283,9 +286,9 @@ def write_claims(
 
     Args:
         out: Folder of the results.
-        verdicts: What was found.
-        facts: The fact that each statement of the paper rests on, by its id.
-        turning_mutations: Names of the mutations that turn it.
+        verdicts: Verdicts on all claims.
+        facts: Fact on which each statement of the paper rests, by id of the claim.
+        turning_mutations: Names of the mutations that reverse each verdict, by id of the claim.
     """
     rows = [
         _claim_record(verdict)
@@ -299,7 +302,7 @@ def write_claims(
 
 
 def format_verdict_table(verdicts: list[Verdict]) -> str:
-    """Return the verdicts as lines of text, one per claim, each ending the line."""
+    """Return the verdicts as a text table with one line per claim, which ends with the verdict."""
     rows = [
         (
             verdict.claim.id,
@@ -318,7 +321,7 @@ def format_verdict_table(verdicts: list[Verdict]) -> str:
 
 
 def summarise_verdicts(verdicts: list[Verdict]) -> str:
-    """Return the counts by kind, and by grade or verdict, in one line."""
+    """Return, in one line, the numbers of claims of each kind by grade or verdict."""
     paper_verdicts = [verdict for verdict in verdicts if verdict.claim.kind in PAPER_KINDS]
     grades = [verdict.claim.grade for verdict in paper_verdicts]
     counts = [f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades]
@@ -386,7 +389,11 @@ def _load_valid_tables(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def _error_sort_key(error: jsonschema.ValidationError) -> tuple[Any, ...]:
-    """By place; of one entry, keys that nothing has asked for last: others' mistakes make them."""
+    """Return the key that sorts schema errors by entry.
+
+    Within an entry, errors about unexpected keys come last, because they may be consequences of
+    other errors.
+    """
     return (
         [str(path_part).zfill(6) for path_part in list(error.absolute_path)[:2]],
         error.validator == "unevaluatedProperties",
@@ -419,7 +426,11 @@ def _describe_error(error: jsonschema.ValidationError, keys: Sequence[Any]) -> s
 
 
 def _build_claim(kind: str, table: dict[str, Any], position: int, measures: ModuleType) -> Claim:
-    """What the schema cannot say: numbers are finite, the measure is there and takes its args."""
+    """Build a claim from a table.
+
+    This checks conditions that the schema cannot express: all numbers are finite, and the measure
+    exists and accepts the arguments.
+    """
     claim_name = table.get("id", f"number {position}")
 
     def claim_error(key: str, problem: str) -> StudyError:
@@ -478,7 +489,7 @@ def _judge_claim(claim: Claim, results: Results) -> Verdict:
         return Verdict(claim, None, "not judged", str(error))
     except StudyError:
         raise
-    except Exception as error:  # measures are short formulas; which claim's it is, is what helps
+    except Exception as error:  # the name of the claim helps most in finding the fault
         error_text = f"{type(error).__name__}: {error}"
         raise StudyError(
             f"claim {claim.id}: {judgement.measure} failed with {error_text}"
@@ -491,7 +502,7 @@ def _judge_claim(claim: Claim, results: Results) -> Verdict:
 
 
 def _is_reference_accurate(judgement: Judgement, results: Results) -> bool:
-    """Tell whether the error of what is compared with is small enough, if it is known."""
+    """Return whether the error of the reference, if there is one, is small enough."""
     if judgement.reference is None:
         return True
     reference_error, args = judgement.reference
@@ -499,7 +510,7 @@ def _is_reference_accurate(judgement: Judgement, results: Results) -> bool:
 
 
 def _determine_outcome(claim: Claim, measured: float) -> Outcome:
-    """What the number says: statements that cannot fail do not hold, they are constructed."""
+    """Return the outcome of a measured number, considering the grade of the claim."""
     judgement = claim.judgement
     assert judgement is not None
     if RELATIONS[judgement.relation](measured, judgement.value, judgement.tol):

@@ -1,9 +1,10 @@
-"""Facts: statements of the paper that the same mutations turn rest on one fact.
+"""Facts on which statements of the paper rest, found by mutations of the results.
 
-A mutation exchanges an element or a law, a sign, two rows of a table or one printed number, whose
-second digit (or only one) is then one less or one more. It is applied to stored results, and all
-statements are judged again: those whose verdict, or number if it is one that fails, becomes another
-are turned by it.
+A mutation exchanges elements, laws, signs or two rows of a printed table, or alters one printed
+number by one unit of its second digit (of its first, if it has only one). It is applied to the
+stored results, and all statements are judged again. It reverses ("turns") a statement if the
+statement's verdict changes, or, for a statement that fails, the number found. Statements that the
+same mutations reverse rest on the same fact.
 """
 
 import re
@@ -27,13 +28,14 @@ MutationKind = Literal["element", "law", "sign", "row", "print"]
 
 @dataclass(frozen=True)
 class Fact:
-    """What statements rest on.
+    """Fact on which one or more statements rest.
 
     Attributes:
-        id: Its name.
-        says: It, in words.
-        test: A test that shows it without the stored results.
-        statements: Ids of one statement that rests on it; of all, if no mutation turns them.
+        id: Name of the fact.
+        says: Description of the fact.
+        test: Test that demonstrates the fact without stored results.
+        statements: Id of one statement that rests on the fact, or ids of all such statements if no
+            mutation reverses them.
     """
 
     id: str
@@ -44,16 +46,17 @@ class Fact:
 
 @dataclass(frozen=True)
 class Mutation:
-    """One thing exchanged.
+    """A single change of stored results or of printed numbers.
 
     Attributes:
-        name: What, in words.
-        kind: Of what kind it is.
-        rename_stored: What makes a case's key, or the name of a scalar, that of another one.
-        sign_pattern: Names of scalars and curves whose sign is changed.
-        table: One of `PRINTED_TABLES` that is printed otherwise.
-        rows: Two of its rows, which change places, or one with a misprint.
-        mode_index: Where that is.
+        name: Description of the mutation.
+        kind: Kind of the mutation.
+        rename_stored: Function that replaces the key of a case or the name of a scalar by that of
+            the case or scalar to be used instead.
+        sign_pattern: Regular expression for names of scalars and curves whose signs are reversed.
+        table: Name of the table in `PRINTED_TABLES` that is altered.
+        rows: Two rows of the table to exchange, or one row with a misprint.
+        mode_index: Position of the misprint in its row.
     """
 
     name: str
@@ -66,7 +69,7 @@ class Mutation:
 
 
 def _exchange_words(first: str, second: str) -> Callable[[str], str]:
-    """Exchange two words that no letter touches."""
+    """Return a function that exchanges two words unless they are part of longer words."""
     replacements = {first: second, second: first}
     return lambda text: re.sub(
         rf"(?<![a-zA-Z])({first}|{second})(?![a-zA-Z])", lambda match: replacements[match[0]], text
@@ -86,7 +89,7 @@ _BUCKLING_CASE_PATTERN = r"^(7\.6/[a-z]+-[TQ]\d)"
 
 
 def _exchange_forms(name: str) -> str:
-    """Exchange the geometric stiffnesses J, which is named, and G, which is not."""
+    """Exchange the geometric stiffnesses J and G in a name; keys of cases omit G."""
     if name.startswith(("G_", "J_")):
         return _exchange_words("G", "J")(name)
     return re.sub(
@@ -146,28 +149,27 @@ MISPRINT_MUTATIONS = tuple(
     for row, numbers in rows.items()
     for mode in range(len(numbers))
 )
-OWN_NUMBER_PREFIX = (
-    "printed number "  # with which names of misprints of statements' own numbers begin
-)
+OWN_NUMBER_PREFIX = "printed number "  # prefix of names of misprints of statements' own numbers
 
 
 def load_facts(path: Path = FACTS_FILE) -> list[Fact]:
-    """Read the facts."""
+    """Read the facts from a TOML file."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))["fact"]
     return [Fact(**{**table, "statements": tuple(table["statements"])}) for table in tables]
 
 
 def write_claims_with_facts(out: Path, verdicts: list[Verdict], results: Results) -> None:
-    """Write `<out>/claims.json`, with the facts that statements of the paper rest on."""
+    """Write `<out>/claims.json`, including the facts on which the paper's statements rest."""
     turning_mutations = find_turning_mutations(verdicts, results)
     facts = assign_facts([verdict.claim for verdict in verdicts], turning_mutations, load_facts())
     claims.write_claims(out, verdicts, facts, turning_mutations)
 
 
 def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[str, tuple[str, ...]]:
-    """Return the names of the mutations that turn each statement of the paper, by its id.
+    """Return, by id of the claim, the names of the mutations that reverse each claim.
 
-    Of findings that rest on printed numbers, those of the print.
+    To statements of the paper, all mutations are applied. To findings, only mutations of the
+    printed tables are.
     """
     judged_verdicts = [
         judged_verdict
@@ -207,11 +209,12 @@ def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[st
 def assign_facts(
     statements: list[Claim], turning_mutations: Mapping[str, tuple[str, ...]], facts: list[Fact]
 ) -> dict[str, str]:
-    """Return the fact that each statement of the paper rests on, by its id, if there is one.
+    """Return, by id of the statement, the fact on which each statement of the paper rests.
 
-    Statements share a fact if the same exchanges of elements, laws, signs and rows turn them, or
-    of printed numbers if none of these does. What nothing turns, and definitions, are named by
-    the fact itself.
+    Statements share a fact if the same exchanges of elements, laws, signs and rows reverse them.
+    Misprints count only for statements that no mutation of stored results reverses. Definitions,
+    and statements that nothing reverses, are listed in the fact itself. Statements without a fact
+    are omitted.
     """
     stated_facts = {claim_id: fact.id for fact in facts for claim_id in fact.statements}
     paper_claims = [claim for claim in statements if claim.kind in PAPER_KINDS]
@@ -232,7 +235,7 @@ def assign_facts(
 
 
 def fact_mutations(claim: Claim, turning_mutations: Sequence[str]) -> frozenset[str]:
-    """Return the mutations by which a statement is one fact with others; none of a definition."""
+    """Return the mutations that identify the fact of a statement; definitions have none."""
     if claim.basis == "definition":
         return frozenset()
     result_mutations = {mutation.name for mutation in RESULT_MUTATIONS}
@@ -245,14 +248,14 @@ def fact_mutations(claim: Claim, turning_mutations: Sequence[str]) -> frozenset[
 
 
 def own_number_mutation(claim: Claim) -> str:
-    """Return the name of the misprint of a statement's own number."""
+    """Return the name of the mutation that misprints the number in a statement."""
     judgement = claim.judgement
     assert judgement is not None
     return f"{OWN_NUMBER_PREFIX}{judgement.value:g}{judgement.unit and ' '}{judgement.unit}"
 
 
 class _MutatedResults(Results):
-    """Results in which a mutation's other case stands for each, if there is one."""
+    """Stored results in which each case is replaced by its mutated counterpart, if that exists."""
 
     def __init__(self, results: Results, mutation: Mutation) -> None:
         super().__init__(results.folder)
@@ -277,7 +280,7 @@ class _MutatedResults(Results):
         )
 
     def section(self, section: str) -> list[Any]:
-        """Return what is read only if a measure wants it."""
+        """Return the results of a section, which are read only when a measure uses them."""
         return [_LazyResult(self, stored) for stored in self._results.section(section)]
 
     def _mutate_scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
@@ -295,7 +298,7 @@ class _MutatedResults(Results):
 
 
 class _LazyResult:
-    """A stored result that is read when its numbers are asked for."""
+    """Stored result that is read when its scalars or curves are first used."""
 
     has = StoredResult.has
 
@@ -309,7 +312,10 @@ class _LazyResult:
 
 
 def _find_changed_claims(verdicts: list[Verdict], results: Results) -> list[str]:
-    """Ids of those that have another verdict now; not of those that find nothing to measure."""
+    """Return the ids of the claims whose verdict or pinned number changes with other results.
+
+    Claims for which these results lack a number are omitted.
+    """
 
     def has_changed(old_verdict: Verdict) -> bool:
         try:
@@ -348,7 +354,7 @@ def _list_misprinted_rows(mutation: Mutation) -> list[TableRows]:
 
 
 def misread_digits(number: float) -> tuple[float, float]:
-    """Return a number whose second digit, or only one, is one less, and one more."""
+    """Return a number decreased and increased by one unit of its second (or only) digit."""
     digits = f"{number:.15g}".replace(".", "").strip("0").partition("e")[0]
     power = int(f"{number:e}".partition("e")[2])
     digit_step = 10.0 ** (power - (len(digits) > 1))
@@ -358,7 +364,7 @@ def misread_digits(number: float) -> tuple[float, float]:
 def _verdicts_that_read(
     verdicts: list[Verdict], results: Results, table: str, rows: Iterable[str]
 ) -> list[Verdict]:
-    """Those whose number hangs on rows: other rows give another one."""
+    """Return the verdicts whose measured numbers depend on the given rows of a printed table."""
     altered_rows = {
         row: tuple(
             (1.3 + 0.1 * mode_index + 0.07 * row_index) * number

@@ -1,6 +1,6 @@
-"""Numerical uncertainty of a number by three meshes: observed order, extrapolation and GCI.
+"""Numerical uncertainty of a number from three meshes: observed order, extrapolation and GCI.
 
-Needs NumPy alone, as the report does.
+Like the report, this module requires NumPy only.
 
 The grid convergence index (GCI) is the relative change from the medium to the fine mesh, divided
 by r^p - 1 and multiplied by a safety factor; r is the refinement ratio and p the observed order.
@@ -16,22 +16,25 @@ from typing import Literal
 import numpy as np
 
 SAFETY_FACTOR = 1.25
-"""Factor of the GCI for three meshes; Roache's, which Celik et al. keep."""
+"""Safety factor of the GCI for three meshes, as proposed by Roache and adopted by Celik et al."""
 MIN_ORDER, MAX_ORDER = 0.5, 4.5
-"""Observed orders that are accepted.
+"""Range of accepted observed orders.
 
-The theoretical ones of this study are between 1 (energies and forces where stresses are singular
+The theoretical orders in this study lie between 1 (energies and forces where stresses are singular
 like r^-1/2) and 4 (energies and eigenvalues of quadratic elements in smooth problems).
 """
 MIN_REFINEMENT_RATIO = 1.3
-"""Smallest ratio of two mesh sizes, as Celik et al. recommend."""
+"""Smallest ratio of successive mesh sizes, as recommended by Celik et al."""
 CHANGE_ROUND_OFF = 1e-9
-"""Relative difference below which the values on two meshes count as equal."""
+"""Relative difference below which values on two meshes are considered equal."""
 MIN_COMPUTED_ORDER, MAX_COMPUTED_ORDER = 1e-6, 60.0
-"""Orders that are solved for: below, changes do not decrease; above, the medium mesh is exact."""
+"""Range in which the order is computed.
+
+Below it, the changes do not decrease; above it, the medium mesh is practically exact.
+"""
 
 Reason = Literal["", "oscillatory", "divergent", "equal on two meshes", "order out of range"]
-"""Reason why three values are not asymptotic; empty if they are."""
+"""Reason why three values are not in the asymptotic range; empty if they are."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,10 @@ class GridConvergence:
 
     Attributes:
         values: Values from the coarse to the fine mesh.
-        reason: Why they are not asymptotic; empty if they are.
-        order: Observed order p; None if there is none.
+        reason: Reason why the values are not asymptotic; empty if they are.
+        order: Observed order p; None if it cannot be computed.
         extrapolated: Richardson's extrapolation to mesh size zero; None if not asymptotic.
-        index: GCI of the fine mesh's value, relative to it; None if not asymptotic.
+        index: GCI of the value on the fine mesh, relative to that value; None if not asymptotic.
     """
 
     values: tuple[float, float, float]
@@ -54,23 +57,23 @@ class GridConvergence:
 
     @property
     def coarse_error(self) -> float | None:
-        """Estimated relative error of the coarse mesh's value, with its sign."""
+        """Estimated relative error of the value on the coarse mesh, with its sign."""
         return None if self.extrapolated is None else self.values[0] / self.extrapolated - 1
 
 
 def grid_convergence(values: Sequence[float], sizes: Sequence[float]) -> GridConvergence:
-    """Estimate observed order, extrapolated value and GCI of a number on three meshes.
+    """Estimate the observed order, extrapolated value and GCI of a number on three meshes.
 
-    Unlike Celik et al., who take the size of the logarithm and so give oscillating and diverging
-    values an order as well, this accepts monotonic convergence only.
+    This function accepts monotonic convergence only. Celik et al. take the absolute value of the
+    logarithm, which assigns an order to oscillating and diverging values, too.
 
     Args:
-        values: Values on three meshes, in any order, (3,).
-        sizes: Mesh sizes, (3,); only their ratios count.
+        values: Values (3,) on three meshes, in any order.
+        sizes: Mesh sizes (3,) in the same order; only their ratios matter.
 
     Raises:
-        ValueError: If there are not three finite values and positive sizes, or if two sizes have a
-            ratio below `MIN_REFINEMENT_RATIO`.
+        ValueError: If there are not three finite values and three positive sizes, or if the ratio
+            of two sizes is less than `MIN_REFINEMENT_RATIO`.
     """
     if len(values) != 3 or len(sizes) != 3:
         raise ValueError(f"expected three values and sizes, got {len(values)} and {len(sizes)}")
@@ -101,13 +104,13 @@ def grid_convergence(values: Sequence[float], sizes: Sequence[float]) -> GridCon
 
 
 def solve_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> float | None:
-    """Return the order p > 0 of values phi(h) = phi_0 + c h^p; None if there is none.
+    """Return the order p > 0 of values phi(h) = phi_0 + c h^p, or None if there is no such order.
 
     Args:
-        change_ratio: Change from the coarse to the medium mesh over that from the medium to the
-            fine mesh, positive.
-        coarse_ratio: Size of the coarse over that of the medium mesh.
-        fine_ratio: Size of the medium over that of the fine mesh.
+        change_ratio: Change of the value from the coarse to the medium mesh, divided by the change
+            from the medium to the fine mesh; must be positive.
+        coarse_ratio: Size of the coarse mesh divided by that of the medium mesh.
+        fine_ratio: Size of the medium mesh divided by that of the fine mesh.
     """
 
     def log_change_ratio(p: float) -> float:
@@ -120,6 +123,6 @@ def solve_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> 
     if log_change_ratio(MAX_COMPUTED_ORDER) <= target:
         return MAX_COMPUTED_ORDER
     low, high = MIN_COMPUTED_ORDER, MAX_COMPUTED_ORDER
-    while (middle := (low + high) / 2) not in (low, high):  # until neighbouring numbers are reached
+    while (middle := (low + high) / 2) not in (low, high):  # until low and high are adjacent
         low, high = (middle, high) if log_change_ratio(middle) < target else (low, middle)
     return low

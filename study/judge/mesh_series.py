@@ -1,14 +1,14 @@
-"""Numbers of the paper's examples without an exact value, and the meshes of their uncertainty.
+"""Numbers of the paper's examples that have no exact value, and meshes for their uncertainties.
 
-Each number is computed on three meshes, with the new and with the standard triangle. The list, the
-meshes, and what counts as asymptotic (`study.judge.grid_convergence`) were written down before the
-values were computed. Not in the list:
+Each number is computed on three meshes, with the new and with the standard triangle. The list of
+numbers, the meshes and the criterion for the asymptotic range (`study.judge.grid_convergence`) were
+written down before the values were computed. The list excludes
 
 - numbers with an exact value or limit: the reactions of section 7.1, sums of forces that follow
   from equilibrium, the ratio of mid-side and corner forces (1 and 2 under an even pressure), the
   buckling of the strip under a uniform load;
 - differences of two computations in per cent, which are themselves estimates of an error;
-- statistics over models, as the odds of section 7.6.
+- statistics over models, such as the odds of section 7.6.
 """
 
 from dataclasses import dataclass
@@ -24,17 +24,17 @@ Keys = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class SeriesQuantity:
-    """A number on three meshes.
+    """A number of an example, computed on three meshes.
 
     Attributes:
         section: Section of the paper.
-        words: Name in Markdown, with its unit.
-        name: Stored scalar, or the curve that is read at `position`.
-        new: Keys of the new element's cases, coarse mesh first.
-        standard: Keys of the standard element's cases.
-        refinements: Divisions of a side over those of the coarse mesh, (3,).
-        unit: By which the number is divided for display.
-        position: Along the contact surface, for a curve.
+        words: Name and unit in Markdown.
+        name: Name of the stored scalar, or of the curve to evaluate at `position`.
+        new: Keys of the new element's cases, from the coarse to the fine mesh.
+        standard: Keys of the standard element's cases, from the coarse to the fine mesh.
+        refinements: Divisions of a side, divided by those of the coarse mesh, (3,).
+        unit: Value by which the number is divided for display.
+        position: Position along the contact surface if the number is read from a curve.
     """
 
     section: str
@@ -47,7 +47,7 @@ class SeriesQuantity:
     position: float | None = None
 
     def estimate(self, results: Results, element: Element) -> GridConvergence:
-        """Return the convergence of the number with an element."""
+        """Return the convergence of the number for one of the two elements."""
         keys = self.new if element == "new" else self.standard
         values = [self._read(results, key) / self.unit for key in keys]
         return grid_convergence(values, [1 / refinement for refinement in self.refinements])
@@ -88,7 +88,8 @@ SMOOTH_PLATE_MESHES = ("-mu0", "-mu0-refined2", "-mu0-refined4")
 STRAIN_PLATE_MESHES = ("-strain", "-strain-refined2", "-strain-refined4")
 BEAM_MESHES = ("", "-point-10x4", "-point-20x8")
 FINE_BEAM_MESHES = ("-point-20x8", "-point-40x16", "-point-80x32")
-# New and standard element of a row, by words: form G; new element symmetrised, standard form J
+# New and standard element of each row, by its label: both with form G, or the symmetrised new
+# element with the standard one in form J
 BEAM_PAIRS = {
     "G": ("pw-T6", "galerkin-T6"),
     "sym., J": ("pwsym-T6", "galerkin-T6-J"),
@@ -168,12 +169,12 @@ QUANTITIES = [
         for mode in (1, 2)
     ),
 ]
-"""All numbers, in the order of the sections."""
+"""Numbers whose uncertainties are estimated, in the order of the sections."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """A number with its convergence for both elements."""
+    """Convergence of a number for the new and the standard element."""
 
     quantity: SeriesQuantity
     new: GridConvergence
@@ -181,7 +182,7 @@ class Uncertainty:
 
 
 def estimate_uncertainties(results: Results) -> list[Uncertainty]:
-    """Return the convergence of all numbers, from stored results."""
+    """Return the convergence of all `QUANTITIES`, computed from stored results."""
     return [
         Uncertainty(
             quantity, quantity.estimate(results, "new"), quantity.estimate(results, "standard")

@@ -1,8 +1,8 @@
-"""Pins: numbers that are recorded so that a change is noticed, in one generated table.
+"""Pins: numbers recorded in a generated table, such that tests detect any change.
 
-A pin compares a measure of stored results with a bound. Of relation "=", the bound is the recorded
-number, which `study.judge.update_pins` updates; a bound of an inequality is a requirement, which no
-update changes.
+A pin compares a measure of stored results with a bound. If the relation is "=", the bound is the
+recorded number, which `study.judge.update_pins` can update. The bound of an inequality is a
+requirement, which is never updated.
 """
 
 import json
@@ -14,18 +14,20 @@ from study.run.store import StudyError
 PINS_FILE = Path(__file__).with_name("pins.json")
 
 Pin = dict[str, Any]
-"""Id, source, statement, measure, args, relation, bound, tolerance, unit; of a statement that is
-known to fail also the number that is found instead, and its tolerance."""
+"""Pin with the keys id, source, statement, measure, args, relation, bound, tolerance and unit.
+
+A pin whose statement is known to fail also contains the number found instead and its tolerance.
+"""
 
 _REQUIRED_KEYS = {"id", "source", "statement", "measure", "args", "relation", "bound", "tolerance"}
 _OPTIONAL_KEYS = {"unit", "found", "found_tolerance"}
 
 
 def load_pins(path: Path = PINS_FILE) -> list[Pin]:
-    """Read the table.
+    """Read the table of pins.
 
     Raises:
-        StudyError: if it cannot be read, or a pin lacks a key or has an unknown one.
+        StudyError: if the table cannot be read, or if a pin has missing or unknown keys.
     """
     try:
         pins: list[Pin] = json.loads(path.read_text(encoding="utf-8"))

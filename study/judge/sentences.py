@@ -1,8 +1,8 @@
-"""Every sentence of the paper, and the statements that quote it or why it claims nothing.
+"""Assign each sentence of the paper to the statements that quote it, or explain why there are none.
 
-`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the paper's text, which is
-no part of this project, and prints what does not agree. Of a sentence the project has its first
-words and a digest.
+`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the text of the paper and
+prints all disagreements. The text is not part of this project, which stores only the first words
+and a digest of each sentence.
 """
 
 import argparse
@@ -17,10 +17,10 @@ from pathlib import Path
 from study.judge.claims import Claim, load_paper_claims
 
 SENTENCES_FILE = Path(__file__).parent / "sentences.toml"
-REFERENCES_HEADING = "## REFERENCES"  # what follows are references, and pieces of another paper
-N_FIRST_WORDS = 5  # with which a sentence is recognised
+REFERENCES_HEADING = "## REFERENCES"  # followed by the references and parts of another paper
+N_FIRST_WORDS = 5  # number of words that identify a sentence
 
-# Headings, captions, equations and tables are one each
+# Headings, captions, equations and tables are not divided into sentences
 _UNDIVIDED_BLOCK = re.compile(r"#|\*\*|\$\$|Figs?\.|Table \d\.|Mode")
 _SENTENCE_BOUNDARY = re.compile(r"(?<=\.)\s+(?=[A-Z$])")
 
@@ -30,12 +30,12 @@ class Sentence:
     """A sentence, heading, caption, equation or row of a table.
 
     Attributes:
-        number: Its place.
-        begins: Its first words.
-        digest: Of the whole.
-        claims: Statements whose quotes are in it, or run through it.
-        repeats: Statements that it says again, in other words than they quote.
-        reason: Why it claims nothing, if no statement is named.
+        number: Position in the paper, starting from 1.
+        begins: First words.
+        digest: Digest of the entire sentence.
+        claims: Ids of the statements whose quotations include all or part of the sentence.
+        repeats: Ids of statements that the sentence repeats in words other than those quoted.
+        reason: Reason why the sentence claims nothing, if no statements are named.
     """
 
     number: int
@@ -47,13 +47,13 @@ class Sentence:
 
 
 def load_sentences(path: Path = SENTENCES_FILE) -> list[Sentence]:
-    """Read what is known of the sentences."""
+    """Read the entries of all sentences from a TOML file."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))["sentence"]
     return [Sentence(**table) for table in tables]
 
 
 def split_sentences(text: str) -> list[str]:
-    """Return the sentences of a text in Markdown, up to the references."""
+    """Return the sentences of a Markdown text up to the references."""
     text_before_references, _, _ = text.partition(REFERENCES_HEADING)
     sentences = []
     for block in map(str.strip, re.split(r"\n\s*\n", text_before_references)):
@@ -65,19 +65,19 @@ def split_sentences(text: str) -> list[str]:
 
 
 def first_words(sentence: str) -> str:
-    """Return the words with which a sentence is recognised."""
+    """Return the first words of a sentence, which identify it."""
     return " ".join(sentence.split()[:N_FIRST_WORDS])
 
 
 def digest_sentence(sentence: str) -> str:
-    """Return a sentence's digest."""
+    """Return the digest of a sentence."""
     return hashlib.sha256(sentence.encode()).hexdigest()[:16]
 
 
 def find_disagreements(
     sentences: list[Sentence], paper_sentences: list[str], claims: list[Claim]
 ) -> list[str]:
-    """Return in words where sentences, the paper's text and the statements do not agree."""
+    """Return messages on disagreements between the entries, the paper's text and the statements."""
     messages = []
     if len(sentences) != len(paper_sentences):
         messages.append(
@@ -100,12 +100,12 @@ def find_disagreements(
 
 
 def _without_formula_marks(sentence: str) -> str:
-    """Return a sentence without the marks of formulas, as statements quote it."""
+    """Return a sentence without the markup of formulas, which quotations omit."""
     return " ".join(sentence.replace("$", "").replace(r"\sigma_{cr}", "σ_cr").split())
 
 
 def find_incomplete_entries(sentences: list[Sentence], claims: list[Claim]) -> list[str]:
-    """Return what can be seen to be wrong without the paper's text."""
+    """Return messages on faults of the entries that can be found without the paper's text."""
     claim_ids = {claim.id for claim in claims}
     cited_ids = {claim_id for sentence in sentences for claim_id in sentence.claims}
     messages = [f"{name} stands in no sentence" for name in sorted(claim_ids - cited_ids)]
@@ -122,7 +122,7 @@ def find_incomplete_entries(sentences: list[Sentence], claims: list[Claim]) -> l
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare; return the exit status."""
+    """Compare the entries with the paper's text; return the exit status."""
     parser = argparse.ArgumentParser(prog="study.judge.sentences", description=__doc__)
     parser.add_argument("text", type=Path, metavar="PATH")
     paper_sentences = split_sentences(parser.parse_args(arguments).text.read_text(encoding="utf-8"))

@@ -1,7 +1,7 @@
-"""Compare the pins with stored results, and record what these give.
+"""Compare the pins with stored results, and update the recorded numbers on request.
 
 ./run python3 -m study.judge.update_pins            show pins that the stored results contradict
-./run python3 -m study.judge.update_pins --update   ... and record what they give instead
+./run python3 -m study.judge.update_pins --update   ... and record the new numbers
 """
 
 import argparse
@@ -14,7 +14,7 @@ from study.run.store import Results, write_json
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Show, and with --update record, what differs; the status is 1 if something differs."""
+    """Print the pins that differ and, with --update, record them; return 1 if any differs."""
     parser = argparse.ArgumentParser(prog="study.judge.update_pins")
     parser.add_argument("results", nargs="?", type=Path, default=Path("results"))
     parser.add_argument("--update", action="store_true", help="record the numbers found")

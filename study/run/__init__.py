@@ -1,1 +1,1 @@
-"""Cases, their results on disk, and what runs and compares them: knows no mechanics."""
+"""Define, run, store and compare the study's cases; this package contains no mechanics."""

@@ -1,4 +1,4 @@
-"""Sections and cases of the study, and fingerprints that tell whether a result is outdated."""
+"""Sections and cases of the study, and fingerprints that show whether a result is outdated."""
 
 import hashlib
 import inspect
@@ -19,7 +19,7 @@ from study.run.sources import digest_code, digest_reached_sources, find_source, 
 from study.run.store import Result, StudyError
 
 SECTIONS = find_pages()
-"""Names of the sections' modules, which have `TITLE` and `CASES`, in the order of the report."""
+"""Module of each section, in the order of the report; each module defines `TITLE` and `CASES`."""
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,19 @@ class Case:
     """Computation of one result.
 
     Attributes:
-        section: The section it belongs to.
-        name: Its name in the section, and of its file.
-        run: Function of a module (worker processes import it), called with the parameters.
-        parameters: Keyword arguments, of types that JSON has.
-        implied: Further stored parameters, which the name or an argument implies: the element of a
-            named quantity, the material of a named setting.
-        costly: Whether the case may take more than three CPU seconds; its result is then read from
-            the record, see `study.run.records`, if it has one.
+        section: Name of the section that contains the case.
+        name: Name of the case in its section, also used as the name of its file.
+        run: Function that computes the result. It must be defined at the top level of a module,
+            because worker processes import it.
+        parameters: Keyword arguments of `run`, which must be representable in JSON.
+        implied: Further parameters to store with the result, such as the element of a named
+            quantity or the material of a named setting.
+        costly: Whether the case may take more than three CPU seconds. The result of a costly case
+            is read from its record if there is one, see `study.run.records`.
         record: Tracked file from which the result is read, relative to the project's folder; empty
             if the result is computed.
-        recomputed: Case of the same key that computes a recorded result; None if there is none.
+        recomputed: Case with the same key that computes the result instead of reading it from the
+            record; None if the result is not recorded.
     """
 
     section: str
@@ -55,15 +57,15 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Section and name, as in "7.1/pw-T6"."""
+        """Section and name of the case, such as "7.1/pw-T6"."""
         return f"{self.section}/{self.name}"
 
     @property
     def stored_parameters(self) -> dict[str, Any]:
-        """All parameters that are stored with the result, with types of JSON.
+        """All parameters that are stored with the result, converted to JSON types.
 
-        They are the `problem`, which is the name of the function that computes the result, its
-        arguments with defaults, and the implied parameters.
+        They comprise `problem` (the name of the function that computes the result), the function's
+        arguments including defaults, and the implied parameters.
         """
         bound = inspect.signature(self.run).bind(**self.parameters)
         bound.apply_defaults()
@@ -73,7 +75,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Section:
-    """Section with its cases."""
+    """Section of the study with its title and cases."""
 
     id: str
     title: str
@@ -81,11 +83,11 @@ class Section:
 
 
 def mark_costly(cases: Iterable[Case], *patterns: str) -> list[Case]:
-    """Return the cases, marked as costly where the name matches one of the patterns.
+    """Return the cases, with those whose names match one of the patterns marked as costly.
 
     Args:
         cases: All cases of a page, or some of them.
-        patterns: Patterns as in a shell, such as "*-pw-Q8"; without any, all cases are marked.
+        patterns: Shell-style patterns such as "*-pw-Q8". If none is given, all cases are marked.
     """
     return [
         replace(case, costly=True)
@@ -96,9 +98,9 @@ def mark_costly(cases: Iterable[Case], *patterns: str) -> list[Case]:
 
 
 def load_section(section: str) -> Section:
-    """Import the page of a section, and with it the solver.
+    """Import the page of a section, which also imports the solver, and return the section.
 
-    A costly case is read from its record, if this has the same parameters.
+    Costly cases are replaced by their records if these have the same parameters.
     """
     name = _module_name(section)
     try:
@@ -149,12 +151,12 @@ def find_page_source(section: str) -> Path:
 
 
 def compute_fingerprints(cases: Iterable[Case]) -> dict[str, str]:
-    """Return, by keys of cases, digests of all that the results depend on.
+    """Return, for the key of each case, a digest of everything that its result depends on.
 
-    That is the parameters, the library, the code that the function of the case uses, and the
-    versions of packages. In the module of the function only definitions count that it uses; so
-    texts, checks and figures on the same page do not outdate results. Of other modules all code
-    counts, but neither comments nor layout.
+    The digest covers the parameters, the library, the code that the case's function uses, and the
+    versions of the packages. In the function's own module, only the definitions that the function
+    uses are included, and therefore changes to texts, checks and figures on the same page do not
+    outdate results. Of other modules, all code except comments and layout is included.
     """
     digest_code_once = cache(_digest_code)
     digests = {}

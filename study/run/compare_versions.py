@@ -1,9 +1,9 @@
-"""Compare all scalars of two folders of results, as of two versions of DOLFINx.
+"""Compare all scalars of two folders of results, e.g. from two versions of DOLFINx.
 
-`python3 -m study.run.compare_versions results results-sid` prints the largest difference of each
-kind of scalar; its exit status is 1 if one is too large, or if a case or scalar is in one folder
-only. To compare results before and after a redesign, use `--tolerance 1e-9`: one tolerance for all
-kinds but the counts of iterations.
+`python3 -m study.run.compare_versions results results-sid` prints the largest difference for each
+kind of scalar. The exit status is 1 if a difference is too large, or if only one of the folders
+contains a case or scalar. To compare results before and after a redesign, use `--tolerance 1e-9`,
+which sets one tolerance for all kinds of scalars except the numbers of iterations.
 """
 
 import argparse
@@ -20,14 +20,15 @@ from study.run.store import Results, StoredResult, StudyError
 
 @dataclass(frozen=True)
 class ScalarKind:
-    """Kind of scalars, with the way to compare them.
+    """Kind of scalars, and how scalars of this kind are compared.
 
     Attributes:
         name: Name of the kind.
-        pattern: Regular expression that is searched in "section/case scalar".
-        scale: Divisor of differences: "value", the larger of both values; "case", the largest value
-            of the kind in the case; "one", the larger of both values and one.
-        tolerance: Largest quotient.
+        pattern: Regular expression that is searched for in "section/case scalar".
+        scale: Value by which differences are divided: "value" is the larger of the two values,
+            "case" the largest value of this kind in the case, and "one" the larger of the two
+            values but at least 1.
+        tolerance: Largest accepted scaled difference.
         why: Reason why the tolerance is not smaller.
     """
 
@@ -109,7 +110,7 @@ KINDS: tuple[ScalarKind, ...] = (
     ),
     ScalarKind("all others", "", "value", 1e-8, "conditioning of the systems times round-off"),
 )
-"""Kinds of scalars; the first whose pattern is found applies."""
+"""Kinds of scalars; a scalar belongs to the first kind whose pattern it matches."""
 
 
 COUNTS_AND_TIMES = ScalarKind(
@@ -136,17 +137,17 @@ RECORD_KINDS: tuple[ScalarKind, ...] = (
         "the Krylov solver is exact to its tolerance; set before a value was seen",
     ),
 )
-"""Kinds of numbers in the record of section K."""
+"""Kinds of scalars in the record of section K (time and memory)."""
 
 
 def with_tolerance(tolerance: float) -> tuple[ScalarKind, ...]:
-    """Return the kinds with one tolerance, to compare results of one version of all libraries."""
+    """Return the kinds with the same tolerance, for results of identical library versions."""
     return (COUNTS_AND_TIMES, *(replace(kind, tolerance=tolerance) for kind in KINDS))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Scalar in both folders; `size` is its difference over the scale of its kind."""
+    """Difference `size` of a scalar between two folders, divided by the scale of its kind."""
 
     kind: ScalarKind
     key: str
@@ -164,9 +165,9 @@ class Difference:
 def compare(
     first: Results, second: Results, kinds: tuple[ScalarKind, ...] = KINDS, subset: bool = False
 ) -> tuple[list[Difference], list[str]]:
-    """Return the differences of all scalars, and names of what is in one folder only.
+    """Return the differences of all scalars, and the names of unpaired cases and scalars.
 
-    With `subset`, cases that the second folder lacks are ignored.
+    If `subset` is true, cases that are missing from the second folder are ignored.
     """
     differences: list[Difference] = []
     unpaired: list[str] = []
@@ -204,7 +205,7 @@ def find_kind(scalar: str, kinds: tuple[ScalarKind, ...] = KINDS) -> ScalarKind:
 def format_differences(
     differences: list[Difference], unpaired: list[str], kinds: tuple[ScalarKind, ...] = KINDS
 ) -> str:
-    """Return the largest difference of each kind, all that are too large, and what is alone."""
+    """Format the largest difference of each kind, all excessive differences and unpaired names."""
     lines = []
     for kind in kinds:
         of_kind = sorted((d for d in differences if d.kind is kind), key=lambda d: -d.size)
@@ -228,7 +229,7 @@ def format_differences(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare two folders; return the exit status."""
+    """Compare two folders of results; return the exit status."""
     parser = argparse.ArgumentParser(prog="study.run.compare_versions", description=__doc__)
     parser.add_argument("folders", nargs=2, type=Path, metavar="DIR")
     parser.add_argument(

@@ -1,7 +1,7 @@
-"""Expected times of cases, so that the longest start first.
+"""Expected computing times of the cases, used to start the longest cases first.
 
-`python3 -m study.run.expected [results]` prints the table of the longest cases, to be written to
-`expected_seconds.json` when times have changed much. Only the order of cases depends on it.
+`python3 -m study.run.expected [results]` prints a table of the longest cases. Write it to
+`expected_seconds.json` if the times have changed considerably; it affects only the order of cases.
 """
 
 import json
@@ -13,23 +13,23 @@ from study.run.store import Results
 
 TABLE_FILE = Path(__file__).with_name("expected_seconds.json")
 MIN_TABLE_SECONDS = 1.0
-"""Shorter cases are not in the table: they run last, in any order."""
+"""Shortest time that the table contains; shorter cases run last, in any order."""
 
 
 def expected_seconds(results: Results) -> dict[str, float]:
-    """Return seconds by keys of cases: from stored results, or else from the table."""
+    """Return the expected seconds of each case, from stored results or otherwise from the table."""
     return read_expected_table() | stored_seconds(results)
 
 
 @cache
 def read_expected_table() -> dict[str, float]:
-    """Return the table: seconds by keys of the cases that take longer than `LONG`."""
+    """Return the expected seconds of the cases that take longer than `MIN_TABLE_SECONDS`."""
     table: dict[str, float] = json.loads(TABLE_FILE.read_bytes())
     return table
 
 
 def stored_seconds(results: Results) -> dict[str, float]:
-    """Return the seconds of all stored results, including outdated ones."""
+    """Return the seconds that each stored result took, including outdated results."""
     seconds = {}
     for path in results.folder.glob("*/*.json"):
         try:

@@ -1,7 +1,7 @@
-"""Functions of `pw_elements.files`, for modules of the study that must not import the solver.
+"""Functions of `pw_elements.files` for modules of the study that must not import the solver.
 
-`import pw_elements` imports DOLFINx, which is not needed to read a result. The module `files`
-imports the standard library alone, so it is loaded from its file, under its full name.
+`import pw_elements` imports DOLFINx, which is not needed to read results. The module `files`, which
+uses only the standard library, is therefore loaded directly from its file, under its full name.
 """
 
 import sys

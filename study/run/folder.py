@@ -8,16 +8,16 @@ from study.run.files import ForeignFileOrFolder, create_or_claim_folder
 from study.run.store import StudyError, is_result_file
 
 FOLDER_KIND = "a folder of results"
-# Entries besides the folders of sections
+# Permitted entries in addition to the folders of sections
 RESULT_FILES = ("claims.json", "cost.json", "report.html", "report.pdf")
 RESULT_FOLDERS = ("figures", "gallery", "site")
 
 
 def ensure_writable(out: Path) -> None:
-    """Create a folder of results if there is none, and ensure that it can be written to.
+    """Create the folder of results if it does not exist, and ensure that it is writable.
 
     Raises:
-        StudyError: If it cannot be written to, or has not been created by the study.
+        StudyError: If the folder is not writable, or was not created by the study.
     """
     claim_results_folder(out)
     try:
@@ -28,12 +28,13 @@ def ensure_writable(out: Path) -> None:
 
 
 def claim_results_folder(out: Path) -> None:
-    """Create a folder of results if there is none.
+    """Create the folder of results if it does not exist, and mark it as the study's.
 
-    A folder without a mark is accepted if it has results and nothing that the study does not write.
+    An unmarked folder is accepted if it contains results and only files that the study writes.
 
     Raises:
-        StudyError: If it cannot be created, or has other files, which might be replaced.
+        StudyError: If the folder cannot be created, or if it contains other files, which the study
+            might overwrite.
     """
     try:
         create_or_claim_folder(out, FOLDER_KIND, _is_results_folder)
@@ -48,7 +49,7 @@ def _not_writable_error(out: Path, error: OSError) -> StudyError:
 
 
 def _is_results_folder(folder: Path) -> bool:
-    """Return whether a folder has at least one result, and only entries that the study writes."""
+    """Return whether a folder contains a result, and only entries that the study writes."""
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     if names - {*SECTIONS, *RESULT_FILES, *RESULT_FOLDERS}:
         return False

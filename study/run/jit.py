@@ -1,4 +1,4 @@
-"""Recover from compilations of forms by other processes that were killed, or are slow."""
+"""Recover if another process that compiles the same form is slow or has been killed."""
 
 import re
 import time
@@ -7,15 +7,16 @@ from pathlib import Path
 _TIMED_OUT = re.compile(r"JIT compilation timed out.* remove (/.*\.c)\)")
 _FILE_EXISTS = re.compile(r"File exists: '(/.*\.c)\.cached'")
 STALE_SECONDS = 60.0
-"""Time without a change of files after which a compilation counts as killed."""
+"""Seconds without changes to the files after which a compilation is considered killed."""
 
 
 def recover_from_jit_conflict(error: Exception) -> bool:
-    """Return whether an exception is due to a compilation by another process; then try again.
+    """Return whether an exception was caused by another process compiling the same form.
 
-    DOLFINx leaves a form to the process that has begun to compile it, and fails after ten seconds,
-    on every attempt if that process has been killed. In this case, and where two processes have
-    compiled the same form, its files are removed; otherwise the other process gets more time.
+    If so, the caller should try again. DOLFINx leaves a form to the process that has begun to
+    compile it, and fails after ten seconds of waiting; if that process was killed, every attempt
+    fails. In this case, or if two processes have compiled the same form, the form's files are
+    removed; otherwise the other process is given more time.
     """
     timed_out, file_exists = (p.search(str(error)) for p in (_TIMED_OUT, _FILE_EXISTS))
     match = timed_out or file_exists

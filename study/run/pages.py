@@ -1,8 +1,8 @@
-"""Find the pages of the study, one for each section, and read them without importing them.
+"""Find the study's pages, one per section, and read their constants without importing them.
 
 A page is a module, or the module `page` of a folder, that assigns the name of its section to
-`SECTION`. Texts and facts on a page are constants, so that the report can be written where the
-solver is not installed. Importing a page, for its cases, checks and figures, imports the solver.
+`SECTION`. Texts and facts on a page are constants, and therefore the report can be written without
+the solver. Cases, checks and figures require importing the page, which imports the solver.
 """
 
 import ast
@@ -21,20 +21,21 @@ if TYPE_CHECKING:
 STUDY = Path(__file__).parents[1]
 SECTION_LINE = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
 _SECTION_LETTERS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
-"""Letters of sections in the order of the report; sections of the paper have none."""
+"""Letters of the sections, in the order of the report; the paper's sections have no letter."""
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """Figure that is drawn by the page of its section.
+    """Figure that is drawn by a function on the page of its section.
 
     Attributes:
-        name: Name of its files.
-        draw: Function that draws it from stored results; the first line of its docstring is the
-            title.
-        needs: Keys of the results that it needs.
-        caption: Caption, or a function of the results that returns it.
-        alt: Description for readers who do not see the figure, or a function that returns it.
+        name: Name of the figure's files, without extension.
+        draw: Function that draws the figure from stored results. The first line of its docstring
+            is the figure's title.
+        needs: Keys of the results that the figure needs.
+        caption: Caption, or a function that returns it for given results.
+        alt: Description for readers who cannot see the figure, or a function that returns it for
+            given results.
     """
 
     name: str
@@ -48,7 +49,7 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
     """Return the module of each section, in the order of the report.
 
     Args:
-        folders: Folders of `study` to search.
+        folders: Subfolders of `study` to search.
     """
     modules = {}
     for folder in folders:
@@ -60,14 +61,14 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
 
 
 def section_order(section: str) -> tuple[int, float, str]:
-    """Return the sorting key of a section: V9 comes before V10, and unknown letters come last."""
+    """Return the sorting key of a section; V9 comes before V10, and unknown letters come last."""
     letter = section.rstrip("0123456789.")
     group = _SECTION_LETTERS.index(letter) if letter in _SECTION_LETTERS else len(_SECTION_LETTERS)
     return group, float(section.removeprefix(letter) or 0), section
 
 
 def read_constants(path: Path) -> Mapping[str, Any]:
-    """Return the constants to which a module assigns literals, by their names."""
+    """Return the values of all constants to which a module assigns literals, by name."""
     return _read_constants(path.read_bytes())
 
 
@@ -84,7 +85,7 @@ def _read_constants(source: bytes) -> dict[str, Any]:
 
 
 def list_figures(path: Path) -> list[str]:
-    """Return the names of the figures in a page's list `FIGURES`."""
+    """Return the names of the figures in the list `FIGURES` of a page."""
     return list(_list_figures(path.read_bytes()))
 
 

@@ -1,4 +1,4 @@
-"""Run tasks in worker processes; a task that fails or is killed does not affect the others."""
+"""Run tasks in worker processes, such that a failed or killed task does not affect the others."""
 
 import heapq
 import importlib
@@ -21,11 +21,11 @@ Channel: TypeAlias = connection.Connection
 
 @dataclass(frozen=True)
 class Task:
-    """Call of a function of a module, which the worker process imports.
+    """Function call to be executed by a worker process, which imports the function's module.
 
     Attributes:
         name: Name of the task.
-        function: The function; or "module:name" if this process is not to import the module.
+        function: Function to call, or "module:name" if only the worker should import the module.
         arguments: Arguments of the call.
         cost: Expected seconds; the longest tasks start first.
     """
@@ -41,7 +41,7 @@ class TaskFailure:
     """Outcome of a task that raised an exception.
 
     Attributes:
-        why: The exception in one line.
+        why: Description of the exception in one line.
     """
 
     message: str
@@ -53,13 +53,13 @@ class TaskKilled:
 
 
 class Pool:
-    """Pool of worker processes; iteration yields each task as it ends, with its outcome.
+    """Pool of worker processes; iteration yields each completed task with its outcome.
 
-    Tasks can be added during the iteration. Workers do not handle signals, and end with this
-    process.
+    Tasks can be added during the iteration. Workers do not handle signals, and they exit when this
+    process does.
 
     Args:
-        processes: Largest number of processes; they start when there are tasks for them.
+        processes: Maximum number of processes, which are started on demand.
     """
 
     def __init__(self, processes: int) -> None:
@@ -71,7 +71,7 @@ class Pool:
         ignore_broken_pipe_signal()
 
     def submit(self, task: Task) -> None:
-        """Add a task."""
+        """Add a task to the queue."""
         heapq.heappush(self._queue, (-task.cost, self._n_submitted, task))
         self._n_submitted += 1
 
@@ -98,7 +98,7 @@ class Pool:
             self._idle_workers, self._busy_workers = [], {}
 
     def _assign_tasks(self) -> None:
-        """Give queued tasks to idle workers, or to new ones up to the largest number."""
+        """Assign queued tasks to idle workers, or to new ones up to the maximum number."""
         while self._queue and len(self._busy_workers) < self._max_processes:
             worker = self._idle_workers.pop() if self._idle_workers else _Worker()
             task = self._queue[0][-1]
@@ -110,7 +110,7 @@ class Pool:
 
 
 class _Worker:
-    """Worker process, and the channel to it."""
+    """Worker process and the channel for communicating with it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
@@ -125,7 +125,7 @@ class _Worker:
             worker_channel.close()
 
     def assign(self, task: Task) -> bool:
-        """Send a task; return False if the process has ended."""
+        """Send a task to the worker; return False if its process has ended."""
         try:
             self.channel.send((task.function, task.arguments))
         except OSError:
@@ -140,25 +140,25 @@ class _Worker:
             return TaskKilled()
 
     def stop(self) -> None:
-        """End the process, which is idle."""
+        """Stop the worker process, which must be idle."""
         self.channel.close()
         self._process.join(10)
         self.kill()
 
     def kill(self) -> None:
-        """Kill the process; on any other signal PETSc would print messages."""
+        """Kill the worker process; on any other signal, PETSc would print messages."""
         self.channel.close()
         self._process.kill()
         self._process.join()
 
 
 def ignore_broken_pipe_signal() -> None:
-    """Ignore SIGPIPE, so that writing fails instead: PETSc would treat the signal as a crash."""
+    """Ignore SIGPIPE, which PETSc treats as a crash; writing to a closed pipe then fails."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 def format_error_line(error: BaseException) -> str:
-    """Return an exception, with file and line, in one line."""
+    """Return a one-line description of an exception, including its file and line number."""
     lines = str(error).strip().splitlines()
     frame = traceback.extract_tb(error.__traceback__)[-1]
     message = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__

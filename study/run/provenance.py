@@ -1,4 +1,4 @@
-"""Provenance of results: commit, versions, time and size."""
+"""Provenance of results: commit, package versions, computing time and problem size."""
 
 import os
 import subprocess
@@ -17,12 +17,15 @@ PACKAGES = {
     "slepc": ("slepc4py", "slepc4py"),
     "numpy": ("numpy", "numpy"),
 }
-"""Distribution and module of each package; petsc4py and slepc4py have the libraries' versions."""
+"""Distribution and module of each package.
+
+The versions of petsc4py and slepc4py equal those of PETSc and SLEPc.
+"""
 
 
 @cache
 def package_versions() -> dict[str, str]:
-    """Return the versions of the packages, which are imported only if they have no metadata."""
+    """Return the version of each package; only packages without metadata are imported."""
     return {name: _read_version(*package) for name, package in PACKAGES.items()}
 
 
@@ -35,7 +38,7 @@ def create_provenance(
         seconds: Wall time of the computation.
         dofs: Degrees of freedom of the discrete problem.
         processes: Number of MPI processes of the computation.
-        fingerprint: Digest of all that the result depends on.
+        fingerprint: Digest of everything that the result depends on.
         record: Tracked file from which the result was read; empty if it was computed.
     """
     commit, dirty = _read_commit()
@@ -64,7 +67,7 @@ def _read_version(distribution: str, module: str) -> str:
 
 
 def _read_commit() -> tuple[str, bool | None]:
-    """Return the commit and whether files differ from it, from the environment that ./run sets."""
+    """Return the commit and whether files differ from it, as set in the environment by ./run."""
     commit = os.environ.get("PW_ELEMENTS_COMMIT")
     if commit:
         return commit, {"1": True, "0": False}.get(os.environ.get("PW_ELEMENTS_DIRTY", ""))

@@ -1,15 +1,15 @@
-"""Records: tracked numbers that are read instead of computed.
+"""Records: results in version control, which are read instead of being computed.
 
-The three files of `study/run/recorded` have one format: a list of rows, each with a head (key,
-versions of the programs, date, machine where time and memory are measured, digest of the input)
-and its numbers.
+The three files in `study/run/recorded` have the same format. Each is a list of rows, which consist
+of a header (key, versions of the programs, date, digest of the input and, if time and memory are
+measured, the machine) and numbers.
 
-    costly_cases.json      cases that take more than about three CPU seconds, which their pages mark
-                           by `mark_costly`; scalars, but no curves
-    time_and_memory.json   rows of section K
-    calculix.json          answers of CalculiX
+    costly_cases.json      scalars, without curves, of cases that take more than about three CPU
+                           seconds, which their pages mark by `mark_costly`
+    time_and_memory.json   measurements of section K
+    calculix.json          results of CalculiX
 
-`./run python3 -m study.publish.renew_records` computes them again and writes or compares them.
+`./run python3 -m study.publish.renew_records` recomputes the rows and writes or compares them.
 """
 
 import hashlib
@@ -30,10 +30,13 @@ TIME_AND_MEMORY = FOLDER / "time_and_memory.json"
 CALCULIX = FOLDER / "calculix.json"
 
 COSTLY_SECONDS = 3.0
-"""CPU seconds from which on a case is worth a record."""
+"""Minimum CPU seconds for a case to be recorded."""
 SHARED_REFERENCES = ("W",)
-"""Sections whose cases share references from fine meshes, which take longer than this. The seconds
-of a row are without them if an earlier row of the same run has computed them."""
+"""Sections whose cases share reference solutions on fine meshes, which take longer than that.
+
+The seconds of a row exclude the reference solutions if an earlier row of the same run has computed
+them.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,11 @@ class Row:
     """Recorded numbers of one computation or measurement.
 
     Attributes:
-        key: Name that is unique among all records.
+        key: Name of the row, which is unique among all records.
         versions: Versions of the programs that computed the numbers.
-        date: Day on which they were computed, as in "2026-11-22".
+        date: Date of the computation, such as "2026-11-22".
         input_sha256: Digest of the input, see `digest_input`.
-        content: Numbers, and what else the kind of record has.
+        content: The numbers, and further entries that depend on the kind of record.
         machine: Cores, processor and memory; None if the numbers do not depend on them.
     """
 
@@ -67,14 +70,14 @@ def create_row(
     versions: dict[str, str] | None = None,
     machine: str | None = None,
 ) -> Row:
-    """Return a row of numbers that have been computed today.
+    """Return a row of computed numbers, with the current date.
 
     Args:
         key: Name of the row.
         input_sha256: Digest of the input.
         content: The numbers.
-        versions: Versions of the programs; those of the study's packages by default.
-        machine: The machine, if the numbers depend on it.
+        versions: Versions of the programs; by default, those of the study's packages.
+        machine: Description of the machine if the numbers depend on it.
     """
     if versions is None:
         versions = dict(package_versions())
@@ -83,21 +86,21 @@ def create_row(
 
 
 def digest_input(parameters: object) -> str:
-    """Return the digest of an input: of a text, or of a value that JSON has."""
+    """Return the digest of an input, which is a string or any other value that JSON supports."""
     text = parameters if isinstance(parameters, str) else json.dumps(parameters, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def digest_answer(row: Row) -> str:
-    """Return the digest of numbers, versions and input, which the date does not change."""
+    """Return the digest of the numbers, versions and input of a row, regardless of its date."""
     return digest_input([row.versions, row.input_sha256, row.content])
 
 
 def read_rows(path: Path) -> dict[str, Row]:
-    """Return the rows of a file by their keys; none if there is no file.
+    """Return the rows of a file by key; the result is empty if the file does not exist.
 
     Raises:
-        StudyError: If rows lack a part of the head, or have the same key.
+        StudyError: If a row's header is incomplete, or if two rows have the same key.
     """
     if not path.is_file():
         return {}
@@ -120,7 +123,7 @@ def _parse_rows(text: bytes) -> dict[str, Row]:
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write the rows of a file, all of them or, if the process is killed, none."""
+    """Write all rows to a file atomically; if the process is killed, the file is unchanged."""
     entries = []
     for row in rows:
         head = {name: getattr(row, name) for name in _HEAD if getattr(row, name) is not None}
@@ -129,7 +132,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 
 
 def name_in_project(path: Path) -> str:
-    """Return the name of a file relative to the project's folder, or in full outside of it."""
+    """Return the path of a file relative to the project's folder, or in full if it is outside."""
     project = Path(__file__).parents[2]
     return path.relative_to(project).as_posix() if path.is_relative_to(project) else str(path)
 
@@ -138,12 +141,12 @@ def name_in_project(path: Path) -> str:
 
 
 def recorded(measured: dict[str, float], units: dict[str, str], dofs: int) -> Result:
-    """Return the result of a costly case from its row.
+    """Return the result of a costly case from the content of its row.
 
     Args:
-        measured: Its scalars.
-        units: Units other than 1.
-        dofs: Its number of unknowns.
+        measured: Scalars of the case.
+        units: Units of the scalars that are not dimensionless.
+        dofs: Number of unknowns of the case.
     """
     return Result(dict(measured), dict.fromkeys(measured, "1") | units, {}, dofs=dofs)
 

@@ -27,17 +27,17 @@ from study.run.store import (
     save,
 )
 
-# Log lines of parallel cases would mix with those of the runner, and warnings that displacements
-# are not small would appear for several hundred cases
+# Log lines of parallel cases would be interleaved with those of the runner, and several hundred
+# cases would warn that displacements are not small
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
 STRAY = "is the result of no case, and cannot be read: move it away"
 MAX_COMPILATION_ATTEMPTS = 20
-"""Number of times that a case is tried again because of a compilation by another process."""
+"""Maximum number of attempts at a case while another process compiles the same form."""
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
 CaseToRun = tuple[Case, str]
-"""Case, and its fingerprint before any case has run."""
+"""A case and its fingerprint, which was computed before any case ran."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class CaseOutcome:
     """Outcome of the computation of a case.
 
     Attributes:
-        seconds: Wall time.
-        error: Error in one line; empty if there is none.
+        seconds: Wall time in seconds.
+        error: Description of the error in one line; empty if the case succeeded.
     """
 
     seconds: float = 0.0
@@ -55,17 +55,19 @@ class CaseOutcome:
 
 @dataclass(frozen=True)
 class ParallelTasks:
-    """Tasks of the worker processes besides the cases, as functions "module:name".
+    """Further tasks of the worker processes, given by names of functions ("module:name").
 
     Only the worker processes import these functions.
 
     Attributes:
-        list_preparations: Return the arguments of each call of `prepare`.
-        prepare: Prepare something that many cases share; called before the cases.
-        list_needs: Return the keys of the results that each figure needs, by its name. Empty if no
-            figures are drawn.
-        draw: Draw a figure, given its name and the folder of results, as soon as the results that
-            it needs are stored. Errors are ignored: they occur again when all figures are drawn.
+        list_preparations: Function that returns the arguments of each call of `prepare`.
+        prepare: Function that prepares something that many cases share; it is called before the
+            cases run.
+        list_needs: Function that returns, by name of figure, the keys of the results that each
+            figure needs. Empty if no figures are drawn.
+        draw: Function that draws a figure, given its name and the folder of results. It is called
+            as soon as the results that the figure needs are stored. Errors are ignored, because
+            they occur again when all figures are drawn.
     """
 
     list_preparations: str
@@ -75,7 +77,7 @@ class ParallelTasks:
 
 
 def states(cases: list[Case], results: Results) -> dict[str, Validity]:
-    """Return, by keys of cases, whether there is a stored result, and whether it is outdated."""
+    """Return, for the key of each case, whether a result is stored and whether it is outdated."""
     current = compute_fingerprints(cases)
     recomputed = _fingerprints_of_recomputed(cases)
     return {
@@ -85,7 +87,7 @@ def states(cases: list[Case], results: Results) -> dict[str, Validity]:
 
 
 def _fingerprints_of_recomputed(cases: list[Case]) -> dict[str, str]:
-    """Return, by keys, the fingerprints of recorded results if they are computed, by `--all`."""
+    """Return, by key, the fingerprints that recorded results have if `--all` computes them."""
     return compute_fingerprints([case.recomputed for case in cases if case.recomputed])
 
 
@@ -102,7 +104,7 @@ def _case_state(key: str, valid_fingerprints: set[str | None], results: Results)
 
 
 def discard_others(section: Section, out: Path) -> None:
-    """Remove results of cases that a section no longer has: measures would count them.
+    """Remove the results of cases that a section no longer has, which measures would include.
 
     Files that are not results are kept and reported.
     """
@@ -118,20 +120,20 @@ def discard_others(section: Section, out: Path) -> None:
 def run(
     cases: list[Case], out: Path, jobs: int, force: bool, tasks: ParallelTasks | None = None
 ) -> list[str]:
-    """Compute cases without a valid stored result; report on stderr each section that has ended.
+    """Compute cases without a valid stored result; report each completed section on stderr.
 
-    Sections are computed in their order, each with the longest case first.
+    Sections are computed in their order, and the cases of a section by decreasing expected time.
 
     Args:
         cases: The cases.
         out: Folder of the results.
-        jobs: Number of processes; if it is 1, the cases run in this one.
-        force: Compute all cases, also those with a valid stored result.
-        tasks: Further tasks if there are several processes.
+        jobs: Number of processes; if it is 1, the cases run in the current process.
+        force: Whether to compute all cases, including those with a valid stored result.
+        tasks: Further tasks, which are executed only if there are several processes.
 
     Returns:
-        Keys of the cases that did not finish. A stored result of theirs is kept if it is valid, and
-        otherwise removed.
+        Keys of the cases that did not finish. An earlier result of such a case is kept if it is
+        valid and removed otherwise.
     """
     remove_unfinished_files(out)
     results = Results(out)
@@ -184,7 +186,7 @@ def run(
 
 
 def compute_case(case: Case, fingerprint: str, out: Path) -> CaseOutcome:
-    """Run one case and store its result under its fingerprint; an exception becomes one line."""
+    """Run one case and store its result with its fingerprint; return the time or the error."""
     try:
         start = time.perf_counter()
         result = _run_until_compiled(case)
@@ -207,7 +209,7 @@ def _run_until_compiled(case: Case) -> Result:
 
 
 class _Progress:
-    """Prints a line for each section whose cases have all ended, in the order of the sections."""
+    """Progress report with one line per completed section, in the order of the sections."""
 
     def __init__(self, cases: list[Case]) -> None:
         sections = [case.section for case in cases]
@@ -252,7 +254,7 @@ def _run_in_parallel(
     tasks: ParallelTasks | None,
     ready: set[str],
 ) -> Generator[tuple[Case, CaseOutcome | None]]:
-    """Yield cases as they end, with the outcome None if the worker process was killed."""
+    """Yield each case with its outcome as it ends; the outcome is None if its worker was killed."""
     if not to_run:
         return
     pool = Pool(jobs)
@@ -280,19 +282,19 @@ def _run_in_parallel(
             pool.submit(Task("draw", tasks.draw, (name, out.resolve())))
 
 
-# None of these names is the key of a case, which has a slash
+# These names cannot coincide with keys of cases, which contain a slash
 _PREPARATIONS, _NEEDS = "preparations", "needs"
 
 
 class _PendingDrawings:
-    """Drawings that wait for results."""
+    """Drawings that are waiting for the results they need."""
 
     def __init__(self, ready: set[str]) -> None:
         self.ready = ready
         self.waiting: dict[str, list[str]] = {}
 
     def take_ready(self) -> list[str]:
-        """Remove and return the drawings whose results are all there."""
+        """Remove and return the drawings whose results are all available."""
         names = [name for name, keys in self.waiting.items() if self.ready.issuperset(keys)]
         for name in names:
             del self.waiting[name]

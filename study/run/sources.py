@@ -1,4 +1,4 @@
-"""Find and digest source files of modules without importing them."""
+"""Find and digest the source files of modules without importing the modules."""
 
 import ast
 import hashlib
@@ -49,7 +49,7 @@ def list_imported_modules(module: str) -> frozenset[str]:
 def collect_imported_sources(
     *modules: str, without: frozenset[str] = frozenset()
 ) -> dict[str, Path]:
-    """Return the sources of modules and of all modules of their packages that they import.
+    """Return the sources of modules and of all modules that they import from the same packages.
 
     Args:
         modules: Full names of the modules.
@@ -74,10 +74,10 @@ def collect_imported_sources(
 def digest_reached_sources(
     module: str, name: str, without: frozenset[str] = frozenset()
 ) -> dict[str, str]:
-    """Return digests of all code that a definition of a module uses, directly or indirectly.
+    """Return digests of all code that a definition in a module uses, directly or indirectly.
 
-    Of the module itself, and of pages from which it imports definitions, only statements count that
-    bind names which are used; of other modules of the same package that are imported, all code.
+    From the module itself, and from pages whose definitions it imports, only the statements that
+    bind used names are included. Other imported modules of the same package are included in full.
 
     Args:
         module: Full name of the module.
@@ -85,7 +85,7 @@ def digest_reached_sources(
         without: Modules to leave out.
 
     Returns:
-        Digests by names of modules.
+        Digests by name of module.
     """
     path = find_source(module)
     if path is None:
@@ -117,7 +117,7 @@ def _is_page(module: str) -> bool:
 
 
 class _Statement(NamedTuple):
-    """Statement of a module: its code, the names that it binds or changes, and those it uses."""
+    """Statement of a module, with the names that it binds or changes and the names that it uses."""
 
     node: ast.stmt
     code: str
@@ -126,7 +126,7 @@ class _Statement(NamedTuple):
 
 
 def _reached_statements(source: bytes, name: str) -> list[_Statement]:
-    """Return the statements of a module that a definition uses, in their order."""
+    """Return the statements of a module that a definition uses, in the order of the source."""
     remaining = _parse_statements(source)
     names, reached = {name}, []
     while binding := [item for item in remaining if not item.bound.isdisjoint(names)]:
@@ -155,9 +155,9 @@ def _parse_statements(source: bytes) -> list[_Statement]:
 
 
 def _list_changed_names(statement: ast.stmt) -> set[str]:
-    """Return the names that a statement binds, or whose objects it changes by item or attribute.
+    """Return the names that a statement binds, or whose items or attributes it assigns.
 
-    Variables of comprehensions are bound within these only.
+    Variables of comprehensions are excluded, because they are local to the comprehension.
     """
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {statement.name}
@@ -190,7 +190,7 @@ def _name_of_changed_object(node: ast.expr) -> str:
 
 
 def digest_code(path: Path) -> str:
-    """Return a digest of the code of a source file, without comments, docstrings and layout."""
+    """Return a digest of the code in a source file, ignoring comments, docstrings and layout."""
     return _digest_code(path.read_bytes())
 
 
@@ -200,9 +200,9 @@ def _digest_code(source: bytes) -> str:
 
 
 def _without_texts(node: object) -> object:
-    """Return a syntax tree as lists, without line numbers and docstrings.
+    """Return a syntax tree as nested lists, without line numbers and docstrings.
 
-    Compiled code would contain the line numbers of classes.
+    Compiled code cannot be used instead, because it contains the line numbers of classes.
     """
     if isinstance(node, list):
         return [_without_texts(item) for item in node if not _is_text_statement(item)]
@@ -215,7 +215,7 @@ def _without_texts(node: object) -> object:
 
 
 def _is_text_statement(node: object) -> bool:
-    """Return whether a node is a string as a statement: a docstring, also of an attribute."""
+    """Return whether a node is a string statement, i.e. the docstring of an object or attribute."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)

@@ -1,4 +1,4 @@
-"""Store results: `<out>/<section>/<case>.json` has the numbers, `<case>.npz` the curves."""
+"""Store results, numbers in `<out>/<section>/<case>.json` and curves in `<case>.npz`."""
 
 import hashlib
 import io
@@ -21,11 +21,11 @@ _FORMAT_NAME = "pw_elements study result"
 FORMAT = f"{_FORMAT_NAME} 2"
 _TABLES = ("parameters", "scalars", "units", "provenance")
 _ENTRIES = {"format", "section", "case", *_TABLES, "digest"}
-_ENTRIES_OF_FIRST_FORMAT = {"case", *_TABLES}  # of the first format, which had no name
+_ENTRIES_OF_FIRST_FORMAT = {"case", *_TABLES}  # the first format was not named
 
 
 class StudyError(Exception):
-    """Error that the user can correct; the command line prints it as one sentence."""
+    """Error that the user can correct; the command line prints it without a traceback."""
 
 
 class MissingResult(StudyError):
@@ -37,27 +37,27 @@ class OutdatedResult(MissingResult):
 
 
 class CorruptResult(StudyError):
-    """A stored file cannot be read, or has been changed."""
+    """A stored file cannot be read, or was modified after the run."""
 
 
 class MissingScalar(StudyError):
-    """A stored result has no scalar of this name."""
+    """A stored result has no scalar with the given name."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a case, as its function returns it.
+    """Result that the function of a case returns.
 
-    Units are those in which a problem is stated: kN, kN/m² and m, or N, MPa and mm. A problem that
-    states none has "unit force", "unit length" and "unit stress", any consistent ones; one whose
-    quantities are made dimensionless has "1", as have ratios, counts and flags. Forces on a plane
-    body are those on a thickness of one unit length, forces on an axisymmetric one are those on
-    the whole circumference.
+    Units are those in which the problem is stated: kN, kN/m² and m, or N, MPa and mm. If a problem
+    is stated without units, its units are "unit force", "unit length" and "unit stress", which
+    stand for any consistent units. Dimensionless quantities, ratios, counts and flags have the
+    unit "1". Forces on a plane body refer to a thickness of one unit length, and forces on an
+    axisymmetric body to the whole circumference.
 
     Attributes:
         scalars: Finite numbers by name.
-        units: The unit of each of them.
-        curves: Arrays by name, of any shape; NaN marks a gap.
+        units: Unit of each scalar.
+        curves: Arrays of any shape by name; NaN marks a gap.
         dofs: Degrees of freedom of the discrete problem.
         processes: Number of MPI processes that took part.
     """
@@ -71,7 +71,7 @@ class Result:
 
 @dataclass(frozen=True)
 class StoredResult:
-    """Result that has been read from disk; its curves are unpacked on first use."""
+    """Result that has been read from disk; its curves are unpacked when they are first used."""
 
     section: str
     case: str
@@ -88,7 +88,7 @@ class StoredResult:
 
     @property
     def key(self) -> str:
-        """Section and case, as in "7.1/pw-T6"."""
+        """Section and case, such as "7.1/pw-T6"."""
         return f"{self.section}/{self.case}"
 
     @property
@@ -97,9 +97,9 @@ class StoredResult:
         return str(self.provenance.get("record") or "")
 
     def has(self, /, **parameters: object) -> bool:
-        """Return whether the parameters have these values, or one of the values of a list.
+        """Return whether each named parameter has the given value, or a value in the given list.
 
-        A parameter that is itself a list, such as the divisions of a mesh, has to equal the list.
+        A parameter that is itself a list, such as the divisions of a mesh, must equal the list.
         """
         return all(
             name in self.parameters and _has_value(self.parameters[name], value)
@@ -108,19 +108,19 @@ class StoredResult:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all; create its folder if it does not exist."""
+    """Write a file atomically; create its folder if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     files.replace_file_atomically(path, data)
 
 
 def remove_unfinished_files(out: Path) -> None:
-    """Remove unfinished files of killed processes from a folder and the folders in it."""
+    """Remove unfinished files of killed processes from a folder and its subfolders."""
     for folder in (Path(out), *Path(out).glob("*/")):
         files.remove_files_of_killed_processes(folder)
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write strict JSON completely or not at all."""
+    """Write a file of strict JSON atomically."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 
@@ -135,13 +135,14 @@ def save(
 ) -> None:
     """Store a result.
 
-    The file has a digest of its content: section, case, parameters, numbers and provenance with the
-    fingerprint and the digest of the curves. So an edited number, a file of another section, a
-    `.npz` of another run, and a mixture that a killed process leaves are noticed when it is read.
+    The file contains a digest of its content, which is the section, case, parameters, numbers and
+    provenance, including the fingerprint and the digest of the curves. Reading the file therefore
+    detects edited numbers, files of another section, a `.npz` file of another run, and mixed files
+    that a killed process has left.
 
     Raises:
-        StudyError: If there are no parameters, a scalar is not finite or has no unit, or a unit
-            belongs to no scalar.
+        StudyError: If there are no parameters, if a scalar is not finite or has no unit, or if a
+            unit does not belong to any scalar.
     """
     scalars = {name: float(value) for name, value in result.scalars.items()}
     units = dict(result.units)
@@ -163,19 +164,19 @@ def save(
         "provenance": {**provenance, "curves_sha256": digest},
     }
     content["digest"] = _digest_content(content)
-    write_json(folder / f"{case}.json", content)  # last, as it makes the result complete
+    write_json(folder / f"{case}.json", content)  # last, because it completes the result
     if digest is None:
         files.remove_file_if_present(curves)
 
 
 def discard(out: Path, section: str, case: str) -> None:
-    """Remove a stored result, if there is one."""
+    """Remove a stored result if it exists."""
     for suffix in (".json", ".npz"):
         files.remove_file_if_present(Path(out) / section / f"{case}{suffix}")
 
 
 def is_result_file(path: Path) -> bool:
-    """Return whether a file is a stored result of this or another format, by its keys."""
+    """Return whether a file has the keys of a stored result in this or another format."""
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -214,7 +215,7 @@ def _check_complete(
 
 
 def _digest_content(content: Mapping[str, Any]) -> str:
-    """Return the digest of all other entries, independent of order and layout."""
+    """Return the digest of all entries except the digest itself, regardless of order and layout."""
     entries = {name: part for name, part in content.items() if name != "digest"}
     text = json.dumps(entries, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -237,9 +238,9 @@ def _pack_curves(curves: Mapping[str, np.ndarray]) -> bytes:
 
 
 class Results:
-    """Read access to a folder of results, by keys such as "7.1/pw-T6".
+    """Read access to a folder of results by keys such as "7.1/pw-T6".
 
-    Results and their names are read once; create a new object to see later changes.
+    Results and their names are cached; create a new object to see later changes.
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -263,7 +264,7 @@ class Results:
         return self._stored[key]
 
     def scalar(self, key: str, name: str) -> float:
-        """Return one number of a result."""
+        """Return one scalar of a result."""
         scalars = self[key].scalars
         if name not in scalars:
             raise MissingScalar(
@@ -276,7 +277,7 @@ class Results:
         """Return the curves of a result.
 
         Raises:
-            StudyError: If the result was read from a tracked record, which has scalars only.
+            StudyError: If the result was read from a tracked record, which has no curves.
         """
         stored = self[key]
         if stored.record:
@@ -287,11 +288,11 @@ class Results:
         return stored.curves
 
     def section(self, section: str) -> list[StoredResult]:
-        """Return all results of a section, sorted by case."""
+        """Return all results of a section, sorted by name of case."""
         return [self[f"{section}/{case}"] for case in self.cases(section)]
 
     def readable_results(self, section: str) -> list[StoredResult]:
-        """Return the results of a section that can be read, sorted by case."""
+        """Return the readable results of a section, sorted by name of case."""
         results = []
         for case in self.cases(section):
             with suppress(MissingResult, CorruptResult):
@@ -299,7 +300,7 @@ class Results:
         return results
 
     def corrupt_results(self, section: str) -> dict[str, str]:
-        """Return, by keys, messages of the results of a section that cannot be read."""
+        """Return the error messages of the unreadable results of a section, by key."""
         messages = {}
         for case in self.cases(section):
             try:
@@ -311,18 +312,18 @@ class Results:
         return messages
 
     def where(self, section: str, /, **parameters: object) -> list[StoredResult]:
-        """Return the results of a section with these parameters, see `StoredResult.has`."""
+        """Return the results of a section whose parameters match; see `StoredResult.has`."""
         return [stored for stored in self.section(section) if stored.has(**parameters)]
 
     def cases(self, section: str) -> list[str]:
-        """Return the names of a section's results, sorted, readable or not."""
+        """Return the sorted names of all results of a section, including unreadable ones."""
         if section not in self._names:
             paths = (self.folder / section).glob("*.json")
             self._names[section] = sorted(p.stem for p in paths if not p.name.startswith("."))
         return self._names[section]
 
     def claims(self) -> list[dict[str, Any]]:
-        """Return the judged claims, which `study.judge.claims` has written."""
+        """Return the judged claims that `study.judge.claims` has written."""
         path = self.folder / "claims.json"
         remedy = "write it again with ./run study report"
         try:
@@ -367,10 +368,10 @@ class Results:
 
 
 class TrackedResults(Results):
-    """Results that record which of them are read.
+    """View of stored results that keeps track of which results are read.
 
     Args:
-        source: The results, which are not changed.
+        source: Results to read from, which are not modified.
 
     Attributes:
         keys: Keys of results that have been read or looked up.
@@ -392,7 +393,7 @@ class TrackedResults(Results):
         return self._source[key]
 
     def cases(self, section: str) -> list[str]:
-        """Return the names of a section's results, sorted, readable or not."""
+        """Return the sorted names of all results of a section, including unreadable ones."""
         self.listed.add(section)
         return self._source.cases(section)
 

@@ -1,19 +1,19 @@
-"""Supervise commands: a signal ends all processes of a command, with one line of output.
+"""Supervise commands, such that a signal ends all processes of a command with one line of output.
 
-The work of a command runs in a separate process, the worker. The process that the user starts, the
-leader, only waits: on SIGHUP, SIGINT or SIGTERM it kills all of its descendants and prints the
-signal and what is kept. As results are written completely or not at all, nothing has to be waited
-for, and no code has to handle signals, which PETSc, MPI, compilers, CalculiX and Sphinx would do in
-different ways, or not at all.
+The work of a command is done in a separate process, the worker. The process that the user starts,
+the leader, only waits. On SIGHUP, SIGINT or SIGTERM it kills all of its descendants and prints
+which signal was received and which files are kept. Since results are written atomically, processes
+can be killed at any time, and no other code has to handle signals. PETSc, MPI, compilers, CalculiX
+and Sphinx would handle them in different ways, or not at all.
 
-A guard process between the two does the same if the leader itself is killed. Leader and guard adopt
-orphaned descendants (`PR_SET_CHILD_SUBREAPER`), and each of the three processes ends with its
-parent (`PR_SET_PDEATHSIG`). On other systems than Linux a command runs without them, and only
-Ctrl-C ends it with a line.
+A guard process between leader and worker does the same if the leader itself is killed. Leader and
+guard adopt orphaned descendants (`PR_SET_CHILD_SUBREAPER`), and guard and worker are signalled when
+their parents end (`PR_SET_PDEATHSIG`). On systems other than Linux, commands run without
+supervision, and a one-line message is printed for Ctrl-C only.
 
     python3 -m study.run.supervisor MODULE [ARGUMENT ...]
 
-runs a module as `python3 -m MODULE` does, under a supervisor.
+runs a module like `python3 -m MODULE`, but under a supervisor.
 """
 
 import os
@@ -25,37 +25,37 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-# Other modules are imported in functions, because a signal before `supervise` has its usual effect
+# Other modules are imported in functions: signals that arrive before `supervise` are not handled
 
 SIGNALS: set[signal.Signals] = {signal.SIGHUP, signal.SIGINT, signal.SIGTERM}
-"""Signals that end a command with one line, unless they are ignored, as by nohup."""
+"""Signals that end a command with a one-line message, unless they are ignored (nohup)."""
 
 RESUME_HINTS = {
     "study": "the results so far are kept, and the same command without --force computes the rest",
     "figures": "results and figures so far are kept, and the same command goes on with the rest",
     "site": "an earlier site is kept, and the same command makes it anew",
 }
-"""Messages by commands: what is kept when the command is ended, and how to resume it."""
+"""Message for each command: which files are kept when it is ended, and how to resume it."""
 
 SUPERVISOR = "PW_ELEMENTS_SUPERVISOR"
-"""Environment variable with the process that supervises the descendants."""
+"""Environment variable that contains the process ID of the supervisor."""
 
 _SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # options of prctl(2)
-_MAX_KILL_SECONDS = 10.0  # after this time processes that SIGKILL does not end are given up
+_MAX_KILL_SECONDS = 10.0  # processes that survive SIGKILL for longer are abandoned
 _PAUSE_SECONDS = 0.002  # between two attempts to kill
 
 
 def supervise(command: Callable[[], int], name: str) -> int:
-    """Run a command in a separate process, and end all of its descendants with it.
+    """Run a command in a separate process; when it ends, kill all of its descendants.
 
-    To be called before MPI is initialised and threads are started, because the process forks.
+    Because the process forks, call this function before initialising MPI or starting threads.
 
     Args:
         command: Function that does the work and returns the exit status, or raises SystemExit.
-        name: Name of the command in messages, and in `RESUME_HINTS`.
+        name: Name of the command in messages and in `RESUME_HINTS`.
 
     Returns:
-        The exit status of the command, or 128 and the number of the signal that ended it.
+        Exit status of the command, or 128 plus the number of the signal that ended it.
     """
     _open_closed_streams()
     if _has_supervisor():
@@ -66,7 +66,7 @@ def supervise(command: Callable[[], int], name: str) -> int:
         number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN
     }
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {*stopping, signal.SIGTERM, signal.SIGCHLD})
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it were ignored, there would be no status
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if ignored, no exit status
     _control_process(_SET_SUBREAPER, 1)
     sys.stdout.flush()
     sys.stderr.flush()
@@ -80,7 +80,7 @@ def supervise(command: Callable[[], int], name: str) -> int:
                 print(_format_signal_message(name, status - 128), file=sys.stderr, flush=True)
         return status
     _start_worker_under_guard(leader, folder)
-    # In the worker and its descendants the signals stay blocked
+    # The signals remain blocked in the worker and its descendants
     signal.pthread_sigmask(signal.SIG_SETMASK, before | stopping)
     os.environ[SUPERVISOR] = str(leader)
     if folder:
@@ -89,10 +89,10 @@ def supervise(command: Callable[[], int], name: str) -> int:
 
 
 def run_supervised(command: Callable[[], int], name: str) -> NoReturn:
-    """Run a command as `supervise` does, and end this process with its status.
+    """Run a command like `supervise`, and exit this process with the command's status.
 
-    The libraries are not finalised: where Python loads MPI at start-up, UCX shares descriptors with
-    the worker, which has closed them, and would crash in the leader.
+    The libraries are not finalised. If Python loads MPI at start-up, UCX shares file descriptors
+    with the worker, which has already closed them, and finalising UCX would crash the leader.
     """
     status = supervise(command, name)
     with suppress(OSError, ValueError, AttributeError):  # a closed pipe
@@ -102,7 +102,7 @@ def run_supervised(command: Callable[[], int], name: str) -> NoReturn:
 
 
 def _open_closed_streams() -> None:
-    """Open standard streams that are closed, as under some daemons, on the null device."""
+    """Redirect closed standard streams, which occur under some daemons, to the null device."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         if getattr(sys, name) is None:
             null = os.open(os.devnull, os.O_RDWR)
@@ -114,7 +114,7 @@ def _open_closed_streams() -> None:
 
 @contextmanager
 def block_signals() -> Iterator[None]:
-    """Block `SIGNALS`, also in processes that are started within the context."""
+    """Block `SIGNALS` in this process and in processes that are started within the context."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -123,7 +123,7 @@ def block_signals() -> Iterator[None]:
 
 
 def list_descendants(process: int) -> list[int]:
-    """Return the descendants of a process, of all generations."""
+    """Return the process IDs of all descendants of a process, in ascending order."""
     parents = _read_parents()
     family = {process}
     while children := {child for child, parent in parents.items() if parent in family} - family:
@@ -132,7 +132,7 @@ def list_descendants(process: int) -> list[int]:
 
 
 def _run_leader(guard: int, stopping: set[signal.Signals]) -> int:
-    """Wait for a signal or the end of the guard; end all descendants and return the status."""
+    """Wait for a signal or the end of the guard; kill all descendants and return the status."""
     while True:
         caught = signal.sigwait({*stopping, signal.SIGCHLD})
         status = _collect_ended_children(guard)
@@ -144,7 +144,10 @@ def _run_leader(guard: int, stopping: set[signal.Signals]) -> int:
 
 
 def _start_worker_under_guard(leader: int, folder: str | None) -> None:
-    """Fork the worker, in which this returns, and stay behind until it or the leader has ended."""
+    """Fork the worker, in which this function returns.
+
+    The guard stays in this function until the worker or the leader has ended, and then exits.
+    """
     guard = os.getpid()
     _control_process(_SET_SUBREAPER, 1)
     _control_process(_SET_DEATH_SIGNAL, signal.SIGTERM)  # blocked, for sigwait
@@ -176,7 +179,7 @@ def _collect_ended_children(child: int) -> int | None:
 
 
 def _end_descendants() -> None:
-    """Kill all descendants of this process, which adopts those whose parents end."""
+    """Kill all descendants of this process, including orphans, which it adopts."""
     deadline = time.monotonic() + _MAX_KILL_SECONDS
     while time.monotonic() < deadline:
         for process in list_descendants(os.getpid()):
@@ -199,7 +202,7 @@ def _has_supervisor() -> bool:
 
 
 def _read_parents() -> dict[int, int]:
-    """Return the parents of all visible processes."""
+    """Return the parent of each visible process."""
     parents = {}
     for process in os.listdir("/proc"):
         if not process.isdecimal():
@@ -217,7 +220,7 @@ def _control_process(option: int, value: int) -> None:
 
 
 def _make_temporary_folder() -> str | None:
-    """Create a folder for temporary files of the command; return None if this fails."""
+    """Create a folder for the command's temporary files; return None if this fails."""
     import tempfile
 
     try:
@@ -242,7 +245,7 @@ def _run_without_supervisor(command: Callable[[], int], name: str) -> int:
 
 
 def _format_signal_message(name: str, number: int) -> str:
-    """Return the line with the signal that ended a command, and what is kept."""
+    """Return a line that names the signal that ended a command and the files that are kept."""
     numbers = {one.value for one in signal.Signals}
     signal_name = signal.Signals(number).name if number in numbers else f"signal {number}"
     verb = "interrupted" if number in SIGNALS else "ended"
@@ -252,7 +255,7 @@ def _format_signal_message(name: str, number: int) -> str:
 
 
 def _run_module() -> int:
-    """Run the module whose name is the first argument."""
+    """Run the module that the first command-line argument names."""
     module = sys.argv[1]
     del sys.argv[0]
     runpy.run_module(module, run_name="__main__", alter_sys=True)

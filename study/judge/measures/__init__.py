@@ -1,6 +1,6 @@
-"""What the claims measure: functions of the stored results, each giving one number.
+"""Measures for the claims: functions that compute one number from the stored results.
 
-The measures are the public functions of this folder's modules.
+All public functions of the modules in this folder are measures.
 """
 
 import inspect

@@ -1,4 +1,4 @@
-"""Measures of the contact examples: sections 7.2 to 7.5."""
+"""Measures for the contact examples in sections 7.2 to 7.5."""
 
 from collections.abc import Mapping
 
@@ -12,13 +12,17 @@ BLOCK_PRESSURE = 200.0
 
 
 def slip_sawtooth(results: Results, key: str) -> float:
-    """Median over slipping mid-side nodes of shear force over the mean of both corners'."""
+    """Return the ratio of shear forces at slipping mid-side nodes and at their adjacent corners.
+
+    The ratio of each mid-side force to the mean of both corner forces is computed; the median is
+    returned.
+    """
     curves = results.curves(key)
     return _shear_sawtooth(curves, (curves["status"] == SLIP) & (curves["friction"] > 0), 3)
 
 
 def stick_sawtooth(results: Results, key: str) -> float:
-    """The same over sticking nodes."""
+    """Return the ratio of `slip_sawtooth` for sticking instead of slipping nodes."""
     curves = results.curves(key)
     return _shear_sawtooth(curves, curves["status"] == STICK, 1)
 
@@ -39,7 +43,10 @@ def _shear_sawtooth(
 def stress_difference(
     results: Results, key: str, other: str, low: float, high: float, name: str = "pressure"
 ) -> float:
-    """Largest difference of two stress curves in low <= x <= high, in per cent of their mean."""
+    """Return the largest difference of two stress curves in low <= x <= high.
+
+    It is in per cent of the mean absolute value of the second curve.
+    """
     first_curves, second_curves = results.curves(key), results.curves(other)
     x = first_curves["x"][(first_curves["x"] >= low - 1e-9) & (first_curves["x"] <= high + 1e-9)]
     first_stress, second_stress = (
@@ -49,9 +56,10 @@ def stress_difference(
 
 
 def transfer_defect(results: Results, section: str, component: str, suffix: str = "") -> float:
-    """T times the standard triangle's nodal forces against the new one's.
+    """Return the largest difference between transferred and new nodal forces.
 
-    Largest difference in per cent of the mean normal force of a closed node.
+    The transferred forces are T times those of the standard triangle. The difference is in per
+    cent of the mean normal force of the closed nodes of the new triangle.
     """
     galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6_ELEMENTS)
     mean = pw["force_n"][pw["status"] != OPEN].mean()
@@ -59,7 +67,10 @@ def transfer_defect(results: Results, section: str, component: str, suffix: str 
 
 
 def displacement_change(results: Results, section: str) -> float:
-    """Displacements of the new triangle against the standard one's, relative, in per cent."""
+    """Return the relative difference of the displacements of new and standard triangle.
+
+    It is the ratio of Euclidean norms, in per cent.
+    """
     galerkin, pw = (
         results.curves(f"{section}/{element}")["displacement"] for element in T6_ELEMENTS
     )
@@ -67,7 +78,10 @@ def displacement_change(results: Results, section: str) -> float:
 
 
 def displacement_change_by_smooth_nodes(results: Results, element: str) -> float:
-    """Change of the mean tangential displacement by making the shared nodes smooth, per cent."""
+    """Return the change of the mean tangential displacement if the shared nodes are frictionless.
+
+    It is in per cent of the value with friction at these nodes.
+    """
     rough_mean, smooth_mean = (
         results.curves(f"7.2/{element}{suffix}")["displacement"][:, 0].mean()
         for suffix in ("", "-smooth")
@@ -75,7 +89,7 @@ def displacement_change_by_smooth_nodes(results: Results, element: str) -> float
     return float(100 * (smooth_mean / rough_mean - 1))
 
 
-# Section, what follows the element's name in a case, scalar
+# Section, suffix of the case after the name of the element, name of the scalar
 _SAWTOOTH_SCALARS = [(section, "", "sawtooth") for section in ("7.2", "7.3", "7.4")]
 _SAWTOOTH_SCALARS += [
     ("7.5", column, f"sawtooth_{surface}") for column in ("", "-second") for surface in (1, 2, 3, 4)
@@ -83,7 +97,7 @@ _SAWTOOTH_SCALARS += [
 
 
 def largest_unevenness_of_forces(results: Results) -> float:
-    """Largest |sawtooth - 1| of the paper's two new elements in sections 7.2 to 7.5."""
+    """Return the largest |sawtooth - 1| of the paper's two new elements in sections 7.2 to 7.5."""
     return max(
         abs(results.scalar(f"{section}/{element}{suffix}", name) - 1)
         for section, suffix, name in _SAWTOOTH_SCALARS
@@ -92,7 +106,7 @@ def largest_unevenness_of_forces(results: Results) -> float:
 
 
 def smallest_sawtooth_of_standard(results: Results) -> float:
-    """Smallest sawtooth of the two standard elements in sections 7.2 to 7.5."""
+    """Return the smallest sawtooth of the two standard elements in sections 7.2 to 7.5."""
     return min(
         results.scalar(f"{section}/{element}{suffix}", name)
         for section, suffix, name in _SAWTOOTH_SCALARS
@@ -101,7 +115,10 @@ def smallest_sawtooth_of_standard(results: Results) -> float:
 
 
 def condensation_change(results: Results, section: str) -> float:
-    """Largest difference of nodal forces of pw-Q8 and pw-T6, relative to the largest force."""
+    """Return the largest difference of nodal forces between pw-Q8 and pw-T6.
+
+    It is relative to the largest normal force of pw-T6.
+    """
     q8_curves, t6_curves = (
         results.curves(f"{section}/{element}") for element in ("pw-Q8", "pw-T6")
     )

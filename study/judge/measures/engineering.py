@@ -1,33 +1,38 @@
-"""Section W: does the choice of the element change an engineer's answer?
+"""Measures for section W: does the choice of the element change an engineer's answer?
 
-Criteria, which were written down before the values that they judge:
+The criteria were written down before the values that they judge were computed:
 
-* An element's *band* on a mesh contains its answers on three meshes of equal size whose lines are
-  shifted against each other: middle of their range plus and minus the whole range. Were answers
-  normally distributed, nine of ten meshes of that size would give one in the band.
-* On a mesh the answer *changes* if the bands of both elements do not overlap and their middles
+* An element's *band* on a mesh is derived from its answers on three meshes of the same size whose
+  lines are shifted relative to each other: it is the middle of their range, plus and minus the
+  width of the range. If answers were normally distributed, nine of ten meshes of that size would
+  give an answer in the band.
+* On a mesh, the answer *changes* if the bands of the two elements do not overlap and their middles
   differ by more than `MIN_RELEVANT_DIFFERENCE`.
-* The band of an *error* contains the distances of all answers in the band from all values that the
-  reference may have. A ratio of errors is *resolved* if their bands do not overlap.
+* The *error band* contains the distances of all answers in the band from all values within the
+  uncertainty of the reference. A ratio of errors is *resolved* if the error bands of the two
+  elements do not overlap.
 
-Pins use an older criterion, `answer_difference_over_error`: both answers differ, on the two
-coarser meshes, by more than the smaller of their errors and by more than `MIN_RELEVANT_DIFFERENCE`.
+Pins use an older criterion, `answer_difference_over_error`: on the two coarser meshes, the two
+answers differ by more than the smaller of their errors and by more than `MIN_RELEVANT_DIFFERENCE`.
 """
 
 from collections.abc import Sequence
 
 from study.run.store import MissingResult, Results, StoredResult
 
-MIN_RELEVANT_DIFFERENCE = 0.01  # of the reference: less is nobody's reason to change elements
+MIN_RELEVANT_DIFFERENCE = 0.01  # relative to the reference; smaller differences are irrelevant
 UNBIASED_READINGS = (
     "own",
     "skip",
     "projected",
     "none",
-)  # the last of problems that read no pressure
+)  # "none" is for problems that do not read pressures
 COMMON_CODE_READINGS = ("skip", "neighbours", "tributary")
-"""Readings of common codes: no pressure where own weights vanish, mean of neighbours, force over
-tributary area."""
+"""Pressure readings of common codes.
+
+"skip" gives no pressure at nodes whose own weights vanish, "neighbours" gives the mean of the
+adjacent nodes, and "tributary" divides the force by the tributary area.
+"""
 ELEMENT_PREFIXES = ("galerkin", "pw", "sibling")
 SHIFT_SUFFIXES = ("before", "beyond")
 Band = tuple[float, float]
@@ -37,15 +42,16 @@ Band = tuple[float, float]
 
 
 def answer_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
-    """Return the band of an element's answers, relative to the reference, by its best reading.
+    """Return the band of an element's answers with its best reading, relative to the reference.
 
     Args:
-        results: stored ones.
-        problem: of section W.
+        results: stored results.
+        problem: problem of section W.
         cell: "T6" or "T10".
-        name: prefix of the answer, such as "stick_"; empty for the first one.
-        new: whether it is the new element (in impact its sibling), not the standard one.
-        rank: of the mesh, 0 is the coarsest.
+        name: prefix of the answer, such as "stick_"; empty for the first answer.
+        new: whether the element is the new one (its sibling in the impact problem); otherwise, it
+            is the standard element.
+        rank: position of the mesh in the order from coarse to fine, starting from 0.
     """
     reference, _ = reference_answer(results, problem, cell, name)
     reading = best_reading(results, problem, cell, name, new)
@@ -54,7 +60,7 @@ def answer_band(results: Results, problem: str, cell: str, name: str, new: bool,
 
 
 def error_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
-    """Return the least and the largest relative error in the band, see `answer_band`."""
+    """Return the smallest and largest relative error in the band; see `answer_band`."""
     return _error_band(
         results, problem, cell, name, answer_band(results, problem, cell, name, new, rank)
     )
@@ -69,7 +75,7 @@ def is_resolved(results: Results, problem: str, cell: str, name: str, rank: int)
 
 
 def middle_distance(results: Results, problem: str, cell: str, name: str, rank: int) -> float:
-    """Return the distance of the middles of both elements' bands, relative to the reference."""
+    """Return the distance between the middles of the two elements' bands, over the reference."""
     standard, new = (
         answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
     )
@@ -77,7 +83,7 @@ def middle_distance(results: Results, problem: str, cell: str, name: str, rank: 
 
 
 def answer_changes(results: Results, problem: str, cell: str, name: str, rank: int) -> bool:
-    """Return whether the answer changes on a mesh, as the head of this module defines it."""
+    """Return whether the answer changes on a mesh, as defined in the docstring of this module."""
     standard, new = (
         answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
     )
@@ -86,7 +92,7 @@ def answer_changes(results: Results, problem: str, cell: str, name: str, rank: i
 
 
 def n_changed_answers(results: Results, rank: int, cell: str = "") -> float:
-    """Return how many answers change on the meshes of a rank, of one kind of cells or of both."""
+    """Return how many answers change on the meshes of a rank, for one type of cell or for both."""
     return float(
         sum(
             answer_changes(results, *answer, rank)
@@ -96,7 +102,7 @@ def n_changed_answers(results: Results, rank: int, cell: str = "") -> float:
 
 
 def n_disjoint_bands(results: Results, rank: int, cell: str = "") -> float:
-    """Return how many answers have bands that do not overlap, however near they are."""
+    """Return how many answers have bands that do not overlap, however close the bands are."""
     bands = [
         [answer_band(results, *answer, is_new, rank) for is_new in (False, True)]
         for answer in _list_answers_of_cell(results, cell)
@@ -105,7 +111,7 @@ def n_disjoint_bands(results: Results, rank: int, cell: str = "") -> float:
 
 
 def n_resolved_error_ratios(results: Results, rank: int, better: bool) -> float:
-    """Return how many ratios of errors are resolved in favour of the new element, or against."""
+    """Return how many error ratios are resolved in favour of the new element, or against it."""
     count = 0
     for answer in _list_answers(results):
         standard, new = (error_band(results, *answer, is_new, rank) for is_new in (False, True))
@@ -114,14 +120,14 @@ def n_resolved_error_ratios(results: Results, rank: int, better: bool) -> float:
 
 
 def largest_band_distance(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest distance of the middles of both elements' bands."""
+    """Return the largest distance between the middles of the two elements' bands."""
     return max(
         middle_distance(results, *answer, rank) for answer in _list_answers_of_cell(results, cell)
     )
 
 
 def largest_possible_difference(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest difference that two answers in both elements' bands can have."""
+    """Return the largest possible difference between answers in the two elements' bands."""
     largest = 0.0
     for answer in _list_answers_of_cell(results, cell):
         standard, new = (answer_band(results, *answer, is_new, rank) for is_new in (False, True))
@@ -130,7 +136,7 @@ def largest_possible_difference(results: Results, rank: int, cell: str = "") -> 
 
 
 def best_reading(results: Results, problem: str, cell: str, name: str, new: bool) -> str:
-    """Return the reading whose largest errors, over the band, are least in the mean of meshes."""
+    """Return the reading that minimises the largest error in the band, averaged over the meshes."""
     meshes = _list_meshes(results, problem, cell)
     element = _element_name(problem, cell, new)
     shifted_results = results.where("W", problem="shifted", application=problem, element=element)
@@ -155,7 +161,7 @@ def best_reading(results: Results, problem: str, cell: str, name: str, new: bool
 
 
 def reference_answer(results: Results, problem: str, cell: str, name: str) -> tuple[float, float]:
-    """Return the reference of an answer, and its uncertainty over it."""
+    """Return the reference value of an answer and its relative uncertainty."""
     scalars = results[f"W/reference-{problem}-{cell}"].scalars
     value = scalars[f"{name}answer"]
     return value, scalars[f"{name}answer_uncertainty"] / abs(value)
@@ -164,7 +170,7 @@ def reference_answer(results: Results, problem: str, cell: str, name: str) -> tu
 def reference_uncertainty(
     results: Results, problem: str = "", cell: str = "", name: str | None = None
 ) -> float:
-    """Return the largest relative uncertainty of references, of all or of those that are named."""
+    """Return the largest relative uncertainty of the references that match the arguments."""
     return max(
         reference_answer(results, *answer_key)[1]
         for answer_key in _list_answers(results)
@@ -177,7 +183,7 @@ def reference_uncertainty(
 def reading_errors(
     results: Results, problem: str, cell: str, name: str, readings: Sequence[str], new: bool = False
 ) -> list[float]:
-    """Return relative errors of an element on all meshes with the first of some readings."""
+    """Return the relative errors of an element on all meshes with the first available reading."""
     errors = []
     for mesh in _list_meshes(results, problem, cell):
         stored_results = _find_results(
@@ -191,17 +197,18 @@ def reading_errors(
 def reading_error(
     results: Results, problem: str, cell: str, name: str, reading: str, rank: int, new: bool = False
 ) -> float:
-    """Return the relative error of an element with a reading on the mesh of a rank."""
+    """Return the relative error of an element with a reading on the mesh of the given rank."""
     return reading_errors(results, problem, cell, name, [reading], new)[rank]
 
 
 def least_rule_error_ratio(
     results: Results, cell: str, readings: Sequence[str], name: str = ""
 ) -> float:
-    """Return the least ratio, over meshes and rules, of the standard element's wear to the new's.
+    """Return the smallest ratio of the standard to the new element's error in the wear problem.
 
-    It is the rule's error, less the reference's uncertainty, over the largest error in the new
-    element's band.
+    The minimum is taken over meshes and reading rules of the standard element. The ratio is the
+    error with the rule minus the uncertainty of the reference, divided by the largest error in the
+    new element's band.
     """
     uncertainty = reference_answer(results, "wear", cell, name)[1]
     error_ratios = []
@@ -216,17 +223,17 @@ def least_rule_error_ratio(
 
 
 def least_rule_error(results: Results, problem: str, cell: str, name: str = "") -> float:
-    """Return the least error of the rules with the standard element, on all meshes."""
+    """Return the standard element's smallest error over all meshes and common reading rules."""
     return min(_rule_errors(results, problem, cell, name))
 
 
 def largest_rule_error(results: Results, problem: str, cell: str, name: str = "") -> float:
-    """Return the largest error of the rules with the standard element, on all meshes."""
+    """Return the standard element's largest error over all meshes and common reading rules."""
     return max(_rule_errors(results, problem, cell, name))
 
 
 def _rule_errors(results: Results, problem: str, cell: str, name: str) -> list[float]:
-    # where own weights vanish joints conduct nothing, by the element's own functions
+    # "skip" is not used for conductance: joints with vanishing own weights conduct nothing anyway
     rules = [rule for rule in COMMON_CODE_READINGS if (problem, rule) != ("conductance", "skip")]
     return [
         error for rule in rules for error in reading_errors(results, problem, cell, name, (rule,))
@@ -246,7 +253,7 @@ def _shifted_answers(
 
 
 def _band_of_values(values: Sequence[float]) -> Band:
-    """Return the middle of the values' range, less and plus that range."""
+    """Return the middle of the range of the values, minus and plus the width of the range."""
     low, high = min(values), max(values)
     return (low + high) / 2 - (high - low), (low + high) / 2 + (high - low)
 
@@ -272,14 +279,17 @@ def answer_difference_over_error(
     name: str = "",
     readings: Sequence[str] = UNBIASED_READINGS,
 ) -> float:
-    """Difference of both elements' answers over what counts, on the mesh where it is less.
+    """Return the difference of the two elements' answers, divided by what is significant.
+
+    The divisor is the smaller of the two errors, but at least `MIN_RELEVANT_DIFFERENCE`. The
+    smaller quotient of the two coarser meshes is returned.
 
     Args:
-        results: stored ones.
-        problem: of section W.
+        results: stored results.
+        problem: problem of section W.
         cell: "T6" or "T10".
-        name: prefix of the answer, such as "stick_"; none of the first one.
-        readings: among which an element has its best one.
+        name: prefix of the answer, such as "stick_"; empty for the first answer.
+        readings: readings from which the best one of each element is chosen.
     """
     ratios = []
     for mesh in _list_meshes(results, problem, cell)[:2]:
@@ -295,7 +305,7 @@ def answer_difference_over_error(
 def answer_differences(
     results: Results, problem: str, cell: str, name: str = ""
 ) -> tuple[float, ...]:
-    """Relative differences of both elements' answers, from the coarsest to the finest mesh."""
+    """Return the relative differences of the two elements' answers, from coarse to fine meshes."""
     return tuple(
         _relative_answer_difference(
             results, *select_best_results(results, problem, cell, mesh, name), name
@@ -305,14 +315,17 @@ def answer_differences(
 
 
 def largest_answer_difference(results: Results, finer: bool = True) -> float:
-    """Largest relative difference of both elements' answers on the finer, or the coarser, mesh."""
+    """Return the largest relative difference of the two elements' answers over all answers.
+
+    The second-coarsest mesh is used if `finer` is true, and the coarsest one otherwise.
+    """
     return max(
         answer_differences(results, *answer)[int(finer)] for answer in _list_answers(results)
     )
 
 
 def n_distinct_answers(results: Results) -> float:
-    """How many answers differ, on the two coarser meshes, by more than both elements' errors."""
+    """Return how many answers differ by more than both errors on each of the two coarser meshes."""
     count = 0
     for problem, cell, name in _list_answers(results):
         pairs = [
@@ -335,10 +348,12 @@ def select_best_results(
     name: str = "",
     readings: Sequence[str] = UNBIASED_READINGS,
 ) -> tuple[StoredResult, StoredResult]:
-    """The standard element's result and the new one's (in dynamics the sibling's), best readings.
+    """Return the results of the standard and the new element with their best readings.
+
+    In dynamics, the sibling replaces the new element.
 
     Raises:
-        MissingResult: if there is none.
+        MissingResult: if either result is missing.
     """
     best_results = [
         min(candidates, key=lambda stored: _answer_error(results, stored, name))
@@ -351,7 +366,7 @@ def select_best_results(
 
 
 def _answer_error(results: Results, stored: StoredResult, name: str) -> float:
-    """Relative distance of a stored answer from its reference."""
+    """Return the relative error of a stored answer."""
     problem, element = stored.parameters["problem"], stored.parameters["element"]
     reference, _ = reference_answer(results, problem, element.split("-")[1], name)
     return abs(stored.scalars[f"{name}answer"] / reference - 1)
@@ -360,14 +375,14 @@ def _answer_error(results: Results, stored: StoredResult, name: str) -> float:
 def _relative_answer_difference(
     results: Results, standard: StoredResult, new: StoredResult, name: str
 ) -> float:
-    """Difference of two answers over their reference."""
+    """Return the difference of two answers, divided by their reference value."""
     cell = new.parameters["element"].split("-")[1]
     reference, _ = reference_answer(results, new.parameters["problem"], cell, name)
     return abs((standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]) / reference)
 
 
 def _list_answers(results: Results) -> list[tuple[str, str, str]]:
-    """Problem, cell and prefix of every answer."""
+    """Return the problem, cell type and name prefix of every answer."""
     answer_keys = {
         (
             reference.parameters["application"],
@@ -399,7 +414,7 @@ def _find_results(
 
 
 def _list_meshes(results: Results, problem: str, cell: str) -> list[int]:
-    """Meshes from the coarsest to the finest."""
+    """Return the numbers of the meshes, from the coarsest to the finest."""
     elements = [f"{element}-{cell}" for element in ELEMENT_PREFIXES]
     stored_results = results.where("W", problem=problem, element=elements)
     if not stored_results:

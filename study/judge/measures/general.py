@@ -1,4 +1,4 @@
-"""Measures that suit any section: stored numbers, their extremes and ratios, curves."""
+"""Measures for any section: stored numbers, their extremes and ratios, and curves."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
@@ -13,38 +13,38 @@ CasePair: TypeAlias = tuple[str, str]
 
 
 def scalar(results: Results, key: str, name: str) -> float:
-    """A stored number as it is."""
+    """Return a stored scalar unchanged."""
     return results.scalar(key, name)
 
 
 def largest(results: Results, section: str, cases: Selection, name: str) -> float:
-    """Largest size of a stored number among cases, by parameters or an expression for names."""
+    """Return the largest absolute value of a scalar over matching cases; see `Selection`."""
     return max(_magnitudes(results, section, cases, name))
 
 
 def smallest(results: Results, section: str, cases: Selection, name: str) -> float:
-    """Smallest size of it."""
+    """Return the smallest absolute value of a scalar over matching cases."""
     return min(_magnitudes(results, section, cases, name))
 
 
 def minimum(results: Results, section: str, cases: Selection, name: str) -> float:
-    """Least of it, with its sign."""
+    """Return the smallest value of a scalar over matching cases, considering its sign."""
     return min(stored.scalars[name] for stored in select_results(results, section, cases))
 
 
 def ratio(results: Results, key: str, other: str, name: str) -> float:
-    """A stored number of one case over that of another one."""
+    """Return the ratio of a scalar of one case to that of another case."""
     return results.scalar(key, name) / results.scalar(other, name)
 
 
 def growth_exponent(results: Results, key: str, other: str, name: str, over: str) -> float:
-    """Exponent by which a stored number grows with another one, from one case to a larger one."""
+    """Return the exponent p of `name` ~ `over`^p from case `key` to case `other`."""
     ratios = ratio(results, other, key, name), ratio(results, other, key, over)
     return float(np.log(ratios[0]) / np.log(ratios[1]))
 
 
 def excess_ratio(results: Results, fine: CasePair, coarse: CasePair, name: str) -> float:
-    """Relative difference of a stored number of two cases over that of two others."""
+    """Return the relative difference of a scalar for a fine pair of cases over a coarse pair's."""
     fine_difference, coarse_difference = (
         ratio(results, *cases, name) - 1 for cases in (fine, coarse)
     )
@@ -52,25 +52,25 @@ def excess_ratio(results: Results, fine: CasePair, coarse: CasePair, name: str) 
 
 
 def change_ratio(results: Results, cases: Sequence[str], name: str) -> float:
-    """Size of the change of a stored number from the second to the third case over the first's."""
+    """Return |change of a scalar from second to third case| / |change from first to second|."""
     first, second, third = (results.scalar(case, name) for case in cases)
     return abs((third - second) / (second - first))
 
 
 def scalar_ratio(results: Results, key: str, name: str, other: str) -> float:
-    """A stored number of a case over another one of the same case."""
+    """Return the ratio of two scalars of the same case."""
     return results.scalar(key, name) / results.scalar(key, other)
 
 
 def scalar_difference(results: Results, key: str, name: str, other: str) -> float:
-    """A stored number of a case less another one of the same case."""
+    """Return the difference of two scalars of the same case."""
     return results.scalar(key, name) - results.scalar(key, other)
 
 
 def relative_difference(
     results: Results, section: str, cases: Selection, name: str, other: str
 ) -> float:
-    """Largest relative difference of two stored numbers of a case, over matching cases."""
+    """Return the largest relative difference of two scalars of a case over matching cases."""
     return max(
         abs(stored.scalars[name] / stored.scalars[other] - 1)
         for stored in select_results(results, section, cases)
@@ -78,7 +78,10 @@ def relative_difference(
 
 
 def lowest_order(results: Results, section: str, cases: Selection, name: str) -> float:
-    """Lowest order of an error, from the coarsest to the finest mesh of cases alike but for `n`."""
+    """Return the lowest observed order of an error in series of cases that differ only in the mesh.
+
+    The order of a series is computed from its coarsest and finest mesh.
+    """
     meshes_by_case: dict[str, list[StoredResult]] = {}
     for stored in select_results(results, section, cases):
         meshes_by_case.setdefault(stored.case.rsplit("-", 1)[0], []).append(stored)
@@ -94,7 +97,7 @@ def lowest_order(results: Results, section: str, cases: Selection, name: str) ->
 def largest_deviation_from(
     results: Results, section: str, cases: Selection, name: str, value: float
 ) -> float:
-    """Largest distance of a stored number from a value, over matching cases."""
+    """Return the largest distance of a scalar from a value over matching cases."""
     return max(
         abs(stored.scalars[name] - value) for stored in select_results(results, section, cases)
     )
@@ -105,24 +108,27 @@ def _magnitudes(results: Results, section: str, cases: Selection, name: str) -> 
 
 
 def curve_at(results: Results, key: str, name: str, x: float) -> float:
-    """A curve along the contact surface at x, linear between nodes."""
+    """Return the value of a curve at x, interpolated linearly between nodes."""
     curves = results.curves(key)
     return float(np.interp(x, curves["x"], curves[name]))
 
 
 def curve_difference(results: Results, key: str, name: str, other: str, other_name: str) -> float:
-    """Largest difference of two curves over the same nodes, over the second one's largest size."""
+    """Return the largest difference of two curves at the same nodes.
+
+    It is relative to the largest absolute value of the second curve.
+    """
     first_curve, second_curve = results.curves(key)[name], results.curves(other)[other_name]
     return float(np.abs(first_curve - second_curve).max() / np.abs(second_curve).max())
 
 
 def n_cells(results: Results, key: str) -> float:
-    """Number of cells of the mesh."""
+    """Return the number of cells of the mesh."""
     return float(len(results.curves(key)["cells"]))
 
 
 def n_elements(results: Results, key: str) -> float:
-    """Number of elements: of quadrilaterals that are made of two triangles, pairs."""
+    """Return the number of elements; two triangles that form a quadrilateral count as one."""
     nodes_per_cell = results.curves(key)["cells"].shape[1]
     is_triangle_pair = nodes_per_cell == 6 and "Q8" in results[key].parameters["element"]
     return n_cells(results, key) / (2 if is_triangle_pair else 1)

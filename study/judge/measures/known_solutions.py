@@ -1,4 +1,4 @@
-"""Measures of the T-identity and of sections with known solutions."""
+"""Measures for the T-identity and for sections with known solutions."""
 
 import re
 
@@ -9,12 +9,12 @@ from study.run.cases import find_page_source
 from study.run.pages import read_constants
 from study.run.store import Results, StoredResult
 
-# Of each new element, the standard one with the same nodes
+# Standard element with the same nodes as each new element
 _STANDARD_ELEMENTS = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
 
 
 def greco_deviation(results: Results, cases: Selection, reference: str) -> float:
-    """Return the GRECO plate's largest deviation from reference displacements, in per cent.
+    """Return the largest deviation of the GRECO plate from reference displacements, in per cent.
 
     `reference` is "published" or "prototype".
     """
@@ -26,12 +26,12 @@ def greco_deviation(results: Results, cases: Selection, reference: str) -> float
 
 
 def greco_reference_displacement(results: Results, place: int, reference: str) -> float:
-    """Return a displacement of the GRECO plate, "published" or of the "prototype", in m."""
+    """Return a reference displacement of the GRECO plate in m, "published" or "prototype"."""
     return _greco_reference(reference)[place - 1]
 
 
 def greco_change(results: Results, cases: Selection, other: str) -> float:
-    """Return the largest deviation of the displacements from another case's, in per cent."""
+    """Return the largest deviation of displacements from those of another case, in per cent."""
     names = [f"u_{number}" for number, _ in enumerate(_greco_reference("published"), start=1)]
     return max(
         100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
@@ -41,24 +41,24 @@ def greco_change(results: Results, cases: Selection, other: str) -> float:
 
 
 def _greco_reference(reference: str) -> tuple[float, ...]:
-    """Return the displacements that the page of section V6 has from a reference, in m."""
+    """Return the displacements in m that the page of section V6 lists for a reference."""
     constants = read_constants(find_page_source("V6"))
     displacements: tuple[float, ...] = constants[f"{reference.upper()}_DISPLACEMENTS"]
     return displacements
 
 
 def zone_end(results: Results, key: str, zone: str) -> float:
-    """Return where the GRECO plate ceases to be open, or begins to stick, in mm."""
+    """Return the position in mm up to which the GRECO plate is open, or from which it sticks."""
     return 1e3 * results.scalar(key, {"open": "open_up_to", "stick": "sticking_from"}[zone])
 
 
 def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
-    """How far that border moves from one case to another, in mm."""
+    """Return the distance in mm between the values of `zone_end` in two cases."""
     return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
 
 
 def refinement_order(results: Results, element: str, name: str) -> float:
-    """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
+    """Return the mean observed order of an error of section V5 from coarsest to finest mesh."""
     stored_results = sorted(
         select_results(results, "V5", {"element": element, "far_field": True}),
         key=lambda stored: stored.scalars["element_size"],
@@ -71,9 +71,10 @@ def refinement_order(results: Results, element: str, name: str) -> float:
 
 
 def largest_error_ratio(results: Results, settings: Selection, name: str) -> float:
-    """Largest error of the new T6 or T10 over the standard one's on the finest meshes.
+    """Return the largest ratio of new to standard T6 or T10 errors on the finest meshes.
 
-    `settings` are parameters, or an expression for what follows the element in a case's name.
+    `settings` are parameters, or a regular expression for the part of the case's name after the
+    element.
     """
     return max(
         new.scalars[name] / standard.scalars[name]
@@ -82,7 +83,7 @@ def largest_error_ratio(results: Results, settings: Selection, name: str) -> flo
 
 
 def largest_ratio_on_meshes(results: Results, settings: Selection, name: str) -> float:
-    """The same on any of the meshes."""
+    """Return the largest ratio of new to standard T6 or T10 errors over all meshes."""
     return max(
         float((new.curves[name] / standard.curves[name]).max())
         for new, standard in _convergence_pairs(results, settings)
@@ -90,9 +91,9 @@ def largest_ratio_on_meshes(results: Results, settings: Selection, name: str) ->
 
 
 def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: float) -> float:
-    """Largest ratio of both errors at a Poisson's ratio among the scans over it.
+    """Return the largest ratio of new to standard errors at one Poisson's ratio of the scans.
 
-    `settings` is an expression for their names.
+    `settings` is a regular expression for the names of the scans.
     """
     ratios = []
     selection = {"problem": "scan", "setting": _list_scan_settings(results, settings)}
@@ -111,7 +112,7 @@ def _list_scan_settings(results: Results, settings: str) -> list[str]:
 def _convergence_pairs(
     results: Results, settings: Selection
 ) -> list[tuple[StoredResult, StoredResult]]:
-    """Results of the new T6 or T10, and of the standard one in the same setting."""
+    """Return pairs of results of the new and the standard T6 or T10 in the same settings."""
     cases: Selection
     if isinstance(settings, str):
         cases = f"({'|'.join(_STANDARD_ELEMENTS)})-({settings})"
@@ -124,21 +125,21 @@ def _convergence_pairs(
 
 
 def mode_errors(results: Results, key: str) -> np.ndarray:
-    """Relative errors of the values on the finest mesh, with their signs."""
+    """Return the signed relative errors of the eigenvalues on the finest mesh."""
     errors: np.ndarray = results.curves(key)["errors"][-1]
     return errors
 
 
 def highest_mode_error(results: Results, key: str) -> float:
-    """The largest of them: negative if all values lie below the exact ones."""
+    """Return the largest of the `mode_errors`, which is negative if all values are too small."""
     return float(mode_errors(results, key).max())
 
 
 def largest_mode_error_ratio(results: Results, key: str, other: str) -> float:
-    """Largest ratio of a mode's errors of two cases on their finest meshes."""
+    """Return the largest ratio over all modes of the finest-mesh errors of two cases."""
     return float(np.abs(mode_errors(results, key) / mode_errors(results, other)).max())
 
 
 def finest_imaginary(results: Results, key: str) -> float:
-    """Largest |Im| over |Re| of the eigenvalues on the finest mesh."""
+    """Return the largest ratio |Im|/|Re| of the eigenvalues on the finest mesh."""
     return float(results.curves(key)["imaginaries"][-1])

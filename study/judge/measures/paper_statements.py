@@ -1,4 +1,4 @@
-"""Measures of statements that the paper makes in passing: cost, and the shear of its Fig. 10."""
+"""Measures for statements that the paper makes in passing on cost and the shear of Fig. 10."""
 
 from typing import Literal
 
@@ -13,11 +13,11 @@ Array = npt.NDArray[np.float64]
 
 FINE_PUNCH = "7.3/pw-T6-114x24"
 STICK_HALF_LENGTH = 1.1  # half length over which the punch sticks
-N_SHEAR_SAMPLES = 20_001  # of its shear, some 90 from node to node
+N_SHEAR_SAMPLES = 20_001  # samples of the shear, about 90 between adjacent nodes
 
 
 def factor_entries_ratio(results: Results, key: str, other: str) -> float:
-    """Entries of the factors of one case's matrix over those of another one's."""
+    """Return the ratio of the numbers of entries in the matrix factors of two cases."""
     return results.scalar(key, "entries") / results.scalar(other, "entries")
 
 
@@ -30,19 +30,20 @@ def shear_deviation_from_fine(
     fine: str = FINE_PUNCH,
     surface: str = "",
 ) -> float:
-    """Shear along a contact surface against a fine mesh's, read by the same functions.
+    """Return the deviation of the shear along a contact surface from that on a fine mesh.
 
-    A node's shear is its force over the integral of its own test function; the fine mesh's is
-    averaged with that function. In per cent of the fine mesh's largest shear.
+    The shear at a node is its force divided by the integral of its own test function. The shear on
+    the fine mesh is averaged with that function. The deviation is in per cent of the largest shear
+    on the fine mesh.
 
     Args:
-        results: of the study.
-        key: of the case.
-        within: nodes in |x| < `within` count; without it, those that stick.
-        kind: of the size of the differences.
-        averaged_on: names a coarser case, with whose functions both are averaged.
-        fine: the fine mesh's case.
-        surface: number of a surface of a body of revolution.
+        results: stored results.
+        key: key of the case.
+        within: if given, nodes with |x| < `within` are compared; otherwise, nodes that stick.
+        kind: whether the largest or the root mean square deviation is returned.
+        averaged_on: key of a coarser case, with whose test functions both shears are averaged.
+        fine: key of the case on the fine mesh.
+        surface: number of the contact surface if the body is axisymmetric.
     """
     suffix = f"_{surface}" if surface else ""
     curves, fine_curves, case = (
@@ -71,7 +72,10 @@ def shear_deviation_from_fine(
 
 
 def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
-    """Test functions (m, n) of nodes (m,) along a line, at places (n,): quadratic ones, or hats."""
+    """Return the test functions (m, n) of nodes (m,) on a line at positions (n,).
+
+    They are quadratic functions if `standard` is true, and otherwise hat functions.
+    """
     if not standard:
         return np.array([np.interp(x, nodes, unit) for unit in np.eye(len(nodes))])
     corners = nodes[::2]
@@ -85,21 +89,27 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
 
 
 def extreme_shear_deviation(results: Results, end: Literal["least", "largest"]) -> float:
-    """The same of the new element on that of all diagonals where it is least, or largest."""
+    """Return the smallest or largest `shear_deviation_from_fine` of the new element on the punch.
+
+    The extreme is taken over meshes with different diagonals.
+    """
     keys = list_case_family("7.3/pw-T6", OTHER_DIAGONALS)
     return (min if end == "least" else max)(
         shear_deviation_from_fine(results, key, STICK_HALF_LENGTH) for key in keys
     )
 
 
-# Section, and the scalar of mid-side over corner force
+# Section, and name of the scalar with the ratio of mid-side to corner force
 _SAWTOOTH_SCALARS = [(section, "sawtooth") for section in ("7.2", "7.3", "7.4")]
 _SAWTOOTH_SCALARS += [("7.5", f"sawtooth_{surface}") for surface in (1, 2, 3, 4)]
 _STANDARD_ELEMENTS = ("galerkin-T6", "galerkin-Q8")
 
 
 def farthest_corner_force_ratio(results: Results) -> float:
-    """Corner over mid-side force of the standard elements, where it is farthest from a half."""
+    """Return the ratio of corner to mid-side force that deviates most from 1/2.
+
+    Both standard elements and all contact examples are considered.
+    """
     ratios = [
         1 / results.scalar(f"{section}/{element}", name)
         for section, name in _SAWTOOTH_SCALARS

@@ -1,4 +1,4 @@
-"""Measures of the comparison with an independent code."""
+"""Measures for the comparison with an independent code, CalculiX."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ CONTACT_PEERS = (
 def largest_peer_difference(
     results: Results, name: str, component: str, cases: Sequence[str] = CONTACT_PEERS
 ) -> float:
-    """Largest of one kind of difference from CalculiX, per cent of the mean nodal force."""
+    """Return the largest difference from CalculiX of one kind, in per cent of the mean force."""
     return 100 * max(
         value
         for case in cases
@@ -27,7 +27,7 @@ def largest_peer_difference(
 
 
 def peer_critical_stress_difference(results: Results, element: str) -> float:
-    """Largest relative difference of a critical stress from CalculiX's."""
+    """Return the largest relative difference of critical stresses from those of CalculiX."""
     beams = [
         stored
         for stored in load_section_results(results, "P")
@@ -39,14 +39,14 @@ def peer_critical_stress_difference(results: Results, element: str) -> float:
 def peer_standard_difference(
     results: Results, rule: str, name: str, cases: Sequence[str], best: bool = False
 ) -> float:
-    """Largest relative difference of CalculiX from the standard elements; or the smallest one.
+    """Return the largest relative difference between CalculiX and the standard elements.
 
     Args:
-        results: of the study.
-        rule: of our quadrature: "exact" or "reduced", which is CalculiX's.
-        name: of the numbers that are compared.
-        cases: of section P.
-        best: whether it is the smallest of the cases' differences.
+        results: stored results.
+        rule: quadrature of the standard elements, "exact" or "reduced" (as in CalculiX).
+        name: name of the numbers that are compared.
+        cases: names of cases of section P.
+        best: whether the smallest difference of the cases is returned instead of the largest.
     """
     differences = [results.scalar(f"P/{case}", f"{rule}_{name}") for case in cases]
     return min(differences) if best else max(differences)

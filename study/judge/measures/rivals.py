@@ -1,4 +1,7 @@
-"""Section Q: methods on one problem, means over the offsets of the contact's edge."""
+"""Measures for section Q, which compares methods on one problem.
+
+Means are taken over the offsets of the contact's edge within an element.
+"""
 
 from collections.abc import Iterable, Mapping
 
@@ -10,7 +13,7 @@ NEW_ELEMENT = "pw-T6"
 
 
 def rival_mean(results: Results, method: str, edges: int, name: str) -> float:
-    """Mean of a stored number of a method over the offsets."""
+    """Return the mean of a scalar of a method over the offsets."""
     return float(
         np.mean(
             [stored.scalars[name] for stored in _plane_results(results, method=method, edges=edges)]
@@ -21,7 +24,7 @@ def rival_mean(results: Results, method: str, edges: int, name: str) -> float:
 def rival_ratio(
     results: Results, method: str, other: str, name: str, largest: bool = True
 ) -> float:
-    """Largest or smallest ratio of two methods' means over the meshes."""
+    """Return the largest or smallest ratio of two methods' means over all meshes."""
     ratios = [
         rival_mean(results, method, edges, name) / rival_mean(results, other, edges, name)
         for edges in _list_edge_counts(results)
@@ -30,7 +33,7 @@ def rival_ratio(
 
 
 def smallest_rival_ratio(results: Results, name: str) -> float:
-    """Smallest ratio of any other method's mean to the new element's, over the meshes."""
+    """Return the smallest ratio of any other method's mean to that of the new element."""
     other_methods = {stored.parameters["method"] for stored in _plane_results(results)} - {
         NEW_ELEMENT
     }
@@ -42,9 +45,10 @@ def smallest_rival_ratio(results: Results, name: str) -> float:
 def largest_rival_difference(
     results: Results, method: str, other: str, name: str, same_nodes: bool = False
 ) -> float:
-    """Largest difference of two methods' curves over the second's largest size, over all meshes.
+    """Return the largest difference between curves of two methods over all meshes.
 
-    With `same_nodes` only where both have the same nodes in contact.
+    It is relative to the largest absolute value of the second method's curve. If `same_nodes` is
+    true, only meshes on which both methods have the same nodes in contact are considered.
     """
     differences = []
     for stored in _plane_results(results, method=method):
@@ -58,7 +62,7 @@ def largest_rival_difference(
 
 
 def n_meshes_with_same_contact(results: Results, method: str, other: str) -> float:
-    """On how many meshes two methods have the same nodes in contact."""
+    """Return on how many meshes two methods have the same nodes in contact."""
     curve_pairs = [
         (stored.curves, results.curves(stored.key.replace(f"/{method}-", f"/{other}-")))
         for stored in _plane_results(results, method=method)
@@ -72,7 +76,7 @@ def n_meshes_with_same_contact(results: Results, method: str, other: str) -> flo
 
 
 def largest_sweep_error(results: Results, method: str, edges: int, parameter: float) -> float:
-    """Largest L2 error of a method with a parameter of its sweep, over the offsets."""
+    """Return a method's largest L2 error over the offsets for one parameter of its sweep."""
     return max(
         float(stored.curves["sweep_l2"][stored.curves["sweep"] == parameter][0])
         for stored in _plane_results(results, method=method, edges=edges)
@@ -87,7 +91,7 @@ def _is_closed(curves: Mapping[str, np.ndarray]) -> np.ndarray:
 def rival_extreme(
     results: Results, methods: Iterable[str], name: str, largest: bool = True
 ) -> float:
-    """Largest or smallest stored number among methods, on all meshes."""
+    """Return the largest or smallest value of a scalar over several methods and all meshes."""
     values = [stored.scalars[name] for stored in _plane_results(results, method=list(methods))]
     return max(values) if largest else min(values)
 

@@ -1,4 +1,4 @@
-"""Which stored results a measure looks at."""
+"""Select the stored results that a measure uses."""
 
 import re
 from collections.abc import Mapping
@@ -8,14 +8,14 @@ from study.run.store import MissingResult, Results, StoredResult
 
 T6_ELEMENTS = ("galerkin-T6", "pw-T6")
 
-_RECORD_PARAMETERS = ("measured", "units", "dofs")  # what a tracked result has besides
+_RECORD_PARAMETERS = ("measured", "units", "dofs")  # added if read from records
 
-# Parameters and their values, see `StoredResult.has`, or a regular expression for the cases' names
+# Values of parameters, see `StoredResult.has`, or a regular expression for the names of cases
 Selection = Mapping[str, Any] | str
 
 
 def load_section_results(results: Results, section: str) -> list[StoredResult]:
-    """All results of a section; `MissingResult` if there are none."""
+    """Return all results of a section; raise MissingResult if there are none."""
     stored_results = results.section(section)
     if not stored_results:
         raise MissingResult(f"there are no results of section {section}: run ./run study {section}")
@@ -23,7 +23,7 @@ def load_section_results(results: Results, section: str) -> list[StoredResult]:
 
 
 def select_results(results: Results, section: str, cases: Selection) -> list[StoredResult]:
-    """Results of the cases with some parameters, or names; `MissingResult` if there are none."""
+    """Return the results of matching cases; raise MissingResult if there are none."""
     stored_results = [
         stored for stored in load_section_results(results, section) if _is_selected(cases, stored)
     ]
@@ -35,7 +35,7 @@ def select_results(results: Results, section: str, cases: Selection) -> list[Sto
 def find_variant(
     results: Results, stored: StoredResult, **changed_parameters: object
 ) -> StoredResult:
-    """The result of the same section whose parameters differ in these alone."""
+    """Return the result of the same section whose parameters differ only in the given ones."""
     parameters = {
         name: value for name, value in stored.parameters.items() if name not in _RECORD_PARAMETERS
     }

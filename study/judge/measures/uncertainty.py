@@ -1,4 +1,4 @@
-"""Measures of numerical uncertainty: observed orders, and whether the GCI bounds known errors."""
+"""Measures for numerical uncertainty: observed orders, and whether the GCI bounds known errors."""
 
 import math
 from collections.abc import Sequence
@@ -8,19 +8,19 @@ from study.run.store import Results
 
 Keys = Sequence[str]
 BEAM_DIVISIONS = ((4, 1), (8, 2), (16, 4), (32, 8), (64, 16))
-"""Meshes of the beam under a uniform load, whose critical stresses are known."""
+"""Mesh divisions of the beam under uniform load, whose critical stresses are known."""
 BEAM_ELEMENTS = ("galerkin-T6", "galerkin-Q8", "pwsym-T6")
-"""Elements with different critical stresses; the new triangle has those of the standard one."""
+"""Elements with different critical stresses; those of pw-T6 equal those of galerkin-T6."""
 
 
 def observed_order(results: Results, keys: Keys, name: str, refinements: Sequence[float]) -> float:
-    """Observed order of a stored number on three meshes; NaN if it does not converge.
+    """Return the observed order of a scalar on three meshes; NaN if it does not converge.
 
     Args:
-        results: of the study.
-        keys: cases, (3,).
-        name: of the scalar.
-        refinements: divisions of a side over those of the coarse mesh, (3,).
+        results: stored results.
+        keys: keys (3,) of the cases.
+        name: name of the scalar.
+        refinements: divisions of a side, divided by those of the coarse mesh, (3,).
     """
     order = _scalar_convergence(results, keys, name, refinements).order
     return math.nan if order is None else order
@@ -29,14 +29,14 @@ def observed_order(results: Results, keys: Keys, name: str, refinements: Sequenc
 def error_over_index(
     results: Results, keys: Keys, reference: Keys, name: str, refinements: Sequence[float]
 ) -> float:
-    """Error of the finest mesh's number over its GCI; NaN if one of the series is not asymptotic.
+    """Return the error on the finest mesh, divided by the GCI; NaN if a series is not asymptotic.
 
     Args:
-        results: of the study.
-        keys: cases, (3,).
-        reference: cases of other meshes, whose extrapolated number counts as exact, (3,).
-        name: of the scalar.
-        refinements: divisions of a side over those of the coarse mesh, (3,).
+        results: stored results.
+        keys: keys (3,) of the cases.
+        reference: keys (3,) of cases on other meshes, whose extrapolated value is taken as exact.
+        name: name of the scalar.
+        refinements: divisions of a side, divided by those of the coarse mesh, (3,).
     """
     convergence, reference_convergence = (
         _scalar_convergence(results, series, name, refinements) for series in (keys, reference)
@@ -55,9 +55,10 @@ def _scalar_convergence(
 
 
 def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
-    """Convergence of critical stresses under a uniform load, each with its exact value.
+    """Return the convergence of critical stresses under uniform load, each with its exact value.
 
-    Both modes, both geometric stiffnesses, three elements, and each three successive meshes.
+    There is a series for each mode, geometric stiffness, element of `BEAM_ELEMENTS` and three
+    successive meshes.
     """
     series = []
     for element in BEAM_ELEMENTS:
@@ -76,12 +77,12 @@ def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
 
 
 def asymptotic_beam_series(results: Results) -> float:
-    """Number of these series that are asymptotic."""
+    """Return how many of the `beam_series` are asymptotic."""
     return float(sum(convergence.index is not None for convergence, _ in beam_series(results)))
 
 
 def share_within_index(results: Results) -> float:
-    """Share of asymptotic series whose exact value lies within the GCI of the fine mesh's value."""
+    """Return the fraction of asymptotic `beam_series` in which the GCI bounds the true error."""
     is_within = [
         abs(exact / convergence.values[-1] - 1) <= convergence.index
         for convergence, exact in beam_series(results)

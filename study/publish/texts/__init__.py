@@ -174,6 +174,7 @@ class TextRenderer:
             "counts": count_claims(self.claims),
             "fact_counts": count_facts(self.claims),
             "graded": self.format_grade_counts,
+            "graded_all": self.format_all_grade_counts,
             "heads": {
                 name: short_facts for name in SECTIONS if (short_facts := short_section_facts(name))
             },
@@ -320,6 +321,15 @@ class TextRenderer:
         grades = [row["grade"] for row in self._paper_statements(sections)]
         return Markup(", ").join(
             f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades
+        )
+
+    def format_all_grade_counts(self) -> Markup:
+        """Return how many of the paper's statements have which grade, in words."""
+        grades = [row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS]
+        return Markup(", ").join(
+            f"{grades.count(grade)} {'are ' if grade == GRADES[0] else ''}{grade}"
+            for grade in GRADES
+            if grade in grades
         )
 
     def _paper_statements(self, sections: tuple[str, ...]) -> list[dict[str, Any]]:
