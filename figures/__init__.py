@@ -1,7 +1,6 @@
 """Figures and tables of the study, drawn from stored results.
 
-A script that is started by itself, as `python3 figures/fig05.py`, does what `./run figure fig05`
-does.
+Running a script directly, e.g. `python3 figures/fig05.py`, is equivalent to `./run figure fig05`.
 """
 
 import sys

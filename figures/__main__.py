@@ -1,8 +1,8 @@
-"""Draw a figure by its name: what it lacks is computed, then it is written as PNG and PDF.
+"""Draw a figure by its name: compute missing results, then write the figure as PNG and PDF.
 
-Its caption is printed, and the paper's statements on it: printed and computed values, and verdicts.
-Without a name, the figures are listed. Several of the paper's are drawn together: fig07 and fig08
-are the same drawing.
+The command prints the caption and the paper's statements about the figure, with printed and
+computed values and verdicts. Without a name, it lists all figures. Some figures of the paper share
+a drawing, e.g. fig07 and fig08.
 """
 
 import argparse
@@ -35,18 +35,18 @@ from study.run.supervisor import run_supervised
 
 ROOT = Path(__file__).parents[1]
 CALLING_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
-"""Where ./run figure was called, if not in the project's folder."""
+"""Folder in which `./run figure` was called, if it is not the project's folder."""
 
-MAX_LISTED_FIGURES = 3  # so many figures that are not drawn are named one by one
+MAX_LISTED_FIGURES = 3  # if more figures are not drawn, they are not named individually
 KIND_ABBREVIATIONS = {"figure": "fig", "table": "tab"}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw the named figures, or list all.
+    """Draw the named figures, or list all figures.
 
     Returns:
-        0; 1 if a figure is not drawn; 2 if there is none of that name, or something else is in
-        the place of its files.
+        Exit status: 1 if a figure is not drawn; 2 if there is no figure of that name, or if foreign
+        files have the names of its files; otherwise 0.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help='as fig05, "Fig. 5", tab01')
@@ -106,9 +106,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def normalise_name(typed: str) -> str:
-    """Return the name of a figure of the paper that is typed as "Fig. 5", "fig5" or "Table 1".
+    """Return the name of a figure of the paper for inputs such as "Fig. 5", "fig5" or "Table 1".
 
-    Other names are returned as they are.
+    Other names are returned unchanged.
     """
     pattern = r"(fig|figure|tab|table)s?[.\s_-]*0*(\d+)"
     if match := re.fullmatch(pattern, typed.strip(), re.IGNORECASE):
@@ -117,7 +117,7 @@ def normalise_name(typed: str) -> str:
 
 
 def describe_figure(name: str, script: str, results: Results) -> str:
-    """Return the caption of a figure, and a line for each statement of the paper that cites it."""
+    """Return the caption of a figure, and the statements of the paper about it with verdicts."""
     lines = [load_script(script).caption(results)]
     claims = [claim for claim in load_paper_claims() if name in cited_figures(claim)]
     for verdict in judge(claims, results):
@@ -138,7 +138,7 @@ def describe_figure(name: str, script: str, results: Results) -> str:
 
 
 def cited_figures(claim: Claim) -> set[str]:
-    """Return the names of the figures and tables that the source of a statement cites."""
+    """Return the names of the figures and tables that the source of a claim cites."""
     names = set()
     pattern = r"(Fig|Table)s?\.? (\d+(?:(?:, | and |, and |-|–)\d+)*)"
     for kind, numbers in re.findall(pattern, claim.source):
@@ -152,9 +152,9 @@ def cited_figures(claim: Claim) -> set[str]:
 
 
 def list_figure_names() -> dict[str, tuple[str, str]]:
-    """Return all names of figures: the script that draws each, and what it shows.
+    """Return, by name of figure, the script that draws the figure and a description.
 
-    The paper's figures and tables come first, by their numbers.
+    The figures and tables of the paper come first, ordered by number.
     """
     paper_items = [
         (f"{KIND_ABBREVIATIONS[item.kind]}{int(item.number):02}", Path(item.figure).stem, item)
@@ -171,15 +171,15 @@ def list_figure_names() -> dict[str, tuple[str, str]]:
 
 
 def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
-    """Draw all figures that are not up to date, from stored results, for report and site.
+    """Draw all figures of the report and the site that are not up to date, from stored results.
 
     Args:
         folder: Folder of the results.
-        complete: Whether no result may be missing.
+        complete: Whether missing results are an error.
         jobs: Number of processes.
 
     Returns:
-        Whether no script failed, and nothing is missing that may not.
+        Whether no script failed and no required result is missing.
     """
     script_names, results = list_scripts(), Results(folder)
     current_entries = {name: find_current_entry(name, results) for name in script_names}
@@ -210,7 +210,7 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
 
 
 def _results_folder(requested_folder: Path | None, out: Path | None) -> Path | None:
-    """Return the folder of the results, absolute; None if there is none that can be written."""
+    """Return the absolute path of the folder of results; None if no folder is writable."""
     if requested_folder is not None:
         return requested_folder.absolute()
     results = ROOT / "results"
@@ -222,7 +222,7 @@ def _results_folder(requested_folder: Path | None, out: Path | None) -> Path | N
 
 
 def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
-    """Let the study compute the results that scripts need, unless they are there and hold."""
+    """Run the study to compute results that scripts need; return whether it succeeded."""
     keys = [key for name in names for key in load_script(name).needs]
     command = [sys.executable, "-m", "study", *dict.fromkeys(keys)]
     command += ["--out", str(results), "--jobs", str(jobs)]
@@ -232,7 +232,7 @@ def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
 def _draw_figures(
     names: list[str], folder: Path, jobs: int
 ) -> Iterator[tuple[str, DrawingOutcome]]:
-    """Draw figures, in processes of their own where that pays, and yield them in their order."""
+    """Yield the name and outcome of each figure in order; many figures are drawn in parallel."""
     if jobs == 1 or len(names) <= MAX_LISTED_FIGURES:
         yield from ((name, draw_figure(name, folder)) for name in names)
         return
@@ -252,7 +252,7 @@ def _draw_figures(
 
 
 def _report_missing_results(missing_by_figure: dict[str, list[str]], list_all: bool) -> None:
-    """Say which figures want results; not one by one if they are many and may want them."""
+    """Print which figures lack results; unless `list_all` is true, many figures are summarised."""
     if list_all or len(missing_by_figure) <= MAX_LISTED_FIGURES:
         for name, keys in missing_by_figure.items():
             _print_message(f"{name}: not drawn, for want of {', '.join(keys)}")

@@ -1,4 +1,4 @@
-"""What the figures of section 7.6 share: the half beam with its supports and load."""
+"""Half beam with supports and load, which the figures of section 7.6 share."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +13,7 @@ RECONSTRUCTION_NOTE = "Mesh and supports are reconstructed."
 
 
 def draw_half_beam(ax: Axes, results: Results) -> tuple[float, float]:
-    """Draw mesh, load P at A and end support; return length and height of the half beam."""
+    """Draw the half beam with mesh, load P at A and end support; return its length and height."""
     nodes = results.curves(MESH_CASE)["nodes"]
     length, height = np.ptp(nodes, axis=0)
     plot_mesh(ax, nodes, results.curves(MESH_CASE)["cells"])

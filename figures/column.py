@@ -1,4 +1,4 @@
-"""What the figures of the stepped column share: its four surfaces, its outline."""
+"""Contact surfaces and outline of the stepped column, which its figures share."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ SYNTHETIC_NOTE = "Synthetic column and supports."
 
 
 def select_surface_curves(curves: Curves, number: int) -> Curves:
-    """Curves along one contact surface, and those of the whole body."""
+    """Return the curves along one contact surface together with those of the whole body."""
     suffix = f"_{number}"
     surface_curves = {
         name.removesuffix(suffix): curve for name, curve in curves.items() if name.endswith(suffix)
@@ -20,7 +20,7 @@ def select_surface_curves(curves: Curves, number: int) -> Curves:
 
 
 def section_outline(curves: Curves) -> np.ndarray:
-    """Corners (m, 2) of the section, from the axis at the base round to the axis at the top."""
+    """Return the corners (m, 2) of the section, from the axis at the base to that at the top."""
     (base, lower, upper, top) = (select_surface_curves(curves, number) for number in SURFACES)
     corners = [(0.0, base["y"][0])]
     for surface_curves in (base, lower, upper):

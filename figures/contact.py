@@ -1,6 +1,7 @@
 """Stress curves and deformed shapes, which the figures of contact examples share.
 
-The paper's curve figures are lost in our copy. Its sentences on them, and the panels that show it:
+The curves in the paper's figures are missing from our copy. The table lists the paper's sentences
+about them, and the panels that show the same quantities:
 
 | paper | sentence | drawn |
 |---|---|---|
@@ -11,8 +12,8 @@ The paper's curve figures are lost in our copy. Its sentences on them, and the p
 | Figs 13, 14 | reaction forces of CPS8 (erroneous after [5]), of the user element | bars |
 | Figs 16 to 23 | contact stresses along every contact surface are given | left panels |
 
-Left panels show tributary stresses, as node-to-surface codes print them, right ones own-function
-stresses. Both give the deviation from a fine mesh.
+Left panels show tributary stresses, which node-to-surface codes print, and right panels show
+own-function stresses. Both state the deviation from a fine mesh.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,12 +37,12 @@ from study.paper.bands import (
 from study.run.store import Results
 
 DATA_BAND_LOOK = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
-"""Look of the band of data that are not printed."""
+"""Style of the band for data that the paper does not state."""
 
 RECONSTRUCTED_NOTE = "Dimensions and loads are reconstructed."
 
 READING_NAMES = {"_tributary": TRIBUTARY_READING.name, "": OWN_FUNCTION_READING.name}
-"""Names of the two stress readings, by the ending of their curves: the paper's first."""
+"""Names of the two stress readings, by suffix of the curves; the paper's reading comes first."""
 DEVIATION_NOTE = (
     "Percentages: root mean square deviation from the fine mesh's own-function stress, relative to "
     "that stress, without the end nodes"
@@ -51,15 +52,16 @@ Curves = dict[str, np.ndarray]
 
 
 def stress_deviation(curves: Curves, reference: Curves, stress: str, reading: str) -> float:
-    """Return the deviation of a stress curve from a fine mesh's, relative to the latter.
+    """Return the relative deviation of a stress curve from that on a fine mesh.
 
-    Root mean squares over all nodes but the two at the ends, where stresses may be singular.
+    It is the ratio of root mean squares of the difference and of the fine mesh's stress. The nodes
+    at both ends are excluded, because stresses may be singular there.
 
     Args:
-        curves: Curves over `x`.
-        reference: Curves of the fine mesh; its own-function stress is compared with.
+        curves: Curves with abscissa `x`.
+        reference: Curves on the fine mesh, whose own-function stress is the reference.
         stress: "pressure" or "shear".
-        reading: Ending of the curve's name, a key of `READING_NAMES`.
+        reading: Suffix of the name of the curve, a key of `READING_NAMES`.
     """
     inner_nodes = slice(1, -1)
     reference_stress = np.interp(curves["x"][inner_nodes], reference["x"], reference[stress])
@@ -75,7 +77,7 @@ def annotate_deviations(
     reading: str,
     fontsize: float = 7.0,
 ) -> None:
-    """Print the deviations of elements from a fine mesh into the panel, in per cent."""
+    """Write the deviations of several elements from a fine mesh into a panel, in per cent."""
     lines = []
     for element, curves in curves_by_element.items():
         name = ELEMENTS[element].name.partition(",")[0]
@@ -91,7 +93,7 @@ def annotate_deviations(
 
 
 def title_panel(ax: Axes, paper_figure: str, reading: str) -> None:
-    """Write the reading above a panel, with the paper's figure if it is the paper's reading."""
+    """Write the reading above a panel, with the number of the paper's figure for its reading."""
     name = READING_NAMES[reading]
     title = f"{paper_figure}: {name}" if reading else name
     ax.set_title(title, loc="left", fontsize=7.5)
@@ -103,7 +105,7 @@ def load_case_family(results: Results, key: str, families: Mapping[str, Variants
 
 
 def diagonal_band_look(element: str) -> dict[str, Any]:
-    """Return the look of the band over all diagonals of an element."""
+    """Return the style of the band that covers all patterns of diagonals for an element."""
     element_entry = ELEMENTS[element]
     return {
         "color": element_entry.colour,
@@ -115,19 +117,19 @@ def diagonal_band_look(element: str) -> dict[str, Any]:
 def shade_band(
     ax: Axes, family_curves: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
 ) -> None:
-    """Shade the range from the least to the largest curve of several cases, times a scale."""
+    """Shade the range between the smallest and largest values of several curves, times a scale."""
     x, low, high = envelope([(curves["x"], curves[quantity]) for curves in family_curves])
     ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
 
 
 def shade_families(ax: Axes, results: Results, varied: str, cut: str, quantity: str) -> None:
-    """Shade the bands of unprinted data and of all diagonals around two cases.
+    """Shade the bands for varied unprinted data and for varied diagonals.
 
     Args:
-        ax: Panel.
+        ax: Axes in which to draw.
         results: Stored results.
-        varied: Case whose unprinted data vary.
-        cut: Case of the new T6 whose diagonals vary.
+        varied: Key of the case for which data that the paper does not state are varied.
+        cut: Key of the case of the new T6 for which the diagonals are varied.
         quantity: Name of the curves.
     """
     unprinted_data = load_case_family(results, varied, UNPRINTED_DATA)
@@ -144,9 +146,10 @@ def plot_elements(
     scale: float = 1.0,
     hollow: str = "composite",
 ) -> None:
-    """Draw a stress or force of several elements, times a scale, over x.
+    """Plot a stress or force of several elements, multiplied by `scale`, against x.
 
-    Elements whose names contain `hollow` nearly coincide with another: their markers are hollow.
+    Elements whose names contain `hollow` have hollow markers, because their curves nearly coincide
+    with those of others.
     """
     for key in keys:
         curves = results.curves(key)
@@ -158,7 +161,7 @@ def plot_elements(
 
 
 def cell_outlines(cells: np.ndarray) -> np.ndarray:
-    """Return the nodes of cells (m, 6, 8 or 9) in order along their outlines, (m, 6 or 8)."""
+    """Return the nodes (m, 6 or 8) of cells (m, 6, 8 or 9) in order along their outlines."""
     outline_order = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
     return cells[:, outline_order]
 
@@ -184,9 +187,10 @@ def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> 
 def draw_force_arrows(
     ax: Axes, curves: Curves, deformed_nodes: np.ndarray, side: float, length: float, element: str
 ) -> None:
-    """Draw nodal contact forces on the body; `side` is -1 for a surface below, 1 above.
+    """Draw nodal contact forces on the body.
 
-    The largest normal force is drawn with the given length.
+    `side` is -1 if the surface is below the body and 1 if it is above. The largest normal force is
+    drawn with the given length.
     """
     contact_points = np.column_stack([curves["x"], curves["y"]])
     distance = np.linalg.norm(curves["nodes"][:, None] - contact_points, axis=2)
@@ -194,7 +198,7 @@ def draw_force_arrows(
     scale = length / curves["force_n"].max()
     for node, r_n, r_t in zip(nodes, curves["force_n"], curves["force_t"], strict=True):
         if r_n < 1e-9 * curves["force_n"].max():
-            continue  # open
+            continue  # open node
         force = scale * np.array([-r_t, -side * r_n])
         arrow_style = {"arrowstyle": "-|>", "lw": 0.8, "color": ELEMENT_LOOK[element]["color"]}
         arrow_style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}

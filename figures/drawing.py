@@ -1,4 +1,4 @@
-"""Draws a figure from stored results, and knows whether that is still to be done."""
+"""Draw figures from stored results, and determine which figures are up to date."""
 
 import base64
 import hashlib
@@ -40,20 +40,20 @@ from study.run.store import (
 
 FRAME_MODULES = {"__main__", "beam", "column", "contact", "drawing", "narrow", "run_study", "style"}
 
-RASTER_DPI = 200  # dots per inch of what is an image within a drawing
-PICTURE_KINDS = ("svg", "narrow.svg")  # a telephone's screen takes the last
-N_IMAGE_COLOURS = 128  # of such an image: lines and flat faces need few
+RASTER_DPI = 200  # resolution of rasterised parts of drawings, in dots per inch
+PICTURE_KINDS = ("svg", "narrow.svg")  # the narrow one is for telephones
+N_IMAGE_COLOURS = 128  # colours of rasterised parts; lines and uniform faces need few
 
 SVG_NAMESPACE, XLINK_NAMESPACE = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
-EXPORT_MARK = "figure of pw_elements"  # what files that are exported say of themselves
+EXPORT_MARK = "figure of pw_elements"  # identifies exported files in their metadata
 EXPORT_METADATA = {"png": {"Software": EXPORT_MARK}, "pdf": {"Creator": EXPORT_MARK}}
 
 FigureEntry = dict[str, Any]
 
 
 class FigureScript(NamedTuple):
-    """What draws a figure: a script of this folder, or a function on the page of a section."""
+    """Functions and texts of a figure, from a script in this folder or the page of a section."""
 
     section: str
     title: str
@@ -64,12 +64,12 @@ class FigureScript(NamedTuple):
 
 
 class DrawingOutcome(NamedTuple):
-    """What became of a figure.
+    """Outcome of drawing a figure.
 
     Attributes:
-        entry: Its entry of the index; None if it was not drawn.
-        missing: Keys of results that it needs and that are not there, or cannot be read.
-        error: Why it could not be drawn; empty if it could.
+        entry: Entry of the figure in the index; None if it was not drawn.
+        missing: Keys of required results that are missing or unreadable.
+        error: Reason why the figure could not be drawn; otherwise empty.
     """
 
     entry: FigureEntry | None
@@ -78,20 +78,20 @@ class DrawingOutcome(NamedTuple):
 
 
 def list_scripts() -> list[str]:
-    """Return the names of all figures, of scripts and of pages, fig2 before fig10."""
+    """Return the names of all figures of scripts and pages in natural order."""
     names = {module.name for module in pkgutil.iter_modules(figures.__path__)}
     return sorted((names - FRAME_MODULES) | page_figure_sections().keys(), key=natural_sort_key)
 
 
 def page_figure_sections() -> dict[str, str]:
-    """Return the section of each figure that stands on the page of a section."""
+    """Return a mapping from each figure that is defined on a section's page to that section."""
     return {
         name: section for section in SECTIONS for name in list_figures(find_page_source(section))
     }
 
 
 def load_script(name: str) -> FigureScript:
-    """Import what draws a figure."""
+    """Import the script or page that draws a figure."""
     section = page_figure_sections().get(name)
     if section is None:
         script = import_module(f"figures.{name}")
@@ -114,7 +114,7 @@ def _first_line(text: str | None) -> str:
 
 
 def figure_title(name: str) -> str:
-    """Return what a figure shows, in one line."""
+    """Return the title of a figure, which is a single line."""
     return load_script(name).title
 
 
@@ -124,20 +124,20 @@ def list_needed_results() -> dict[str, list[str]]:
 
 
 def draw_figure(name: str, folder: Path) -> DrawingOutcome:
-    """Draw one figure into `<folder>/figures`, with a note of what it was drawn from."""
+    """Draw a figure into `<folder>/figures`, and record the results from which it was drawn."""
     return _try_to_draw(name, _DigestedResults(folder))
 
 
 def export_figure(name: str, results: Results, path: Path) -> list[Path]:
-    """Draw one figure as PNG and PDF beside each other; return their paths.
+    """Draw a figure as PNG and PDF; return the paths of both files.
 
     Args:
-        name: Its script.
-        results: What it is drawn from.
-        path: Where to write, without the ending.
+        name: Name of the figure.
+        results: Results from which the figure is drawn.
+        path: Path of the files without extension.
 
     Raises:
-        ForeignFileOrFolder: If a file is there that this has not drawn.
+        ForeignFileOrFolder: If a file at one of the paths is not an exported figure.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     paths = export_paths(path)
@@ -157,15 +157,15 @@ def export_figure(name: str, results: Results, path: Path) -> list[Path]:
 
 
 def export_paths(path: Path) -> list[Path]:
-    """Return the files that an export makes."""
+    """Return the paths of the files that an export writes."""
     return [path.with_name(f"{path.name}.{kind}") for kind in EXPORT_METADATA]
 
 
 def check_export_paths(path: Path) -> None:
-    """Refuse to export to a place where files are that this has not drawn.
+    """Check that an export would overwrite only exported figures.
 
     Raises:
-        ForeignFileOrFolder: Says which.
+        ForeignFileOrFolder: If a file at one of the paths is not an exported figure.
     """
     for file in export_paths(path):
         files.check_file_replaceable(file, _is_export)
@@ -176,13 +176,13 @@ def _is_export(file: Path) -> bool:
 
 
 def update_figure(name: str, folder: Path) -> None:
-    """Draw a figure from a folder of results, unless it is up to date."""
+    """Draw a figure from a folder of results unless it is up to date."""
     if not find_current_entry(name, Results(folder)):
         draw_figure(name, folder)
 
 
 def find_current_entry(name: str, results: Results) -> FigureEntry | None:
-    """Return the entry of a figure that would be drawn again as it is; else None."""
+    """Return the index entry of a figure if it is up to date, and otherwise None."""
     try:
         note = json.loads(_note_path(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
@@ -196,21 +196,21 @@ def find_current_entry(name: str, results: Results) -> FigureEntry | None:
 
 
 def picture_path(folder: Path, name: str, kind: str) -> Path:
-    """Return the path of a drawing."""
+    """Return the path of a drawing of the given kind."""
     return folder / "figures" / f"{name}.{kind}"
 
 
 def natural_sort_key(name: str) -> list[tuple[int, str]]:
-    """Return what to sort names by for fig2 to come before fig10."""
+    """Return the sorting key of a name in natural order, such that fig2 comes before fig10."""
     parts = re.findall(r"\d+|\D+", name)
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
 class _DigestedResults(TrackedResults):
-    """Results of which each file is digested just before it is read for the first time.
+    """Results that compute the digest of each file directly before reading it for the first time.
 
-    Other processes store results while a figure is drawn. What they store after it was read must
-    not pass for what the figure shows.
+    Other processes may store results while a figure is drawn. Results that are stored after a file
+    was read must not be mistaken for those shown in the figure.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -259,7 +259,7 @@ def _try_to_draw(name: str, results: _DigestedResults) -> DrawingOutcome:
         write_json(_note_path(results.folder, name), note)
     except StudyError as error:
         return DrawingOutcome(None, [], str(error))
-    except Exception as error:  # one bad script must not take the others' figures away
+    except Exception as error:  # a faulty script must not affect other figures
         return DrawingOutcome(None, [], f"{type(error).__name__}: {error}")
     return DrawingOutcome(entry, [], "")
 
@@ -274,7 +274,7 @@ def _is_readable(key: str, results: Results) -> bool:
 def _write_pictures(
     script: FigureScript, name: str, results: Results
 ) -> tuple[tuple[int, int], list[int]]:
-    """Draw the pictures; return width and height in CSS pixels, and those of the narrow one."""
+    """Draw both pictures; return the sizes in CSS pixels of the wide and the narrow one."""
     with study_style():
         figure = script.draw(results)
         try:
@@ -295,7 +295,7 @@ def _size_in_pixels(figure: Figure) -> tuple[int, int]:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Find the layout, and keep it: after one pass alone, titles of some figures are cut."""
+    """Compute and freeze the layout in two passes, because one pass truncates some titles."""
     engine = figure.get_layout_engine()
     assert engine is not None, "the style has one"
     for _ in range(2):
@@ -313,9 +313,10 @@ def _render_svg(figure: Figure) -> bytes:
 
 
 def _shrink_svg(svg: str) -> str:
-    """Return a drawing that is smaller, quicker to lay out, and looks the same.
+    """Return a drawing of smaller size and the same appearance, which renders faster.
 
-    A hundredth of a point is enough for places; the page has dozens of drawings.
+    Positions are rounded to a hundredth of a point. This matters because a page contains dozens of
+    drawings.
     """
     removable_parts = r"<\?xml.*?\?>|<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>"
     svg = re.sub(removable_parts, "", svg, flags=re.DOTALL)
@@ -328,7 +329,7 @@ def _shrink_svg(svg: str) -> str:
 
 
 def _strip_svg(svg: str) -> str:
-    """Return a drawing without names that nothing refers to, and without what says nothing."""
+    """Return a drawing without unreferenced names and redundant elements."""
     ElementTree.register_namespace("", SVG_NAMESPACE)
     ElementTree.register_namespace("xlink", XLINK_NAMESPACE)
     root = ElementTree.fromstring(svg)
@@ -376,7 +377,7 @@ def _strip_svg(svg: str) -> str:
 
 
 def _expand_font_shorthand(font: re.Match[str]) -> str:
-    """Return a font by its single properties: WeasyPrint passes over the shorthand."""
+    """Replace the CSS `font` shorthand, which WeasyPrint ignores, by separate properties."""
     keywords, size, families = re.fullmatch(r"(.*?)([\d.]+px) (.*)", font[1]).groups()  # type: ignore[union-attr]
     words = keywords.split()
     styles = [word for word in words if word in ("italic", "oblique")]
@@ -388,7 +389,7 @@ def _expand_font_shorthand(font: re.Match[str]) -> str:
 
 
 def _reduce_image_colours(image: re.Match[str]) -> str:
-    """Return an image within a drawing with a table of its colours."""
+    """Convert an image within a drawing to a palette with few colours."""
     image_file = Image.open(io.BytesIO(base64.b64decode(image[1])))
     stream = io.BytesIO()
     image_file.quantize(N_IMAGE_COLOURS, Image.Quantize.FASTOCTREE).save(
@@ -400,12 +401,12 @@ def _reduce_image_colours(image: re.Match[str]) -> str:
 def _figure_digest(
     name: str, file_digests: dict[str, str], case_names: dict[str, list[str]]
 ) -> str:
-    """Digest of all that a figure depends on: sources, Matplotlib and results.
+    """Return the digest of sources, Matplotlib and results on which a figure depends.
 
     Args:
-        name: Its script.
-        file_digests: Of the files of results that it reads, by their keys.
-        case_names: Of all cases of the sections that it lists.
+        name: Name of the figure.
+        file_digests: Digests of the files of results that the figure reads, by key.
+        case_names: Names of all cases, for the sections whose cases the figure lists.
     """
     digest = hashlib.sha256(_shared_sources_digest())
     if (section := page_figure_sections().get(name)) is not None:
@@ -427,7 +428,7 @@ def _file_digest(folder: Path, key: str) -> str:
 
 @cache
 def _shared_sources_digest() -> bytes:
-    """Digest of what all figures share."""
+    """Return the digest of the sources that all figures share."""
     folder = Path(__file__).parent
     paths = {folder / f"{name}.py" for name in FRAME_MODULES} | set(_list_study_sources(folder))
     digest = hashlib.sha256(matplotlib.__version__.encode())
@@ -437,7 +438,7 @@ def _shared_sources_digest() -> bytes:
 
 
 def _list_study_sources(folder: Path) -> Iterator[Path]:
-    """Yield the sources of the study's modules that figures import."""
+    """Yield the source files of the study's modules that figures import."""
     for script in folder.glob("*.py"):
         for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):
             yield from collect_imported_sources(module).values()

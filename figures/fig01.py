@@ -13,7 +13,7 @@ CELL_COLOURS = ("#DCE9F5", "#E8F3E1", "#FBE9D9", "#F2F2F2")
 
 
 def draw(results: Results) -> Figure:
-    """Nodes by the paper's numbers and the four sub-elements."""
+    """Draw the nodes with the paper's numbers, and the four sub-elements."""
     curves = results.curves("3/weights")
     nodes, subelements = curves["nodes"], curves["subelements"]
     fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 2.3))

@@ -12,7 +12,7 @@ NEEDS = ["3/weights"]
 
 
 def draw(results: Results) -> Figure:
-    """Surfaces of two weight functions and of the quadratic shape functions beside them."""
+    """Draw surfaces of two weight functions next to the corresponding shape functions."""
     curves = results.curves("3/weights")
     (x, y), cells = curves["grid"].T, curves["grid_cells"]
     fig = plt.figure(figsize=(PAGE_WIDTH, 2.1))

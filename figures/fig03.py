@@ -14,7 +14,7 @@ CELL_COLOURS = ("#DCE9F5", "#E8F3E1")
 
 
 def draw(results: Results) -> Figure:
-    """Nine nodes on the left, eight on the right."""
+    """Draw two triangles with nine nodes (left) and a quadrilateral with eight nodes (right)."""
     curves = results.curves("5/element-pw-Q8")
     nodes, cells, inner_node = curves["nodes"], curves["cells"], int(curves["inner"])
     order = _order_nodes(nodes, cells, inner_node)
@@ -50,14 +50,14 @@ def draw(results: Results) -> Figure:
 
 
 def _order_nodes(nodes: np.ndarray, cells: np.ndarray, inner_node: int) -> np.ndarray:
-    """Nodes in the usual order: corners counter-clockwise, mid-sides after them, the inner one."""
+    """Return nodes in the usual order: corners counter-clockwise, mid-side nodes, inner node."""
     corners = np.unique(cells[:, :3])
     middles = np.setdiff1d(np.unique(cells), [*corners, inner_node])
     centre = nodes[corners].mean(axis=0)
 
     def sort_counterclockwise(nodes_on_circle: np.ndarray) -> np.ndarray:
         x, y = (nodes[nodes_on_circle] - centre).T
-        # from the lower left, a little past the middle of the left side, which comes last
+        # begin slightly below the middle of the left side, such that this node comes last
         return nodes_on_circle[np.argsort((np.arctan2(y, x) + 0.95 * np.pi) % (2 * np.pi))]
 
     return np.array([*sort_counterclockwise(corners), *sort_counterclockwise(middles), inner_node])
@@ -67,7 +67,7 @@ def _label_nodes(ax: Axes, points: np.ndarray, centre: np.ndarray) -> None:
     for number, point in enumerate(points, start=1):
         direction = point - centre
         length = np.linalg.norm(direction)
-        # the inner node's number goes beside the diagonal
+        # the number of the inner node is placed beside the diagonal
         x, y = 11 * direction / length if number <= 8 else (-4.0, 11.0)
         ax.annotate(
             str(number), point, (x, y), textcoords="offset points", ha="center", va="center"

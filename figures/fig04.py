@@ -13,7 +13,7 @@ NEEDS = ["7.1/pw-T6"]
 
 
 def draw(results: Results) -> Figure:
-    """Mesh, load and supports."""
+    """Draw the mesh, load and supports."""
     curves = results.curves("7.1/pw-T6")
     fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 2.3))
     plot_mesh(ax, curves["nodes"], curves["cells"])

@@ -15,7 +15,7 @@ NEEDS = [CASE]
 
 
 def draw(results: Results) -> Figure:
-    """Mesh, loads, foundation and its smooth ends."""
+    """Draw the mesh, the loads, and the foundation with its smooth ends."""
     curves = results.curves(CASE)
     length, height = curves["nodes"].max(axis=0)
     smooth_length = curves["x"][curves["friction"] > 0].min()

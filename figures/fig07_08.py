@@ -36,7 +36,7 @@ STRESS_LIMITS = {"pressure": (0, 2.9), "shear": (-0.5, 1.1)}
 
 
 def draw(results: Results) -> Figure:
-    """Rows: triangles and quadrilaterals; columns: both readings of both stresses."""
+    """Plot both stresses in both readings (columns) for triangles and quadrilaterals (rows)."""
     fig, axes = plt.subplots(2, 4, figsize=(PAGE_WIDTH, 4.9), sharex=True)
     paper_figures = ("Paper Fig. 7", "Paper Fig. 8")
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]

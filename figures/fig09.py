@@ -15,7 +15,7 @@ RADIUS = 8.0
 
 
 def draw(results: Results) -> Figure:
-    """Mesh, base and punch."""
+    """Draw the mesh, the base and the punch."""
     curves = results.curves(CASE)
     low, high = curves["nodes"].min(axis=0), curves["nodes"].max(axis=0)
     fig, ax = plt.subplots(figsize=(0.7 * PAGE_WIDTH, 2.75))

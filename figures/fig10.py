@@ -31,7 +31,7 @@ STRESS_LABELS = {"pressure": "normal pressure", "shear": "shear stress, body on 
 
 
 def draw(results: Results) -> Figure:
-    """Both readings of normal and shear stress over x."""
+    """Plot both readings of the normal and shear stresses against x."""
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 3.2))
     fine = results.curves(FINE_CASE)
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]

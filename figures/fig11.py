@@ -14,7 +14,7 @@ NEEDS = [CASE]
 
 
 def draw(results: Results) -> Figure:
-    """The whole body, and the mesh around the plate."""
+    """Draw the whole body, and the mesh around the plate."""
     curves = results.curves(CASE)
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3))
     half_width = curves["x"].max()

@@ -35,7 +35,7 @@ STRESS_LIMITS = {"pressure": (0, 60), "shear": (-26, 40)}
 
 
 def draw(results: Results) -> Figure:
-    """Both readings of normal and shear stress over x, with a fine mesh's for comparison."""
+    """Plot both readings of normal and shear stresses against x, with those on a fine mesh."""
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.9))
     fine = results.curves(FINE_CASE)
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]

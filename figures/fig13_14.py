@@ -27,12 +27,12 @@ NEEDS = [
 ]
 NEEDS += list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS)
 REFINEMENT_FACTOR = (
-    4  # times as many elements in the fine mesh: its forces are as many times smaller
+    4  # ratio of element sizes, and therefore of nodal forces, to those of the fine mesh
 )
 
 
 def draw(results: Results) -> Figure:
-    """Normal nodal forces as bars, and the fine mesh's on the same scale."""
+    """Plot normal nodal forces as bars, with those on the fine mesh on the same scale."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
     fine = results.curves(FINE_CASE)
     for ax, element, number in zip(axes, PANELS, (13, 14), strict=True):
@@ -71,7 +71,7 @@ def _shade_force_ranges(
     width: float,
     look: Mapping[str, Any],
 ) -> None:
-    """Shade the range of each node's force over a family."""
+    """Shade the range of each nodal force over a family of cases."""
     force_lines = [
         (curves["x"], curves["force_n"]) for curves in load_case_family(results, key, families)
     ]

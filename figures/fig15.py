@@ -20,12 +20,12 @@ from study.run.store import Results
 SECTION = "7.5"
 CASE = "7.5/galerkin-Q8"
 NEEDS = [CASE]
-PLATE_THICKNESS = 16.0  # drawn thickness of the rigid surfaces in mm
-GAP_SCALE = 40.0  # gaps are drawn so many times as wide
+PLATE_THICKNESS = 16.0  # thickness of the rigid surfaces in the drawing, in mm
+GAP_SCALE = 40.0  # factor by which gaps are magnified
 
 
 def draw(results: Results) -> Figure:
-    """Panels: the column in contact, and the mesh with the supports of Table 1."""
+    """Draw the column in contact, and the mesh with the supports of Table 1."""
     curves = results.curves(CASE)
     fig, (contact_ax, vibration_ax) = plt.subplots(
         1, 2, figsize=(PAGE_WIDTH, 4.4), width_ratios=(1.6, 1)
@@ -60,7 +60,7 @@ def draw(results: Results) -> Figure:
 def _draw_contact(
     ax: Axes, curves: dict[str, np.ndarray], corners: np.ndarray, gaps: list[float]
 ) -> None:
-    """The column with its mirror image, the rigid surfaces and their numbers."""
+    """Draw the column with its mirror image, and the rigid surfaces with their numbers."""
     for side in (1, -1):
         ax.fill(side * corners[:, 0], corners[:, 1], facecolor="#DCE6EE", edgecolor="none")
         ax.plot(side * corners[:-1, 0], corners[:-1, 1], color=LINE_COLOUR, lw=1.0)

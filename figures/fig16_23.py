@@ -37,12 +37,15 @@ NEEDS = [
 STRESS_LABELS = {"pressure": "normal pressure", "shear": "shear stress"}
 HOLLOW_MARKERS = {"markerfacecolor": "none", "markersize": 4.5, "linewidth": 0.5}
 SURFACES_WITHOUT_BAND = {2, 3}
-"""Surfaces without a grey band: it would run from zero (gaps of 0.2 mm) off the scale (no gaps)."""
-MAX_AXIS_OVER_LARGEST = 2.4  # of the axes over the new element's largest stress, but at an edge
+"""Surfaces without a grey band.
+
+The band would extend from zero (gaps of 0.2 mm) beyond the scale (no gaps).
+"""
+MAX_AXIS_OVER_LARGEST = 2.4  # axis limit over largest stress of the new element, without edges
 
 
 def draw(results: Results) -> Figure:
-    """Rows: surfaces from the base upwards; columns: both readings of both stresses."""
+    """Plot both stresses in both readings (columns) for the surfaces from the base up (rows)."""
     fig, axes = plt.subplots(4, 4, figsize=(PAGE_WIDTH, 7.9))
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]
     for row, number in zip(axes, SURFACES, strict=True):
@@ -69,7 +72,7 @@ def draw(results: Results) -> Figure:
 
 def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: str) -> None:
     def family_curves(key: str, families: Mapping[str, Variants]) -> list[Curves]:
-        """Return curves of a family, with radii of the second column mapped to the first one's."""
+        """Return the curves of a family, with radii of the second column mapped to the first."""
         base, *other_columns = (
             select_surface_curves(curves, number)
             for curves in load_case_family(results, key, families)
@@ -102,7 +105,7 @@ def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: s
     }
     for element, curves in curves_by_element.items():
         look = {**ELEMENT_LOOK[element], "markersize": 2.5, "linewidth": 0.8}
-        look |= HOLLOW_MARKERS if element == "pw-Q8" else {}  # it lies on the new T6's
+        look |= HOLLOW_MARKERS if element == "pw-Q8" else {}  # coincides with the new T6
         ax.plot(MM_PER_M * curves["x"], curves[curve_name] / 1e3, **look)
     inner_stress = select_surface_curves(results.curves(VARIED_CASE), number)[stress][:-1] / 1e3
     low, high = ax.get_ylim()

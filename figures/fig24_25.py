@@ -14,7 +14,7 @@ NEEDS = [MESH_CASE]
 
 
 def draw(results: Results) -> Figure:
-    """Mid-section held horizontally on the left, pinned at its centre on the right."""
+    """Draw the half beam, held horizontally at mid-section (left) or pinned there (right)."""
     fig, (symmetric_ax, antisymmetric_ax) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 1.7))
     length, height = draw_half_beam(symmetric_ax, results)
     for y in np.linspace(-height / 2, height / 2, 9):

@@ -1,4 +1,4 @@
-"""A figure of the page's width laid out again for a telephone: panels below each other."""
+"""Rearrange figures for telephones, with panels below each other."""
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -8,19 +8,19 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.legend import Legend
 
 SCREEN_WIDTH = 3.7
-"""In inches: what a screen of 390 pixels shows without shrinking."""
+"""Largest width in inches that a screen of 390 pixels shows without scaling."""
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = (
     0.6,
     0.8,
-)  # of a panel's width: what its height lies between if it shows curves
-MIN_PANELS_FOR_TWO_COLUMNS = 4  # from so many panels in a row on, two stay side by side
-MAX_LEGEND_COLUMNS = 2  # columns of a legend below the panels, if they fit
+)  # range of the ratio of height to width for panels that show curves
+MIN_PANELS_FOR_TWO_COLUMNS = 4  # rows with at least this many panels become two columns
+MAX_LEGEND_COLUMNS = 2  # maximum number of columns of a legend, if they fit
 
 
 def narrow_figure(figure: Figure) -> Figure:
-    """Lay a figure out again, no wider than `SCREEN_WIDTH`; return it.
+    """Rearrange a figure such that it is no wider than `SCREEN_WIDTH`; return the figure.
 
-    Rows of panels become columns. What shared the labels of its neighbour gets its own.
+    Rows of panels become columns. Panels that shared labels with an adjacent panel get their own.
     """
     width, height = figure.get_size_inches()
     if width <= SCREEN_WIDTH:
@@ -59,13 +59,13 @@ def narrow_figure(figure: Figure) -> Figure:
 
 
 def _label_all_panels(specs_by_panel: dict[Axes, SubplotSpec], rows: int) -> None:
-    """Give each panel the labels of the row and the column that it leaves, and the title."""
+    """Copy the labels and titles of rows and columns to each panel that shared them."""
     panels_by_position = {
         (spec.rowspan.start, spec.colspan.start): ax for ax, spec in specs_by_panel.items()
     }
     for (row, column), ax in sorted(panels_by_position.items(), key=lambda item: item[0]):
         top, bottom = panels_by_position[0, column], panels_by_position[rows - 1, column]
-        if column and not ax.get_ylabel():  # the nearest to the left has its own by now
+        if column and not ax.get_ylabel():  # the panel to the left is already labelled
             ax.set_ylabel(panels_by_position[row, column - 1].get_ylabel())
         if not (ax.get_title() or ax.get_title(loc="left")):
             ax.set_title(top.get_title(), fontsize=top.title.get_fontsize())

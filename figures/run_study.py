@@ -1,6 +1,6 @@
-"""Run the study and draw its figures: the command line of `./run study`.
+"""Run the study and draw its figures; this is the command line of `./run study`.
 
-`python3 -m study` computes, judges and reports the same, with figures that were drawn before.
+Without drawing figures, `python3 -m study` does the same; it uses figures drawn earlier.
 """
 
 from pathlib import Path
@@ -9,7 +9,7 @@ from study.run.supervisor import run_supervised
 
 
 def _run() -> int:
-    from study.publish.command import FigureDrawing, main  # slow, and a signal may interrupt it
+    from study.publish.command import FigureDrawing, main  # slow; imported under the supervisor
 
     return main(
         figures=FigureDrawing(
@@ -19,7 +19,7 @@ def _run() -> int:
 
 
 def _draw_all(folder: Path, complete: bool, jobs: int) -> bool:
-    from figures.__main__ import draw_all  # imports Matplotlib, which not all commands need
+    from figures.__main__ import draw_all  # imports Matplotlib, which some commands do not need
 
     return draw_all(folder, complete, jobs)
 

@@ -12,7 +12,7 @@ NEEDS = [f"7.1/{element}-row" for element in ELEMENTS]
 
 
 def draw(results: Results) -> Figure:
-    """Nodal forces below a uniformly pressed row of squares."""
+    """Plot nodal forces below a row of squares under uniform pressure."""
     fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.6))
     for element in ELEMENTS:
         curves = results.curves(f"7.1/{element}-row")

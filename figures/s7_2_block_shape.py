@@ -15,7 +15,7 @@ DISPLACEMENT_SCALE = 0.5
 
 
 def draw(results: Results) -> Figure:
-    """Mesh, forces of the foundation on the block, zones."""
+    """Draw the deformed mesh, the forces of the foundation on the block, and contact zones."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.2/{element}")

@@ -20,7 +20,7 @@ PANELS = {
 
 
 def draw(results: Results) -> Figure:
-    """One panel a measure."""
+    """Plot each measure in its own panel."""
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 1.85), sharey=True)
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:

@@ -13,7 +13,7 @@ NEEDS = [f"7.3/{element}" for element in ELEMENTS]
 
 
 def draw(results: Results) -> Figure:
-    """Deformed mesh, true to scale, and forces of the punch on the body."""
+    """Draw the deformed mesh, true to scale, and the forces of the punch on the body."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.3/{element}")

@@ -14,7 +14,7 @@ DISPLACEMENT_SCALE = 4e5
 
 
 def draw(results: Results) -> Figure:
-    """Deformed mesh around the plate, forces of the plate on the body, zones."""
+    """Draw the deformed mesh near the plate, the forces of the plate on the body, and the zones."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.4/{element}")

@@ -14,11 +14,11 @@ SECTION = "7.5"
 ELEMENT = "pw-T6"
 CASE = f"7.5/{ELEMENT}"
 NEEDS = [CASE]
-LARGEST_DISPLACEMENT = 40.0  # largest displacement drawn, in mm
+LARGEST_DISPLACEMENT = 40.0  # largest displacement in the drawing, in mm
 
 
 def draw(results: Results) -> Figure:
-    """Deformed sections with their mirror images."""
+    """Draw the deformed sections with their mirror images."""
     curves = results.curves(CASE)
     nodes, cells = MM_PER_M * curves["nodes"], contact.cell_outlines(curves["cells"])
     corners = MM_PER_M * section_outline(curves)
@@ -56,7 +56,7 @@ def draw(results: Results) -> Figure:
 
 
 def _boundary_nodes(cells: np.ndarray) -> np.ndarray:
-    """Nodes on sides that belong to one cell only."""
+    """Return the nodes on sides that belong to one cell only."""
     outlines = contact.cell_outlines(cells)
     sides = np.stack([outlines[:, 0::2], outlines[:, 1::2], np.roll(outlines[:, 0::2], -1, 1)], -1)
     sides = sides.reshape(-1, 3)

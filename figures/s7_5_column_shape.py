@@ -12,11 +12,11 @@ SECTION = "7.5"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"7.5/{element}" for element in ELEMENTS]
 DISPLACEMENT_SCALE = 20.0
-ARROW_LENGTH = 80.0  # of the largest arrow on each surface, in mm
+ARROW_LENGTH = 80.0  # length of the largest arrow on each surface, in mm
 
 
 def draw(results: Results) -> Figure:
-    """Deformed section and nodal forces on it."""
+    """Draw the deformed section and the nodal forces on it."""
     fig, axes = plt.subplots(1, 2, figsize=(0.72 * PAGE_WIDTH, 6.6), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = dict(results.curves(f"7.5/{element}"))

@@ -9,7 +9,7 @@ from study.judge import measures
 from study.run.store import Results
 
 SECTION = "7.6"
-# Cases under the paper's load, whose element and form are drawn under the uniform one
+# Cases under the paper's load; the same elements and forms are shown under uniform load
 CASES_BY_FORM = {
     "G": ("galerkin-T6", "pw-T6", "galerkin-Q8", "pwsym-T6-static-unsymmetric", "pwsym-T6"),
     "J": ("galerkin-T6-J", "pw-T6-J", "galerkin-Q8-J", "pwsym-T6-J"),
@@ -24,7 +24,7 @@ NEEDS = [
 
 
 def draw(results: Results) -> Figure:
-    """Relative error over divisions of the height, one panel a form."""
+    """Plot relative errors against the number of divisions of the height, one panel per form."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
     for ax, (form, cases) in zip(axes, CASES_BY_FORM.items(), strict=True):
         for case in cases:
@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
             look = dict(ELEMENT_LOOK[parameters["element"]])
             if not parameters["prestress_symmetrised"]:
                 look |= {"linestyle": "--", "label": "symmetrised, eigenvalue step only"}
-            elif parameters["element"] == "pw-T6":  # on top of the standard element's
+            elif parameters["element"] == "pw-T6":  # coincides with the standard one
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
             height_divisions = [ny for _, ny in measures.uniform_load_divisions(results, case)]
             errors = np.abs(measures.uniform_load_errors(results, case, MODE))

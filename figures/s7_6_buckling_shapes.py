@@ -12,12 +12,12 @@ SECTION = "7.6"
 ELEMENT = "pw-T6"
 CASE = f"7.6/{ELEMENT}-uniform-16x4"
 NEEDS = [CASE]
-DISPLACEMENT_SCALE = 0.6  # largest displacement over the height
-OUTLINE_ORDER = [0, 5, 1, 3, 2, 4]  # Basix' nodes of a triangle, going round
+DISPLACEMENT_SCALE = 0.6  # largest displacement in the drawing, divided by the height
+OUTLINE_ORDER = [0, 5, 1, 3, 2, 4]  # Basix nodes of a triangle along its outline
 
 
 def draw(results: Results) -> Figure:
-    """Deformed half beam and its mirror image."""
+    """Draw the deformed half beam and its mirror image."""
     curves = results.curves(CASE)
     nodes, cells = curves["nodes"], curves["cells"][:, OUTLINE_ORDER]
     mirror_x = nodes[:, 0].max()

@@ -27,13 +27,13 @@ GROUP_LOOK: dict[str, dict[str, Any]] = {
 }
 EVIDENCE_COLOUR = "#CC79A7"
 PLOT_HALF_WIDTH, ZOOM_HALF_WIDTHS = 15.0, {"cps6": 0.6, "user": 0.1}
-"""Half widths of the plots and of their enlarged middles, in per cent."""
+"""Half widths of the plots and of their enlarged centres, in per cent."""
 ODDS_20_TO_1_SHARE = 1 / 21
-"""Share of random rows at odds of 20 to 1 against chance."""
+"""Fraction of random rows that corresponds to odds of 20 to 1 against chance."""
 
 
 def draw(results: Results) -> Figure:
-    """Deviations of all models from the print; share of random rows that are met as closely."""
+    """Plot the deviations of all models from the print, and how closely random rows are met."""
     fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 4.9))
     for (whole_ax, zoom_ax), (row, title) in zip(axes.T, ROW_TITLES.items(), strict=False):
         for ax, half_width, marker_size in (
@@ -70,7 +70,7 @@ def _draw_deviations(ax: Axes, results: Results, row: str, marker_size: float) -
 
 
 def _draw_random_rows(ax: Axes, results: Results, row: str) -> None:
-    """Draw the ellipse of one standard deviation of the random rows around the print."""
+    """Draw the one-standard-deviation ellipse of the random rows around the printed values."""
     variances, directions = np.linalg.eigh(results.curves(CASE)[f"{row}_covariance"])
     angle = np.degrees(np.arctan2(*directions[::-1, 1]))
     width, height = 2 * np.sqrt(variances[::-1])
@@ -80,7 +80,7 @@ def _draw_random_rows(ax: Axes, results: Results, row: str) -> None:
 
 
 def _draw_distances(ax: Axes, results: Results, row: str) -> None:
-    """Draw the best model's distance and the one that would be evidence, as squares."""
+    """Draw squares for the best model's distance and for the distance that would be evidence."""
     squares: dict[str, dict[str, Any]] = {
         "distance": {
             "fill": False,
@@ -112,7 +112,7 @@ def _draw_legend(ax: Axes, *plots: Axes) -> None:
 
 
 def _draw_chance_curves(ax: Axes, results: Results) -> None:
-    """Draw the share of random rows with a model within a distance, and the best models."""
+    """Plot the fraction of random rows with a model within each distance, and the best models."""
     curves = results.curves(CASE)
     for row, look in ROW_LOOK.items():
         ax.semilogx(curves[f"{row}_nearest"], curves["share"], **look)
@@ -137,7 +137,7 @@ def _draw_chance_curves(ax: Axes, results: Results) -> None:
 
 
 def caption(results: Results) -> str:
-    """What the figure shows."""
+    """Return the caption."""
     distances = [results.scalar(CASE, f"{row}_all_distance") for row in ROW_LOOK]
     chances = [100 * results.scalar(CASE, f"{row}_all_chance") for row in ROW_LOOK]
     models = sum(results.scalar(CASE, f"{row}_all_models") for row in ROW_TITLES)
@@ -153,7 +153,7 @@ def caption(results: Results) -> str:
 
 
 def alt(results: Results) -> str:
-    """The figure in words."""
+    """Return a description for readers who do not see the figure."""
     return (
         "Scatter plots of the deviation of mode 2 over that of mode 1: clouds of models over "
         "several per cent. Enlarged, the square of CPS6's best model is many times as wide as "

@@ -25,7 +25,7 @@ NEEDS = [
 
 
 def draw(results: Results) -> Figure:
-    """Both critical stresses over divisions of the height."""
+    """Plot both critical stresses against the number of divisions of the height."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.7))
     for mode, ax in enumerate(axes, start=1):
         for case, look in CASE_LOOKS.items():
@@ -40,7 +40,7 @@ def draw(results: Results) -> Figure:
             ax.axhline(exact, color="black", linewidth=0.8, linestyle=style)
             x, alignment = (
                 (2, "left") if mode == 1 else (HEIGHT_DIVISIONS[-1], "right")
-            )  # clear of the curves
+            )  # does not overlap the curves
             text_options = {"xytext": (0, 2), "textcoords": "offset points", "va": "bottom"}
             ax.annotate(
                 f"uniform load, {form}",

@@ -1,6 +1,6 @@
-"""The study's look, as figure scripts import it.
+"""Style of the study, for import by figure scripts.
 
-Importing it also imports the package `figures`, which lets a script be started by itself.
+Importing this module also imports the package `figures`, which allows scripts to be run directly.
 """
 
 from study.publish.plots.style import (

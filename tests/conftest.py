@@ -1,4 +1,4 @@
-"""Options and fixtures of all tests: few random problems, always the same; many in `--nightly`.
+"""Options and fixtures of all tests: few fixed random problems, or many with `--nightly`.
 
 The first line of the output gives the number of tests and their duration when they last ran here.
 Figures are closed after each test, because some tests count open figures. Waiting MPI processes

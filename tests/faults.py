@@ -1,8 +1,8 @@
-"""Operations on files with a failure, or a kill of the process, at each of their system calls.
+"""Faults at each system call of operations on files: an error, or the end of the process.
 
-`run_with_failing_call(operation, number, error)` makes the system call with a number fail.
+`run_with_failing_call(operation, number, error)` lets the system call with the given number fail.
 `python3 -m tests.faults` kills a process before and after each system call of the cases below, and
-checks the files that are left.
+checks the remaining files.
 """
 
 import errno
@@ -36,7 +36,7 @@ OLD_CONTENT, NEW_CONTENT = b"old" * 5000, b"new" * 6000
 
 
 class CallCounter:
-    """Counter of the system calls of a block; it replaces the call with a given number."""
+    """Counter of the system calls in a `with` block; it replaces the call with a given number."""
 
     def __init__(self, call_number, replacement_call):
         self.call_number, self.replacement_call, self.n_calls, self.called_names = (
@@ -92,10 +92,10 @@ class CountingStream:
 
 
 def run_with_failing_call(operation, call_number, error_number):
-    """Run an operation whose call `call_number` fails.
+    """Run an operation whose system call number `call_number` fails.
 
     Returns:
-        Whether the call was reached, and the error of the operation.
+        Whether the call was reached, and the error raised by the operation or None.
     """
 
     def raise_error(call):
@@ -114,7 +114,7 @@ def run_with_failing_call(operation, call_number, error_number):
 
 
 def run_and_kill_at_call(operation, call_number, after_call):
-    """Run an operation in a child process, killed at call `call_number`; return whether it was."""
+    """Run an operation in a child process to be killed at a call; return whether it was killed."""
 
     def kill(call):
         with suppress(OSError):
@@ -196,7 +196,7 @@ class EmptyFolderReplacementCase(FolderReplacementCase):
 
 
 class FolderWithoutExchangeCase(FolderReplacementCase):
-    """Replacement of a folder on a system without renameat2."""
+    """Replacement of a folder on a system that lacks renameat2."""
 
     def replace(self, folder):
         with patch.object(files.ctypes, "CDLL", lambda *_, **__: object()):
@@ -221,7 +221,7 @@ class FolderClaimCase:
 
 
 class ResultReplacementCase:
-    """Replacement of a result of the study, with numbers and curves in two files."""
+    """Replacement of a study result, whose numbers and curves are stored in two files."""
 
     def save_result(self, folder, value):
         result = Result({"y": value}, {"y": "1"}, {"x": np.full(300, value)})
@@ -271,7 +271,7 @@ RESTORED_CASES = {"FolderWithoutExchangeCase"}
 
 @contextmanager
 def folder_with_user_files():
-    """Yield a folder with files of the user, and check that all of these are unchanged."""
+    """Yield a folder with files of the user; afterwards, check that they are unchanged."""
     with tempfile.TemporaryDirectory() as temporary_folder:
         outside_folder, folder = (
             Path(temporary_folder) / "outside",
@@ -299,7 +299,7 @@ def folder_content(folder):
 
 
 def check_recovery(case, folder, error_raised=None):
-    """Check the state after a failure, and that the next call succeeds; return the state."""
+    """Check the state after a fault and that the next operation succeeds; return the state."""
     name = type(case).__name__
     state = case.inspect_state(folder)
     assert state in {"old", "new"} | ALLOWED_STATES.get(name, set()), state
@@ -314,7 +314,7 @@ def check_recovery(case, folder, error_raised=None):
 
 
 def kill_at_each_call(case):
-    """Kill a case at each system call; return the number of kills and the states after them."""
+    """Kill a case's operation at each system call; return the number of kills and the states."""
     states, call_number, was_killed = [], 0, True
     while was_killed:
         call_number += 1

@@ -1,4 +1,4 @@
-"""Draw forty mutants of the library by a seed, and test which of them the suite catches.
+"""Draw forty random mutants of the library, by a fixed seed, and test which the suite detects.
 
 Mutants whose expressions no longer exist are skipped.
 
@@ -7,10 +7,10 @@ Mutants whose expressions no longer exist are skipped.
     ./run python3 -m tests.mutants cover          # run the suite; record the lines of each test
     ./run python3 -m tests.mutants run OUT.json   # each mutant against the tests that cover it
 
-A mutant is one expression of a statement of `pw_elements` with another sign, factor, index,
-comparison or tolerance. It is named by its function and its text, so that it is found again after
-lines have moved. Each is tested in a copy of the tree, the fastest tests first, until the first
-failure; it counts as timed out after `CPU_LIMIT` seconds.
+A mutant changes the sign, factor, index, comparison or tolerance in one expression of
+`pw_elements`. It is identified by its function and its text and can therefore be found after lines
+have moved. Each mutant is tested in a copy of the tree, with the fastest tests first, until a test
+fails; it counts as timed out after `CPU_LIMIT` seconds.
 """
 
 import argparse
@@ -45,7 +45,7 @@ CPU_LIMIT = 240  # CPU seconds for the tests of a mutant
 
 
 class Mutant(NamedTuple):
-    """One changed expression; `place` is its index among those of its kind in the function."""
+    """One changed expression; `place` is its index among the function's mutants of its kind."""
 
     kind: str
     module: str
@@ -56,7 +56,7 @@ class Mutant(NamedTuple):
 
 
 def mutate_expression(node: ast.AST) -> tuple[str, ast.expr] | None:
-    """Return the kind of mutation of an expression and the changed expression, or None."""
+    """Return the kind of mutation and the changed expression, or None if there is none."""
     match node:
         case ast.BinOp(left, ast.Add() | ast.Sub() as op, right):
             return "sign", ast.BinOp(left, OPPOSITE_OPERATOR[type(op)](), right)

@@ -1,9 +1,8 @@
 """Run functions of test files on several MPI processes.
 
 `run_on_processes(3, function, *args)` starts `mpirun`, whose processes import the function and
-call it with
-their communicator and the arguments. A start costs one or two seconds of CPU time, so a function
-should do much work.
+call it with their communicator and the arguments. Starting takes one or two seconds of CPU time, so
+each function should do much work.
 """
 
 import faulthandler
@@ -27,7 +26,7 @@ TIME_LIMIT = 1800  # seconds; distinguishes hung from slow processes even on a b
 # DOLFINx waits equally long for another process that compiles the same form
 JIT_OPTIONS = dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
 JIT_OPTIONS["timeout"] = (TIME_LIMIT, *JIT_OPTIONS["timeout"][1:])
-DISPLACEMENT_SCALE = 0.1  # of all compared contact problems, in which gaps and slips may vanish
+DISPLACEMENT_SCALE = 0.1  # of all contact problems compared; gaps and slips may vanish
 
 
 def run_on_processes(n_processes, function, *args, limit=TIME_LIMIT):
@@ -59,7 +58,8 @@ def run_on_processes(n_processes, function, *args, limit=TIME_LIMIT):
 def assert_same_on_processes(function, *args, process_counts=(3,), rel=1e-10):
     """Assert that `function(comm, *args)` returns the same numbers on several processes as on one.
 
-    The function returns a dictionary of arrays on every process, see `assert_same_values`.
+    The function returns a dictionary of arrays on every process; see `assert_same_values` for the
+    tolerance.
     """
     serial_values = function(MPI.COMM_SELF, *args)
     for n_processes in process_counts:
@@ -84,7 +84,7 @@ def assert_same_values(serial_values, parallel_values, rel, process_name):
 
 
 def _execute_call(folder):
-    """Call the pickled function of a folder on this process and store its result."""
+    """Call the function pickled in a folder on this process, and store its result there."""
     n_processes, function, args, limit = pickle.loads((folder / "call").read_bytes())
     # mpirun of another MPI starts separate programs with one process each
     assert MPI.COMM_WORLD.size == n_processes, f"{MPI.COMM_WORLD.size} in place of {n_processes}"

@@ -156,7 +156,7 @@ class Verdict:
 
     @property
     def expected_verdict(self) -> str:
-        """The pinned verdict, followed by the pinned number if the statement is expected to fail."""
+        """The pinned verdict, followed by the pinned number if the statement should fail."""
         judgement = self.claim.judgement
         if judgement is None:
             return "not testable"

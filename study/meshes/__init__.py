@@ -1,1 +1,1 @@
-"""Meshes that several sections use."""
+"""Meshes that are used by several sections."""

@@ -1,4 +1,4 @@
-"""Unit squares and cubes of hybrid elements' cells, no two of which are congruent."""
+"""Meshes of the unit square and cube for hybrid elements, without congruent cells."""
 
 from mpi4py import MPI
 
@@ -18,11 +18,11 @@ CELL_TYPE_BY_ELEMENT_SUFFIX = {
     "T10": CellType.tetrahedron,
     "H27": CellType.hexahedron,
 }
-"""Cell types by the ends of elements' names."""
+"""Cell types by the suffixes of the names of elements."""
 
 
 def mesh_unit_domain(element: str, cell_size: float) -> Mesh:
-    """Mesh the unit square or cube: triangles and tetrahedra by Gmsh, others distorted."""
+    """Mesh the unit square or cube, with Gmsh for simplices, otherwise by a distorted grid."""
     if element.endswith("T10"):
         return on_cube(element, cell_size)
     if element.endswith("H27"):
@@ -31,7 +31,7 @@ def mesh_unit_domain(element: str, cell_size: float) -> Mesh:
 
 
 def mesh_distorted_grid(element: str, n_cells_per_side: int) -> Mesh:
-    """Return a structured mesh with n cells per side, distorted by one map for all n."""
+    """Return a structured mesh with n cells per side, distorted by the same map for all n."""
     cell = CELL_TYPE_BY_ELEMENT_SUFFIX[element.rsplit("-", 1)[1]]
     if cell in (CellType.triangle, CellType.quadrilateral):
         return move_nodes(

@@ -1,4 +1,4 @@
-"""Inner nodes of 8-node and 9-node quadrilaterals, which are condensed: Fig. 3 of the paper."""
+"""Find the inner nodes of 8- and 9-node quadrilaterals, which are condensed (paper, Fig. 3)."""
 
 from mpi4py import MPI
 
@@ -10,20 +10,21 @@ from dolfinx import fem, la
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-# A triangle's longest side exceeds the others by more than this, relative to their length
+# Relative difference by which the longest side of a triangle must exceed the others
 _LONGEST_SIDE_TOLERANCE = 1e-6
-# Largest sum of two triangles' angles, over pi, at a corner of a convex quadrilateral
+# Largest sum of the angles of two triangles at a corner of a convex quadrilateral, divided by pi
 _MAX_CORNER_ANGLE_OVER_PI = 1 - 1e-6
 # Vertices of each side of a triangle
 _SIDE_VERTICES = ((1, 2), (0, 2), (0, 1))
 
 
 def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
-    """Return local numbers (ghosts too) of mid-side nodes inside pairs of 6-node triangles.
+    """Return the local numbers of the mid-side nodes inside pairs of 6-node triangles.
 
-    Cells 2k and 2k + 1 of the original numbering are a pair, as are the two triangles of a square
-    in `meshes.triangles`, however the mesh is mapped later. If they do not make convex
-    quadrilaterals, pairs are triangles that share their longest side.
+    Ghosts are included. Cells 2k and 2k + 1 of the original numbering form a pair. In meshes made
+    by `meshes.triangles`, these are the two triangles of a square, even after the nodes are moved.
+    If these pairs do not form convex quadrilaterals, triangles that share their longest sides are
+    paired instead.
 
     Raises:
         ValueError: if the space is not quadratic on triangles, or a triangle has no partner.
@@ -50,9 +51,10 @@ def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
 def _sides_shared_by_numbered_pairs(
     space: fem.FunctionSpace, cells: Indices, middles: Indices
 ) -> Indices:
-    """Return the side (cells,) that a cell shares with its partner by number, -1 if there is none.
+    """Return the side (cells,) that each cell shares with its partner, or -1.
 
-    There is none either if the two make a triangle, as in the pattern "crossed".
+    The partner is given by the original cell numbers. The value is -1 if the two cells share no
+    side or do not form a convex quadrilateral, e.g. in meshes with the pattern "crossed".
     """
     pair = space.mesh.topology.original_cell_index[: len(cells)] // 2
     powers = np.repeat(pair.astype(float)[:, None] ** [0, 1, 2], 3, axis=0)
@@ -74,7 +76,7 @@ def _sides_shared_by_numbered_pairs(
 
 
 def _longest_sides(corners: Array) -> Indices:
-    """Return the longest side (cells,) of triangles (cells, 3, 3), -1 if two are equal."""
+    """Return the longest side (cells,) of triangles (cells, 3, 3), or -1 if it is not unique."""
     length = np.linalg.norm([corners[:, a] - corners[:, b] for a, b in _SIDE_VERTICES], axis=2).T
     is_unique = length.max(axis=1) > (1 + _LONGEST_SIDE_TOLERANCE) * np.sort(length, axis=1)[:, 1]
     return np.where(is_unique, length.argmax(axis=1), -1)
@@ -89,7 +91,7 @@ def _triangle_angles(corners: Array) -> Array:
 
 
 def _sum_at_nodes(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
-    """Sum values (n, m) at nodes (n,) over the cells of all processes: (local nodes, m)."""
+    """Return the sums (local nodes, m), over all processes, of values (n, m) at nodes (n,)."""
     sums = la.vector(space.dofmap.index_map, values.shape[1])
     np.add.at(sums.array.reshape(-1, values.shape[1]), nodes, values)
     sums.scatter_reverse(la.InsertMode.add)
@@ -98,7 +100,7 @@ def _sum_at_nodes(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Ar
 
 
 def centre_nodes(space: fem.FunctionSpace) -> Indices:
-    """Return local numbers (ghosts too) of the centre nodes of 9-node quadrilaterals.
+    """Return the local numbers, including ghosts, of the centre nodes of 9-node quadrilaterals.
 
     Raises:
         ValueError: if the space is not quadratic on quadrilaterals.

@@ -1,4 +1,4 @@
-"""Rectangles meshed along given lines, for graded meshes."""
+"""Graded meshes of rectangles along given lines."""
 
 from mpi4py import MPI
 
@@ -17,11 +17,11 @@ def mesh_along_lines(
     """Mesh a rectangle along increasing lines x = constant (m,) and y = constant (n,).
 
     Args:
-        comm: Communicator.
+        comm: MPI communicator.
         x_lines: Coordinates of the lines x = constant.
         y_lines: Coordinates of the lines y = constant.
         cell: "triangle" or "quadrilateral".
-        pattern: Diagonals that cut rectangles into triangles.
+        pattern: Pattern of the diagonals that divide rectangles into triangles.
     """
     divisions = (len(x_lines) - 1, len(y_lines) - 1)
     corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))

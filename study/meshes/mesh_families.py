@@ -1,4 +1,4 @@
-"""Mesh families for convergence studies, by an element's name and the length of cells' sides."""
+"""Mesh families for convergence studies, by name of the element and side length of the cells."""
 
 from collections.abc import Callable
 
@@ -20,11 +20,11 @@ Array = npt.NDArray[np.float64]
 # Radii of the quarter ring and of the eighth of a hollow ball
 INNER_RADIUS, OUTER_RADIUS = 1.0, 2.0
 
-# Number of the finest meshes, to whose errors the line that gives the order is fitted
+# Number of finest meshes to which the line is fitted that gives the order of convergence
 _N_FITTED_MESHES = 3
 
-# By dimension and order: Gmsh's element type, and its nodes in Basix's order; Gmsh numbers
-# mid-side nodes along the outline, Basix opposite to the vertices
+# Gmsh's element type by dimension and order, and the positions of its nodes in Basix's order; Gmsh
+# numbers mid-side nodes along the outline, Basix opposite to the vertices
 _GMSH_CELL_TYPES = {(2, 1): 2, (2, 2): 9, (3, 1): 4, (3, 2): 11}
 _GMSH_NODES_IN_BASIX_ORDER = {
     (2, 1): [0, 1, 2],
@@ -35,7 +35,7 @@ _GMSH_NODES_IN_BASIX_ORDER = {
 
 
 def on_square(element: str, cell_side: float) -> Mesh:
-    """Mesh the unit square: triangles by Gmsh, distorted quadrilaterals or pairs of triangles."""
+    """Mesh the unit square with Gmsh triangles, distorted quadrilaterals or pairs of triangles."""
     return (
         mesh_with_gmsh(_add_square, 2, cell_side)
         if _has_gmsh_triangles(element)
@@ -44,44 +44,45 @@ def on_square(element: str, cell_side: float) -> Mesh:
 
 
 def on_pairs(_: str, cell_side: float) -> Mesh:
-    """Mesh the unit square with triangles in pairs that make quadrilaterals."""
+    """Mesh the unit square with pairs of triangles that form quadrilaterals."""
     return on_square("pw-Q8", cell_side)
 
 
 def on_ring(_: str, cell_side: float) -> Mesh:
-    """Mesh a quarter ring by Gmsh; only sides on its boundary are curved."""
+    """Mesh a quarter ring with Gmsh; only sides of cells on the boundary are curved."""
     return mesh_with_gmsh(_add_quarter_ring, 2, cell_side, order=2)
 
 
 def on_curved_ring(element: str, cell_side: float) -> Mesh:
-    """Mesh a quarter ring with curved cells: `on_square` in polar coordinates."""
+    """Mesh a quarter ring with curved cells, by mapping `on_square` to polar coordinates."""
     return curved_mesh(on_square(element, cell_side), _map_to_quarter_ring)
 
 
 def on_cube(_: str, cell_side: float) -> Mesh:
-    """Mesh the unit cube with tetrahedra by Gmsh."""
+    """Mesh the unit cube with Gmsh tetrahedra."""
     return mesh_with_gmsh(_add_cube, 3, cell_side)
 
 
 def on_strip(_: str, cell_side: float) -> Mesh:
-    """Mesh an upright strip 1 x 4 with triangles by Gmsh."""
+    """Mesh an upright strip 1 x 4 with Gmsh triangles."""
     return mesh_with_gmsh(_add_strip, 2, cell_side)
 
 
 def on_bar(_: str, cell_side: float) -> Mesh:
-    """Mesh an upright bar 1 x 1 x 4 with tetrahedra by Gmsh."""
+    """Mesh an upright bar 1 x 1 x 4 with Gmsh tetrahedra."""
     return mesh_with_gmsh(_add_bar, 3, cell_side)
 
 
 def on_hollow_ball(_: str, cell_side: float) -> Mesh:
-    """Mesh an eighth of a hollow ball with tetrahedra by Gmsh, curved on both spheres."""
+    """Mesh an eighth of a hollow ball with Gmsh tetrahedra, which are curved on both spheres."""
     return mesh_with_gmsh(_add_eighth_of_hollow_ball, 3, cell_side, order=2)
 
 
 def convergence_order(cell_sizes: Array, errors: Array) -> float:
-    """Return the order of convergence from errors (n,), the finest mesh last.
+    """Return the order of convergence of errors (n,), sorted from the coarsest to the finest mesh.
 
-    It is the slope of a line fitted to the logarithms of the finest meshes' sizes and errors.
+    The order is the slope of a line fitted to the logarithms of the cell sizes and errors of the
+    finest meshes.
     """
     return float(
         np.polyfit(np.log(cell_sizes[-_N_FITTED_MESHES:]), np.log(errors[-_N_FITTED_MESHES:]), 1)[0]
@@ -138,20 +139,21 @@ def mesh_with_gmsh(
     order: int = 1,
     size_formula: str | None = None,
 ) -> Mesh:
-    """Mesh a shape by Gmsh on one process; the mesh is reproducible.
+    """Mesh a shape reproducibly with Gmsh on one process.
 
     Args:
-        add_geometry: Function that adds the shape to the model by OpenCASCADE.
+        add_geometry: Function that adds the shape to the Gmsh model with OpenCASCADE.
         dimension: Dimension of the shape.
-        cell_size: Size of cells; with a formula, the smallest size.
-        order: Order of the geometry of cells.
-        size_formula: Size of cells at x, y, z, in Gmsh's notation; None for a uniform size.
+        cell_size: Cell size, or the smallest cell size if a formula is given.
+        order: Polynomial order of the cell geometry.
+        size_formula: Cell size as a function of x, y, z in Gmsh's notation; None for a uniform
+            size.
     """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         for option, value in {
             "General.Terminal": 0,
-            "General.NumThreads": 1,  # several threads make varying meshes
+            "General.NumThreads": 1,  # with several threads, the mesh is not reproducible
             "Mesh.MeshSizeMin": cell_size,
             "Mesh.MeshSizeMax": 1e22 if size_formula else cell_size,
             "Mesh.Algorithm": 5,  # Delaunay

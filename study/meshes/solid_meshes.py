@@ -14,20 +14,21 @@ from pw_elements.meshes import move_nodes
 
 Array = npt.NDArray[np.float64]
 
-# Square inside the unit disc: its side on the axes, and both coordinates of its outer corner
+# Square inside the unit disc: length of its sides on the axes, and coordinate x = y of its outer
+# corner
 _SQUARE_SIDE, _SQUARE_CORNER = 0.5, 0.4
-# Node lines between square and circle lie at distances from the circle that are even ones, over
-# the square's, to this power
+# Exponent to which the evenly spaced relative distances of the node lines between square and circle
+# from the circle are raised
 _SIZE_EXPONENT = 2
 
 
 def solid_cell_name(element: str) -> str:
-    """Return the name of a solid element's cell."""
+    """Return the name of the cell type of a solid element."""
     return "tetrahedron" if element.endswith("T10") else "hexahedron"
 
 
 def mesh_box(cell: str, x_lines: Array, y_lines: Array, z_lines: Array) -> Mesh:
-    """Mesh a box along given lines; a hexahedron is cut into six tetrahedra."""
+    """Mesh a box along given lines; for tetrahedra, each hexahedron is divided into six."""
     lines = (x_lines, y_lines, z_lines)
     divisions = [len(axis_lines) - 1 for axis_lines in lines]
 
@@ -47,8 +48,9 @@ def mesh_quarter_cylinder(cell: str, n_elements: int, outer_radii: Array, z_laye
 
     Args:
         cell: "tetrahedron" or "hexahedron".
-        n_elements: Number along each side of the square in the middle, and from it to radius 1.
-        outer_radii: Radii > 1 of further layers of nodes; the last is the cylinder's.
+        n_elements: Number of elements along each side of the square in the middle, and from this
+            square to radius 1.
+        outer_radii: Radii > 1 of further layers of nodes; the last is the radius of the cylinder.
         z_layers: Increasing coordinates z of the layers of nodes.
     """
     blocks = [
@@ -72,7 +74,7 @@ def mesh_quarter_cylinder(cell: str, n_elements: int, outer_radii: Array, z_laye
 
 
 def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
-    """Return a mesh of a body below z = 0 and its mirror image, a distance above it."""
+    """Return a mesh of a body below z = 0 and its mirror image, separated by a distance."""
     x, cells = lower.geometry.x, cell_geometry_nodes(lower)
     image = x * [1.0, 1.0, -1.0] + [0.0, 0.0, distance]
     return create_mesh(
@@ -84,7 +86,7 @@ def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
 
 
 def _square_nodes(n: int) -> Array:
-    """Return nodes (n + 1, n + 1, 2) of the square, whose outer corner is moved inwards."""
+    """Return the nodes (n + 1, n + 1, 2) of the square, with its outer corner moved inwards."""
     s, t = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x = _SQUARE_SIDE * s + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
     y = _SQUARE_SIDE * t + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
@@ -92,7 +94,7 @@ def _square_nodes(n: int) -> Array:
 
 
 def _ring_nodes(n: int, outer_radii: Array, mirrored: bool) -> Array:
-    """Return nodes (rings, n + 1, 2) from square to cylinder, below or above the diagonal."""
+    """Return the nodes (rings, n + 1, 2) outside the square on one side of the diagonal."""
     along = np.linspace(0, 1, n + 1)[None, :, None]
     start, end = np.array([_SQUARE_SIDE, 0.0]), np.array([_SQUARE_CORNER, _SQUARE_CORNER])
     angle = np.pi / 4 * along[..., 0]
@@ -152,7 +154,10 @@ def _stack_into_hexahedra(
 def _split_prisms_into_tetrahedra(
     below: npt.NDArray[np.int64], above: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
-    """Split each prism into three tetrahedra; sorted columns make neighbours' diagonals match."""
+    """Split each prism into three tetrahedra.
+
+    The columns of nodes are sorted, such that the diagonals of adjacent prisms match.
+    """
     a, b, c = below.T
     d, e, f = above.T
     return np.concatenate(

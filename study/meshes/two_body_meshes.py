@@ -10,7 +10,7 @@ Array = npt.NDArray[np.float64]
 
 
 def with_rotated_copy(lower: Mesh, distance: float) -> Mesh:
-    """Return a mesh of a body below y = 0 and its copy, rotated by 180°, a distance above it."""
+    """Return a mesh of a body below y = 0 and a copy rotated by 180°, separated by a distance."""
     x = lower.geometry.x[:, :2]
     cells = cell_geometry_nodes(lower)
     return create_mesh(
@@ -22,7 +22,7 @@ def with_rotated_copy(lower: Mesh, distance: float) -> Mesh:
 
 
 def join_meshes(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
-    """Join two meshes on one process; the mask (cells,) marks cells of the lower one."""
+    """Join two meshes on one process; return the mesh and a mask (cells,) of the lower cells."""
     dim, lower_cells = lower.geometry.dim, cell_geometry_nodes(lower)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])[:, :dim]
     upper_cells = cell_geometry_nodes(upper) + len(lower.geometry.x)

@@ -17,8 +17,8 @@ from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 
-# Quantities of the scalars of contact computations, by patterns of names; names may end in the
-# number of a surface
+# Physical quantity of each scalar of a contact computation, by pattern of its name; names may end
+# in the number of a surface
 CONTACT_QUANTITIES = {
     "force_*": "force",
     "translation": "length",
@@ -51,13 +51,14 @@ def contact_result(
 ) -> Result:
     """Return the result of a contact problem: scalars and curves along a horizontal contact line.
 
-    Curves and contact forces are those of the last increment.
+    Curves and contact forces belong to the last increment.
 
     Args:
         body: Discretised body.
         states: Contact states at the ends of all increments.
         load: Load vector of the last increment.
-        on_contact_line: Marker of the contact nodes, which alternate corner, mid-side, corner.
+        on_contact_line: Marker of the contact nodes, which must be alternately corner and mid-side
+            nodes, beginning with a corner.
         mean_pressure: Pressure by which `peak_over_mean` divides the peak pressure.
         units: Units of force, length and stress.
         extra_quantities: Quantities of scalars that are not in `CONTACT_QUANTITIES`, see
@@ -81,13 +82,14 @@ def pair_scalars_and_curves(
     on_contact_line: Marker,
     mean_pressure: float,
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return scalars and curves of one contact pair along its horizontal line.
+    """Return the scalars and curves of one contact pair along its horizontal contact line.
 
-    For the arguments see `contact_result`; `pair_index` is the position of the pair in the state.
+    `pair_index` is the position of the pair in the state; see `contact_result` for the other
+    arguments.
     """
     contact = state.pairs[pair_index]
     (x, y), r_n = contact.position.T, contact.force_normal
-    r_t = -contact.force_tangential[:, 0]  # from the body on the surface
+    r_t = -contact.force_tangential[:, 0]  # force of the body on the surface
     surface = SurfaceNodes.from_body(body.body, on_contact_line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
@@ -131,18 +133,18 @@ def pair_scalars_and_curves(
 def _max_relative_second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
     """Return the largest |mid-side value - mean of both corner values| over the largest value.
 
-    Both zigzags and kinks, as where sliding begins, have second differences.
+    It is large for zigzags, but also for kinks, e.g. at the beginning of sliding.
 
     Args:
         values: Nodal values (n,).
-        edges: Nodes (m, 3) of edges: mid-side, first and last corner.
+        edges: Nodes (m, 3) of edges, in the order mid-side node, first corner, last corner.
     """
     middle, first, last = values[edges].T
     return float(np.abs(middle - (first + last) / 2).max() / np.nanmax(np.abs(values)))
 
 
 def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
-    """Return iterations, the largest residual and uniqueness over all increments."""
+    """Return the iterations, largest residual and uniqueness of the solution for all increments."""
     return {
         "iterations": float(sum(state.iterations for state in states)),
         "iterations_most": float(max(state.iterations for state in states)),
@@ -152,7 +154,7 @@ def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
 
 
 def deformation_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
-    """Return nodes (n, 2), the nodes of each cell, and displacements (n, 2)."""
+    """Return the curves `nodes` (n, 2), `cells` (nodes of each cell) and `displacement` (n, 2)."""
     displacement = state.displacement.array_r.reshape(-1, 2)
     return {**mesh_nodes_and_cells(body.space), "displacement": displacement}
 
@@ -164,7 +166,7 @@ def _transferred_force_curves(
     on_contact_line: Marker,
     normal: Array,
 ) -> dict[str, Array]:
-    """Return nodal forces of the standard element times T, normal and tangential."""
+    """Return the normal and tangential components of T times the nodal forces."""
     r = reactions(body.K, state.displacement, load)
     transferred = forces_along(body.space, force_transfer(body.space) * r, on_contact_line).force
     normal_force = np.sum(transferred * normal, axis=1)

@@ -1,4 +1,4 @@
-"""The elements that the study compares, by the names of its result files."""
+"""Discretisation of bodies with the elements that the study compares, by name of element."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ from study.model.elements import (
     taylor_hood_spaces,
 )
 
-# CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
+# The elements CPS6 and CPS8 (plane stress) of the paper's commercial code are galerkin-T6 and -Q8
 _MAKE_SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "galerkin-T6": Spaces.galerkin,
     "pw-T6": Spaces.petrov_galerkin,
@@ -44,13 +44,13 @@ _MAKE_SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
     "composite-T6": composite_spaces,
-    # on tetrahedra and hexahedra; `study.solutions.solids` transfers the standard element's forces
+    # elements on tetrahedra and hexahedra; `study.solutions.solids` applies T for transferred-T10
     "galerkin-T10": Spaces.galerkin,
     "transferred-T10": Spaces.galerkin,
     "sibling-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,
     "onecut-T10": p1_iso_p2_weight_spaces,
-    # with a pressure beside displacements
+    # hybrid elements, with displacements and pressure
     "galerkin-hybrid-T6": taylor_hood_spaces,
     "pw-hybrid-T6": Spaces.hybrid,
     "galerkin-hybrid-T10": taylor_hood_spaces,
@@ -63,9 +63,9 @@ _MAKE_SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pw-H27": Spaces.petrov_galerkin,
 }
 
-# Functions that find the inner node of quadrilaterals with piecewise-linear weights, which
-# standard ones do not have: on the diagonal between two triangles (the paper's section 5), or at
-# the centre of four sub-quadrilaterals
+# Functions that find the inner nodes of quadrilaterals with piecewise-linear weight functions. An
+# inner node is the middle of the diagonal between two triangles (section 5 of the paper) or the
+# centre of four sub-quadrilaterals; standard quadrilaterals have none
 _FIND_INNER_NODES = {
     "pw-Q8": mid_diagonal_nodes,
     "pwsym-Q8": mid_diagonal_nodes,
@@ -77,7 +77,7 @@ _FIND_INNER_NODES = {
 class Discretisation:
     """Elastic body discretised with one of the study's elements.
 
-    Stiffness and loads include inner nodes; `supports` condenses these.
+    Stiffness and loads include inner nodes, which `supports` eliminates by condensation.
 
     Args:
         element: Name of the element.
@@ -100,13 +100,13 @@ class Discretisation:
         return assemble_vector(self.body.surface_load(traction, surface))
 
     def supports(self, conditions: Sequence[fem.DirichletBC]) -> Reduction:
-        """Return the reduction by Dirichlet conditions and by condensation of inner nodes."""
+        """Return the reduction for Dirichlet conditions and the condensation of inner nodes."""
         if self.element not in _FIND_INNER_NODES:
             return Reduction.dirichlet(self.space, conditions)
         return Reduction.condensation(self.K, self.space, self.inner_nodes(), conditions)
 
     def inner_nodes(self) -> npt.NDArray[np.int32]:
-        """Return the local numbers of the nodes that the element condenses."""
+        """Return the local numbers of the inner nodes, which are eliminated by condensation."""
         if self.element not in _FIND_INNER_NODES:
             return np.empty(0, dtype=np.int32)
         return _FIND_INNER_NODES[self.element](self.space)
@@ -118,14 +118,14 @@ def discretise(
     material: Material,
     state: StressState,
 ) -> Discretisation:
-    """Discretise a body; `build_mesh` makes a mesh of "triangle" or "quadrilateral" cells."""
+    """Discretise a body; `build_mesh` takes the cell type, "triangle" or "quadrilateral"."""
     mesh = build_mesh("quadrilateral" if has_quadrilateral_mesh(element) else "triangle")
     body = Body(spaces(element, mesh), material, state)
     return Discretisation(element, body, assemble_matrix(body.stiffness()))
 
 
 def mesh_nodes_and_cells(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]]:
-    """Return the curves `nodes` (n, dim) and `cells`, the nodes of each cell in Basix's order."""
+    """Return the curves `nodes` (n, dim) and `cells` (nodes of each cell in Basix's order)."""
     space = displacement_space(space)
     return {
         "nodes": space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim],
@@ -134,22 +134,23 @@ def mesh_nodes_and_cells(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]
 
 
 def spaces(element: str, mesh: Mesh) -> Spaces:
-    """Return the trial and test spaces of an element on a mesh of its cells."""
+    """Return the trial and test spaces of an element on a mesh of suitable cells."""
     return _MAKE_SPACES[element](mesh)
 
 
 def displacement_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
-    """Return the space of displacements alone; of a mixed space, its collapsed part."""
+    """Return the space of displacements, which is collapsed if the given space is mixed."""
     return SubSpace.displacements(space).space
 
 
 def mass_condensation(
     condensation: Reduction, left_matrix: Literal["transposed", "same"]
 ) -> Reduction:
-    """Return a condensation of mass matrices with one of two left matrices L.
+    """Return the reduction for the condensation of mass matrices.
 
-    "transposed" keeps its L, from the transposed problem; "same" sets L = R, as symmetric codes
-    do. L^T K R does not change, since K R vanishes in the inner rows; L^T M R does.
+    "transposed" keeps the left matrix L, which results from the transposed problem. "same" sets
+    L = R, as in symmetric codes. The choice affects L^T M R, but not L^T K R, because the rows of
+    K R at inner nodes are zero.
     """
     return (
         condensation
@@ -161,9 +162,9 @@ def mass_condensation(
 def prescribe_nodes(
     space: fem.FunctionSpace, nodes: npt.NDArray[np.int32], displacement: npt.NDArray[np.floating]
 ) -> fem.DirichletBC:
-    """Return the condition that nodes (m,) have prescribed displacements (m, dim).
+    """Return the condition that prescribes displacements (m, dim) at nodes (m,).
 
-    Nodes are those of the displacement space.
+    The numbers of the nodes refer to the displacement space.
     """
     field, prescribed = SubSpace.displacements(space), fem.Function(space)
     prescribed.x.array[field.unknowns[nodes]] = displacement
@@ -172,10 +173,10 @@ def prescribe_nodes(
 
 
 def has_quadrilateral_mesh(element: str) -> bool:
-    """Return whether the element is on quadrilateral cells; pw-Q8 is on pairs of triangles."""
+    """Return whether the element requires quadrilateral cells; pw-Q8 uses pairs of triangles."""
     return element in ("galerkin-Q8", "pw-Q9") or element.endswith("hybrid-Q9")
 
 
 def is_symmetrised(element: str) -> bool:
-    """Return whether matrices are replaced by their symmetric parts, as symmetric solvers do."""
+    """Return whether matrices are replaced by their symmetric parts, as in symmetric solvers."""
     return element.startswith("pwsym")

@@ -1,4 +1,4 @@
-"""Elements of other codes and papers, with which the study compares the library's."""
+"""Elements of other codes and papers, with which the study compares those of the library."""
 
 import basix
 import basix.ufl
@@ -19,39 +19,40 @@ from dolfinx.mesh import Mesh, MeshTags
 from pw_elements import Spaces
 from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 
-# Basix dofs of nodes 1..6 of the paper's triangle: vertices, then mid-sides 1-2, 2-3, 3-1
+# Basix dofs of the nodes 1 to 6 of the paper's triangle, which are the vertices, then the mid-side
+# nodes of sides 1-2, 2-3 and 3-1
 BASIX_DOF_OF_PAPER_NODE = [0, 1, 2, 5, 3, 4]
 
 
 def composite_spaces(mesh: Mesh, n_components: int = 2) -> Spaces:
-    """Return trial and test spaces of composite triangles, similar to CPS6M.
+    """Return trial and test spaces of composite triangles, which are similar to CPS6M.
 
-    Fields are vectors, or scalars with 0 components.
+    Fields are vectors with `n_components`, or scalars if `n_components` is 0.
     """
     trial = fem.functionspace(mesh, composite_element((n_components,) if n_components else ()))
     return Spaces(trial, trial)
 
 
 def serendipity_spaces(mesh: Mesh, n_components: int = 2) -> Spaces:
-    """Return trial and test spaces of nodal 8-node quadrilaterals, as CPS8.
+    """Return trial and test spaces of nodal 8-node quadrilaterals, like CPS8.
 
-    Fields are vectors, or scalars with 0 components.
+    Fields are vectors with `n_components`, or scalars if `n_components` is 0.
     """
     trial = fem.functionspace(mesh, serendipity_element((n_components,) if n_components else ()))
     return Spaces(trial, trial)
 
 
 def p1_iso_p2_weight_spaces(mesh: Mesh, shape: tuple[int, ...] = (3,)) -> Spaces:
-    """Return quadratic trial and P1-iso-P2 test spaces: the paper's element on tetrahedra.
+    """Return quadratic trial and P1-iso-P2 test spaces, i.e. the paper's element on tetrahedra.
 
-    Sub-cells are those of `p1_iso_p2_tetrahedron`.
+    The sub-cells are described in `p1_iso_p2_tetrahedron`.
     """
     trial = fem.functionspace(mesh, quadratic_element("tetrahedron", shape))
     return Spaces(trial, fem.functionspace(mesh, p1_iso_p2_tetrahedron(shape)))
 
 
 def taylor_hood_spaces(mesh: Mesh, cell_tags: MeshTags | None = None) -> Spaces:
-    """Return spaces of the standard hybrid element: quadratic displacements, linear pressure."""
+    """Return spaces of the standard hybrid element (quadratic displacements, linear pressures)."""
     trial = Spaces.hybrid(mesh, cell_tags).trial
     return Spaces(trial, trial, cell_tags)
 
@@ -59,9 +60,9 @@ def taylor_hood_spaces(mesh: Mesh, cell_tags: MeshTags | None = None) -> Spaces:
 def p1_iso_p2_tetrahedron(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Return the P1-iso-P2 element: piecewise-linear functions on eight parts of a tetrahedron.
 
-    The order of a cell's vertices decides which of three diagonals cuts the inner octahedron;
-    nodal forces depend on it by a few per cent. DOLFINx integrates the gradients wrongly with
-    degrees 4, 5 and 7, whose quadrature points lie on sides of sub-cells.
+    The order of a cell's vertices determines which of three diagonals divides the inner octahedron;
+    this changes nodal forces by a few per cent. With quadrature degrees 4, 5 and 7, whose points
+    lie on faces of sub-cells, DOLFINx does not integrate the gradients correctly.
     """
     return _blocked_element(
         basix.ufl._BasixElement(piecewise_linear_sub_cell_element("tetrahedron")._element),
@@ -72,11 +73,12 @@ def p1_iso_p2_tetrahedron(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Return the composite triangle: four linear triangles with a linear assumed gradient.
 
-    Values are those of `piecewise_linear_sub_cell_element("triangle")`. Gradients in a form are the
-    L2 projections of the piecewise constant ones onto linear functions of the macro triangle: with
-    a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A.
-    Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for
-    small strains. The projection on the reference triangle is exact for straight sides.
+    Its values equal those of `piecewise_linear_sub_cell_element("triangle")`. Gradients in a form
+    are L2 projections of the piecewise constant gradients onto linear functions on the macro
+    triangle. If the elasticity matrix is constant, this is the linear assumed strain of Y. Guo,
+    M. Ortiz, T. Belytschko, E. A. Repetto, "Triangular composite finite elements", Int. J. Numer.
+    Methods Eng. 47 (2000), for small strains. The projection on the reference triangle is exact
+    for straight sides.
     """
     return _blocked_element(
         _AssumedGradientElement(piecewise_linear_sub_cell_element("triangle")._element),
@@ -87,8 +89,8 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Return the nodal 8-node quadrilateral (CPS8, CAX8), without a centre node.
 
-    The degrees of freedom of Basix's serendipity element are integral moments; nodal forces need
-    point evaluations. The space contains all quadratics, x²y and xy².
+    Nodal forces require point evaluations as degrees of freedom, whereas those of Basix's
+    serendipity element are integral moments. The space contains all quadratics, x²y and xy².
     """
     cell = CellType.quadrilateral
     points, weights = basix.make_quadrature(cell, 5)
@@ -121,7 +123,7 @@ class _AssumedGradientElement(basix.ufl._BasixElement):
         return f"{super().__repr__()}, assumed gradient"
 
     def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return values and projected gradients at points (n, 2): (derivatives, n, nodes)."""
+        """Return values and projected gradients (derivatives, n, nodes) at points (n, 2)."""
         if nderivs > 1:
             raise NotImplementedError("the composite triangle has first derivatives only")
         values = super().tabulate(0, points)

@@ -1,8 +1,8 @@
-"""Compilation of forms that many cases share, before the cases run.
+"""Compile forms that many cases share before the cases run.
 
-DOLFINx compiles a form when it is first assembled; other processes that need it poll for it every
-second. Elements, states and loads here are those of several sections; other forms are compiled
-with their cases.
+DOLFINx compiles a form when it is first assembled; other processes that need the form poll for it
+every second. The elements, states of stress and loads of this module are used by several sections.
+Other forms are compiled when their cases run.
 """
 
 from pathlib import Path
@@ -23,19 +23,22 @@ SHARED_ELEMENTS = ("pw-T6", "galerkin-T6", "composite-T6", "pw-Q9", "galerkin-Q8
 SHARED_STATES = ("plane stress", "axisymmetric", "plane strain")
 SHARED_ELEMENT_STATES = [(element, state) for state in SHARED_STATES for element in SHARED_ELEMENTS]
 
-# A cache of at least this many compiled forms is taken to contain the shared ones
+# If the cache contains at least this many forms, it is assumed to contain the shared ones
 _MIN_FILLED_CACHE_FORMS = 50
 
 
 def list_forms_to_compile() -> list[tuple[str, str]]:
-    """Return (element, state) pairs whose forms to compile; none if the cache is filled."""
+    """Return the pairs (element, state of stress) whose forms must be compiled.
+
+    The list is empty if the cache already contains many forms.
+    """
     folder = Path(get_options()["cache_dir"])
     compiled = sum(1 for _ in folder.glob("*.c.cached"))
     return SHARED_ELEMENT_STATES if compiled < _MIN_FILLED_CACHE_FORMS else []
 
 
 def compile_element_forms(element: str, state: str) -> None:
-    """Compile stiffness, mass and loads of an element in a state."""
+    """Compile the stiffness, mass and load forms of an element in a state of stress."""
     body = Body(spaces(element, _mesh_unit_square(element)), Material(1.0, 0.3), StressState(state))
     v, n = ufl.TestFunction(body.spaces.test), ufl.FacetNormal(body.spaces.mesh)
     face = boundary_measure(body.spaces.mesh, lambda x: x[0] > -1.0)

@@ -1,4 +1,4 @@
-"""Dense copies of small matrices, and the relative difference of two."""
+"""Dense copies of small matrices, and relative differences of arrays."""
 
 from petsc4py import PETSc
 
@@ -9,11 +9,11 @@ Array = npt.NDArray[np.float64]
 
 
 def to_dense_array(matrix: PETSc.Mat) -> Array:
-    """Return the entries (m, n) of a matrix on one process."""
-    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
+    """Return the entries (m, n) of a matrix that resides on one process."""
+    copy = matrix.convert("dense", PETSc.Mat())  # must outlive the view of its array
     return np.array(copy.getDenseArray())
 
 
 def relative_difference(a: Array, b: Array) -> float:
-    """Return the norm of a - b over that of a."""
+    """Return the norm of a - b, divided by the norm of a."""
     return float(np.linalg.norm(a - b) / np.linalg.norm(a))

@@ -1,8 +1,8 @@
-"""Contact tractions from nodal forces, by one rule for all elements of the study.
+"""Contact tractions from nodal forces, by the same rule for all elements of the study.
 
-A nodal force is divided by its node's weight, the integral of the node's own test function over
-the surface. There is no reading at a node whose weight is zero: a corner of a
-standard 10-node tetrahedron, a standard element's node on the axis of rotation.
+Each nodal force is divided by the weight of its node, which is the integral of the node's own test
+function over the surface. The traction is undefined at nodes whose weight is zero, which are the
+corners of standard 10-node tetrahedra and nodes of standard elements on the axis of rotation.
 """
 
 from dataclasses import replace
@@ -20,8 +20,8 @@ Array = npt.NDArray[np.float64]
 def with_transferred_weights(surface: SurfaceNodes, transfer: PETSc.Mat) -> SurfaceNodes:
     """Return the surface nodes with T times the weights of the standard element.
 
-    They belong to forces transferred by `force_transfer`'s T, or to those of the sibling, whose
-    test functions are T times the standard ones.
+    These weights apply to forces that were transferred by the matrix T of `force_transfer`, and to
+    forces of the sibling, whose test functions are T times the standard ones.
 
     Args:
         surface: Surface nodes of the standard element, on one process.
@@ -34,15 +34,16 @@ def with_transferred_weights(surface: SurfaceNodes, transfer: PETSc.Mat) -> Surf
 
 
 def error_norms_on_common_and_other_nodes(error: Array, other_values: Array) -> dict[str, float]:
-    """Return norms of an element's errors where another has values, and where it has none.
+    """Return norms of an element's errors at nodes where another element has values, or has none.
 
     Args:
         error: Errors (m,), NaN where the element has no value.
         other_values: Values (m,) of the other element at the same nodes, NaN where it has none.
 
     Returns:
-        `common_median`, `common_rms`, `common_max` and `common_nodes`; and the same with `alone_`
-        for nodes at which only the first element has a value, if there are any.
+        `common_median`, `common_rms`, `common_max` and `common_nodes` for nodes at which both
+        elements have values; the same with the prefix `alone_` for nodes at which only the first
+        element has a value. Groups without nodes are omitted.
     """
     has_error, has_other = ~np.isnan(error), ~np.isnan(other_values)
     norms = {}

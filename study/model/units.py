@@ -1,4 +1,4 @@
-"""Units of stored scalars, see `study.run.store.Result` for the convention."""
+"""Units of stored scalars; see `study.run.store.Result` for the convention."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 
 @dataclass(frozen=True)
 class Units:
-    """Consistent units of one problem.
+    """Consistent units of a problem.
 
     Attributes:
         force: Unit of forces, and of forces per length on a plane body of unit thickness.
@@ -21,7 +21,7 @@ class Units:
 
 
 UNSTATED_UNITS = Units("unit force", "unit length", "unit stress")
-"""Units of a problem that states none; any consistent units will do."""
+"""Units of a problem that is stated without units, i.e. any consistent units."""
 DIMENSIONLESS_UNITS = Units("1", "1", "1")
 """Units of a problem whose quantities are dimensionless."""
 SI_UNITS = Units("N", "m", "Pa")
@@ -36,9 +36,9 @@ def units_of(
 
     Args:
         scalar_names: Names of the scalars.
-        quantities: By pattern of names, such as "force_*", the quantity "force", "length" or
-            "stress", or a unit. The first matching pattern counts; a scalar without a match gets
-            no unit, which `save` refuses.
+        quantities: Mapping from patterns of names, such as "force_*", to quantities ("force",
+            "length" or "stress") or units. The first matching pattern applies. Scalars without a
+            match are assigned no unit, which `save` rejects.
         units: Units of force, length and stress.
     """
     scalar_units = {}
@@ -51,5 +51,5 @@ def units_of(
 
 
 def dimensionless(scalar_names: Iterable[str]) -> dict[str, str]:
-    """Return the unit "1" for each scalar: for ratios, relative errors, orders, counts, flags."""
+    """Return the unit "1" for each scalar, e.g. for ratios, relative errors, orders and counts."""
     return dict.fromkeys(scalar_names, "1")

@@ -1,6 +1,6 @@
-"""Names of elements, methods, loads and states of contact nodes, without any solver.
+"""Names of elements, methods, loads and contact statuses; this module does not import the solver.
 
-An element has one name, marker and colour in all tables, legends, captions and claims.
+Each element has the same name, marker and colour in all tables, legends, captions and claims.
 """
 
 from dataclasses import dataclass
@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ElementStyle:
-    """Name and look of an element or a method in tables and figures.
+    """Name and appearance of an element or a method in tables and figures.
 
     Attributes:
         name: Name in tables, legends and prose.
-        marker: Matplotlib's marker of nodes.
-        colour: Colour of lines and markers: Okabe and Ito's, two darkened to be seen on white.
+        marker: Matplotlib marker for nodes.
+        colour: Colour of lines and markers, from Okabe and Ito's palette; two colours are darker
+            for contrast with a white background.
     """
 
     name: str
@@ -21,8 +22,8 @@ class ElementStyle:
     colour: str
 
 
-# By the names in result files: T for triangles or tetrahedra, Q for quadrilaterals, H for
-# hexahedra, with the number of nodes
+# Elements by their names in result files, which contain T (triangle or tetrahedron),
+# Q (quadrilateral) or H (hexahedron) and the number of nodes
 ELEMENTS = {
     "galerkin-T6": ElementStyle("standard T6", "^", "#D55E00"),
     "pw-T6": ElementStyle("new T6", "o", "#0072B2"),
@@ -51,7 +52,7 @@ ELEMENTS = {
     "exact": ElementStyle("exact", "", "#000000"),
 }
 
-# Methods of contact between two bodies whose meshes do not match
+# Methods for contact between two bodies with non-matching meshes
 TWO_BODY_METHODS = {
     "pw-dual": ElementStyle("new weights, their duals", "o", "#0072B2"),
     "pw-dual-gap": ElementStyle("new weights, gaps by duals", "P", "#56B4E9"),
@@ -67,16 +68,16 @@ class StressReading:
     """Rule that gives the stress at a contact node from its force.
 
     Attributes:
-        name: Adjective for the stress.
-        meaning: Definition of the stress, which names the divisor of the force.
+        name: Adjective that precedes the word "stress".
+        meaning: Definition of the stress, including the divisor of the force.
     """
 
     name: str
     meaning: str
 
 
-# In result files, the curves "pressure" and "shear" are own-function readings, those that end in
-# "_tributary" tributary ones
+# In result files, the curves "pressure" and "shear" are own-function readings; curves whose names
+# end in "_tributary" are tributary readings
 OWN_FUNCTION_READING = StressReading(
     "own-function", "nodal force over the integral of the node's own test function"
 )
@@ -88,14 +89,15 @@ UNDEFINED_READING_NOTE = (
     "no reading where that integral is zero: at corners of the standard T10, and on the axis of "
     "rotation for the standard T6 and Q8"
 )
-"""Nodes at which the own-function reading is undefined."""
+"""Note on the nodes at which the own-function reading is undefined."""
 
 PLANE_ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 """Elements of the plane contact examples, in the order of tables."""
 
-# Loads of the beam in section 7.6: the printed one, and one whose values converge
+# Loads of the beam in section 7.6: the load of the paper, and one for which the critical stresses
+# converge
 BEAM_LOAD_NAMES = {"point": "concentrated load at A", "uniform": "uniform load on the end"}
 
-# Status of a contact node, numbered as in the library; a test compares
+# Status of a contact node, numbered as in the library (checked by a test)
 OPEN, STICK, SLIP = 0, 1, 2
 STATUS_NAMES = {OPEN: "open", STICK: "sticking", SLIP: "slipping"}

@@ -1,1 +1,1 @@
-"""What readers get: texts, report and site, and the command line that makes them."""
+"""Texts, report and site, and the command line that produces them."""

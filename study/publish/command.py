@@ -1,4 +1,4 @@
-"""Run the study: compute what is not stored yet, judge the claims, draw, write the report."""
+"""Run the study: compute missing results, judge the claims, draw figures, write the report."""
 
 import argparse
 import errno
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 CALLER_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
-"""Where ./run study was called, if not in the project's folder."""
+"""Folder in which `./run study` was called, if it is not the project's folder."""
 
 UNWRITABLE_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
-MIN_OPEN_FILES = 64  # that two processes, their pipes and the report need
+MIN_OPEN_FILES = 64  # required by two processes, their pipes and the report
 MIN_ADDRESS_SPACE = (
     1 << 30
-)  # bytes of address space: OpenBLAS tries for ever to get a buffer it is not given
-MAX_LISTED_NAMES = 5  # outdated results that are named; more are counted
+)  # bytes of address space; with less, OpenBLAS tries forever to allocate a buffer
+MAX_LISTED_NAMES = 5  # if there are more, only their number is printed
 
 USAGE = """\
   study                   all sections, then claims, figures and report
@@ -53,13 +53,14 @@ what it says; 128 and its number if a signal ended it, as 130 after Ctrl-C
 
 
 class FigureDrawing(NamedTuple):
-    """Functions that draw figures; the study does not import them.
+    """Functions that draw figures, which are passed in because the study does not import them.
 
     Attributes:
         list_needs: See `runner.ParallelTasks`.
         draw: See `runner.ParallelTasks`.
-        draw_all: Draw the figures that are not up to date, given the folder of results, whether no
-            result may be missing, and the number of processes; return whether none failed.
+        draw_all: Function that draws all figures that are not up to date and returns whether it
+            succeeded. Its arguments are the folder of results, whether all results must exist, and
+            the number of processes.
     """
 
     list_needs: str
@@ -68,15 +69,12 @@ class FigureDrawing(NamedTuple):
 
 
 def main(arguments: list[str] | None = None, figures: FigureDrawing | None = None) -> int:
-    """Run the command line.
+    """Run the command line; return the exit status.
 
     Args:
-        arguments: Arguments of the command line; by default those of this process.
-        figures: Functions that draw the figures. Without them, the report contains the figures that
-            were drawn before.
-
-    Returns:
-        The exit status.
+        arguments: Arguments of the command line; by default, those of this process.
+        figures: Functions that draw the figures. If None, the report contains the figures that were
+            drawn earlier.
     """
     parser = argparse.ArgumentParser(
         prog="study",
@@ -98,9 +96,9 @@ def main(arguments: list[str] | None = None, figures: FigureDrawing | None = Non
     except (StudyError, ForeignFileOrFolder) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
+    except BrokenPipeError:  # the reader has closed the pipe, as in "study list | head"
         _redirect_to_devnull(sys.stdout, sys.stderr)
-        return 141  # as a shell has it of programs that end by the signal
+        return 141  # exit status that shells report for programs ended by SIGPIPE
     except OSError as error:
         if error.errno not in UNWRITABLE_ERRNOS:
             raise
@@ -112,7 +110,7 @@ def main(arguments: list[str] | None = None, figures: FigureDrawing | None = Non
 
 
 def _discard_unwritable_output() -> bool:
-    """Tell whether there is no room for what has been printed, and forget it then."""
+    """Return whether buffered output cannot be written; if so, discard it."""
     try:
         print(flush=True)
     except OSError:
@@ -155,18 +153,17 @@ def run_study(
     *,
     figures: FigureDrawing | None = None,
 ) -> int:
-    """Compute the sections, or all if none is given, and conclude; or nothing but single cases.
+    """Compute the selected sections, then write claims, figures and report; return the exit status.
+
+    If the selection contains keys of cases, only the cases are computed.
 
     Args:
-        selection: Sections, or keys of cases.
+        selection: Sections or keys of cases; if empty, all sections are selected.
         out: Folder of the results.
         jobs: Number of processes.
-        force: Compute also what is stored and holds.
-        recompute_recorded: Compute also what is otherwise read from tracked records.
+        force: Whether to recompute valid stored results.
+        recompute_recorded: Whether to compute results that are otherwise read from records.
         figures: Functions that draw the figures.
-
-    Returns:
-        The exit status.
     """
     for command in {"list", "check", "report"} & set(selection):
         raise StudyError(f"{command} stands alone, without sections")
@@ -183,9 +180,9 @@ def run_study(
         if recompute_recorded:
             cases = _replace_recorded_cases(cases, out)
         return int(bool(runner.run(cases, out, jobs, force)))
-    from study.judge import claims  # single cases need neither it nor the packages it imports
+    from study.judge import claims  # not required for single cases
 
-    all_claims = claims.load_claims()  # an error in them is to be known now, not at the end
+    all_claims = claims.load_claims()  # errors in claims are reported before computing
     loaded_sections = _load_sections(sections)
     for section in loaded_sections:
         runner.discard_others(section, out)
@@ -201,15 +198,15 @@ def run_study(
 
 def _create_parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
     return runner.ParallelTasks(
-        list_preparations="study.model.forms:shared",
-        prepare="study.model.forms:compile_shared",
+        list_preparations="study.model.forms:list_forms_to_compile",
+        prepare="study.model.forms:compile_element_forms",
         list_needs=figures.list_needs if figures else "",
         draw=figures.draw if figures else "",
     )
 
 
 def _replace_recorded_cases(cases: list[Case], out: Path) -> list[Case]:
-    """Replace recorded cases by those that compute them; measure the cost of section K anew."""
+    """Replace recorded cases by cases that compute the results; repeat section K's measurements."""
     from study.benchmarks.k_cost import measure, page
 
     cost_cases = {case.key: case for case in cases if case.section == "K"}
@@ -222,7 +219,7 @@ def _replace_recorded_cases(cases: list[Case], out: Path) -> list[Case]:
 
 
 def _select_cases(selection: list[str], sections: list[str]) -> list[Case]:
-    """Return cases by their keys, and those of whole sections."""
+    """Return the cases that are selected by key or by section."""
     all_cases = [case for section in _load_sections(sections) for case in section.cases]
     keys = {case.key for case in all_cases}
     for unknown_key in (name for name in selection if "/" in name and name not in keys):
@@ -231,7 +228,7 @@ def _select_cases(selection: list[str], sections: list[str]) -> list[Case]:
 
 
 def rewrite_report(out: Path, jobs: int = 1, figures: FigureDrawing | None = None) -> int:
-    """Judge, draw and write the report again."""
+    """Judge the claims, draw figures and write the report from stored results."""
     from study.judge import claims
 
     results = _open_stored_results(out)
@@ -243,12 +240,12 @@ def rewrite_report(out: Path, jobs: int = 1, figures: FigureDrawing | None = Non
 
 
 def check_claims(out: Path) -> int:
-    """Print the claims whose verdict differs from the pinned one; without a verdict, it does.
+    """Print all claims whose verdicts differ from the pinned ones, and claims without a verdict.
 
-    That results are outdated, missing or corrupt is said on stderr.
+    Outdated, missing and corrupt results are reported on stderr.
 
     Returns:
-        3 if results are corrupt, 1 if a verdict differs, else 0.
+        Exit status: 3 if results are corrupt, 1 if a verdict differs, otherwise 0.
     """
     from study.judge import claims
 
@@ -262,7 +259,7 @@ def check_claims(out: Path) -> int:
 
 
 def list_cases(out: Path) -> int:
-    """Print the sections with their cases and what is stored of them."""
+    """Print all sections and cases, and the state of each stored result."""
     results = Results(out)
     lines = []
     for section in _load_sections(list(SECTIONS)):
@@ -282,24 +279,24 @@ def judge_and_report(
     *,
     figures: FigureDrawing | None = None,
 ) -> int:
-    """Write claims, figures and report from what is stored, and print verdicts.
+    """Write claims, figures and report from stored results, and print verdicts.
 
     Args:
         out: Folder of the results.
         all_claims: The claims.
-        require_complete: Whether nothing may be missing, as after a run of all sections.
-        jobs: Number of processes that draw.
-        sections: Sections: verdicts that depend on their results are printed; without any, all
-            verdicts.
+        require_complete: Whether missing results are an error, as after a run of all sections.
+        jobs: Number of processes that draw figures.
+        sections: Sections whose results must affect a verdict for it to be printed. If empty, all
+            verdicts are printed.
         figures: Functions that draw the figures.
 
     Returns:
-        3 if stored results are corrupt; 1 if a printed verdict differs from the pinned one, a
-        figure cannot be drawn, or something is missing that may not; else 0.
+        Exit status: 3 if stored results are corrupt; 1 if a printed verdict differs from the pinned
+        one, a figure cannot be drawn, or required results are missing; otherwise 0.
     """
     from study.judge import claims, facts
     from study.publish.report import (
-        build_report,  # slow to import, and worker processes do not need it
+        build_report,  # slow to import, and not required by worker processes
     )
 
     results = Results(out)
@@ -338,7 +335,7 @@ def judge_and_report(
 
 
 def _judge_and_track_sections(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
-    """Judge a claim; return the sections whose results it depends on, too."""
+    """Return the verdict on a claim and the sections whose results affect it."""
     from study.judge import claims
 
     tracked_results = TrackedResults(results)
@@ -348,7 +345,7 @@ def _judge_and_track_sections(claim: "Claim", results: Results) -> "tuple[Verdic
 
 def _load_sections(sections: list[str]) -> list[Section]:
     loaded_sections = [load_section(section) for section in sections]
-    ignore_broken_pipe_signal()  # which PETSc, imported just now, takes for a crash
+    ignore_broken_pipe_signal()  # PETSc, which has just been imported, treats the signal as a crash
     return loaded_sections
 
 
@@ -372,7 +369,7 @@ def _check_memory_limit() -> None:
 
 
 def _open_stored_results(out: Path) -> Results:
-    """Return the results of a folder, but refuse one without any."""
+    """Return the results of a folder; raise StudyError if it contains none."""
     results = Results(out)
     if not any(results.cases(section) for section in SECTIONS):
         raise StudyError(f"there are no results in {out}: run ./run study")
@@ -384,7 +381,7 @@ def _has_corrupt_results(results: Results) -> bool:
 
 
 def _print_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
-    """Say why claims are not judged though their results are there."""
+    """Print the reasons why claims are not judged although their results exist."""
     claims_by_reason: dict[str, list[str]] = {}
     for verdict in verdicts:
         if verdict.unreadable_reason:
@@ -395,16 +392,16 @@ def _print_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
 
 
 def _abbreviate_list(names: list[str]) -> str:
-    """Return the first few names, and how many more there are."""
+    """Return a text with the first few names and the number of remaining names."""
     suffix = f" and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else ""
     return ", ".join(names[:MAX_LISTED_NAMES]) + suffix
 
 
 def _print_unusable_results(results: Results) -> None:
-    """Say which stored results code or parameters have left behind, are missing or corrupt."""
+    """Print which stored results are outdated, missing, corrupt, or belong to no case."""
     try:
         cases = [case for section in _load_sections(list(SECTIONS)) for case in section.cases]
-    except StudyError as error:  # results can be judged where they cannot be computed
+    except StudyError as error:  # judging does not require the solver
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
         cases = []
     states = runner.states(cases, results)
@@ -423,7 +420,7 @@ def _print_unusable_results(results: Results) -> None:
 
 
 def _print_state_and_remedy(state: str, keys: list[str], n_cases: int) -> None:
-    """Say how many results are in a state, and how to mend it: by cases, if they are few."""
+    """Print how many results are in a state, and which command recomputes them."""
     if not keys:
         return
     sections = list(dict.fromkeys(key.partition("/")[0] for key in keys))

@@ -1,7 +1,8 @@
-"""Markdown with formulas as HTML, for report and site.
+"""Convert Markdown with formulas to HTML for the report and the site.
 
-Texts are CommonMark with tables, by markdown-it, and with formulas between dollar signs in LaTeX,
-by Docutils' converter to HTML: the PDF needs no script, and no picture of a formula.
+Texts are written in CommonMark with tables, which markdown-it converts, and with LaTeX formulas
+between dollar signs, which the converter of Docutils turns into HTML. The PDF therefore requires
+neither scripts nor images of formulas.
 """
 
 import re
@@ -17,9 +18,9 @@ _RIGHT_ALIGNED_STYLE = "text-align:right"
 
 
 def render_markdown(text: str) -> Markup:
-    """Return a text as HTML.
+    """Convert a Markdown text to HTML.
 
-    The first column of a table has the heads of its rows; numbers are in columns aligned right.
+    The first column of a table contains row headers, and columns of numbers are right-aligned.
     """
     converter = _create_converter()
     tokens = converter.parse(str(text))
@@ -28,10 +29,10 @@ def render_markdown(text: str) -> Markup:
 
 
 def render_table_rows(text: str) -> Markup:
-    """Return head and body of the one table that a text has, without the table around them.
+    """Convert a Markdown table to HTML; return its head and body without the `table` element.
 
     Raises:
-        ValueError: if the text is no table.
+        ValueError: if the text is not a single table.
     """
     html = render_markdown(text).strip()
     match = re.fullmatch(r"<table>\n(.*)\n</table>", html, re.DOTALL)
@@ -58,12 +59,12 @@ def _render_display_formula(_: object, tokens: list[Token], i: int, *__: object)
 @cache
 def _render_formula(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
-    html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # with thin spaces
+    html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # possibly surrounded by thin spaces
     return re.sub(r"(<su[pb][^>]*>)\s?\N{MINUS SIGN}\s?", "\\1\N{MINUS SIGN}", html)
 
 
 def _mark_table_heads(tokens: list[Token]) -> None:
-    """Give cells scope and class: heads of columns and rows, and numbers."""
+    """Mark column and row headers and numeric cells of tables by scope and class attributes."""
     in_head, is_first_cell = False, False
     for token in tokens:
         if token.type in ("thead_open", "thead_close"):

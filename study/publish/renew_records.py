@@ -1,14 +1,14 @@
-"""Compute recorded numbers again, and write or compare the records.
+"""Recompute recorded numbers, and write the records or compare with them.
 
 ./run python3 -m study.publish.renew_records                     compute all; write the records
 ./run python3 -m study.publish.renew_records V13/cube-pw-16      this row only
 ./run python3 -m study.publish.renew_records 'calculix/*' 'K/*'  all rows of CalculiX and section K
 ./run python3 -m study.publish.renew_records --check             compute all; compare
 
-The keys of rows may have the wildcards of a shell. There are three kinds of rows: costly cases,
-time and memory of section K, and answers of CalculiX; see `study.run.records`. Rows of CalculiX are
-skipped where it is not installed; with their keys alone, Python and NumPy are enough to compute
-them. Where times and memory are compared, only counts and norms have to agree.
+Keys of rows may contain shell wildcards. There are three kinds of rows: costly cases, time and
+memory of section K, and results of CalculiX; see `study.run.records`. If CalculiX is not installed,
+its rows are skipped; if only its rows are requested, Python and NumPy suffice. When measurements of
+time and memory are compared, only counts and norms must agree.
 """
 
 import argparse
@@ -28,45 +28,45 @@ from study.solutions.calculix import calculix
 from study.solutions.calculix.output import CalculixError
 from study.solutions.calculix.problems import PROBLEMS
 
-# Imports of pages and of section K need the solver, and are made where rows of them are computed
+# Pages and section K import the solver; they are imported only when their rows are computed
 
 
 class RecordKind(ABC):
-    """One kind of recorded rows, which share a file."""
+    """A kind of recorded rows, which are stored in the same file."""
 
     title: str
 
     @property
     @abstractmethod
     def path(self) -> Path:
-        """File of the record."""
+        """File that contains the rows of this kind."""
 
     @abstractmethod
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key, or keys of a pattern, belong to this kind."""
+        """Return whether a key, or keys that match a pattern, can belong to this kind."""
 
     @abstractmethod
     def list_keys(self) -> list[str]:
-        """Return the keys of all rows, in the order of the file."""
+        """Return the keys of all rows in the order of the file."""
 
     @abstractmethod
     def compute(self, key: str) -> Row:
-        """Compute a row."""
+        """Compute the row of a key."""
 
     def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-        """Print how computed rows compare with recorded ones; return what differs too much.
+        """Print differences of computed and recorded rows; return messages on excessive ones.
 
-        By default scalars are compared by the tolerances for two versions of DOLFINx, and of times
-        and memory nothing but counts and norms.
+        By default, scalars are compared with the tolerances for two versions of DOLFINx. Measured
+        times and memory are not compared, only counts and norms.
         """
         return _compare_scalars(recorded, computed)
 
     def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
-        """Return whether a row is computed by CalculiX."""
+        """Return whether the row of a key is computed by CalculiX."""
         return False
 
     def is_worth_recording(self, row: Row) -> bool:  # noqa: ARG002
-        """Return whether a row stays in the record."""
+        """Return whether a row should remain in the record."""
         return True
 
 
@@ -80,11 +80,11 @@ class CostlyCases(RecordKind):
 
     @property
     def path(self) -> Path:
-        """File of the record."""
+        """File that contains the rows of this kind."""
         return records.COSTLY_CASES
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key is none of the other kinds'."""
+        """Return whether a key does not belong to the other kinds."""
         return not pattern.startswith(("K/", "calculix/"))
 
     def list_keys(self) -> list[str]:
@@ -93,7 +93,7 @@ class CostlyCases(RecordKind):
         return list(self._cases_by_key)
 
     def compute(self, key: str) -> Row:
-        """Run a case."""
+        """Run the case of a key."""
         case = self._cases_by_key[key]
         start = process_time()
         result = case.run(**case.parameters)
@@ -107,7 +107,7 @@ class CostlyCases(RecordKind):
         return records.create_row(key, records.digest_input(case.stored_parameters), content)
 
     def is_worth_recording(self, row: Row) -> bool:
-        """Return whether a case takes long."""
+        """Return whether a case takes long enough to be recorded."""
         return records.is_costly(row)
 
 
@@ -118,15 +118,15 @@ class TimeAndMemory(RecordKind):
 
     @property
     def path(self) -> Path:
-        """File of the record."""
+        """File that contains the rows of this kind."""
         return records.TIME_AND_MEMORY
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key is of section K."""
+        """Return whether a key belongs to section K."""
         return pattern.startswith("K/")
 
     def list_keys(self) -> list[str]:
-        """Return the keys of all measurements."""
+        """Return the keys of all measurements of section K."""
         from study.benchmarks.k_cost.measure import list_measurements
 
         return [measurement.key for measurement in list_measurements()]
@@ -139,41 +139,41 @@ class TimeAndMemory(RecordKind):
         return measure(measurement)
 
     def needs_calculix(self, key: str) -> bool:
-        """Return whether CalculiX is measured."""
+        """Return whether the measurement of a key runs CalculiX."""
         return key.endswith("-CalculiX")
 
 
 class CalculixAnswers(RecordKind):
-    """Answers of CalculiX."""
+    """Results of CalculiX for the comparison problems."""
 
     title = "answers of CalculiX"
 
     @property
     def path(self) -> Path:
-        """File of the record."""
+        """File that contains the rows of this kind."""
         return records.CALCULIX
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key is one of CalculiX' problems."""
+        """Return whether a key belongs to a problem for CalculiX."""
         return pattern.startswith("calculix/")
 
     def list_keys(self) -> list[str]:
-        """Return the keys of all problems."""
+        """Return the keys of all problems for CalculiX."""
         return [calculix.row_key(name) for name in PROBLEMS]
 
     def compute(self, key: str) -> Row:
-        """Run CalculiX."""
+        """Run CalculiX for the problem of a key."""
         name, program = key.partition("/")[2], calculix.find_calculix()
         if program is None:
             raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
         return calculix.create_row(name, calculix.compute_answer(name, program))
 
     def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
-        """Return whether a row is computed by CalculiX: all are."""
+        """Return true, because all rows of this kind are computed by CalculiX."""
         return True
 
     def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-        """Compare decks by their digests, and numbers by CalculiX' tolerance."""
+        """Compare input decks by their digests, and numbers with the tolerance for CalculiX."""
         messages, max_difference = [], 0.0
         for key, row in computed.items():
             if key not in recorded:
@@ -200,10 +200,11 @@ class CalculixAnswers(RecordKind):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute rows; write or compare them.
+    """Compute rows, and write or compare them.
 
     Returns:
-        0; 1 if numbers differ, CalculiX fails, or all rows that are asked for are skipped.
+        Exit status: 1 if numbers differ, CalculiX fails, or all requested rows are skipped;
+        otherwise 0.
     """
     parser = argparse.ArgumentParser(
         prog="study.publish.renew_records",
@@ -246,10 +247,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def select_keys(keys: Sequence[str], patterns: Sequence[str]) -> list[str]:
-    """Return the keys of some patterns, or all if there are no patterns.
+    """Return the keys that match a pattern, or all keys if there are no patterns.
 
     Raises:
-        StudyError: If a pattern has no key.
+        StudyError: If a pattern matches no key.
     """
     for pattern in patterns:
         if not any(fnmatchcase(key, pattern) for key in keys):
@@ -262,7 +263,7 @@ def select_keys(keys: Sequence[str], patterns: Sequence[str]) -> list[str]:
 
 
 def find_costly_cases() -> dict[str, Case]:
-    """Return the costly cases of all sections by their keys."""
+    """Return the costly cases of all sections, by key."""
     cases = [case for section in SECTIONS for case in load_section(section).cases]
     recomputed_cases = [case.recomputed or case for case in cases]
     return {case.key: case for case in recomputed_cases if case.costly}
@@ -271,7 +272,10 @@ def find_costly_cases() -> dict[str, Case]:
 def _compute_rows(
     kind: RecordKind, keys: Sequence[str], all_keys: Sequence[str], write: bool
 ) -> tuple[dict[str, Row], list[str]]:
-    """Compute rows, and write the file after each; return rows and failures of CalculiX."""
+    """Compute rows; return them and the error messages of CalculiX.
+
+    If `write` is true, the file is written after each row.
+    """
     rows, computed, failures = dict(records.read_rows(kind.path)), {}, []
     for key in keys:
         start = perf_counter()
@@ -290,7 +294,7 @@ def _compute_rows(
 
 
 def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-    """Print the largest differences by kinds of numbers; return a message if any is too large."""
+    """Print the largest difference of each kind; return a message if any is too large."""
     kinds = (
         compare_versions.COUNTS_AND_TIMES,
         *compare_versions.RECORD_KINDS,

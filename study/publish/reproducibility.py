@@ -1,10 +1,10 @@
-"""What a repetition of the study needs: versions, processor, computing time, digest of the numbers.
+"""Data for reproducing the study: versions, processor, computing time and digest of the numbers.
 
 `python3 -m study.publish.reproducibility [FOLDER]` prints the digest of a folder of results.
 
-Each result is stored with the versions on which its validity depends. The other versions, and the
-processor, are those of the environment that writes the report: were they stored with the results,
-all results would be outdated wherever one of them differs.
+Each result is stored with the versions on which its validity depends. All other versions and the
+processor are those of the environment that writes the report. If they were stored with the results,
+any difference in them would outdate all results.
 """
 
 import ctypes
@@ -26,7 +26,7 @@ from study.run.cases import SECTIONS
 from study.run.store import Results, StoredResult
 
 MEASURED_SCALAR = re.compile(r"(seconds|megabytes|over_linear|over_bare|over_solutions)$")
-"""Names of scalars that are measured times or memory, or ratios: they differ in each run."""
+"""Pattern of names of measured times, memory and their ratios, which differ in each run."""
 
 LIBRARY_NAMES = {
     "dolfinx": "DOLFINx",
@@ -37,7 +37,7 @@ LIBRARY_NAMES = {
     "slepc": "SLEPc",
     "numpy": "NumPy",
 }
-"""Names of the packages whose versions are stored with each result."""
+"""Displayed names of the packages whose versions are stored with each result."""
 
 _PROJECT_FOLDER = Path(__file__).parents[2]
 _MUMPS_VERSION = re.compile(rb"(?<![\d.])[4-9]\.\d{1,2}\.\d{1,2}(?![\d.])")
@@ -47,9 +47,10 @@ class ComputingTime(NamedTuple):
     """Computing time of the results.
 
     Attributes:
-        computed_seconds: Elapsed seconds of all computed results, each times its processes.
+        computed_seconds: Sum over all computed results of elapsed seconds times the number of
+            processes.
         recorded_seconds: CPU seconds of the results that were read from tracked records.
-        n_results: How many results there are.
+        n_results: Number of results.
     """
 
     computed_seconds: float
@@ -58,7 +59,7 @@ class ComputingTime(NamedTuple):
 
 
 def read_stored_versions(results: Results) -> dict[str, list[str]]:
-    """Return, by names of libraries, the versions with which the results were computed."""
+    """Return, for each library, all versions with which results were computed."""
     versions: dict[str, set[str]] = {}
     for result in _readable_results(results):
         for package, version in result.provenance.get("versions", {}).items():
@@ -70,9 +71,9 @@ def read_stored_versions(results: Results) -> dict[str, list[str]]:
 
 @cache
 def read_environment_versions() -> dict[str, str]:
-    """Return the versions that are not stored with results, of the running environment.
+    """Return the versions in the current environment that are not stored with results.
 
-    MUMPS and BLAS are those that are loaded with PETSc, NumPy and SciPy.
+    The versions of MUMPS and BLAS are those loaded with PETSc, NumPy and SciPy.
     """
     for module in ("scipy.linalg", "petsc4py.PETSc"):
         try:
@@ -89,7 +90,7 @@ def read_environment_versions() -> dict[str, str]:
 
 
 def read_mumps_version(libraries: list[Path]) -> str:
-    """Return the version that MUMPS' library of double precision contains."""
+    """Return the version that is contained in the double-precision library of MUMPS."""
     for library in libraries:
         if library.name.startswith("libdmumps"):
             versions = {match.decode() for match in _MUMPS_VERSION.findall(library.read_bytes())}
@@ -99,9 +100,9 @@ def read_mumps_version(libraries: list[Path]) -> str:
 
 
 def read_blas_version(libraries: list[Path]) -> str:
-    """Return name and version of the loaded BLAS: OpenBLAS tells its own, others have file names.
+    """Return the name and version of the loaded BLAS, or the file name if it is not OpenBLAS.
 
-    Several libraries are listed: NumPy may bring another one than PETSc.
+    Several libraries may be listed, because NumPy may use a different one than PETSc.
     """
     names = set()
     for library in libraries:
@@ -113,7 +114,7 @@ def read_blas_version(libraries: list[Path]) -> str:
 
 
 def describe_processor() -> str:
-    """Return the processor of this machine, and how many cores the process may use."""
+    """Return the processor of this machine and the number of cores available to this process."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -141,9 +142,9 @@ def sum_computing_time(results: Results) -> ComputingTime:
 def digest_numbers(results: Results) -> str:
     """Return the SHA-256 digest of all numbers of all readable results, in hexadecimal digits.
 
-    It depends on sections, cases, names and values of scalars and curves; neither on the order in
-    which they are stored nor on provenance, nor on measured times and memory. One bit of one number
-    changes it, so that another processor, whose round-off differs, gives another digest.
+    The digest depends on sections, cases, and names and values of scalars and curves. It does not
+    depend on their order, on provenance, or on measured times and memory. Since it changes with
+    every bit, a processor with different round-off gives a different digest.
     """
     lines = []
     for result in _readable_results(results):
@@ -159,7 +160,7 @@ def digest_numbers(results: Results) -> str:
 
 
 def list_commits(results: Results) -> list[str]:
-    """Return the commits with which results were computed, "+" if files differed from them."""
+    """Return the commits with which results were computed, with "+" if files were modified."""
     return sorted(
         {
             f"{commit[:10]}{'+' if result.provenance.get('dirty') else ''}"
@@ -170,7 +171,7 @@ def list_commits(results: Results) -> list[str]:
 
 
 def read_citation() -> dict[str, str]:
-    """Return title, version, licence and author of the software, as CITATION.cff has them."""
+    """Return the title, version, licence and author of the software from CITATION.cff."""
     text = (_PROJECT_FOLDER / "CITATION.cff").read_text(encoding="utf-8")
     fields = {
         name: re.search(rf'^{name}: "?(.*?)"?$', text, re.MULTILINE)
@@ -183,7 +184,7 @@ def read_citation() -> dict[str, str]:
 
 
 def summarize_reproducibility(results: Results) -> dict[str, Any]:
-    """Return all that the report's box says."""
+    """Return all data for the report's box on reproducibility."""
     return {
         "stored_versions": read_stored_versions(results),
         "environment_versions": read_environment_versions(),
@@ -200,10 +201,10 @@ def _readable_results(results: Results) -> list[StoredResult]:
 
 
 def _digest_array(array: np.ndarray) -> str:
-    """Return a digest of shape and values, independent of the type in which they are stored."""
+    """Return a digest of the shape and values of an array, regardless of its data type."""
     if array.dtype.kind in "biuf":
         values = np.ascontiguousarray(array, dtype="<f8") + 0.0
-        values[np.isnan(values)] = np.nan  # whatever its bits
+        values[np.isnan(values)] = np.nan  # all NaNs get the same bits
         content = values.tobytes()
     else:
         content = json.dumps(array.astype(str).tolist()).encode()
@@ -211,7 +212,7 @@ def _digest_array(array: np.ndarray) -> str:
 
 
 def _list_loaded_libraries() -> list[Path]:
-    """Return the shared libraries that this process has loaded, sorted; none without /proc."""
+    """Return the sorted shared libraries that this process has loaded; empty without /proc."""
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -221,7 +222,7 @@ def _list_loaded_libraries() -> list[Path]:
 
 
 def _read_openblas_configuration(library: Path) -> str:
-    """Return "OpenBLAS" and its version, as the library tells it, or else its file name."""
+    """Return "OpenBLAS" and the version that the library reports, or otherwise its file name."""
     try:
         read_configuration = ctypes.CDLL(str(library)).openblas_get_config
     except (AttributeError, OSError):

@@ -41,7 +41,7 @@ class TaskFailure:
     """Outcome of a task that raised an exception.
 
     Attributes:
-        why: Description of the exception in one line.
+        message: Description of the exception in one line.
     """
 
     message: str

@@ -277,6 +277,8 @@ def _run_in_parallel(
                 pool.submit(Task("prepare", tasks.prepare, arguments, math.inf))
         elif task.name == _NEEDS and isinstance(outcome, dict):
             drawings.waiting = outcome
+        elif task.name in (_PREPARATIONS, _NEEDS) and isinstance(outcome, TaskFailure):
+            _print_progress(f"{task.name} of parallel tasks: {outcome.message}")
         for name in drawings.take_ready():
             assert tasks is not None
             pool.submit(Task("draw", tasks.draw, (name, out.resolve())))

@@ -1,1 +1,1 @@
-"""What the paper prints, section by section, against the oracle and the study."""
+"""Tests of the paper's sections: printed values, the study and the independent oracle agree."""

@@ -1,4 +1,7 @@
-"""Sections 7.1 to 7.4: two triangles, a block, a parabolic punch, a rigid plate (Figs 4 to 14)."""
+"""Sections 7.1 to 7.4: triangles, block, parabolic punch and rigid plate (Figs 4 to 14).
+
+Each function returns a comparison of a stored result with the oracle's solution of the problem.
+"""
 
 import numpy as np
 import pytest
@@ -25,10 +28,11 @@ from tests.oracle.problem import (
 
 
 def make_square_row_comparison(result, element):
-    """Squares on a smooth base under unit load, cut in two triangles each (Figs 4 and 5).
+    """Return the comparison for a row of squares on a smooth base under unit load (Figs 4 and 5).
 
-    Printed: with Galerkin's method the central reaction is four times the others; with the new one
-    the distribution is even. Fig. 5 itself is lost in our copy.
+    Each square is divided into two triangles. According to the paper, the central reaction is four
+    times as large as the others with Galerkin's method; with the new method, all are equal. Fig. 5
+    is missing from our copy of the paper.
     """
 
     def solve_by_oracle(linear_weights):
@@ -49,10 +53,11 @@ def make_square_row_comparison(result, element):
 
 
 def make_block_comparison(result, element):
-    """Pressed by 200, then pulled by 60 in ten steps; smooth below its first and last element.
+    """Return the comparison for a block pressed by 200, then pulled by 60 in ten steps.
 
-    Printed: E = 1000, Poisson's ratio 0.3, friction 0.3, 400 triangles or 200 quadrilaterals, no
-    friction below the first and the last element. Dimensions and loads are reconstructed.
+    The paper gives E = 1000, Poisson's ratio 0.3, a friction coefficient of 0.3 except below the
+    first and the last element, which slide freely, and 400 triangles or 200 quadrilaterals. The
+    dimensions and loads have been reconstructed.
     """
 
     def solve_by_oracle(linear_weights):
@@ -72,10 +77,11 @@ def make_block_comparison(result, element):
 
 
 def make_parabolic_punch_comparison(result, element):
-    """Pressed in by 0.25 in twenty steps, then pushed aside by a tenth of that force.
+    """Return the comparison for a parabolic punch, pressed in and then pushed sideways.
 
-    Printed: E = 1000, Poisson's ratio 0.25, friction 0.6, 76 8-node quadrilaterals, an indentation
-    of 0.25 under about 215, and a tangential force of 10 % of that. Dimensions are reconstructed.
+    Both parts have twenty steps. The paper gives E = 1000, Poisson's ratio 0.25, a friction
+    coefficient of 0.6, 76 8-node quadrilaterals, an indentation of 0.25 under a force of about 215,
+    and a tangential force of 10 % of the normal force. The dimensions have been reconstructed.
     """
 
     def solve_by_oracle(linear_weights):
@@ -109,10 +115,11 @@ def make_parabolic_punch_comparison(result, element):
 
 
 def make_rigid_plate_comparison(result, element):
-    """A plate two metres wide, pressed by 40 kN in five steps on a body held all around.
+    """Return the comparison for a rigid plate, 2 m wide, pressed by 40 kN in five steps.
 
-    Printed: E = 1.2e8 kN/m2, Poisson's ratio 0.25, friction angle 20 degrees, unit thickness, a
-    force of 40 kN, sides and base held. Dimensions are reconstructed.
+    The sides and the base of the body below the plate are fixed. The paper gives these supports,
+    E = 1.2e8 kN/m2, Poisson's ratio 0.25, a friction angle of 20 degrees, unit thickness and a
+    force of 40 kN. The dimensions have been reconstructed.
     """
 
     def solve_by_oracle(linear_weights):

@@ -10,7 +10,7 @@ from study.run.cases import SECTIONS
 
 PROJECT_FOLDER = Path(__file__).parents[2]
 TEXT_CONSTANT_NAMES = {*BLOCK_OF_CONSTANT, "FACTS", "SHORT_FACTS"}
-"""Constants of a page that report and site print."""
+"""Names of constants of a section's page whose texts are printed in the report and the site."""
 STUDY_MAP_FILE = PROJECT_FOLDER / "docs" / "study.md"
 ITEM_NUMBERS_BY_KIND = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
 PRINTED_TABLES = """
@@ -52,7 +52,10 @@ def test_each_equation_number_stands_in_the_module_that_treats_it():
 
 
 def read_source_without_texts(path):
-    """Return a source without the texts of a page, which may say "Eqs (25) and (26)"."""
+    """Return the source of a module without the texts that it prints on a page.
+
+    Texts, unlike code and comments, may cite several equations at once: "Eqs (25) and (26)".
+    """
     source = path.read_text()
     lines = source.splitlines()
     for node in ast.parse(source).body:
@@ -80,7 +83,7 @@ def test_names_of_modules_and_figures_start_with_the_section_id():
     for section, module in SECTIONS.items():
         name = section.replace(".", "_").lower()
         prefix = f"s{name}_" if section[0].isdigit() else f"{name}_"
-        page = module.removesuffix(".page").rpartition(".")[2]  # of a folder, its name
+        page = module.removesuffix(".page").rpartition(".")[2]  # or the name of its folder
         assert page.startswith(prefix), module
         for path in PROJECT_FOLDER.glob("figures/*.py"):
             is_of_section = f'SECTION = "{section}"' in path.read_text()

@@ -1,6 +1,7 @@
-"""Abstract and section 1: what standard elements do to contact forces, and what is proposed.
+"""Abstract and section 1: nodal contact forces of standard and new elements.
 
-Printed: contact forces at corner nodes "are around half of those at midside nodes".
+The paper states that with standard elements, contact forces at corner nodes "are around half of
+those at midside nodes".
 """
 
 import pytest
@@ -12,7 +13,11 @@ from tests.oracle.elements import tabulate_at_gauss_points
 def test_only_standard_weights_give_a_corner_half_of_the_mid_side_force(
     linear_weights, corner_has_half
 ):
-    """Under a uniform pressure; a corner has the shares of two edges."""
+    """Compare the nodal forces of an edge under uniform pressure.
+
+    A corner receives equal forces from the two adjacent edges, hence the factor of two. With the
+    new weight functions, corner and mid-side forces are equal.
+    """
     functions = tabulate_at_gauss_points("L3", linear_weights, 4)
     corner_force, _, midside_force = functions.measure @ functions.weights
     assert 2 * corner_force / midside_force == pytest.approx(

@@ -1,4 +1,4 @@
-"""Section 3: the weight functions, Eq. (15) to Eq. (20), typed in as printed (Figs 1 and 2)."""
+"""Section 3: the weight functions, Eq. (15) to Eq. (20), copied from the paper (Figs 1 and 2)."""
 
 import basix
 import numpy as np
@@ -7,19 +7,19 @@ import pytest
 from pw_elements.spaces.elements import piecewise_linear_sub_cell_element
 from tests.oracle.elements import tabulate_at_gauss_points
 
-# The paper numbers mid-sides after the vertices 1 2 3: 4 between 1 and 2, 5 between 2 and 3, 6
-# between 3 and 1. Basix and the oracle have the mid-side opposite to each vertex instead
+# The paper numbers the mid-side nodes after the vertices 1 to 3: 4 is between 1 and 2, 5 between 2
+# and 3, 6 between 3 and 1. Basix and the oracle number them by the opposite vertex instead
 BASIX_NODES_IN_PAPER_ORDER = [0, 1, 2, 5, 3, 4]
 LOWER_LEFT_CORNERS_BY_SUB_ELEMENT = {
     1: (0, 0),
     2: (0.5, 0),
     3: (0, 0.5),
     4: None,
-}  # lower left corners of the sub-elements
+}  # the central sub-element A4 is upside down
 
 
 def evaluate_printed_weights(sub_element, x, y):
-    """w1 to w6 in the sub-element A1 to A4."""
+    """Return the printed functions w1 to w6 at points x, y (n,) of a sub-element, 1 to 4."""
     zero = 0 * x
     return {
         1: (1 - 2 * x - 2 * y, zero, zero, 2 * x, zero, 2 * y),
@@ -51,7 +51,10 @@ def test_basix_element_has_the_printed_weight_functions(sub_element):
 
 @pytest.mark.parametrize("sub_element", LOWER_LEFT_CORNERS_BY_SUB_ELEMENT)
 def test_oracle_has_the_printed_weight_functions(sub_element):
-    """At its own Gauss points, which it takes sub-element by sub-element."""
+    """The oracle's weight functions equal the printed ones at the oracle's own Gauss points.
+
+    The oracle lists the Gauss points sub-element by sub-element.
+    """
     functions = tabulate_at_gauss_points("T6", True, 3)
     nodes = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0.5), (0, 0.5), (0.5, 0)])
     points = (functions.shapes @ nodes).reshape(4, -1, 2)[sub_element - 1]

@@ -1,7 +1,7 @@
-"""Section 5: two triangles without their inner node are an 8-node quadrilateral (Fig. 3).
+"""Section 5: an 8-node quadrilateral made of two triangles without their inner node (Fig. 3).
 
-Printed: static condensation for statics, Guyan reduction for eigenvalues; the latter is judged in
-section 7.5, whose eigenvalues it takes.
+The paper eliminates the inner node by static condensation in statics and by Guyan reduction in
+eigenvalue problems. The latter is tested with the eigenvalues of section 7.5.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
 """Section 7.6: buckling of a simply supported beam (Figs 24 and 25, Table 2, Eq. (27)).
 
-Printed: E = 2.07e11, Poisson's ratio 0, a thickness of 0.1 m, Euler's stresses, and Table 2. The
-mesh is lost; the study has one of 5 x 2 crossed squares, and a family of models for Table 2.
+The paper gives E = 2.07e11, Poisson's ratio 0, a thickness of 0.1 m, Euler's critical stresses and
+Table 2, but not the mesh. The study uses 5 x 2 crossed squares, and searches a family of models for
+those that reproduce Table 2.
 """
 
 import numpy as np
@@ -47,7 +48,11 @@ IS_UNIFORM_BY_LOAD_SUFFIX = {"": False, "-uniform-8x2": True}
 
 
 def make_beam_buckling_comparison(result, element, is_uniform):
-    """Half of the beam, symmetric and antisymmetric, under the load at A or a uniform one."""
+    """Return a comparison of the critical stresses of half of the beam with the oracle's.
+
+    Mode 1 is symmetric, mode 2 antisymmetric. The load is uniform if `is_uniform` is true,
+    otherwise a force at the supported point A.
+    """
 
     def solve_by_oracle(linear_weights):
         body = make_oracle_body(
@@ -95,12 +100,15 @@ def test_oracle_agrees_with_the_studys_critical_stresses(element, load_suffix, r
     )
     if (
         load_suffix and element == "pw-T6"
-    ):  # K_PW = T K, and K_sigma alike: no weights make a difference
+    ):  # K_PW = T K and likewise K_sigma: both elements have the same critical stresses
         assert_study_agrees_with_oracle(comparison, "galerkin-T6")
 
 
 def test_eulers_stress_follows_from_eq_27(results):
-    """With L / h = 8, which follows from the printed stresses: I / A = h**2 / 12."""
+    """Evaluate Eq. (27) with I / A = h**2 / 12 and compare with the study and the printed values.
+
+    The slenderness L / h = 8 follows from the printed stresses.
+    """
     for mode in (1, 2):
         stress = mode**2 * np.pi**2 * 2.07e11 / 12 / 8**2
         assert results.scalar("7.6/exact", f"euler_{mode}") == pytest.approx(stress, rel=1e-12)
@@ -109,7 +117,7 @@ def test_eulers_stress_follows_from_eq_27(results):
 
 BEAM_STRIP = Strip(2.07e11, 0.0, 8.0)
 
-# Published or computed independently of this code
+# Values that were published or computed independently of this code
 REFERENCE_STRESSES_BY_FORM = {
     "G": (2.549732978e9, 9.099805943e9),
     "J": (2.613156933e9, 9.926530181e9),
@@ -141,7 +149,7 @@ def test_stresses_of_slender_strips_tend_to_eulers():
 
 
 def test_haringx_and_engesser_have_the_same_shear_stiffness():
-    # both solve 1 / s = 1 / euler + something / (kappa G), Haringx with s / euler in it
+    # both solve 1 / s = 1 / euler + c / (kappa G), Engesser with c = 1, Haringx with c = s / euler
     rigidity = 5 / 6 * BEAM_STRIP.shear_modulus
     for n in (1, 2):
         euler = BEAM_STRIP.euler(n)
@@ -151,11 +159,11 @@ def test_haringx_and_engesser_have_the_same_shear_stiffness():
     assert np.isclose(BEAM_STRIP.euler(2), 4 * BEAM_STRIP.euler(1))
 
 
-# Table 2 as an inverse problem
+# Which models of the family reproduce Table 2?
 
 MODELS_RECORD = ModelsRecord()
 RECOMPUTED_MODELS = [
-    # mesh of the near hit, all treatments, some set-ups of either load
+    # the mesh of the nearest model, with all treatments and some set-ups of each load
     (Mesh("right", 6, 1), (0, 3), (0, 5, 11)),
     (Mesh("crossed", 3, 2), (1,), (3,)),
 ]
@@ -188,7 +196,10 @@ FAMILY_MODELS_BY_CASE = {
 
 @pytest.mark.parametrize("case", FAMILY_MODELS_BY_CASE)
 def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, results):
-    """Another assembly, another eigenvalue solver: the page's, which the oracle checks."""
+    """Compare the stored critical stresses of the page with recorded models of the same problems.
+
+    The page uses another assembly and another eigenvalue solver, which the oracle confirms.
+    """
     element, treatment = FAMILY_MODELS_BY_CASE[case]
     stored_result = results[f"7.6/{case}"]
     assert stored_result.parameters["divisions"] == [5, 2]
@@ -207,7 +218,11 @@ def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, result
 
 
 def test_under_uniform_stress_both_elements_have_equal_critical_stresses():
-    """Unless a mid-side node is supported alone, whose force T moves to the corners beside it."""
+    """Under uniform stress, the weight functions do not change the critical stresses.
+
+    The exception is a support at a single mid-side node: T moves part of the node's force to the
+    adjacent corners. Even then, the stresses agree to 3e-6.
+    """
     stresses = MODELS_RECORD.family().stresses
     uniform_set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
     supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform_set_ups])
@@ -233,7 +248,11 @@ def _make_scattered_models(count, seed=0):
 
 
 def test_chance_is_the_area_near_few_models_times_their_density():
-    """Squares of side 2 d about n models, which hardly overlap, times the density of the rows."""
+    """The chance is the probability that a random row is within d of one of the models.
+
+    For five models, whose squares of side 2 d do not overlap, it is nearly the area of a square
+    times the sum of the rows' probability density at the models.
+    """
     deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
     models = Models(np.array(deviation), None)
     chance = estimate_chance(models)
@@ -269,7 +288,7 @@ def test_models_with_the_same_values_count_once():
 
 
 def test_table_2_claims_are_explained_only_with_sufficient_odds(results):
-    """Not explained, unless a model is singled out with odds of at least 20 to 1."""
+    """Claims are graded "not explained" if the odds of every model are below 20 to 1."""
     claims = [
         loaded_claim
         for loaded_claim in load_claims()

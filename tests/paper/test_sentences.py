@@ -1,4 +1,4 @@
-"""Every sentence of the paper is accounted for."""
+"""The list of the paper's sentences is complete: each has statements or a reason for none."""
 
 import os
 from dataclasses import replace

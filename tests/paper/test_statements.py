@@ -1,8 +1,9 @@
 """The author of a claim proposes its grade; these tests enforce it.
 
-Reproduced: it reads computed results, and another element or law turns it. Consistent by
-construction: one of the reasons that a machine can check holds. Statements that the same mutations
-turn rest on one fact. The cases that are needed are computed here, without any stored results.
+A reproduced statement reads computed results, and another element or law reverses its verdict. A
+statement is consistent by construction if one of the reasons that can be checked automatically
+applies. Statements whose verdicts are reversed by the same mutations belong to the same fact. All
+cases needed are computed here; stored results are not used.
 """
 
 import ast
@@ -34,7 +35,7 @@ from tests.study.computed_results import ComputedResults
 ROOT = Path(__file__).parents[2]
 CLAIMS = load_claims()
 PAPER_STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER_KINDS]
-# What rests on printed numbers but is no statement of the paper; scans take too long
+# Findings and pins on printed numbers, except those that search many models (too slow)
 FINDINGS_ON_PRINTED_NUMBERS = [
     claim
     for claim in CLAIMS
@@ -44,7 +45,7 @@ FINDINGS_ON_PRINTED_NUMBERS = [
 LISTED_FACTS = load_facts()
 SLOW_CLAIM_ID_PATTERN = re.compile(
     "7[25]-even-shear.*"
-)  # on fine meshes; that of 7.4 is measured alike
+)  # they need fine meshes; the same measure is tested with section 7.4
 
 
 def parametrize_claims(claims):
@@ -71,7 +72,10 @@ def parametrize_graded_statements(grade, *bases):
 
 @pytest.fixture(scope="session")
 def turning_mutations_by_claim(results, request):
-    """What turns each statement: found once for all workers, for it takes long."""
+    """Return, for each claim, the names of the mutations of the results that reverse its verdict.
+
+    Finding them takes long; they are found once and stored for all workers.
+    """
     path, is_quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
     if not path.exists():
         judged_statements = [
@@ -121,7 +125,7 @@ def test_a_misprint_of_any_printed_number_turns_a_statement(turning_mutations_by
     turning_mutations = {name for names in turning_mutations_by_claim.values() for name in names}
     assert {mutation.name for mutation in MISPRINT_MUTATIONS} <= turning_mutations
     for claim in (statement for statement in PAPER_STATEMENTS if statement.printed):
-        is_computed = claim.grade == "reproduced"  # "around half" of the examples
+        is_computed = claim.grade == "reproduced"  # e.g. "around half"
         assert is_computed or own_number_mutation(claim) in turning_mutations_by_claim[claim.id], (
             claim.id
         )
@@ -187,12 +191,19 @@ CHANGED_INPUTS_BY_CONSTANT = {
     "study.paper.s7_5_profiles.PROFILES": "first",
     "study.paper.s7_6_buckling.LENGTH": 9.0,
 }
-"""For what was put in or fitted: another parameter of the cases, or another constant."""
+"""Another value for each constant that was put in or fitted.
+
+    A dictionary replaces parameters of the cases, a string names a profile to be meshed more
+    coarsely, and any other value replaces the constant.
+    """
 
 
 @parametrize_graded_statements("consistent by construction", "input", "fit")
 def test_claim_fails_with_another_input_or_fitted_value(claim, monkeypatch, tmp_path):
-    """With another input the number is not met: that it is met says what was put in."""
+    """Agreement with the printed number is a consequence of the chosen input.
+
+    With another input or fitted value, the claim must fail.
+    """
     parameters = {}
     match CHANGED_INPUTS_BY_CONSTANT[claim.chosen]:
         case dict(parameters):
@@ -208,7 +219,7 @@ def test_claim_fails_with_another_input_or_fitted_value(claim, monkeypatch, tmp_
 @parametrize_graded_statements("consistent by construction", "input")
 def test_input_constant_is_the_number_of_the_statement(claim):
     module, _, constant_name = claim.chosen.rpartition(".")
-    n_halves = 2 if "T6" in claim.judgement.args["key"] else 1  # of a square
+    n_halves = 2 if "T6" in claim.judgement.args["key"] else 1  # triangles: two for each square
     assert claim.judgement.value == n_halves * np.prod(
         getattr(import_module(module), constant_name)
     )

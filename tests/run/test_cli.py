@@ -12,6 +12,8 @@ import pytest
 import study.publish.report
 from figures.__main__ import draw_all
 from study.publish.command import main
+from study.run import runner
+from study.run.cases import load_section
 from study.run.store import Result, Results, StudyError, save
 from study.run.supervisor import RESUME_HINTS
 from tests.run.processes import SpawnedCommand
@@ -434,6 +436,15 @@ def test_without_functions_that_draw_the_study_says_that_no_figures_are_drawn(
     assert results_folder.parent.exists()
     assert main(["1", "--jobs", "1", "--out", str(results_folder)]) == 0
     assert "study: figures are not drawn; ./run study draws them" in capsys.readouterr().err
+
+
+def test_parallel_tasks_that_fail_are_reported(toy_study, results_folder, capsys):
+    """Cases are computed all the same: the tasks only save time."""
+    assert toy_study.exists()
+    toy_cases = [case for section in ("1", "2") for case in load_section(section).cases]
+    tasks = runner.ParallelTasks("json:no_such_function", "json:dumps")
+    assert runner.run(toy_cases, results_folder, 2, False, tasks) == []
+    assert "preparations of parallel tasks: AttributeError" in capsys.readouterr().err
 
 
 def test_figures_are_drawn_in_the_results_folder(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ imports none of these packages.
 """
 
 import ast
+import importlib
 import re
 import sys
 from importlib import import_module
@@ -96,6 +97,22 @@ def test_no_string_names_a_module_of_a_higher_package():
     }
     assert named == set()
     assert module_pattern.fullmatch("figures.drawing:update_figure")
+
+
+def test_strings_that_name_functions_of_modules_can_be_resolved():
+    """Worker processes import tasks by strings "module:function", which no other check reads."""
+    function_pattern = re.compile(r"((?:study|figures)(?:\.\w+)+):(\w+)")
+    named_functions = {
+        match.groups()
+        for package in ("study", "figures")
+        for path in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if (match := function_pattern.fullmatch(node.value))
+    }
+    assert len(named_functions) >= 4
+    for module, function in named_functions:
+        assert callable(getattr(importlib.import_module(module), function)), (module, function)
 
 
 def list_module_paths(folder):

@@ -1,1 +1,1 @@
-"""Scripts that measure and print a table; nothing in them is asserted."""
+"""Scripts that measure computing times and print a table; they do not assert anything."""

@@ -1,14 +1,16 @@
-"""Time of CalculiX on the block of section K: 10-node tetrahedra on a rough plane.
+"""Measure CalculiX on the block of section K: 10-node tetrahedra on a rough plane.
 
     python3 -m tests.speed.calculix_block [--cells 8 11] [--deck FOLDER]
 
-runs `ccx` with one thread where it is installed (on the system itself: it needs no DOLFINx) and
-prints a table; 8 cells along the height make 28 611 unknowns, 11 make 71 415. A block 2 x 1 x 1
-of C3D10 lies on one rigid face by surface-to-surface contact (mu = 0.3), is pressed from above
-and pushed at one side in both directions, in one step. Contact makes CalculiX take displacements
-into account, so the loads are a thousandth. CPU seconds and memory are those of the whole run,
-without writing the deck; with `--deck` the decks are written, and nothing is run. The same runs are
-recorded by `./run python3 -m study.publish.renew_records 'K/*-CalculiX'`.
+The command runs `ccx` with one thread and prints a table. It needs CalculiX, but not DOLFINx. With
+8 cells along the height, the model has 28 611 unknowns; with 11 cells, 71 415.
+
+A block of 2 x 1 x 1 made of C3D10 elements is in surface-to-surface contact (mu = 0.3) with one
+rigid face. In one step, it is pressed from above and pushed at one side in both tangential
+directions. Since CalculiX's contact accounts for displacements, the loads are a thousandth of those
+in section K. CPU time and memory are those of a whole run, without writing the deck. With
+`--deck`, the decks are written but not run. The command
+`./run python3 -m study.publish.renew_records 'K/*-CalculiX'` records the same runs.
 """
 
 import argparse
@@ -20,7 +22,7 @@ from study.solutions.calculix.calculix import find_calculix, read_version
 
 
 def main() -> int:
-    """Measure and print; return 1 where CalculiX is not installed."""
+    """Print a table of costs, or write the decks; return 1 if CalculiX is not installed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cells", type=int, nargs="+", default=[8, 11])
     parser.add_argument("--deck", type=Path, help="folder to write the decks to")

@@ -1,10 +1,10 @@
-"""CalculiX on the block of section 7.2, to stand beside `contact_speed`.
+"""Measure CalculiX on the block of section 7.2, for comparison with `contact_speed`.
 
     python3 -m tests.speed.calculix_speed [--divisions 160] [--runs 3]
 
-runs `ccx` with one thread where it is installed (on the system itself: it needs no DOLFINx) and
-prints a table. The block is pressed on the middle half of its upper side and lies on one rigid
-face by CalculiX's own node-to-surface contact, without friction, in one step.
+The command runs `ccx` with one thread and prints a table. It needs CalculiX, but not DOLFINx. The
+block is pressed on the middle half of its upper side, in one step, and is in frictionless contact
+with one rigid face by CalculiX's node-to-surface method.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from study.solutions.calculix.decks import BlockWithPrintedContactPressure, Tria
 
 
 def measure(ccx: str, divisions: int, runs: int) -> list[float]:
-    """Seconds of whole runs, decks written beforehand."""
+    """Return the wall times of whole runs in seconds, without writing the deck."""
 
     class Fine(BlockWithPrintedContactPressure):
         mesh = TrianglePairs((0.0, 0.0), (4.0, 2.0), (divisions, divisions // 2))
@@ -43,7 +43,7 @@ def measure(ccx: str, divisions: int, runs: int) -> list[float]:
 
 
 def main() -> int:
-    """Measures and prints; 1 where there is no CalculiX."""
+    """Print a table of wall times; return 1 if CalculiX is not installed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--divisions", type=int, nargs="+", default=[40, 80, 160])
     parser.add_argument("--runs", type=int, default=3)

@@ -1,11 +1,15 @@
-"""Contact of the block of section 7.2 against one factorisation of its stiffness.
+"""Compare contact of the block of section 7.2 with one factorisation of its stiffness matrix.
 
     ./run python3 -m tests.speed.contact_speed [--divisions 160 320] [--runs 5]
 
-prints medians and ranges over the runs as a table. "contact" are the linear systems of the block
-pressed and pulled in one load state, "history" the pressure and then the pull; "factorisation" is
-analysis, numeric phase and probe of one LU of the same stiffness; both in one run, in turn, so that
-the drift of a shared machine cancels in the ratios.
+The command prints a table of the medians and ranges of wall times over the runs:
+
+- "contact": solution for pressure and pull applied in a single increment;
+- "history": solution for the pressure, followed by the pull;
+- "factorisation": analysis, numerical factorisation and accuracy check of one LU of the same
+  stiffness matrix.
+
+Each run measures all of these in turn, and the drift of a shared machine cancels in the ratios.
 """
 
 import argparse
@@ -25,7 +29,7 @@ from study.paper import s7_2_block
 
 
 def measure(divisions: int, runs: int) -> dict[str, list[float]]:
-    """Seconds of each part on one mesh, one number a run."""
+    """Return the wall times in seconds of each part on one mesh, one for each run."""
     body = _block(divisions)
     held = _held(body).matrix(body.K)
     parts: dict[str, Callable[[], object]] = {
@@ -46,7 +50,7 @@ def measure(divisions: int, runs: int) -> dict[str, list[float]]:
 
 
 def table(results: dict[int, dict[str, list[float]]]) -> str:
-    """Markdown: medians (and ranges) in seconds, ratios of medians."""
+    """Return a Markdown table of medians and ranges in seconds, and of ratios of medians."""
     head = ["triangles", "dofs", "assembly", "factorisation", "contact", "history"]
     head += ["contact / (fact. + ass.)", "history / (fact. + ass.)", "peak memory"]
     rows = [head, ["---:"] * len(head)]
@@ -61,7 +65,7 @@ def table(results: dict[int, dict[str, list[float]]]) -> str:
 
 
 def main() -> None:
-    """Measures and prints."""
+    """Print the table of wall times for the chosen meshes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--divisions", type=int, nargs="+", default=[40, 80, 160])
     parser.add_argument("--runs", type=int, default=5)
@@ -69,7 +73,7 @@ def main() -> None:
     results = {}
     for divisions in sorted(options.divisions):
         results[divisions] = measure(divisions, options.runs)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # grows with the meshes
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MB so far
         results[divisions]["memory"] = [peak]
     print(table(results), end="")
 
@@ -86,7 +90,7 @@ def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
 
 
 def _held(body: Discretisation) -> Reduction:
-    """The block glued to its foundation: a regular stiffness to factorise."""
+    """Return the reduction of a block fixed to its foundation, whose stiffness is regular."""
     return body.supports([prescribe(body.space, i, s7_2_block.on_lower_side) for i in (0, 1)])
 
 

@@ -1,6 +1,7 @@
-"""Opens pages in a headless Chromium and tells what is wrong: `-m tests.study.browser PATH …`.
+"""Check pages in a headless Chromium: `python3 -m tests.study.browser PATH ...`.
 
-Needs Python, Selenium, a Chromium and its driver, so that it runs on a system without DOLFINx too.
+A path is a page or the folder of a site. The check needs only Python, Selenium, Chromium and
+chromedriver, and therefore also runs where DOLFINx is not installed.
 """
 
 import shutil
@@ -10,8 +11,8 @@ from pathlib import Path
 from tests.study.pages import find_faults
 
 BROWSER_EXECUTABLES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-WINDOW_WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
-TIMEOUT_SECONDS = 60  # for one answer
+WINDOW_WIDTHS = (390, 1280)  # windows of a phone and of a desktop, in CSS pixels
+TIMEOUT_SECONDS = 60  # for one script
 
 BROWSER_FLAGS = (
     "headless no-sandbox disable-gpu disable-dev-shm-usage disable-background-networking "
@@ -40,18 +41,18 @@ PAGE_BODIES_BY_FAULT = {
     "wider than the window": '<div style="width: 2000px">x</div>',
     "link to nowhere": '<a href="#nowhere">x</a>',
 }
-"""What is to be told of a page, and a page it is true of."""
+"""Faults that the check has to report, each with the body of a page that has the fault."""
 
 
 def find_chromium_with_driver():
-    """Path of a Chromium that can be driven, or None."""
+    """Return the path of a Chromium if chromedriver is also installed, otherwise None."""
     return shutil.which("chromedriver") and next(
         filter(None, map(shutil.which, BROWSER_EXECUTABLES)), None
     )
 
 
 def start_chromium():
-    """A Chromium with one empty page, for a `with` statement."""
+    """Start a headless Chromium; return its driver, a context manager that quits it."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
@@ -65,10 +66,10 @@ def start_chromium():
 
 
 def find_page_faults(browser, url, width):
-    """Open a page in a window of this width; return what is wrong, in words."""
+    """Open a page in a window of the given width in pixels; return a message for each fault."""
     window_size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window_size)
-    browser.get_log("browser")  # of the page before
+    browser.get_log("browser")  # discards messages about the preceding page
     browser.get(url)
     page_state = browser.execute_script(PAGE_STATE_SCRIPT)
     messages = [f"image does not load: {alt}" for alt in page_state["broken"]]
@@ -82,7 +83,7 @@ def find_page_faults(browser, url, width):
 
 
 def count_search_results(browser, folder, word):
-    """Number of pages that the site's own search finds for a word."""
+    """Return the number of pages that the search of the site in a folder finds for a word."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     url = (folder / "search.html").resolve().as_uri()
@@ -94,7 +95,11 @@ def count_search_results(browser, folder, word):
 
 
 def read_stated_and_visible_claim_counts(browser, folder, query):
-    """What the page of claims says of how many it shows, as "10 of 86", for a query."""
+    """Open the page of claims with a query; return the stated and the actual number shown.
+
+    The string has the form "10 of 86: 10": the number of claims that the page states as shown, the
+    total, and the number of claims that are visible.
+    """
     url = (folder / "evidence" / "claims.html").resolve().as_uri()
     browser.get(f"{url}?{query}")
     count_script = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
@@ -104,7 +109,7 @@ def read_stated_and_visible_claim_counts(browser, folder, query):
 
 
 def find_site_faults(browser, folder):
-    """What is wrong with a site: its pages, the links between them, and its search."""
+    """Return a message for each fault of a site's pages, links, search and filter of claims."""
     site_faults = find_faults(folder)
     for page in sorted(folder.rglob("*.html")):
         for width in WINDOW_WIDTHS:
@@ -126,7 +131,10 @@ def find_site_faults(browser, folder):
 
 
 def main(paths):
-    """Check pages and folders of them, and first that faults are seen at all; return the status."""
+    """Check pages and folders of sites; return the exit status.
+
+    The checker itself is tested first, on pages with known faults.
+    """
     if find_chromium_with_driver() is None:
         print(
             f"browser: there is no chromedriver, or none of {', '.join(BROWSER_EXECUTABLES)}",

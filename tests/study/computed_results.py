@@ -1,4 +1,4 @@
-"""Results that are computed when a measure asks for them."""
+"""Results of the study that are computed when a test first reads them."""
 
 import fcntl
 from dataclasses import replace
@@ -14,13 +14,16 @@ def load_cases_by_key():
 
 
 def parse_section_case_pairs(text):
-    """Section and name of each that lines such as "V1: own round" list."""
+    """Return (section, name) pairs from lines such as "V1: own round", one pair for each name."""
     rows = [line.split(": ") for line in text.strip().splitlines()]
     return [(section, name) for section, names in rows for name in names.split()]
 
 
 class LazyResult:
-    """A stored result whose case is computed when its numbers are read."""
+    """Result of a case that is computed when an attribute such as `scalars` is first read.
+
+    Its section, case name and parameters are known without computing.
+    """
 
     def __init__(self, results, key):
         self.key = key
@@ -35,7 +38,10 @@ class LazyResult:
 
 
 class ComputedResults(Results):
-    """Results of the study's cases, or with other parameters, each computed once and kept."""
+    """Results of the study's cases, each computed on first use and stored in a folder.
+
+    If `parameters` are given, they replace parameters of the same names in all cases.
+    """
 
     def __init__(self, folder, parameters=None):
         super().__init__(folder)
@@ -45,7 +51,7 @@ class ComputedResults(Results):
         if key not in self and key in load_cases_by_key():
             self.folder.mkdir(parents=True, exist_ok=True)
             with (self.folder / f".{key.replace('/', '-')}").open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)  # others wait: two that save would mix their files
+                fcntl.flock(lock, fcntl.LOCK_EX)  # two processes that save would mix their files
                 if key not in self:
                     self._compute_and_save(load_cases_by_key()[key])
         return super().__getitem__(key)

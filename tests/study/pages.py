@@ -1,8 +1,8 @@
 """Check HTML pages without a browser: `python3 -m tests.study.pages PATH ...`.
 
-A path is a page, or a folder of pages such as the site. Found are links and anchors that lead
-nowhere, images that are missing or have no alternative text, files loaded from elsewhere, and what
-a template or LaTeX has left in the text. Needs Python alone.
+A path is a page or a folder of pages, e.g. the site. The check reports links and anchors without a
+target, images that are missing or have no alternative text, files loaded from other sites, and
+unrendered template code, LaTeX or Markdown in the text. It needs only Python's standard library.
 """
 
 import re
@@ -30,11 +30,11 @@ PAGE_BODIES_BY_FAULT = {
     "text has LaTeX": r"<p>\textstyle x</p>",
     "text has Markdown": "<p>[x](../x.md)</p>",
 }
-"""What is told of a page, and the body of a page it is true of."""
+"""Faults that the check has to report, each with the body of a page that has the fault."""
 
 
 class Page(HTMLParser):
-    """Tags of a page with their attributes, and its text outside of code."""
+    """Tags of an HTML page with their attributes, and its text without code and formulas."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -55,11 +55,11 @@ class Page(HTMLParser):
             self.text += data
 
     def tag_attributes(self, tag: str) -> list[dict[str, str | None]]:
-        """Return the attributes of all tags of a name."""
+        """Return the attributes of all tags with a given name."""
         return [attributes for name, attributes in self.tags if name == tag]
 
     def attribute_values(self, *names: str, tags: tuple[str, ...] = ()) -> set[str]:
-        """Return the values of attributes, of all tags or of those that are named."""
+        """Return the nonempty values of the named attributes, in all tags or only in `tags`."""
         return {
             value
             for tag, attributes in self.tags
@@ -70,7 +70,7 @@ class Page(HTMLParser):
 
 
 def find_faults(folder: Path, chosen_paths: list[Path] | None = None) -> list[str]:
-    """Return the faults of the pages in a folder, or of some of them, a line for each."""
+    """Return one line for each fault of all pages in a folder, or of the chosen pages only."""
     paths = sorted(folder.rglob("*.html")) if chosen_paths is None else chosen_paths
     pages = {path: Page(path.read_text("utf-8")) for path in paths}
     return [
@@ -112,7 +112,7 @@ def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[s
 
 
 def list_undetected_fault_kinds() -> list[str]:
-    """Return the kinds of faults that pages with one of them are not told to have."""
+    """Return the kinds of faults that `find_faults` misses on pages made with such a fault."""
     undetected_faults = []
     with tempfile.TemporaryDirectory() as name:
         page = Path(name) / "page.html"
@@ -124,7 +124,7 @@ def list_undetected_fault_kinds() -> list[str]:
 
 
 def main(paths: list[str]) -> int:
-    """Check pages and folders of pages; return 1 if something is wrong."""
+    """Check pages and folders of pages; return 1 if a fault is found or missed, otherwise 0."""
     messages = [
         f"the check does not see the fault {fault!r}" for fault in list_undetected_fault_kinds()
     ]

@@ -1,4 +1,4 @@
-"""Families of cases for data that are not printed, and the bands drawn from them."""
+"""Families of cases that vary data which the paper does not print, and bands of their curves."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_envelope_spans_the_first_curves_range_and_encloses_all_curves():
         x = np.sort(rng.uniform(-1, 1, count))
         x[[0, -1]] = -1 - rng.uniform(), 1 + rng.uniform()
         lines.append((x, rng.normal(size=count)))
-    lines[1][1][3] = np.nan  # a node without a weight
+    lines[1][1][3] = np.nan  # no pressure at a node whose weight vanishes
     x, low, high = envelope(lines)
     assert (x[0], x[-1]) == (lines[0][0][0], lines[0][0][-1])
     for positions, values in lines:
@@ -57,7 +57,11 @@ def test_envelope_spans_the_first_curves_range_and_encloses_all_curves():
 def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(
     is_standard, edge_integrals_times_six
 ):
-    """They sum to one; one edge's integrals are those of the element, over its length."""
+    """Check the weights by which shear is averaged along a line, on two edges of the contact line.
+
+    They have to sum to one and equal one at their own nodes. Divided by the length of an edge,
+    their integrals are 1/6, 2/3, 1/6 for the standard and 1/4, 1/2, 1/4 for the new element.
+    """
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)
     functions = _test_functions(nodes, x, is_standard)

@@ -1,4 +1,4 @@
-"""Cases, their sections, and what invalidates a stored result."""
+"""Cases, the sections that list them, and the changes that make a stored result outdated."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ def test_section_has_title_and_cases_and_its_title_needs_no_import(toy_package_f
     assert [case.key for case in section.cases] == ["1/a", "1/b"]
     assert section.cases[1].run(**section.cases[1].parameters).scalars["y"] == 5.0
     append_text(toy_package_folder / "one.py", "raise SystemExit\n")
-    assert title("1") == "First toy"  # without an import
+    assert title("1") == "First toy"  # read from the source, which can no longer be imported
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
-"""Checks of the pages, findings and pins, each one a test of its name.
+"""Findings and pinned numbers of the study: one test for each, named by its id.
 
-Cases of less than a CPU second are computed. Others are read from the stored results of
-`./run study`, if these are of the present code; without them, a check that needs one is skipped,
-or fails if STUDY_RESULTS_REQUIRED is set, as in the gate.
+Cases that take less than a CPU second are computed. Slower ones are read from the results that
+`./run study` has stored, if these were computed with the current code. Otherwise, tests that need
+them are skipped, or fail if the environment variable STUDY_RESULTS_REQUIRED is set.
 """
 
 import os
@@ -31,14 +31,17 @@ def _claim_id(claim):
 
 @cache
 def load_stored_results_and_states():
-    """Return the stored results of the project, and whether each is of the present code."""
+    """Return the stored results of the project, and the state of each slow case by its key.
+
+    The state is "stored" if the result was computed with the current code.
+    """
     results = Results(STORED_RESULTS_FOLDER)
     slow_cases = [case for key, case in load_cases_by_key().items() if key in read_expected_table()]
     return results, runner.states(slow_cases, results)
 
 
 class QuickOrStoredResults(ComputedResults):
-    """Results that are computed if this takes less than a second, and else read."""
+    """Results that are computed if this takes less than a CPU second, and otherwise read."""
 
     def __getitem__(self, key):
         if key not in read_expected_table() or load_cases_by_key()[key].record:
@@ -82,7 +85,10 @@ def test_pins_with_unknown_keys_are_refused(tmp_path):
 
 @pytest.mark.parametrize("claim", random.Random(20).sample(FINDINGS_AND_PINS, 20), ids=_claim_id)
 def test_number_beyond_its_bound_changes_the_verdict(claim):
-    """Judged with a number on the wrong side of its bound, a check drawn at random differs."""
+    """Replace the measure of randomly drawn checks by a number on the wrong side of the bound.
+
+    Each verdict then has to differ from the expected one; otherwise, the check could not fail.
+    """
     judgement = claim.judgement
     wrong_direction = {"<": 1, "<=": 1, "=": 1, ">": -1, ">=": -1}[judgement.relation]
     wrong_number = judgement.value + wrong_direction * (

@@ -1,4 +1,4 @@
-"""Claims: every mistake in the file is named, and the verdict follows from the numbers alone."""
+"""Claims: errors name every mistake in a file, and verdicts depend on the numbers only."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Section 7.5: the synthetic column's meshes, contact on four surfaces, and eigenvalues."""
+"""Section 7.5: meshes and eigenvalues of the synthetic column, and the fit of its profiles."""
 
 from dataclasses import replace
 
@@ -20,14 +20,14 @@ def test_column_mesh_has_the_printed_cell_count_and_the_profiles_area_and_outlin
     unit_field = fem.Constant(mesh, 1.0)
     area = fem.assemble_scalar(fem.form(unit_field * ufl.dx(domain=mesh)))
     assert area == pytest.approx(np.dot(profile.radii, profile.heights), rel=1e-12)
-    # conforming: edges on the outline, each in one cell only, are as long as the outline
+    # the mesh is conforming: edges that belong to one cell only are as long in total as the outline
     outline = fem.assemble_scalar(fem.form(unit_field * ufl.ds(domain=mesh)))
     radii = np.array([0.0, *profile.radii, 0.0])
     assert outline == pytest.approx(2 * sum(profile.heights) + np.abs(np.diff(radii)).sum())
 
 
 def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
-    # its 8-node elements of 12 mm on the section from which the first one was fitted
+    # computed with 8-node elements of 12 mm on the profile from which the fit of "first" started
     start_profile = fit.make_profile(fit.STARTS["first"])
     coarse_profile = replace(
         start_profile, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3)
@@ -42,7 +42,7 @@ def test_eigenvalues_of_a_coarse_column_agree_with_an_independent_program():
 def test_column_eigenvalues_deviate_from_table_1_by_less_than_0_3_percent(profile):
     deviations = fit.deviations_from_table_1(profile)
     assert np.abs(deviations).max() < 0.3
-    assert np.abs(deviations.mean(axis=0)).max() < 0.1  # none of the printed columns is preferred
+    assert np.abs(deviations.mean(axis=0)).max() < 0.1  # each eigenvalue: the fit favours none
 
 
 @pytest.mark.slow

@@ -9,7 +9,10 @@ DEFAULT_SCALARS = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "
 
 @pytest.fixture
 def store_scalars(tmp_path, monkeypatch):
-    """A function that stores scalars of one case in one of two folders."""
+    """Return a function that stores a result with the given scalars and returns its folder.
+
+    The folder's name is also stored as the version of DOLFINx.
+    """
     monkeypatch.setattr(compare_versions, "SECTIONS", {"1": "", "C": ""})
 
     def store(folder, key="1/a", **scalars):
@@ -43,7 +46,7 @@ def test_equal_results_do_not_differ_and_missing_results_are_no_agreement(
     [
         ("x", 2.0 * (1 + 0.9e-8), False),
         ("x", 2.0 * (1 + 1.1e-8), True),
-        ("force_tangential", -9e-6, False),  # over the normal force
+        ("force_tangential", -9e-6, False),  # relative to the normal force
         ("force_tangential", 1.1e-5, True),
         ("residual", 0.9e-7, False),
         ("residual", 1.1e-7, True),
@@ -100,7 +103,11 @@ def test_scalar_has_the_kind_that_its_case_and_name_say(case_and_scalar_name, ki
 
 
 def test_a_given_tolerance_replaces_those_of_all_kinds_but_counts(store_scalars, capsys):
-    """Counts of iterations aside: 1e-9 for everything, by the scale of its kind."""
+    """With `--tolerance 1e-9`, differences relative to the scale of their kind may reach 1e-9.
+
+    Counts of iterations are not compared then. Without the option, they are, whereas the tolerance
+    of other scalars is the larger one for different versions of libraries.
+    """
     reference_folder = store_scalars("before", iterations=7.0, iterations_most=3.0)
     within_tolerance = store_scalars(
         "same", iterations=9.0, iterations_most=4.0, x=2.0 * (1 + 0.9e-9)
@@ -119,5 +126,5 @@ def test_a_given_tolerance_replaces_those_of_all_kinds_but_counts(store_scalars,
     assert main([reference_folder, with_larger_residual, "--tolerance", "1e-9"]) == 1
     assert (
         main([reference_folder, beyond_tolerance]) == 0
-    )  # within what versions of libraries may differ by
-    assert main([reference_folder, within_tolerance]) == 1  # counts included
+    )  # within the tolerance for different versions of libraries
+    assert main([reference_folder, within_tolerance]) == 1  # counts of iterations differ

@@ -1,4 +1,4 @@
-"""The list of what each section was computed with, as results and code say."""
+"""Summary of the computations of each section: results, unknowns, meshes, quadrature degrees."""
 
 import sys
 from importlib import import_module
@@ -11,7 +11,7 @@ from study.run.store import Result, Results, save
 
 @pytest.fixture
 def store_v1_case_and_describe(tmp_path):
-    """A function that stores a case of V1 and returns what the section was computed with."""
+    """Return a function that stores a case of section V1 and returns the section's summary."""
 
     def store_case_and_summarise(parameters, dofs=None, curves=None, record=""):
         name = f"case-{len(list(tmp_path.rglob('*.json')))}"
@@ -29,7 +29,7 @@ def test_summary_has_result_counts_range_of_unknowns_and_distinct_mesh_sizes(
     store_v1_case_and_describe({"divisions": [80, 40]}, dofs=40)
     store_v1_case_and_describe(
         {"dofs": 900, "divisions": [20, 10]}
-    )  # a recorded case keeps them among its parameters
+    )  # a recorded case has its number of unknowns among the parameters
     assert store_v1_case_and_describe({"divisions": [20, 10]}, dofs=120)[:4] == (
         3,
         0,

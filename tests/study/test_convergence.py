@@ -1,6 +1,6 @@
-"""Orders and sizes of errors against manufactured solutions, on coarse meshes.
+"""Section C: orders and sizes of errors for manufactured solutions, on coarse meshes.
 
-Orders of eigenvalues and errors of nearly incompressible bodies are judged by checks and pins.
+Orders of eigenvalues and errors of nearly incompressible bodies are tested in `test_checks`.
 """
 
 from dataclasses import replace
@@ -104,4 +104,4 @@ def test_exact_eigenvalues_of_square_cube_cylinder_and_ring_match_formulas():
     assert cube[3] == pytest.approx(3 * np.pi**2 * shear)
     assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
     (breathing,) = eigenvalues.ring_eigenvalue()
-    assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # E / (rho R^2) of a thin ring
+    assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # of a thin ring: E / (rho R^2)

@@ -1,4 +1,4 @@
-"""Section K: each task runs and measures what the record has; rows are measured on demand."""
+"""Section K: each task measures the recorded quantities; costs can be measured again."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from study.run import records
 from study.run.cases import load_section
 
 NAMES_OF_NUMBERS_ADDED_TO_TASKS = {"wall_seconds", "whole_seconds", "megabytes"}
-"""Numbers that are added to those of a task."""
+"""Names of recorded numbers that the measuring process adds to those of the task."""
 SMALL_MEASUREMENTS = [
     Measurement("assembly", "galerkin-T6", 2),
     Measurement("factors", "pw-T10", 2),
@@ -29,7 +29,7 @@ SMALL_MEASUREMENTS = [
 
 
 def read_recorded_numbers_by_measurement():
-    """Return the numbers of the record by their measurements."""
+    """Return a dictionary from each recorded measurement to its numbers."""
     rows = records.read_rows(records.TIME_AND_MEMORY).values()
     return {measurement_of_row(row): row.content["measured"] for row in rows}
 
@@ -62,7 +62,11 @@ def test_recorded_measurements_are_exactly_the_listed_ones():
 
 
 def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_path, monkeypatch):
-    """Each once; those of CalculiX stay read from the record."""
+    """Each row of the record is measured exactly once, except the two rows of CalculiX.
+
+    Those are still read from the record. The stub of the measurement doubles `whole_seconds`, which
+    shows where each case takes its numbers from.
+    """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     measured_keys = []
 

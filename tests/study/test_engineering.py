@@ -1,4 +1,4 @@
-"""Section W: problems confirmed by what they do not compute."""
+"""Section W: problems checked against balances, exact solutions and other implementations."""
 
 from functools import cache, partial
 
@@ -41,7 +41,12 @@ def make_elastic_block(element, cells_per_side=3):
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_pressure_matrix_recovers_pressure_from_nodal_forces(element):
-    """Even ones all but tributary areas, linear ones those that are projected; 1 + 2 x."""
+    """Compute nodal forces of known pressures by integration and recover the pressures from them.
+
+    The linear pressure 1 + 2 x is recovered by projection. The even pressure 1 is recovered by all
+    methods except tributary areas for the standard element. If the weight of a node vanishes, "own"
+    raises an error and "skip" gives zero there.
+    """
     body = make_elastic_block(element).body
     mesh = body.spaces.mesh
     vertical_axis = mesh.geometry.dim - 1
@@ -101,7 +106,11 @@ def solve_worn_punch(element, pressure_rule="own"):
 
 
 def test_final_wear_depth_follows_face_displacement_under_even_pressure():
-    """The face's displacements under the even pressure, by one linear solution."""
+    """Wear makes the pressure even and thus compensates the displacements of the loaded face.
+
+    Differences of wear depth have to equal those of the face's displacement under an even pressure,
+    which is computed here by one linear solution.
+    """
     body, worn = make_elastic_block("pw-T6", 4), solve_worn_punch("pw-T6")
     is_loaded = lambda x: np.isclose(x[1], 1) & (x[0] < sliding.LOADED_WIDTH + 1e-9)  # noqa: E731
     load = body.traction_load((0.0, 1.0), on_plane(1, 0.0)) + body.traction_load(
@@ -140,7 +149,11 @@ def solve_partial_slip(element, halving_pressure):
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_stick_width_under_constant_friction_agrees_with_cattaneo_and_mindlin(element):
-    """To a third of the distance of nodes; the sides are near, and both directions coupled."""
+    """The tolerance is a third of the distance between nodes.
+
+    Exact agreement is not expected: the body is finite, and normal and tangential directions are
+    coupled, which the exact solution neglects.
+    """
     slip_result = solve_partial_slip(element, 1e9)
     assert slip_result.stick == pytest.approx(np.sqrt(1 - slip_result.force), abs=0.02)
 
@@ -160,7 +173,11 @@ def test_shear_is_at_the_limit_of_friction_in_slip_and_below_it_in_stick(element
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_heat_through_a_weak_joint_is_proportional_to_the_contact_force(element, monkeypatch):
-    """Through a joint so weak that the body has one temperature, whatever the nodal forces."""
+    """With an exponent of one, the conductance of the joint is proportional to the pressure.
+
+    The joint conducts so weakly that the body has a uniform temperature. The heat flow is then
+    proportional to the total contact force and independent of its distribution over the nodes.
+    """
     monkeypatch.setattr(pressures, "CONDUCTANCE", 1e-9)
     contact = pressures.HertzContact.solve(element, 4)
     heat = pressures.conduct_heat(element, "own", 4, exponent=1.0).heat
@@ -177,7 +194,7 @@ def test_impulse_is_the_change_of_momentum_and_energy_balances(element):
     )
     assert impact.imbalance < 1e-12
     assert impact.force[-1] == pytest.approx(0.0)
-    assert 0 < impact.slip < 1  # sliding all the time would be 1, and known
+    assert 0 < impact.slip < 1  # 1 would be sliding all the time, whose result is known
 
 
 def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
@@ -204,7 +221,11 @@ def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
 
 @pytest.mark.parametrize("offset", [-1 / 3, 0.0, 1 / 3])
 def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
-    """Forces of the punch add up to the load, and the contact's force is Hertz' on any mesh."""
+    """Integral quantities are preserved if mesh lines are shifted by a fraction of a cell.
+
+    The punch's nodal forces still sum to the load and its weights to the area of the face. The
+    force of the Hertz contact, whose end moves within an edge, agrees with the exact one to 3 %.
+    """
     punch = sliding.Punch.make("pw-T6", 4, offset)
     force, _ = punch.forces(
         np.zeros(len(punch.load_displacement)), np.ones(len(punch.load_displacement), dtype=bool)
@@ -215,11 +236,14 @@ def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
     exact = contact.problem.exact
     assert contact.force.sum() == pytest.approx(
         exact.peak_pressure * np.pi / 4, rel=0.03
-    )  # of one half
+    )  # of half of the contact
 
 
 def test_quadrilaterals_agree_with_triangles_on_a_fine_mesh():
-    """References are independent of the elements compared, but solve the same problems."""
+    """Answers of Q9, which serve as references for the triangles, agree with those of the new T6.
+
+    This shows that the reference solutions solve the same problems: wear, partial slip and impact.
+    """
     depth = {
         element: sliding.wear_punch(element, "own", 16, 400).half_depth[0]
         for element in ("galerkin-Q9", "pw-T6")
@@ -232,7 +256,11 @@ def test_quadrilaterals_agree_with_triangles_on_a_fine_mesh():
 
 
 def store_wear_answers(folder, standard_answers, new_answers, reference_uncertainty=0.001):
-    """Store answers on three meshes, each with two shifted ones; the reference is 1."""
+    """Store answers of the standard and the new T6 on three meshes; return the results.
+
+    The first answer of an element is that of the unshifted meshes, the other two are those of
+    meshes shifted in either direction. The reference answer is 1.
+    """
 
     def save_result(name, parameters, scalars):
         result = Result(scalars, dimensionless(scalars), {}, dofs=1)

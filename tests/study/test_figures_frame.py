@@ -1,4 +1,4 @@
-"""Drawing: the same bytes each time, whole files, and no figure lost to another's fault."""
+"""Drawing of figures: reproducible, complete, only if needed, and despite errors of others."""
 
 import json
 import os
@@ -65,7 +65,7 @@ def results_folder(tmp_path):
 
 @pytest.fixture
 def add_figure_script(tmp_path, monkeypatch):
-    """A function that adds a figure script; no others exist."""
+    """Return a function that adds a figure script; the project's own scripts are hidden."""
     folder = tmp_path / "scripts"
     folder.mkdir()
     monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(folder)])
@@ -92,7 +92,10 @@ def read_indexed_figure_names(results_folder):
 
 
 def draw_and_list_redrawn_figures(results_folder, *names):
-    """Which of the figures the next call draws: a file made empty beforehand has content again."""
+    """Draw all figures; return the names of those that were redrawn.
+
+    The files are emptied beforehand, and those of figures that are not redrawn stay empty.
+    """
     paths_by_name = {name: results_folder / "figures" / f"{name}.svg" for name in names}
     for path in paths_by_name.values():
         path.write_text("")
@@ -120,7 +123,7 @@ def test_figures_are_redrawn_only_if_their_script_or_results_change(
     (results_folder / "figures" / "index.json").unlink()
     assert draw_and_list_redrawn_figures(results_folder, *toy_names) == []
     assert {*read_indexed_figure_names(results_folder)} == {*toy_names}
-    result_path.unlink()  # a failure only where all is said to be there
+    result_path.unlink()  # is an error only if the results are stated to be complete
     assert not draw_all(results_folder, complete=True)
     assert draw_all(results_folder, complete=False)
     assert "toy_two" not in read_indexed_figure_names(results_folder)
@@ -137,7 +140,10 @@ def test_figures_are_redrawn_only_if_their_script_or_results_change(
 def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
     results_folder, add_figure_script, value_expression, store_call
 ):
-    """Others compute while a figure is drawn: what it has not read is not what it shows."""
+    """Store a result while a figure is drawn, as another process that computes may do.
+
+    The figure shows the numbers read before. The next call therefore has to draw it again.
+    """
     late_storing_source = (
         "def caption(results):\n"
         "    import numpy as np\n"
@@ -152,7 +158,7 @@ def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
         "def caption_before(results):"
     )
     add_figure_script("toy_late", "def caption(results):", late_storing_source)
-    for _ in range(2):  # the note of the first drawing does not hold
+    for _ in range(2):  # the first drawing must not count as up to date
         assert draw_all(results_folder, complete=False)
     (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["caption"] == "It is 3.5."
@@ -161,7 +167,11 @@ def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
 def test_results_go_beside_the_figure_if_the_project_is_read_only(
     tmp_path, add_figure_script, monkeypatch, capfd
 ):
-    """In a clone that is read-only, results go beside the figure."""
+    """If the project's results cannot be written, another folder has to be named.
+
+    With `--out`, needed results are computed in a subfolder beside the figures; with `--results`,
+    they are computed in the named folder. (Here, `results` is a file.)
+    """
     (tmp_path / "results").write_text("no folder")
     monkeypatch.setattr("figures.__main__.ROOT", tmp_path)
     compute_calls = []
@@ -250,17 +260,17 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(
     (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["width"] == 672
     width, height = entry["narrow"]
-    assert width <= 358  # what a telephone's screen of 390 pixels leaves
+    assert width <= 358  # CSS pixels available on a phone's screen of 390 pixels
     assert height > entry["height"]
     narrow_svg, wide_svg = (
         (results_folder / "figures" / f"toy_wide.{suffix}").read_text()
         for suffix in ("narrow.svg", "svg")
     )
-    assert wide_svg.count(">0.0<") == 3  # both panels' x, one y
+    assert wide_svg.count(">0.0<") == 3  # one on each x axis and one on the shared y axis
     assert narrow_svg.count(">0.0<") == 4
     label_positions = re.findall(r'x="([-.\d]+)" y="[-.\d]+">(?:m{20}|n{20})<', narrow_svg)
     assert len(label_positions) == 2
-    assert label_positions[0] == label_positions[1]  # too wide to be beside each other
+    assert label_positions[0] == label_positions[1]  # stacked, too wide for one row
 
 
 def test_figures_without_their_results_are_skipped_and_reported(
@@ -420,7 +430,7 @@ def test_looks_of_elements_are_distinct_and_contrast_with_white():
     assert {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"} < set(ELEMENT_LOOK)
     for key in ("color", "marker", "label"):
         assert len({look[key] for look in ELEMENT_LOOK.values()}) == len(ELEMENT_LOOK)
-    for look in ELEMENT_LOOK.values():  # contrast to white
+    for look in ELEMENT_LOOK.values():  # contrast ratio to white
         linear_rgb = ((np.array(to_rgb(look["color"])) + 0.055) / 1.055) ** 2.4
         assert 1.05 / (linear_rgb @ [0.2126, 0.7152, 0.0722] + 0.05) > 2.3
 

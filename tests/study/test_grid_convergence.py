@@ -1,4 +1,4 @@
-"""Grid convergence: exact series of known order, and the published examples of Celik et al."""
+"""Grid convergence: series of known order, and the published examples of Celik et al. (2008)."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_values_may_come_in_any_order():
         ((1.0, 1.2, 1.1), "oscillatory"),
         ((1.0, 0.9, 1.3), "oscillatory"),
         ((1.0, 1.1, 1.3), "divergent"),
-        ((1.0, 1.1, 1.2), "divergent"),  # a constant change, as of a logarithm
+        ((1.0, 1.1, 1.2), "divergent"),  # equal changes, as of log(h)
         ((1.0, 1.1, 1.1), "equal on two meshes"),
         ((1.0, 1.0, 1.1), "equal on two meshes"),
         ((2.0, 2.0, 2.0), "equal on two meshes"),
@@ -73,8 +73,8 @@ def test_divergence_is_detected_with_unequal_refinement_ratios():
     assert grid_convergence([h**-0.5 for h in sizes], sizes).reason == "divergent"
 
 
-# Table 1 of Celik et al. (2008): numbers of cells in the plane, values, fine mesh first; order,
-# extrapolated value, GCI in per cent
+# Table 1 of Celik et al. (2008): numbers of cells in the plane and values, both from the fine to
+# the coarse mesh; order, extrapolated value, and grid convergence index in per cent
 PUBLISHED_EXAMPLES = [
     ((18000, 8000, 4500), (6.063, 5.972, 5.863), 1.53, 6.1685, 2.2),
     ((18000, 4500, 980), (10.7880, 10.7250, 10.6050), 0.75, 10.8801, 1.1),
@@ -95,7 +95,7 @@ def test_published_examples_are_reproduced_to_the_printed_digits(
 
 
 def test_the_published_oscillating_example_is_not_accepted():
-    """Celik et al. give it an order of 1.51; here it is not asymptotic."""
+    """Celik et al. give an order of 1.51 for these values, which are rejected: they oscillate."""
     sizes = [n**-0.5 for n in (18000, 4500, 980)]
     assert grid_convergence((6.0042, 5.9624, 6.0909), sizes).reason == "oscillatory"
 

@@ -1,4 +1,4 @@
-"""The series of meshes of the uncertainty: known cases that differ by the mesh alone."""
+"""Series of cases for the discretisation uncertainty, which differ only in their meshes."""
 
 import math
 import re
@@ -41,14 +41,14 @@ RECORD_PARAMETER_NAMES = ("measured", "units", "dofs")
 
 
 def split_mesh_and_other_parameters(key):
-    """Return the parameters that state the mesh, and all others, of a case."""
+    """Return the parameters of a case in two dictionaries: those of the mesh, and all others."""
     parameters = {
         name: value
         for name, value in CASES_BY_KEY[key].stored_parameters.items()
         if name not in RECORD_PARAMETER_NAMES
     }
     mesh = {name: parameters.pop(name) for name in MESH_PARAMETER_NAMES if name in parameters}
-    if CASES_BY_KEY[key].section == "7.4":  # alternates: see the test of the plate's edges
+    if CASES_BY_KEY[key].section == "7.4":  # see the test of the plate's edges
         del parameters["pattern"]
     return mesh, parameters
 
@@ -84,7 +84,7 @@ def test_refinement_preserves_the_triangle_counts_at_the_plate_edges(suffix):
 
 
 def count_triangles_at_both_plate_edges(parameters):
-    """Return how many triangles meet at the left and at the right edge of the plate."""
+    """Return the numbers of triangles that meet at the left and at the right edge of the plate."""
     pattern, refined = parameters.get("pattern", PATTERN), parameters.get("refined", 1)
     mesh = _mesh_body(
         ELEMENTS_UNDER_HALF_PLATE, HALF_BODY_WIDTH, BODY_DEPTH, pattern, refined, "triangle"
@@ -109,7 +109,7 @@ def test_each_quantity_compares_new_and_standard_triangles_under_a_distinct_name
 
 
 class PowerLawResults:
-    """Results whose numbers are 1 + c h^2: c = 3, or -1 in cases of the standard element."""
+    """Results with scalars 1 + c h^2, where c is -1 for the standard element and otherwise 3."""
 
     def scalar(self, key, name):
         assert name == "force"

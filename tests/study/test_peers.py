@@ -1,8 +1,8 @@
-"""CalculiX: recorded answers belong to the decks, and are the same when it is run again.
+"""CalculiX: recorded answers belong to the current decks and are reproduced by another run.
 
-Findings of section P show that the decks state our problems: answers agree node by node.
-
-Runs without DOLFINx too: `python3 -m pytest tests/study/test_peers.py` where CalculiX is.
+The findings of section P show that the decks describe the study's problems: answers agree node by
+node. Most tests do not need DOLFINx: run `python3 -m pytest tests/study/test_peers.py` on a system
+with CalculiX.
 """
 
 import subprocess
@@ -55,7 +55,7 @@ def test_check_notices_a_changed_number_and_a_changed_deck(tmp_path, monkeypatch
     assert renew_records.main(["--check", key]) == 1
     records.write_rows(records.CALCULIX, [replace(row, input_sha256="0" * 64)])
     assert renew_records.main(["--check", key]) == 1
-    assert renew_records.main([key]) == 0  # records the answer again
+    assert renew_records.main([key]) == 0  # writes the row again
     assert renew_records.main(["--check", key]) == 0
     messages = capsys.readouterr().err
     assert "differs by 1.0e-04" in messages

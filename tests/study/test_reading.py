@@ -1,4 +1,4 @@
-"""Tractions from nodal forces, by the weights of each element, which may vanish."""
+"""Pressures computed from nodal forces by each element's weights, some of which vanish."""
 
 from mpi4py import MPI
 
@@ -61,7 +61,7 @@ def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
         pressure = surface.pressure(nodal_force)
         has_reading = ~np.isnan(pressure)
         assert pressure[has_reading] == pytest.approx(3.0)
-        # a corner of the standard T10, and a standard node on the axis, have no weight
+        # the weights of corners of the standard T10 and of the standard node on the axis vanish
         n_without_reading = (
             {"plane": 0, "axisymmetric": 1, "solid": 4 * 3}[body_name] if transfer is None else 0
         )
@@ -70,7 +70,11 @@ def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
 
 
 def test_siblings_weights_are_integrals_of_its_basis():
-    """Interpolate each function of T N and integrate it over the face."""
+    """The weight of a node is the integral of its basis function over the face.
+
+    Here, the basis function, a row of T N with the trial functions N, is interpolated and
+    integrated numerically.
+    """
     body, on_face = make_solid_body_and_face_marker()
     space = body.spaces.trial
     surface = with_transferred_weights(SurfaceNodes.from_body(body, on_face), force_transfer(space))

@@ -1,4 +1,4 @@
-"""Records: their format, their rows, and the command that renews and compares them."""
+"""Records of costly results: format, rows, and the command that renews and checks them."""
 
 import json
 import operator
@@ -34,9 +34,7 @@ def read_rows_of_costly_cases():
 def test_rows_of_a_record_have_complete_headers_and_known_keys(record_class):
     rows = records.read_rows(record_class().path)
     assert rows.keys() <= set(record_class().list_keys())
-    if (
-        record_class is not renew_records.CostlyCases
-    ):  # these may be computed where they have no row
+    if record_class is not renew_records.CostlyCases:  # costly cases without a row are computed
         assert rows.keys() == set(record_class().list_keys())
     for key, row in rows.items():
         assert record_class().may_have_key(key)
@@ -123,14 +121,14 @@ def test_check_of_costly_cases_ignores_times_and_notices_a_changed_number(
     monkeypatch.setattr(renew_records, "find_costly_cases", lambda: cases)
     monkeypatch.setattr(records, "COSTLY_CASES", tmp_path / "record.json")
     monkeypatch.setattr(records, "COSTLY_SECONDS", 0.0)
-    assert renew_records.main(["[QV]*"]) == 0  # writes both
-    assert renew_records.main(["--check", *cases]) == 0  # CPU seconds are never the same
+    assert renew_records.main(["[QV]*"]) == 0  # writes both rows
+    assert renew_records.main(["--check", *cases]) == 0  # ignores the CPU times, which have changed
     content = json.loads(records.COSTLY_CASES.read_text())
     content["rows"][0]["scalars"]["nodes"] += 1
     records.COSTLY_CASES.write_text(json.dumps(content))
     assert renew_records.main(["--check", QUICK_CASE_KEY]) == 1
     assert "TOO LARGE: V13/square-own-64 nodes 128 and 127" in capsys.readouterr().out
-    assert renew_records.main([QUICK_CASE_KEY]) == 0  # computes the row again, and keeps the other
+    assert renew_records.main([QUICK_CASE_KEY]) == 0  # renews this row and keeps the other
     assert list(read_rows_of_costly_cases()) == list(cases)
     assert renew_records.main(["--check", QUICK_CASE_KEY]) == 0
 
@@ -177,7 +175,10 @@ def test_check_reports_skipped_rows_where_calculix_is_not_installed(monkeypatch,
 
 
 def test_docs_and_usage_give_the_recorded_computing_times():
-    """As the records say: CPU time of the costly cases, and of all runs that measure costs."""
+    """The times stated in docs/study.md and in the usage of `./run study` follow from the records.
+
+    They are the CPU time of all costly cases and that of all repeated runs of section K.
+    """
     costly_minutes = round(
         sum(row.content["seconds"] for row in read_rows_of_costly_cases().values()) / 60
     )

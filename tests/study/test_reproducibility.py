@@ -1,4 +1,4 @@
-"""The box of what a repetition needs: digest of the numbers, versions, time, licence."""
+"""Data needed to reproduce the study: digest of the numbers, versions, times, licence."""
 
 import re
 from html import unescape
@@ -36,7 +36,10 @@ CURVES = {"x": [1.0, 2.0, np.nan], "n": [[1, 2], [3, 4]], "names": ["a", "b"]}
 
 @pytest.fixture
 def save_and_digest_result(tmp_path, monkeypatch):
-    """A function that stores one result besides another one, and returns the digest of both."""
+    """Return a function that stores two results in a new folder and returns their joint digest.
+
+    The first result is always the same; the second one is made from the arguments.
+    """
     install_toy_study(tmp_path, monkeypatch)
 
     def save_and_digest(scalars=SCALARS, curves=CURVES, case="b", **provenance):

@@ -1,4 +1,4 @@
-"""What every result states, with suitable units; figures, claims and texts ask for known cases."""
+"""Parameters and units of all results; figures, claims and texts refer to existing cases only."""
 
 import re
 from fnmatch import fnmatchcase
@@ -23,7 +23,7 @@ CASES_BY_KEY = {case.key: case for section in SECTIONS for case in load_section(
 
 
 def find_quickest_case_key_of_each_problem():
-    """Return the keys of one computed case of each problem, that of the shortest expected time."""
+    """Return, for each problem, the key of the computed case with the shortest expected time."""
     by_problem = {}
     for key, case in CASES_BY_KEY.items():
         if not case.record:
@@ -38,7 +38,7 @@ QUICKEST_CASE_KEYS_WITH_MARKS = [
 ]
 UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
 UNITS_ALLOWED_IN_EVERY_SYSTEM = {"1", "%", "s", "MB", "1/s²", "1000/s²", "Pa"}
-# What names say, whatever the section; the first pattern counts
+# Kinds of scalars by patterns of their names, in all sections; the first match counts
 SCALAR_NAME_PATTERNS_BY_KIND = {
     "1": "error* smallest_* *_error order* *difference* *residual* iterations* imaginary* ratio* "
     "sawtooth* peak_over_mean*",
@@ -54,7 +54,7 @@ KIND_BY_SCALAR_NAME_PATTERN = {
 
 
 def is_element_of_this_study(name):
-    """Whether it is one of ours; those of CalculiX have another parameter."""
+    """Return whether an element is one of the study's rather than one of CalculiX."""
     return name in ELEMENTS and name != "exact"
 
 
@@ -109,7 +109,7 @@ def test_units_of_scalars_fit_their_names_in_one_unit_system(key, results):
 
 
 def _units_suit_scalar_names(result, units):
-    """Whether numbers whose names tell their kind have the unit of this kind."""
+    """Return whether all scalars whose names imply a kind have the unit of that kind."""
     for name, unit in result.units.items():
         kind = next(
             (
@@ -152,7 +152,7 @@ def test_figures_need_existing_cases_only(name):
 
 
 def _read_html_or_page_texts(path):
-    """Return a text in HTML, or all texts of a page."""
+    """Return the content of a text file, or all text constants of a section's Python page."""
     if path.suffix != ".py":
         return path.read_text(encoding="utf-8")
     constants = read_constants(path)

@@ -1,4 +1,4 @@
-"""Section Q: contact methods, compared with each other and with exact results."""
+"""Section Q: contact methods compared with one another and with exact solutions."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""What the site is made of. The pages themselves are opened in a browser by .ci/run."""
+"""Contents and commands of the site; its pages are tested in a browser by `.ci/run`."""
 
 import ast
 import inspect
@@ -26,7 +26,7 @@ PUBLIC_NAMES = [
     for module in (pw_elements, pw_elements.contact)
     for name in module.__all__
 ]
-# Names that say of themselves all that there is to say
+# Constants whose names need no explanation
 NAMES_WITHOUT_PAGE = {*reference.CONSTANTS_WITHOUT_PAGE}
 METHODS_WITHOUT_DOCSTRING_CHECK = {"shape"}
 PUBLIC_NAMES_THAT_NEED_AN_EXAMPLE = """
@@ -104,7 +104,7 @@ def test_gallery_lists_all_examples_in_order_with_titles_and_parseable_files():
 
 @pytest.fixture
 def toy_results_folder(tmp_path, monkeypatch):
-    """Results with claims and figures, and a site that has one page besides their data."""
+    """Return a folder of toy results; replace the pages of its site by a single one (no Sphinx)."""
     results_folder = toystudy.write_toy_results(tmp_path, monkeypatch)
     monkeypatch.setattr("study.publish.site.write_sources", lambda *_: [])
     monkeypatch.setattr(
@@ -214,7 +214,7 @@ def test_sections_that_a_text_names_are_links():
 
 
 def relative_luminance(colour):
-    """Relative luminance, as WCAG 2.1 defines it."""
+    """Return the relative luminance of a colour "#rrggbb", as defined by WCAG 2.1."""
     parts = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
     return linear @ (0.2126, 0.7152, 0.0722)
@@ -227,12 +227,16 @@ def contrast_ratio(colour, other_colour):
     return (lighter + 0.05) / (darker + 0.05)
 
 
-# Backgrounds of the theme (Furo)
+# Background colours of the site's theme, Furo
 THEME_BACKGROUNDS = {"light": "#ffffff", "dark": "#131416"}
 
 
 def test_text_colours_have_enough_contrast_to_their_background():
-    """At least 4.5, as WCAG asks for; a background of our own needs a colour of our own."""
+    """WCAG requires a contrast ratio of at least 4.5.
+
+    Rules of the style sheet that set a background have to set the text colour too, and vice versa;
+    otherwise, the contrast would depend on the theme.
+    """
     assert contrast_ratio("#000000", "#ffffff") == pytest.approx(21)
     assert contrast_ratio("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
     contrast_ratios = {}
@@ -252,7 +256,7 @@ def test_text_colours_have_enough_contrast_to_their_background():
 
 
 def read_theme_option(name):
-    """One of the theme's options in Sphinx' settings, which are read as text."""
+    """Return an option of the theme from Sphinx' `conf.py`, which is parsed rather than run."""
     tree = ast.parse((Path(reference.__file__).parent / "conf.py").read_text())
     (options,) = (
         node.value
@@ -263,7 +267,10 @@ def read_theme_option(name):
 
 
 def test_thumbnails_of_the_gallery_are_small(tmp_path):
-    """Sixteen of them are less than 1 MB; noise, the worst picture, is four times that."""
+    """The thumbnail of noise, the worst case for compression, has to be smaller than 1/4 MB.
+
+    Those of the gallery's pictures take about a quarter of that, and all sixteen less than 1 MB.
+    """
     rng = np.random.default_rng(3)
     Image.fromarray(rng.integers(0, 255, (700, 1600, 3), dtype=np.uint8)).save(tmp_path / "a.png")
     gallery._save_thumbnail(tmp_path / "a.png", tmp_path / "b.png")

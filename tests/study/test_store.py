@@ -1,4 +1,4 @@
-"""Results on disk: exact, whole or not at all, and clear about what is wrong."""
+"""Stored results: exact numbers, all-or-nothing writes, and errors that name file and remedy."""
 
 import json
 import math
@@ -179,7 +179,7 @@ def test_failed_write_leaves_the_old_result_and_no_other_files(
         )
     path = (
         folder_with_stored_result / "7.1" / "pw-T6.json"
-    )  # in another layout, it has the same numbers
+    )  # another layout of the same numbers is accepted
     path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
     assert Results(folder_with_stored_result).scalar(STORED_KEY, "reaction_1") == 0.1 + 0.2
     assert sorted(os.listdir(folder_with_stored_result / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
@@ -194,7 +194,7 @@ def test_failed_write_leaves_the_old_result_and_no_other_files(
     )
     assert (
         Results(folder_with_stored_result).curves(STORED_KEY) == {}
-    )  # those of the earlier result went with it
+    )  # the curves of the earlier result were removed with it
     assert os.listdir(folder_with_stored_result / "7.1") == ["pw-T6.json"]
 
 
@@ -254,7 +254,10 @@ def test_error_names_a_damaged_or_edited_result_and_its_remedy(
 
 
 def test_copy_of_a_result_is_refused_as_another_case(folder_with_stored_result):
-    """Nor if its digest is made anew, as the numbers of a forger would have one."""
+    """An exact copy under another key still names the original case and is refused.
+
+    If section and case are edited too, the digest no longer matches, and the error says so.
+    """
     for other_key in ("7.2/pw-T6", "7.1/pw-Q8"):
         for suffix in (".json", ".npz"):
             copy = folder_with_stored_result / f"{other_key}{suffix}"

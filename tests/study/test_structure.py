@@ -1,4 +1,4 @@
-"""The structure of the study: a page for each section, few entries, few modules in a folder."""
+"""Structure of the study: one page for each section, and limits to files and folders."""
 
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -18,11 +18,11 @@ MAX_PAGE_CHARACTERS = 35_000
 MAX_FILES_PER_PAGE_FOLDER = 4
 METHODS_FOLDER = (
     STUDY_FOLDER / "benchmarks" / "q_rivals" / "methods"
-)  # a file each, to be copied alone
+)  # each method is one self-contained file
 
 
 def list_source_files(folder):
-    """Return the files of a folder without what Python and editors leave there."""
+    """Return the files of a folder, except hidden files and Python's caches."""
     return [
         path
         for path in folder.rglob("*")
@@ -84,7 +84,7 @@ def test_each_section_has_one_page():
 
 
 def test_modules_have_no_circular_imports():
-    """Imports within functions count, too."""
+    """Imports within functions are included, although Python would tolerate such cycles."""
     modules = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for path in list_source_files(STUDY_FOLDER)

@@ -1,4 +1,4 @@
-"""What sections V1 to V8 and V10 are judged by: exact fields, meshes, published answers."""
+"""References of sections V1 to V8 and V10: exact fields, meshes and published values."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,10 @@ AXISYMMETRIC_SOLUTION_CLASSES = (HertzSphere, FlatRoundPunch)
 
 
 def stress_by_differences(exact_solution, x):
-    """Stresses xx, yy, xy and hoop at points (n, 2), by central differences of displacements."""
+    """Return the stresses (4, n) xx, yy, xy and hoop at points (n, 2).
+
+    They follow from central differences of the exact displacements.
+    """
     h = 1e-4 * exact_solution.half_width
     by_x, by_y = (
         (exact_solution.displacement(x + step) - exact_solution.displacement(x - step)) / (2 * h)
@@ -140,7 +143,10 @@ SOFT_HALF_SPACE = ElasticHalfSpace(2.0, 0.3)
 
 
 def stress_and_its_divergence(field, x, h=1e-3):
-    """Stress (3, 3) of a displacement field at x, and its divergence, by differences."""
+    """Return the stress (3, 3) of a displacement field at x (3,), and its divergence (3,).
+
+    Both are computed by central differences with step h.
+    """
 
     def stress(x):
         gradient = np.array(
@@ -172,7 +178,10 @@ def test_cerruti_field_is_in_equilibrium_with_a_traction_free_surface():
 
 
 def test_cerruti_tractions_on_a_half_ball_balance_the_unit_force():
-    """Tractions on a half ball around it, by Gauss' rule and even angles."""
+    """Integrate the tractions on a half sphere around the point force.
+
+    The quadrature is Gauss' rule over the cosine of the polar angle and evenly spaced azimuths.
+    """
     gauss_points, weight = np.polynomial.legendre.leggauss(10)
     total = np.zeros(3)
     for cosine, w in zip((gauss_points - 1) / 2, weight / 2, strict=True):
@@ -195,7 +204,7 @@ def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius()
     r = np.linspace(0, a, 4001)
     force = 2 * np.pi * np.trapezoid(mindlin.shear(r) * r, r)
     assert force == pytest.approx(mindlin.tangential_force, rel=1e-4)
-    # at nu = 0 the middle moves by the sum of 2 q dA / (4 pi G r)
+    # for nu = 0, the displacement of the centre is the integral of 2 q / (4 pi G r) over the area
     centre_displacement = (
         np.trapezoid(mindlin.shear(r), r) / mindlin.normal_contact.body.shear_modulus
     )
@@ -206,7 +215,7 @@ def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius()
 
 
 def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
-    """The nodes are random, and some of them have no traction."""
+    """Fit the radius to the exact tractions at random nodes, some of which have no traction."""
     sphere = HertzSphere(SOFT_HALF_SPACE, 1e3, force_of_unit_hertz_contact(SOFT_HALF_SPACE, 1e3))
     exact = MindlinSphere(sphere, partial_slip.FRICTION, partial_slip.FRICTION_FRACTION)
     r = np.random.default_rng(3).uniform(0, 1, 200)
@@ -261,7 +270,7 @@ def test_rod_eigenvalues_agree_with_published_ones():
 
 
 def test_thin_rod_eigenvalues_are_those_of_a_bar_with_rayleighs_correction():
-    # Rayleigh's correction for lateral inertia: E k^2 / rho (1 - (nu k a)^2 / 2)
+    # eigenvalues with Rayleigh's correction for lateral inertia: E k^2 / rho (1 - (nu k a)^2 / 2)
     material, radius, length = Material(7.0, 0.3, density=2.0), 0.02, 3.0
     wavenumbers = np.pi * np.arange(1, 4) / length
     bar_eigenvalues = 7.0 / 2.0 * wavenumbers**2

@@ -1,4 +1,4 @@
-"""Section V11: methods for two bodies that are compared with the library's."""
+"""Section V11: other methods for contact of two bodies, which the study compares."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,11 @@ from tests.contact.two_bodies import StackedBlocks
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_dual_quadratic_functions_are_biorthogonal(cell):
-    """In space they are the duals of the transformed functions."""
+    """Integrals of dual times quadratic functions vanish for different nodes.
+
+    On tetrahedra, the dual functions belong to a transformed basis: mid-side functions times 3/4,
+    and vertex functions plus 1/8 of the two adjacent mid-side functions.
+    """
     stack = StackedBlocks((2, 3), cell)
     slave, master = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
@@ -38,7 +42,11 @@ def test_dual_quadratic_functions_are_biorthogonal(cell):
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
-    """The force is the integral of the node's weight; the master's is opposite and as large."""
+    """Each row of `forces` holds the nodal forces of a unit multiplier.
+
+    On the slave, the force acts on the multiplier's own node and equals the integral of the node's
+    weight function. The total force on the master is equal and opposite.
+    """
     stack = StackedBlocks((2, 3), cell)
     slave, master = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
@@ -48,14 +56,17 @@ def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
     assert forces[:, slave.nodes] == pytest.approx(np.diag(coupling.weight), abs=1e-12)
     assert coupling.weight.sum() == pytest.approx(1.0)
     assert forces.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
-    # gaps of a rigid motion of the slave away from the master
+    # weighted gaps under a unit translation of the slave away from the master
     unit_motion = np.zeros(len(stack.x))
     unit_motion[slave.nodes] = 1.0
     assert coupling.rows @ unit_motion == pytest.approx(coupling.weight)
 
 
 def test_dual_multipliers_equal_node_to_segment_on_matching_meshes():
-    """Each slave node is then opposite to a node of the master."""
+    """On matching meshes, each slave node faces a master node, and both methods are equivalent.
+
+    Their pressure errors in the Hertz problem therefore agree.
+    """
     errors = [
         hertz(method, 4, 1.0).scalars["pressure_l2"] for method in ("p2-dual", "node-to-segment")
     ]

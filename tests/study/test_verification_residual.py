@@ -1,4 +1,4 @@
-"""Sections V13 and V14: exact fields, Trefftz's method, and moments of nodal forces."""
+"""Sections V13 and V14: exact temperatures, Trefftz's method, and moments of nodal forces."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_trefftz_is_accurate_with_exact_temperatures_on_the_boundary_only(
     problem, degree, transformed, max_temperature_error
 ):
     class BoundaryOnly(problem):
-        """Problem whose exact temperature is NaN inside."""
+        """Problem whose exact temperature is NaN in the interior, to show that it is not used."""
 
         def temperature(self, x, y):
             is_inside = np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) < 0.5 - 1e-12
@@ -79,7 +79,10 @@ def test_trefftz_raises_if_its_iteration_does_not_converge(transformed):
 
 
 def test_trefftz_iteration_count_follows_from_the_smallest_laplacian_eigenvalue():
-    """The eigenvalue is pi^2 for functions that are zero at the ends and insulated at the sides."""
+    """The iteration's convergence rate is (ln(ratio) / 2)^2 over the smallest eigenvalue, pi^2.
+
+    The eigenvalue is that of functions that vanish at the ends and have no flux at the sides.
+    """
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2
     assert TrefftzSolution(GradedWall(ratio), 10).n_iterations == pytest.approx(

@@ -1,4 +1,4 @@
-"""Section V15: inf-sup constants against dense algebra, the seal against the library's contact."""
+"""Section V15: inf-sup constants compared with dense algebra, the seal with library contact."""
 
 from functools import partial
 
@@ -24,7 +24,7 @@ def test_inf_sup_constant_is_the_smallest_singular_value_between_norms(element):
     dim = mesh.geometry.dim
     hybrid_spaces = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
-    # a shear modulus other than the page's; the norms make the constant independent of it
+    # the shear modulus differs from the page's, because the constant does not depend on it
     body, mu = ElasticBody(mesh, lambda _: hybrid_spaces, state, 12.0, 0.5), 4.0
     supports = body.make_clamping_supports(on_plane(dim - 1, 0.0))
 

@@ -1,4 +1,4 @@
-"""A small study in a temporary folder; `-m tests.study.toystudy DIR` writes its report there."""
+"""A small study for tests; `python3 -m tests.study.toystudy DIR` writes its report to a folder."""
 
 import json
 import sys
@@ -87,7 +87,7 @@ TOY_PROVENANCE = {
 
 
 def make_claim_toml(**changes):
-    """Return a statement of the paper as TOML; a change to None leaves the key out."""
+    """Return a statement of the paper as TOML, with some entries changed; None omits an entry."""
     entry = {
         "id": '"the-claim"', "kind": '"paper"', "source": '"Sec. 1, Eq. 3"',
         "quote": '"a force of 5"', "statement": '"The force is 5 N."',
@@ -101,7 +101,7 @@ def make_claim_toml(**changes):
 
 
 def make_finding_toml(**changes):
-    """Return a finding of the study as TOML."""
+    """Return a finding of the study as TOML, with some entries changed; None omits an entry."""
     paper_only_keys = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
     entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper_only_keys, **changes}
     return make_claim_toml(**entry).replace("[[claim]]", "[[finding]]")
@@ -118,7 +118,7 @@ TOY_MEASURES_MODULE = make_module_from_source("toy_measures", MEASURES_SOURCE)
 
 
 def install_toy_study(folder, monkeypatch):
-    """Replace sections, claims, measures and figures by toys with sources in the folder."""
+    """Replace sections, claims and measures by those of a toy study with sources in `folder`."""
     package = folder / "toy"
     package.mkdir()
     sources = {
@@ -133,7 +133,7 @@ def install_toy_study(folder, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("TOY_LOG", str(folder / "log"))
-    for section in reversed([*SECTIONS]):  # so that they are put back in their order
+    for section in reversed([*SECTIONS]):  # monkeypatch then restores them in their original order
         monkeypatch.delitem(SECTIONS, section)
     monkeypatch.setitem(SECTIONS, "1", "toy.one")
     monkeypatch.setitem(SECTIONS, "2", "toy.two")
@@ -145,7 +145,7 @@ def install_toy_study(folder, monkeypatch):
 
 
 def write_toy_results(folder, monkeypatch):
-    """Install the toys; return a folder of results with claims and three figures."""
+    """Install the toy study; return a folder with its results, claims and three figures."""
     install_toy_study(folder, monkeypatch)
     results_folder = folder / "results"
     save(
@@ -199,7 +199,7 @@ def _write_empty_figure_index(out, *_):
 
 
 EMPTY_FIGURE_DRAWING = FigureDrawing(list_needs="", draw="", draw_all=_write_empty_figure_index)
-"""The toy study has no figures: drawing all writes an empty index."""
+"""Drawing functions of the toy study, which has no figures: `draw_all` writes an empty index."""
 
 
 if __name__ == "__main__":

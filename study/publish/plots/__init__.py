@@ -1,1 +1,1 @@
-"""What figures share: their look, and kinds of plots."""
+"""Common style and types of plots of the figures."""

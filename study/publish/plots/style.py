@@ -1,4 +1,4 @@
-"""One look for all figures."""
+"""Common style of all figures."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,31 +15,31 @@ from study.model.vocabulary import ELEMENTS, TWO_BODY_METHODS
 matplotlib.use("Agg")
 
 COLUMN_WIDTH = 3.5
-"""Width of a figure of one column, in inches."""
+"""Width in inches of a figure that spans one column."""
 PAIR_NARROW_WIDTH = 2.4
-"""Width of a figure beside one of `PAIR_WIDE_WIDTH`, in inches."""
+"""Width in inches of the narrower of two figures side by side."""
 PAIR_WIDE_WIDTH = 4.5
-"""Width of a figure that has another at its side, in inches."""
+"""Width in inches of the wider of two figures side by side."""
 PAGE_WIDTH = 7.0
-"""Width of a figure of the whole page, in inches."""
+"""Width in inches of a figure that spans the page."""
 
 MAX_VECTOR_ITEMS = 50
-"""Meshes of more cells and clouds of more points are images within a drawing: it would be slow."""
+"""Largest number of cells or points drawn as vectors; more are rasterised to keep pages fast."""
 
 LABEL_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-"""Box of a name beside a line, which keeps the grid out of the letters."""
+"""Box behind labels of lines, which prevents the grid from crossing the letters."""
 
 ELEMENT_LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
     for key, element in ELEMENTS.items()
 }
-"""Colour, marker and label of each element, for `ax.plot(x, y, **ELEMENT_LOOK["pw-T6"])`."""
+"""Colour, marker and label of each element, as in `ax.plot(x, y, **ELEMENT_LOOK["pw-T6"])`."""
 
 METHOD_LOOK: dict[str, dict[str, Any]] = {
     key: {"color": way.colour, "marker": way.marker, "label": way.name}
     for key, way in TWO_BODY_METHODS.items()
 }
-"""The same of the ways that two bodies are compared by; no figure has elements besides."""
+"""Colour, marker and label of each method for two bodies; these figures show no other elements."""
 
 RC_PARAMETERS = {
     "font.family": "sans-serif",
@@ -70,7 +70,7 @@ RC_PARAMETERS = {
 
 @contextmanager
 def study_style() -> Iterator[None]:
-    """Set the study's look for what is drawn within the block."""
+    """Apply the study's style to everything that is drawn within the context."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC_PARAMETERS)
@@ -78,7 +78,7 @@ def study_style() -> Iterator[None]:
 
 
 def set_plain_ticks(ax: Axes) -> None:
-    """Name 1, 2 and 5 of each decade of a logarithmic vertical axis as plain numbers."""
+    """Label a logarithmic vertical axis at 1, 2 and 5 of each decade with plain numbers."""
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_locator(NullLocator())
@@ -92,14 +92,14 @@ def plot_mesh(
 ) -> None:
     """Draw a mesh of quadratic cells with its corner and mid-side nodes, to scale.
 
-    Cells may number their nodes as they like, as long as the corners come first: the corners are
-    taken around the centre, and each side gets the node nearest to its middle.
+    Nodes of cells may be in any order in which the corners come first. The corners are sorted
+    around the centre, and each side is assigned the node closest to its middle.
 
     Args:
-        ax: Where to draw.
+        ax: Axes in which to draw.
         x: Coordinates of the nodes, shape (nodes, 2 or 3).
         cells: Nodes of each cell, shape (cells, 3 or 6) for triangles, (cells, 4, 8 or 9) for
-            quadrilaterals. Without mid-side nodes the middles of the sides are drawn.
+            quadrilaterals. Without mid-side nodes, the middles of the sides are drawn instead.
         linewidth: Width of the lines in points.
     """
     x = np.asarray(x)[:, :2]
@@ -137,7 +137,7 @@ def plot_mesh(
 def _order_corners_and_middles(
     corners: np.ndarray, midside_nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners in cyclic order and the middle node of the side that follows each."""
+    """Return the corners in cyclic order, and the mid-side node after each corner."""
     offsets = corners - corners.mean(axis=0)
     corners = corners[np.argsort(np.arctan2(offsets[:, 1], offsets[:, 0]))]
     middles = (corners + np.roll(corners, -1, axis=0)) / 2

@@ -1,4 +1,4 @@
-"""Supports and loads as engineers draw them."""
+"""Engineering symbols for supports and loads."""
 
 from collections.abc import Iterable
 from typing import Literal
@@ -16,7 +16,7 @@ _ROTATION_DEGREES = {"down": 0.0, "left": -90.0, "right": 90.0}
 def draw_roller(
     ax: Axes, point: tuple[float, float], towards: Direction, size: float = 0.06
 ) -> None:
-    """Draw a roller support at a point, on the side that it holds against."""
+    """Draw a roller support at a point, on the side to which `towards` points."""
     angle = np.deg2rad(_ROTATION_DEGREES[towards])
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
@@ -33,7 +33,7 @@ def draw_roller(
 
 
 def draw_load_arrows(ax: Axes, x: Iterable[float], y: float, length: float) -> None:
-    """Draw a uniform load pressing down on a line at height y."""
+    """Draw arrows of a uniform load that presses down on a line at height y."""
     x = list(x)
     for arrow_x in x:
         draw_arrow(ax, (arrow_x, y + length), (arrow_x, y))
@@ -47,6 +47,6 @@ def draw_arrow(
     color: str = LINE_COLOUR,
     width: float = 0.9,
 ) -> None:
-    """Draw an arrow from tail to tip in data coordinates."""
+    """Draw an arrow from `tail` to `tip`, which are given in data coordinates."""
     style = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tip, tail, arrowprops=style)

@@ -1,4 +1,4 @@
-"""Strips that show where a contact is open, sticks or slips, and their legend."""
+"""Coloured strips that show where a contact is open, sticks or slips, with their legend."""
 
 from collections.abc import Mapping
 from itertools import groupby
@@ -20,19 +20,20 @@ ZONE_NAMES_AND_COLOURS = {
 FRICTIONLESS_ZONE = ("frictionless", "#C9C9C9")
 """Name and colour of nodes that slip without friction."""
 STRIP_OFFSET, STRIP_HEIGHT = 8.5, 3.5
-"""Lower edge of a strip of zones below its axes, and its height, in points."""
+"""Distance of the lower edge of a strip of zones from its axes, and its height, in points."""
 
 Curves: TypeAlias = Mapping[str, np.ndarray]
 
 
 def draw_zone_strip(ax: Axes, curves: Curves) -> None:
-    """Draw contact zones as a coloured strip between the axes and the labels of their ticks.
+    """Draw contact zones as a coloured strip between the axes and the tick labels.
 
-    Its positions are in points, so that it stays clear of the labels however high the axes are.
+    The vertical position is in points; the strip therefore never overlaps the labels, regardless
+    of the height of the axes.
 
     Args:
-        ax: axes of curves over `x`.
-        curves: positions `x`, `status` and coefficient of `friction` of the contact nodes.
+        ax: axes of curves with abscissa `x`.
+        curves: positions `x`, `status` and friction coefficients `friction` of the contact nodes.
     """
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
@@ -60,7 +61,7 @@ def draw_zone_strip(ax: Axes, curves: Curves) -> None:
 
 
 def zone_legend_handles(curves: Curves) -> list[Patch]:
-    """Return handles of the zones that occur."""
+    """Return legend handles for the types of zones that occur."""
     frictionless = _slips_without_friction(curves)
     entries = [
         ZONE_NAMES_AND_COLOURS[int(status)] for status in np.unique(curves["status"][~frictionless])

@@ -1,7 +1,8 @@
-"""The site: guide, gallery and reference of the library, and the study's evidence, as static pages.
+"""Generate the site: guide, gallery and reference of the library, and the study's evidence.
 
-Everything on it is made: sheets from stored results, judged claims and drawn figures, the reference
-from docstrings, the gallery by running the examples. Nothing is fetched when it is read.
+All pages are static and generated: sheets from stored results, judged claims and drawn figures, the
+reference from docstrings, and the gallery by running the examples. Readers' browsers load nothing
+from other servers.
 """
 
 import io
@@ -20,22 +21,22 @@ DRAFTS_FOLDER_NAME = "publication"
 STATIC_FOLDER = Path(__file__).with_name("static")
 FOLDER_KIND = "a site"
 
-# The theme's script is a module that imports another
+# The theme's script is a module that imports another module
 _MODULE_TAG_REPLACEMENT = '<script type="module"', "<script defer"
 _GUMSHOE_IMPORT = 'import * as Gumshoe from "./gumshoe-patched.js";'
 
 
 def build_site(results: Results, out: Path, jobs: int = 1) -> list[str]:
-    """Write the site into a folder, in place of what an earlier build left there.
+    """Write the site into a folder, replacing an earlier build.
 
     Returns:
-        What is missing or wrong, a line for each.
+        Messages on everything that is missing or wrong.
 
     Raises:
-        ForeignFileOrFolder: If something else is there, or something more than that build left.
+        ForeignFileOrFolder: If the folder contains anything other than an earlier build.
         StudyError: If claims or the index of figures are missing, or an example fails.
     """
-    results.claims()  # what is missing is to be known now, not after the gallery
+    results.claims()  # report missing claims before running the gallery
     load_figures(results)
     out.parent.mkdir(parents=True, exist_ok=True)
     with open_folder_replacement(out, FOLDER_KIND) as replacement:
@@ -47,7 +48,7 @@ def build_site(results: Results, out: Path, jobs: int = 1) -> list[str]:
 
 
 def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[str]:
-    """Write what Sphinx makes pages of; return what is missing."""
+    """Write the source files for Sphinx; return messages on missing content."""
     copy_guide(source_folder)
     shutil.copytree(STATIC_FOLDER, source_folder / "_static", dirs_exist_ok=True)
     shutil.copy(TEXTS_FOLDER / "formula.css", source_folder / "_static")
@@ -61,12 +62,12 @@ def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[
 
 
 def copy_guide(source_folder: Path) -> None:
-    """Copy the guide's pages, without drafts for journals, which have formats of their own."""
+    """Copy the pages of the guide, except drafts for journals, which have other formats."""
     shutil.copytree(GUIDE_FOLDER, source_folder, ignore=shutil.ignore_patterns(DRAFTS_FOLDER_NAME))
 
 
 def _write_about_page(source_folder: Path) -> None:
-    """Write the page of source, licence and citation."""
+    """Write the page on source code, licence and citation."""
     commit = os.environ.get("PW_ELEMENTS_COMMIT", "")
     commit_sentence = f" These pages are made of commit `{commit[:10]}`." if commit else ""
     parts = {
@@ -82,7 +83,7 @@ def _write_about_page(source_folder: Path) -> None:
 
 
 def _run_sphinx(source_folder: Path, pages_folder: Path) -> list[str]:
-    """Make the pages; return Sphinx' warnings."""
+    """Run Sphinx to generate the pages; return its warnings."""
     try:
         from sphinx.application import Sphinx
         from sphinx.util.console import nocolor
@@ -110,7 +111,7 @@ def _run_sphinx(source_folder: Path, pages_folder: Path) -> list[str]:
 
 
 def _inline_script_modules(pages_folder: Path) -> None:
-    """Have the theme's script loaded in one piece: pages opened as files may not load modules."""
+    """Inline the modules of the theme's script, which pages opened as local files cannot load."""
     for page in pages_folder.rglob("*.html"):
         page.write_text(page.read_text("utf-8").replace(*_MODULE_TAG_REPLACEMENT), "utf-8")
     scripts = pages_folder / "_static" / "scripts"

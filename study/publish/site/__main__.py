@@ -18,7 +18,7 @@ exit status: 0; 1 if something is missing; 2 for bad usage or if the site cannot
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; return the exit status, as the help says."""
+    """Run the command line; return the exit status, which the help explains."""
     parser = argparse.ArgumentParser(prog="site", description=__doc__, epilog=USAGE)
     parser.add_argument("--results", type=Path, default=Path("results"), metavar="DIR")
     parser.add_argument("--out", type=Path, metavar="DIR", help="default: site, among the results")
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not any(results.cases(section) for section in SECTIONS):
             raise StudyError(f"there are no results in {results.folder}: run ./run study")
-        claim_results_folder(results.folder)  # to which the gallery's pictures are added
+        claim_results_folder(results.folder)  # for the gallery's pictures
         problems = build_site(results, out.resolve(), options.jobs)
     except (StudyError, OSError) as error:
         print(f"site: {error}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Sphinx' settings; it reads this file from the folder of the sources."""
+"""Configuration of Sphinx, which reads this file from the folder of sources."""
 
 import ast
 import re
@@ -33,7 +33,7 @@ extensions = [
 ]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist", "attrs_inline"]
 myst_heading_anchors = 3
-default_role = "py:obj"  # `name` is a link where there is a page of it, code elsewhere
+default_role = "py:obj"  # `name` becomes a link if it has a page, and code otherwise
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 80
@@ -43,13 +43,13 @@ html_math_renderer = "mathml"
 
 _SECTION_HEADING = re.compile(r"(Args|Attributes|Raises|Returns|Yields):$")
 
-_CODE_WITH_SUFFIX = re.compile(r"`([^`]+)`(?=\w)")  # as in `name`s, which needs a separator
+_CODE_WITH_SUFFIX = re.compile(r"`([^`]+)`(?=\w)")  # such as `name`s, which requires a separator
 
 
 def convert_docstring(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
-    """Make reStructuredText of a docstring: code or formulas of what is indented, and prose."""
+    """Convert a docstring to reStructuredText; indented blocks become code or formulas."""
     converted_lines: list[str] = []
     block: list[str] = []
     section = previous_line = ""
@@ -71,7 +71,7 @@ def convert_docstring(
 
 
 def _format_block(block: list[str]) -> list[str]:
-    """Write an indented block: Python as such, all else as a formula."""
+    """Return an indented block as a code block if it is Python, otherwise as formulas."""
     try:
         ast.parse("\n".join(line.removeprefix("    ") for line in block))
     except SyntaxError:
@@ -90,7 +90,10 @@ def _separate_formulas(formulas: str) -> str:
 
 
 def _format_prose(line: str, in_section: bool) -> str:
-    """Write a line of text; in a section, the name before a colon stays as it is."""
+    """Return a line of prose formatted for Sphinx.
+
+    In a docstring section such as Args, the name before the colon is left unchanged.
+    """
     name_match = re.match(r"    [\w, ]+: ", line) if in_section else None
     prefix = name_match[0] if name_match else ""
     parts = re.split(r"(`[^`]*`)", line[len(prefix) :].replace("|", r"\|"))
@@ -111,7 +114,7 @@ def shorten_types(
     signature: str | None,
     return_annotation: str | None,
 ) -> tuple[str | None, str | None]:
-    """Write arrays' types without the types of their shapes and entries."""
+    """Omit the types of shapes and entries from array types in signatures."""
 
     def shorten(text: str | None) -> str | None:
         if text is None:
@@ -125,7 +128,7 @@ def shorten_types(
 
 
 def _write_inline_formula(translator: HTML5Translator, node: nodes.Element) -> None:
-    """Write a formula as MathML, which browsers know without any script."""
+    """Write a formula as MathML, which browsers display without scripts."""
     translator.body.append(str(latex2mathml.tex2mathml(node.astext(), as_block=False)))
     raise nodes.SkipNode
 
@@ -139,14 +142,14 @@ def _write_display_formula(translator: HTML5Translator, node: nodes.Element) -> 
 def _fix_source_backlinks(
     app: Sphinx, page: str, template: str, context: dict[str, str], tree: object
 ) -> None:
-    """Point sources' links at names as their pages have them, which may be of another face."""
+    """Correct links from source pages to names that are documented under another module."""
     if page.startswith("_modules/"):
         link = r"(reference/([\w.]+?)\.(\w+)\.html#)[\w.]+?\.\3(?=[.\"])"
         context["body"] = re.sub(link, r"\1\2.\3", context["body"])
 
 
 def setup(app: Sphinx) -> None:
-    """Add what Sphinx does not do by itself."""
+    """Register the extensions of Sphinx that this module defines."""
     renderers = {
         "inline_renderers": (_write_inline_formula, None),
         "block_renderers": (_write_display_formula, None),

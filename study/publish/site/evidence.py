@@ -1,8 +1,8 @@
-"""The evidence: a sheet for each section, an index of the paper's items, and all claims.
+"""Write the site's evidence: a sheet for each section, an index of the paper's items, all claims.
 
-A sheet has what is computed and with what reference, figures, and a table of quantities with their
-reference, error and tolerance. Texts are those of the pages and of `study/publish/texts`; numbers
-come from stored results and judged claims.
+A sheet describes the computation and its reference. It contains figures and a table of quantities
+with references, errors and tolerances. Texts come from the study's pages and from
+`study/publish/texts`, numbers from stored results and judged claims.
 """
 
 import html
@@ -47,9 +47,9 @@ SECTION_GROUPS = {
 }
 
 
-# Sections of the paper whose statements a sheet judges, if other than its own
+# Sections of the paper whose statements a sheet judges, if they differ from its own section
 JUDGED_PAPER_SECTIONS = {"I": ("1",), "3": ("3", "4", "6")}
-# The texts, of the report's, that sum up
+# Texts of the report that summarise the study, with their headings
 SUMMARY_TEXTS = {
     "evidence": "What was tested, and with which result",
     "vocabulary": "Verification, validation and comparison",
@@ -60,7 +60,7 @@ SUMMARY_TEXTS = {
 
 
 def write_evidence(results: Results, source_folder: Path) -> list[str]:
-    """Write the evidence's pages; return what is missing."""
+    """Write the pages of the evidence; return messages on missing content."""
     pages_folder = source_folder / "evidence"
     pages_folder.mkdir()
     sections = [section for section in SECTIONS if results.cases(section)]
@@ -95,10 +95,10 @@ def write_evidence(results: Results, source_folder: Path) -> list[str]:
 
 
 def copy_data(results: Results, pages_folder: Path) -> list[str]:
-    """Put the files of all readable results and the report beside the pages, which refer to them.
+    """Copy the report and the files of all readable results, to which the pages refer.
 
     Returns:
-        What is missing.
+        Messages on missing or corrupt files.
     """
     missing = []
     for name in REPORT_FILES:
@@ -118,13 +118,13 @@ def copy_data(results: Results, pages_folder: Path) -> list[str]:
 
 
 class _SheetRenderer(TextRenderer):
-    """Texts as pages of the site.
+    """Renderer of texts as pages of the site.
 
     Args:
-        results: What is shown.
-        link_targets: Places of figures, tables and sections, for what is referred to before it
-            comes.
-        strict: Whether all that is referred to is known.
+        results: Results to show.
+        link_targets: Targets of links to figures, tables and sections from a first pass, which
+            allow forward references.
+        strict: Whether a reference to an unknown target is an error.
     """
 
     def __init__(self, results: Results, link_targets: dict[str, LinkTarget], strict: bool) -> None:
@@ -147,20 +147,20 @@ class _SheetRenderer(TextRenderer):
         self.environment.filters |= filters
 
     def render_pages(self, sections: list[str]) -> dict[str, str]:
-        """Return the pages of the sections, and that of the paper."""
+        """Return the pages of the sections and the page on the paper, by name."""
         return {section: self.render_sheet(section) for section in sections} | {
             "paper": self.render_paper_page()
         }
 
     def render_sheet(self, section: str) -> str:
-        """Return the page of a section."""
+        """Return the sheet of a section."""
         heading = mathematics.typeset(title(section), "{{sub}}`{}`")
         opening = [f"# {section}: {heading}", self._render_facts(section)]
         body = self._render_body(section, section)
         return "\n\n".join([*opening, body, self._render_data(section)]) + "\n"
 
     def render_paper_page(self) -> str:
-        """Return the page of what the paper is about and what of it holds."""
+        """Return the page that summarises the paper and which of its statements hold."""
         self.item_numbers = {}
         parts = [
             f"## {heading}\n\n{self._render_body('paper', name)}"
@@ -179,7 +179,7 @@ class _SheetRenderer(TextRenderer):
         try:
             body = self.render_text(name)
         except (MissingResult, CorruptResult, MissingScalar) as error:
-            self.item_numbers = saved_numbers  # its figures and tables are not shown
+            self.item_numbers = saved_numbers  # the figures and tables of this text are not shown
             self.missing_content.append(f"{name}: {error}")
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(error)
         section_figures = [
@@ -200,7 +200,7 @@ class _SheetRenderer(TextRenderer):
         return link + f" of section {page}" if fragment and page != self._current_page else link
 
     def figure_entry(self, name: str) -> dict[str, Any] | None:
-        """Return a figure's entry, with the addresses of the files that lie beside the pages."""
+        """Return the entry of a figure with the addresses of its copied files."""
         if name not in self.figures:
             return None
         folder, entry = "../_static/figures", dict(self.figures[name])
@@ -209,9 +209,9 @@ class _SheetRenderer(TextRenderer):
         return entry
 
     def render_claims_table(self, section: str) -> Markup:
-        """Return the quantities of a sheet, with reference, error and tolerance.
+        """Return the table of a sheet's quantities with references, errors and tolerances.
 
-        Pins are left out unless they differ.
+        Pins are omitted unless they differ from the recorded numbers.
         """
         rows = [
             row
@@ -222,7 +222,7 @@ class _SheetRenderer(TextRenderer):
         return self.render("quantities.html", rows=shown_rows) if shown_rows else Markup()
 
     def render_claims_page(self, sections: list[str]) -> str:
-        """Return the page of all claims and findings."""
+        """Return the page that lists all claims and findings."""
         rows = [
             row
             | {
@@ -247,7 +247,7 @@ class _SheetRenderer(TextRenderer):
         return f"# Claims and findings\n\n{text}\n\n{_wrap_raw_html(page)}\n"
 
     def render_facts_page(self) -> str:
-        """Return the page of the facts that the paper's statements rest on, and what turns them."""
+        """Return the page on the facts that underlie the paper's statements, with mutations."""
         groups = group_by_fact([row for row in self.claims if row["fact"]])
         mutations = (*RESULT_MUTATIONS, *ROW_MUTATIONS)
         page = self.render("all_facts.html", groups=groups, mutations=mutations)
@@ -284,7 +284,7 @@ class _SheetRenderer(TextRenderer):
         return "\n\n".join(parts) + "\n"
 
     def render_decision_table(self) -> str:
-        """Return the table of what to use when, for a page beside the evidence's folder."""
+        """Return the table that recommends methods, for a page outside the folder of evidence."""
         self.item_numbers = {}
         return _wrap_raw_html(
             str(self.render_text("decision")).replace('href="', 'href="evidence/')
@@ -343,7 +343,7 @@ _ELEMENT_KEYS = re.compile(rf"\b(?:{'|'.join(sorted(ELEMENTS, key=len, reverse=T
 
 
 def typeset_html(text: str) -> Markup:
-    """Return plain text as a page has it: mathematics as such, and names for elements' keys."""
+    """Convert plain text to HTML with typeset mathematics and names instead of element keys."""
     text_with_names = _ELEMENT_KEYS.sub(
         lambda match: ELEMENTS[match[0]].name, html.escape(text, quote=False)
     )
@@ -351,12 +351,12 @@ def typeset_html(text: str) -> Markup:
 
 
 def _format_relation(sign: str) -> Markup:
-    """Return the sign before a reference; none says that it is to be met."""
+    """Return the relation sign before a reference, which is omitted for equality."""
     return Markup("" if sign == "=" else typeset_html(f"{sign} "))
 
 
 def _format_measured(row: dict[str, Any]) -> Markup:
-    """Return a judged number with the digits that its comparison needs."""
+    """Format a measured number with enough digits for its comparison."""
     value, reference, tol = row["measured"], row["value"], row["tol"]
     if row["relation"] != "=" or None in (value, reference) or not tol:
         return format_short_number(value, 4)
@@ -364,7 +364,7 @@ def _format_measured(row: dict[str, Any]) -> Markup:
 
 
 def _significant_digits(value: float, tol: float) -> int:
-    """Return how many significant digits of a number end one place below a tolerance's first."""
+    """Return the number of digits of a value to show one digit more than the tolerance requires."""
     if not value:
         return 2
     extra_digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(tol))
@@ -372,7 +372,7 @@ def _significant_digits(value: float, tol: float) -> int:
 
 
 def _figure_shows_item(name: str, item: Item) -> bool:
-    """Tell whether a figure is an item of the paper, or one of several."""
+    """Return whether a figure corresponds to an item of the paper, possibly among others."""
     match = PAPER_ITEM_PATTERN.fullmatch(name)
     if not match or match[1] != item.kind[:3]:
         return False
@@ -388,7 +388,7 @@ _SECTION_LIST = re.compile(
 
 
 def _link_sections(body: str, own_section: str = "") -> str:
-    """Make links of the sections that a text names, but for the page's own."""
+    """Convert names of sections in a text to links, except the page's own section."""
 
     def format_link(match: re.Match[str]) -> str:
         return match[0] if match[0] == own_section else f'<a href="{match[0]}.html">{match[0]}</a>'
@@ -404,7 +404,7 @@ def _link_sections(body: str, own_section: str = "") -> str:
 
 
 def _convert_headings(body: str) -> str:
-    """Make headings of a text Markdown's own, so that they are in contents and search."""
+    """Convert HTML headings to Markdown, such that Sphinx adds them to contents and search."""
     parts = re.split(r"<h([34])>(.*?)</h\1>", body, flags=re.DOTALL)
     converted_parts = [_wrap_raw_html(parts[0])] if parts[0].strip() else []
     for level, heading, text in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):

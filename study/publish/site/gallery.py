@@ -1,4 +1,4 @@
-"""The gallery: each example run, with its picture, what it prints, and its code."""
+"""Write the gallery: run each example and show its picture, output and code."""
 
 import ast
 import hashlib
@@ -45,11 +45,11 @@ class Example:
     """An example of the gallery.
 
     Attributes:
-        name: Of its file.
-        title: First sentence of its docstring.
-        description: The rest.
-        library_names: Public names of the library that it imports.
-        companion_files: Other files that it needs.
+        name: Name of its file, without extension.
+        title: First paragraph of its docstring.
+        description: Remainder of its docstring.
+        library_names: Public names of the library that the example imports.
+        companion_files: Names of further files that the example requires.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Example:
 
     @classmethod
     def from_source(cls, path: Path) -> "Example":
-        """Read it from its source."""
+        """Read the example from its source file."""
         tree = ast.parse(path.read_text(encoding="utf-8"))
         title, _, description = (ast.get_docstring(tree) or "").partition("\n\n")
         library_names = {
@@ -80,7 +80,7 @@ class Example:
 
 
 def load_examples() -> list[Example]:
-    """Return all examples, in the order of the gallery."""
+    """Return all examples in the order of the gallery."""
     stems = {path.stem for path in EXAMPLES_FOLDER.glob("*.py") if not path.stem.endswith("_mesh")}
     ordered_names = [name for name in GALLERY_ORDER if name in stems] + sorted(
         stems - {*GALLERY_ORDER}
@@ -91,15 +91,16 @@ def load_examples() -> list[Example]:
 def write_gallery(
     cache_folder: Path, pages_folder: Path, jobs: int = 1
 ) -> dict[str, list[Example]]:
-    """Write the gallery's pages.
+    """Write the pages of the gallery.
 
     Args:
-        cache_folder: Folder of pictures; an example is run where its own is missing or outdated.
+        cache_folder: Folder of pictures; examples are run if their pictures are missing or
+            outdated.
         pages_folder: Folder of the pages.
-        jobs: Number of examples that run at a time.
+        jobs: Number of examples that run simultaneously.
 
     Returns:
-        The examples that use each public name.
+        Examples that use each public name of the library, by name.
     """
     examples = load_examples()
     with ThreadPoolExecutor(max(1, jobs)) as pool:
@@ -125,7 +126,7 @@ def write_gallery(
 
 
 def example_heading(example: Example) -> str:
-    """Return an example's title as a heading has it."""
+    """Return the title of an example, formatted as a heading."""
     return example.name.replace("_", " ").capitalize()
 
 
@@ -162,17 +163,17 @@ def _format_index(examples: list[Example]) -> str:
 
 
 def _save_thumbnail(picture_path: Path, thumbnail_path: Path) -> None:
-    """Make a picture small: the gallery's first page has all of them."""
+    """Save a small version of a picture for the index of the gallery, which shows all pictures."""
     with Image.open(picture_path) as image:
         image.thumbnail((560, 560))
         image.convert("RGB").quantize(96).save(thumbnail_path, optimize=True)
 
 
 def _run_if_outdated(example: Example, cache_folder: Path) -> None:
-    """Run an example unless its picture is of this source and this library.
+    """Run an example unless its picture was made with the current example and library.
 
     Raises:
-        StudyError: If it fails.
+        StudyError: If the example fails.
     """
     digest = hashlib.sha256()
     for file in (f"{example.name}.py", *example.companion_files):

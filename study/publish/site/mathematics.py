@@ -1,4 +1,4 @@
-"""Mathematics in plain text, as in docstrings and claims: nu <= 1/2, K_r = L^T K R."""
+"""Typeset plain-text mathematics of docstrings and claims, e.g. nu <= 1/2, K_r = L^T K R."""
 
 import re
 
@@ -29,12 +29,12 @@ _SUBSCRIPT = re.compile(r"(?<=\b[A-Za-zσω])_(\w+)|(?<=\bp)0\b")
 def typeset(
     text: str, subscript_format: str = "<sub>{}</sub>", superscript_format: str = "<sup>{}</sup>"
 ) -> str:
-    """Return text with letters, signs, indices and powers in place of their spellings.
+    """Replace spelled-out Greek letters, signs, indices and powers by typeset symbols.
 
     Args:
-        text: plain, or escaped for HTML.
-        subscript_format: how an index is written.
-        superscript_format: how a power is written.
+        text: plain text, or text escaped for HTML.
+        subscript_format: format of an index.
+        superscript_format: format of a power.
     """
     for pattern, sign in _SIGN_OF_PATTERN.items():
         text = re.sub(pattern, sign, text)

@@ -1,4 +1,4 @@
-"""The reference: a page for each public name of the library, from its docstring."""
+"""Write the reference, with a page generated from the docstring of each public name."""
 
 import inspect
 from importlib import import_module
@@ -7,7 +7,7 @@ from pathlib import Path
 from study.publish.site.gallery import Example, example_heading
 from study.publish.site.mathematics import typeset
 
-# The names that pages are grouped by; those with a folder are of what public ones take or return
+# Names in each group of pages; names with a submodule are argument or return types of public ones
 NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Spaces and elements": (
         "pw_elements",
@@ -135,16 +135,16 @@ CONSTANTS_WITHOUT_PAGE = {
     "OPEN",
     "STICK",
     "SLIP",
-}  # of contact, which the page of PairState tells
+}  # statuses of contact nodes, which the page of PairState explains
 
 
 def list_public_names() -> list[str]:
-    """Return the full names of all that has a page."""
+    """Return the full names of all objects that have a page."""
     return [f"{module}.{name}" for module, names in _complete_groups().values() for name in names]
 
 
 def _complete_groups() -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Return the groups, and one for each module with public names that none of them has."""
+    """Return all groups, including one for each module with public names outside `NAME_GROUPS`."""
     groups = dict(NAME_GROUPS)
     for module in ("pw_elements", "pw_elements.contact", "pw_elements.meshes"):
         grouped_names = {
@@ -161,17 +161,17 @@ def _complete_groups() -> dict[str, tuple[str, tuple[str, ...]]]:
 
 
 def _resolve_name(module: str, name: str) -> tuple[str, str]:
-    """Return the module that has a name of a group, and the name without its folder."""
+    """Return the module that defines a name of a group, and the name without the submodule."""
     submodule, _, plain_name = name.rpartition(".")
     return f"{module}.{submodule}" if submodule else module, plain_name
 
 
 def write_reference(pages_folder: Path, examples_by_name: dict[str, list[Example]]) -> None:
-    """Write the reference's pages.
+    """Write the pages of the reference.
 
     Args:
-        pages_folder: Their folder.
-        examples_by_name: The examples that use each public name.
+        pages_folder: Folder of the pages.
+        examples_by_name: Examples that use each public name.
     """
     pages_folder.mkdir(parents=True)
     parts = ["# Reference", _INTRODUCTION]

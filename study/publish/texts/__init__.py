@@ -1,10 +1,10 @@
-"""Texts with numbers out of stored results; layouts make pages of their blocks.
+"""Render texts that contain numbers from stored results, and arrange them in layouts.
 
-The text of a section stands on its page (see `BLOCK_OF_CONSTANT`), chapters and layouts are files
-here: texts in Markdown, layouts in HTML.
+The text of a section consists of constants of the section's page, see `BLOCK_OF_CONSTANT`. Chapters
+(Markdown) and layouts (HTML) are files in this folder.
 
-The report's layout takes of a section's text the blocks `problem`, `result` and `findings`; the
-site's sheet adds `setting`, `method`, `details`, `further` and `limits`.
+The report's layout includes the blocks `problem`, `result` and `findings` of a section's text. The
+site's sheets also include `setting`, `method`, `details`, `further` and `limits`.
 """
 
 import importlib
@@ -59,11 +59,9 @@ TEXTS_FOLDER = Path(__file__).parent
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads(
     (TEXTS_FOLDER / "references.toml").read_text("utf-8")
 )
-for _section in SECTIONS:  # a page may bring its own
+for _section in SECTIONS:  # a page may define additional references
     REFERENCES |= read_constants(find_page_source(_section)).get("REFERENCES", {})
-URI_SAFE_CHARACTERS = (
-    "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
-)
+URI_SAFE_CHARACTERS = "/;:=,+()!*'"  # need no escape in a URI, which makes it shorter than base64
 
 BLOCK_OF_CONSTANT = {
     "PROBLEM": "problem",
@@ -75,9 +73,10 @@ BLOCK_OF_CONSTANT = {
     "FURTHER_FINDINGS": "further",
     "LIMITS": "limits",
 }
-"""Texts of a page, in Markdown, and the blocks of the layouts that they fill."""
+"""Name of the layout block that each constant of a page (Markdown text) fills."""
 
-# Single letters in captions that are symbols: not units, "(a)" of a panel or, mostly, the word "a"
+# Single letters in captions that are symbols, excluding units, panel labels such as "(a)" and (in
+# most cases) the word "a"
 _STANDALONE_LETTER = r"(?<![A-Za-z0-9.;<])(?!(?<=\()[a-z]\)){}(?![A-Za-z0-9'>])"
 _LENGTH_SYMBOL_A = r"(?:(?<=\d )|(?<=/)|(?<=width )|(?<=radius )|(?<=radius\) ))a"
 SYMBOL_PATTERN = re.compile(
@@ -88,30 +87,30 @@ PAPER_ITEM_PATTERN = re.compile(r"(fig|tab)0*(\d+)(?:_0*(\d+))?")  # figures of 
 
 
 class LinkTarget(NamedTuple):
-    """Where a figure, a table or a section is: address, and what it is called."""
+    """Address and label of a figure, a table or a section, for links."""
 
     address: str
     label: str
 
 
 class TextRenderer:
-    """Texts, and what they can call: numbers, curves, measures, claims, figures and tables.
+    """Renderer of texts, which provides them with numbers, curves, claims, figures and tables.
 
-    Figures, tables and references are numbered as they come.
+    Figures, tables and references are numbered in the order in which they occur.
 
     Args:
-        results: What is reported; its folder has the claims and the figures, too.
-        template_folders: Where templates are looked for, before this module's own folder.
-        layout: The template that arranges the blocks of a section's text.
-        link_targets: Places of figures, tables and sections, for what is referred to before it
-            comes.
-        strict: Whether all that is referred to is known.
+        results: Results to report, whose folder also contains the claims and figures.
+        template_folders: Folders that are searched for templates before the folder of this module.
+        layout: Template that arranges the blocks of a section's text.
+        link_targets: Targets of links to figures, tables and sections from a first pass, which
+            allow forward references.
+        strict: Whether a reference to an unknown target is an error.
 
     Attributes:
         claims: Rows of `claims.json`.
-        figures: Entries of the index of figures by name, each with its drawings as data URIs.
+        figures: Entries of the index of figures by name, with drawings as data URIs.
         item_numbers: Numbers of figures, tables and references on the page, by kind and name.
-        missing_content: What is missing, a line for each.
+        missing_content: Messages on missing content.
     """
 
     def __init__(
@@ -194,7 +193,7 @@ class TextRenderer:
         }
 
     def render(self, template: str, **values: object) -> Markup:
-        """Return a template's text."""
+        """Render a template with the given values."""
         try:
             return Markup(self.environment.get_template(template).render(values))
         except jinja2.TemplateNotFound:
@@ -203,10 +202,10 @@ class TextRenderer:
             raise StudyError(f"{template}: {error}") from error
 
     def render_text(self, name: str) -> Markup:
-        """Return a text in one piece: of a section, what the layout takes of it.
+        """Render a chapter, or the blocks of a section's text that the layout includes.
 
         Raises:
-            MissingResult: if neither a chapter nor a page with texts has this name.
+            MissingResult: if there is neither a chapter nor a section with texts of this name.
         """
         try:
             text = self.render(f"{name}.html", layout=self.layout, section=name)
@@ -219,7 +218,7 @@ class TextRenderer:
         return self.results.curves(key)
 
     def evaluate_measure(self, name: str, /, **args: object) -> float:
-        """Return what a function of `study.judge.measures` makes of the results."""
+        """Return the value of a measure in `study.judge.measures` for the results."""
         return float(
             getattr(importlib.import_module("study.judge.measures"), name)(self.results, **args)
         )
@@ -229,7 +228,7 @@ class TextRenderer:
         return [claim for claim in self.claims if source_names_section(claim["source"], section)]
 
     def render_figure(self, name: str) -> Markup:
-        """Return a figure with its number and caption; a remark if it has not been drawn."""
+        """Return a figure with its number and caption, or a note if it has not been drawn."""
         label = f"Fig. {self.assign_number('figure', name)}{paper_citation(name)}"
         if name not in self.figures:
             self.missing_content.append(f"figure {name} has not been drawn")
@@ -237,15 +236,16 @@ class TextRenderer:
         return _remove_blank_lines(figure)
 
     def figure_entry(self, name: str) -> dict[str, Any] | None:
-        """Return a figure's entry with the addresses of its drawings; None if there is none."""
+        """Return a figure's entry with the addresses of its drawings; None if it is missing."""
         return self.figures.get(name)
 
     def render_table(
         self, name: str, caption: str, caller: Callable[[], str], of: str = "", long: bool = False
     ) -> Markup:
-        """Return a table with its number and caption; `caller` gives its rows.
+        """Return a table with its number and caption.
 
-        One `of` a table of the paper says so; a long one may be broken by a page's end.
+        `caller` returns the rows in Markdown or HTML. `of` is the number of the corresponding table
+        of the paper, if any. A `long` table may be split across pages.
         """
         source_note = f" (the paper's Table {of})" if of else ""
         label = f"Table {self.assign_number('table', name)}{source_note}"
@@ -261,15 +261,15 @@ class TextRenderer:
         return _remove_blank_lines(table)
 
     def render_link(self, name: str) -> Markup:
-        """Return a link to a figure, a table or a section, by the number that it has."""
+        """Return a link to a figure, a table or a section, with its number as text."""
         if (target := self.link_targets.get(name)) is not None:
             return Markup('<a href="{}">{}</a>').format(*target)
         if self.strict:
             raise StudyError(f"a text refers to {name}, which is not there")
-        return Markup("?")  # numbers are not known yet, or results are missing
+        return Markup("?")  # in the first pass, or if results are missing
 
     def render_citation(self, *names: str) -> Markup:
-        """Return numbers of references, as links."""
+        """Return the numbers of references as links."""
         for name in names:
             if name not in REFERENCES:
                 raise StudyError(f"a text cites {name}, which is no reference")
@@ -282,23 +282,26 @@ class TextRenderer:
         return Markup("[{}]").format(Markup(", ").join(links))
 
     def list_cited_references(self) -> list[dict[str, str]]:
-        """Return key, text and address of what is cited, in the order of the numbers."""
+        """Return the key, text and address of each cited reference, in the order of numbers."""
         keys = [name for kind, name in self.item_numbers if kind == "reference"]
         return [{"key": key, "url": "", "address": "", **REFERENCES[key]} for key in keys]
 
     def render_statements(self, *sections: str) -> Markup:
-        """Return a table of the paper's statements in some sections; without any, of the others."""
+        """Return a table of the paper's statements in some sections.
+
+        Without sections, the table contains the statements outside `EXAMPLE_SECTIONS`.
+        """
         table = self.render(
             "statements.html", groups=group_by_fact(self._paper_statements(sections))
         )
         return _remove_blank_lines(table)
 
     def render_verification_rows(self) -> Markup:
-        """Return the rows of the table of verification, in Markdown.
+        """Return the rows of the verification table.
 
-        The rows of a section are the constant `VERIFICATION` of its page: problem, reference,
-        quantity, its error with the new and with the standard element. Benchmarks without it have
-        a row that names their reference.
+        The constant `VERIFICATION` of a page contains rows in Markdown with the problem, the
+        reference, the quantity, and its errors with the new and the standard element. For
+        benchmarks without this constant, a row with the reference is generated.
         """
         rows = []
         for section in SECTIONS:
@@ -317,14 +320,14 @@ class TextRenderer:
         return Markup(self.environment.from_string("\n".join(rows)).render())
 
     def format_grade_counts(self, *sections: str) -> Markup:
-        """Return how many statements of some sections have which grade, in words."""
+        """Return a text with the number of statements of each grade in some sections."""
         grades = [row["grade"] for row in self._paper_statements(sections)]
         return Markup(", ").join(
             f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades
         )
 
     def format_all_grade_counts(self) -> Markup:
-        """Return how many of the paper's statements have which grade, in words."""
+        """Return a text with the number of all statements of the paper of each grade."""
         grades = [row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS]
         return Markup(", ").join(
             f"{grades.count(grade)} {'are ' if grade == GRADES[0] else ''}{grade}"
@@ -339,7 +342,7 @@ class TextRenderer:
         return [row for row in rows if section_of_source(row["source"]) in sections]
 
     def assign_number(self, kind: str, name: str) -> int:
-        """Return the next number of a figure, a table or a reference, and keep it."""
+        """Assign the next number to a figure, a table or a reference, and return it."""
         if (kind, name) in self.item_numbers:
             raise StudyError(f"a page places {kind} {name} twice")
         number = 1 + sum(other_kind == kind for other_kind, _ in self.item_numbers)
@@ -347,7 +350,7 @@ class TextRenderer:
         return number
 
     def list_link_targets(self, page: str = "") -> dict[str, LinkTarget]:
-        """Return the places of the figures and tables that have been numbered on a page."""
+        """Return the link targets of all figures and tables that have been numbered on a page."""
         labels = {"figure": "Fig.", "table": "Table"}
         return {
             name: LinkTarget(f"{page}#{name}", f"{labels[kind]}\N{NO-BREAK SPACE}{number}")
@@ -357,9 +360,10 @@ class TextRenderer:
 
 
 def _load_markdown_template(name: str) -> str | None:
-    """Return the template of a chapter, or of a section by its page; None if there is no text.
+    """Return the template of a chapter or section, or None if there is no text of this name.
 
-    Chapters are files in Markdown beside this module. Texts of a section are constants of its page.
+    Chapters are Markdown files in the folder of this module. Texts of a section are constants of
+    its page.
     """
     section = name.removesuffix(".html")
     chapter_path = TEXTS_FOLDER / f"{section}.md"
@@ -380,24 +384,24 @@ def _load_markdown_template(name: str) -> str | None:
 
 
 def _remove_blank_lines(html: Markup) -> Markup:
-    """Return HTML in one piece: a blank line would end it within Markdown."""
+    """Return HTML without blank lines, which would end an HTML block in Markdown."""
     return Markup("\n").join(line for line in html.splitlines() if line.strip()) + "\n"
 
 
 def section_facts(section: str) -> dict[str, str]:
-    """Return geometry, mesh, material and so on of a section, as its page says."""
+    """Return the geometry, mesh, material etc. that the page of a section states."""
     facts: dict[str, str] = read_constants(find_page_source(section)).get("FACTS", {})
     return facts
 
 
 def short_section_facts(section: str) -> dict[str, str]:
-    """Return the same in words for tables."""
+    """Return the `section_facts`, abbreviated for tables where the page does so."""
     short_facts: dict[str, str] = read_constants(find_page_source(section)).get("SHORT_FACTS", {})
     return section_facts(section) | short_facts
 
 
 def load_figures(results: Results) -> dict[str, dict[str, Any]]:
-    """Return the index of figures by name, each with its drawings as data URIs."""
+    """Return the entries of the index of figures by name, with drawings as data URIs."""
     folder = results.folder / "figures"
     remedy = "draw them again with ./run study report"
     try:
@@ -414,13 +418,13 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
 
 
 def italicize_symbols(text: str) -> Markup:
-    """Write a plain text, such as a caption, with its symbols in italics, matrices bold, too."""
+    """Set the symbols of a plain text such as a caption in italics, and matrices also in bold."""
     escaped_text = MATRIX_PATTERN.sub(r"<b><i>\1</i></b>", str(Markup.escape(text)))
     return Markup(SYMBOL_PATTERN.sub(r"<i>\1</i>", escaped_text))
 
 
 def paper_citation(name: str) -> str:
-    """Return " (the paper's Figs 7 and 8)" for fig07_08; nothing for figures of this study."""
+    """Return e.g. " (the paper's Figs 7 and 8)" for fig07_08, or "" for figures of this study."""
     if not (match := PAPER_ITEM_PATTERN.fullmatch(name)):
         return ""
     if match[1] == "tab":
@@ -432,7 +436,7 @@ def paper_citation(name: str) -> str:
 
 
 def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
-    """Return the cases, and the distinct sets of versions, to which they refer by letters."""
+    """Return the provenance of cases, and the distinct sets of versions, labelled by letters."""
     version_sets: list[dict[str, str]] = []
     rows = []
     for case in cases:
@@ -450,7 +454,7 @@ def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
 
 
 def _format_range_of_verification_sections() -> str:
-    """Return the first and the last of the sections V1, V2 and so on, in words."""
+    """Return a text with the first and last of the sections V1, V2 etc."""
     sections = [section for section in SECTIONS if section.startswith("V")]
     return " to ".join([*sections[:1], *sections[-1:]])
 

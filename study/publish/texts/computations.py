@@ -9,7 +9,7 @@ from study.run.cases import SECTIONS
 from study.run.sources import collect_imported_sources
 from study.run.store import Results, StoredResult
 
-# Parameters, and curves of series, that say how fine a mesh is
+# Names of parameters, or of curves of mesh series, that specify the fineness of a mesh
 MESH_SIZE_NAMES = (
     "divisions",
     "squares",
@@ -25,18 +25,18 @@ MESH_SIZE_NAMES = (
 
 
 NON_POLYNOMIAL_DEGREE = 8
-"""The library's degree of quadrature for integrands that are no polynomials; a test compares it."""
+"""Quadrature degree of the library for non-polynomial integrands (checked by a test)."""
 
 
 class SectionComputation(NamedTuple):
-    """What a section was computed with.
+    """Numbers of results and unknowns, mesh sizes and quadrature degrees of a section.
 
     Attributes:
-        n_results: How many results there are.
-        n_recorded: How many of them are read from tracked records.
-        unknowns_range: The fewest and the most of a mesh.
-        mesh_sizes: Sizes that the parameters name, from coarse to fine.
-        quadrature_degrees: Of quadrature, where the section's own code sets them.
+        n_results: Number of results.
+        n_recorded: Number of results that are read from tracked records.
+        unknowns_range: Smallest and largest number of unknowns.
+        mesh_sizes: Mesh sizes that the parameters specify, from coarse to fine.
+        quadrature_degrees: Quadrature degrees that the section's own code sets.
     """
 
     n_results: int
@@ -47,7 +47,7 @@ class SectionComputation(NamedTuple):
 
 
 def describe_computation(results: Results, section: str) -> SectionComputation:
-    """Return what a section was computed with, as its results and its code say."""
+    """Return the description of a section's computation from its results and code."""
     cases = results.section(section)
     unknowns = [n for case in cases if (n := _count_unknowns(case))]
     sizes = {size for case in cases for size in _mesh_sizes(case)}
@@ -62,7 +62,7 @@ def describe_computation(results: Results, section: str) -> SectionComputation:
 
 
 def count_computed_and_recorded(results: Results) -> tuple[int, int]:
-    """Return how many results were computed, and how many were read from tracked records."""
+    """Return the numbers of results that were computed and that were read from records."""
     cases = [case for section in SECTIONS for case in results.readable_results(section)]
     n_recorded = sum(bool(case.record) for case in cases)
     return len(cases) - n_recorded, n_recorded
@@ -73,7 +73,7 @@ def _count_unknowns(case: StoredResult) -> int:
 
 
 def _mesh_sizes(case: StoredResult) -> list[tuple[float, ...]]:
-    """Return the sizes of a case's meshes: (n,) or, for divisions, (n, m)."""
+    """Return the sizes of a case's meshes as tuples, with two entries for divisions in x and y."""
     sizes: list[Any] = []
     for name in MESH_SIZE_NAMES:
         value = case.parameters.get(name)
@@ -81,7 +81,7 @@ def _mesh_sizes(case: StoredResult) -> list[tuple[float, ...]]:
             sizes.append(value)
         elif name == "sides" and value:
             sizes += [1 / side for side in value]
-        elif value is not None and not isinstance(value, str):  # the name of a kind of meshes
+        elif value is not None and not isinstance(value, str):  # the name of a type of mesh
             sizes += value if isinstance(value, list) else [value]
     if not sizes:  # a series of meshes
         curves = (case.curves[name] for name in MESH_SIZE_NAMES if name in case.curves)
@@ -90,9 +90,10 @@ def _mesh_sizes(case: StoredResult) -> list[tuple[float, ...]]:
 
 
 def _quadrature_degrees(module: str) -> set[int]:
-    """Return what modules of a section assign to DEGREE: a number, or one for each dimension.
+    """Return all quadrature degrees that modules of a section assign to DEGREE.
 
-    Modules of a section are those in the folder of its page, or those that share its prefix.
+    DEGREE is a number or a mapping from dimensions to numbers. The modules of a section are those
+    in the folder of its page, or those with the same prefix.
     """
     folder, _, name = module.rpartition(".")
     section_prefix = f"{folder}." if name == "page" else f"{folder}.{name.partition('_')[0]}_"

@@ -1,4 +1,4 @@
-"""How the report writes numbers."""
+"""Formatting of numbers in texts."""
 
 import math
 from collections.abc import Callable
@@ -10,34 +10,34 @@ DASH = "\N{EN DASH}"
 
 
 def format_number(x: float | None, digits: int = 4) -> Markup:
-    """Write a number with so many significant digits, large and small ones with a power of ten."""
+    """Format a number with a fixed number of significant digits, if necessary as power of ten."""
     return _format_significant(x, digits, keep_zeros=True)
 
 
 def format_short_number(x: float | None, digits: int = 6) -> Markup:
-    """Write a number with at most so many significant digits, without zeros at the end."""
+    """Format a number with a maximum number of significant digits, without trailing zeros."""
     return _format_significant(x, digits, keep_zeros=False)
 
 
 def format_percent(x: float | None, digits: int = 2) -> Markup:
-    """Write a fraction in per cent, with so many significant digits."""
+    """Format a fraction in per cent with a fixed number of significant digits."""
     return format_number(None if x is None else 100 * x, digits) + (
         "" if x is None else f"{THIN_SPACE}%"
     )
 
 
 def format_upper_bound(x: float | None, digits: int = 2) -> Markup:
-    """Write an upper bound: rounded up to so many significant digits."""
+    """Format an upper bound, rounded up to a number of significant digits."""
     return format_number(x if x is None else _round_by(x, digits, math.ceil), digits)
 
 
 def format_lower_bound(x: float | None, digits: int = 3) -> Markup:
-    """Write a lower bound: rounded down to so many significant digits."""
+    """Format a lower bound, rounded down to a number of significant digits."""
     return format_number(x if x is None else _round_by(x, digits, math.floor), digits)
 
 
 def format_decimals(x: float | None, decimals: int) -> Markup:
-    """Write a number with so many decimals."""
+    """Format a number with a fixed number of decimals."""
     if x is None or not math.isfinite(x):
         return Markup(DASH)
     text = f"{x:.{decimals}f}"
@@ -45,7 +45,7 @@ def format_decimals(x: float | None, decimals: int) -> Markup:
 
 
 def format_count(x: float | None) -> Markup:
-    """Write a whole number, thousands apart."""
+    """Format an integer with separated thousands."""
     if x is None or not math.isfinite(x):
         return Markup(DASH)
     return Markup(_use_minus_sign(f"{x:,.0f}".replace(",", THIN_SPACE)))
@@ -76,7 +76,7 @@ def _round_by(x: float, digits: int, round_to_integer: Callable[[float], int]) -
     if x == 0 or not math.isfinite(x):
         return x
     unit = 10.0 ** (math.floor(math.log10(abs(x))) - digits + 1)
-    n_units = round(x / unit, 6)  # what is a whole number but for round-off stays one
+    n_units = round(x / unit, 6)  # removes round-off from integers
     return round_to_integer(n_units) * unit
 
 

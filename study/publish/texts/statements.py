@@ -1,4 +1,4 @@
-"""The paper's statements and the study's findings, as texts show them."""
+"""Group, count and format the paper's statements and the study's findings for texts."""
 
 import re
 from typing import Any
@@ -10,13 +10,13 @@ from study.judge.facts import Fact, load_facts
 from study.model.vocabulary import ELEMENTS
 from study.publish.texts import numbers
 
-# Sections of the paper whose statements are listed with its examples; the others' come before
+# Sections of the paper whose statements are listed with the examples; all others are listed before
 EXAMPLE_SECTIONS = ("3", "4", "5", "6", "7.1", "7.2", "7.3", "7.4", "7.5", "7.6")
-ROUND_OFF_TOLERANCE = 1e-9  # what a statement's number is away from a whole one without saying so
+ROUND_OFF_TOLERANCE = 1e-9  # smaller values and deviations from integers are not shown
 
 
 def source_names_section(source: str, section: str) -> bool:
-    """Tell whether a source like "Sec. 7.1, Table 2" names a section; "Eq. 3" does not name 3."""
+    """Return whether a source such as "Sec. 7.1" names a section; "Eq. 3" names no section."""
     section = re.escape(section)
     section_pattern = (
         section if r"\." in section else rf"(?:^|(?:§|\b[Ss]ec(?:tions?|\.)?)\s*){section}"
@@ -25,7 +25,7 @@ def source_names_section(source: str, section: str) -> bool:
 
 
 def group_readings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return claims in their order, other readings of a claim right after it."""
+    """Return claims in their order, but with other readings of a claim directly after it."""
     ids = [row["id"] for row in rows]
     primary_rows = [row for row in rows if row["reading_of"] not in ids]
     return [
@@ -39,7 +39,7 @@ def group_readings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def count_claims(rows: list[dict[str, Any]]) -> dict[str, int]:
-    """Return numbers of claims by grade, of findings and pins, and of what is not as expected."""
+    """Return the numbers of claims by grade and by kind, and of unexpected outcomes."""
     counts_by_name = {grade: sum(row["grade"] == grade for row in rows) for grade in GRADES}
     for kind in (*PAPER_KINDS, "finding", "pin"):
         verdicts = [row["verdict"] for row in rows if row["kind"] == kind]
@@ -50,7 +50,7 @@ def count_claims(rows: list[dict[str, Any]]) -> dict[str, int]:
 
 
 def group_by_fact(rows: list[dict[str, Any]]) -> list[tuple[Fact | None, list[dict[str, Any]]]]:
-    """Return statements by the facts that they rest on, each where its first statement was."""
+    """Group statements by the facts on which they rest, in the order of first occurrence."""
     facts = {fact.id: fact for fact in load_facts()}
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
@@ -59,9 +59,9 @@ def group_by_fact(rows: list[dict[str, Any]]) -> list[tuple[Fact | None, list[di
 
 
 def count_facts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return by grade how many statements there are, printed and read in, on how many facts.
+    """Return, for each grade, the numbers of statements by kind, and of the underlying facts.
 
-    The last entry is of all grades.
+    The last entry contains the totals for all grades.
     """
     lines = []
     for grade in (*GRADES, None):
@@ -80,16 +80,16 @@ def count_facts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def section_of_source(source: str) -> str:
-    """Return the section that a statement stands in: the first that its source names.
+    """Return the section in which a statement occurs, i.e. the first that its source names.
 
-    Those of the abstract, the introduction and the conclusions stand before all.
+    The result is "" if the source does not begin with a section, e.g. for the abstract.
     """
     match = re.match(r"[Ss]ec(?:tion|\.) (\d(?:\.\d)?)", source)
     return match[1] if match else ""
 
 
 def format_measured(row: dict[str, Any]) -> Markup:
-    """Write what was measured of a statement, with its unit."""
+    """Format the measured number of a statement with its unit."""
     x, unit = row["measured"], row["unit"]
     if x is None:
         return Markup(numbers.DASH)
@@ -99,7 +99,7 @@ def format_measured(row: dict[str, Any]) -> Markup:
 
 
 def format_criterion(row: dict[str, Any]) -> Markup:
-    """Write what a statement asks for: relation, value and tolerance."""
+    """Format the criterion of a statement, i.e. relation, value and tolerance."""
     if row["relation"] is None:
         return Markup(numbers.DASH)
     relation = {"<=": "≤", ">=": "≥"}.get(row["relation"], row["relation"])
@@ -119,15 +119,15 @@ def _format_quantity(x: float, unit: str) -> Markup:
 
 
 def _scale_and_unit(unit: str) -> tuple[float, str]:
-    """Return what to divide by, and the unit with the space before it."""
+    """Return the divisor for display, and the displayed unit with a preceding space."""
     scale, unit = (1e6, "MPa") if unit == "Pa" else (1.0, unit)
     return scale, f"{numbers.THIN_SPACE}{unit}" if unit else ""
 
 
 def format_statement(statement: str) -> Markup:
-    """Write a statement with names of elements for those of result files, and its mathematics.
+    """Format a statement with names instead of keys of elements, and with typeset mathematics.
 
-    Names of findings, which are listed elsewhere, are left out.
+    Ids of findings, which are listed elsewhere, are omitted.
     """
     statement = re.sub(r" \((?:[A-Z]\d*|\d\.?\d?)-[\w-]+\)", "", statement)
     text = re.sub(
