@@ -115,6 +115,16 @@ def test_strings_that_name_functions_of_modules_can_be_resolved():
         assert callable(getattr(importlib.import_module(module), function)), (module, function)
 
 
+def test_imports_in_scripts_of_the_gate_can_be_resolved():
+    """Python code within shell scripts is read by no linter and no renaming tool."""
+    scripts = [ROOT / "run", *(path for path in (ROOT / ".ci").iterdir() if path.is_file())]
+    import_pattern = re.compile(r"from ((?:pw_elements|study|figures|tests)[\w.]*) import (\w+)")
+    imports = {pair for path in scripts for pair in import_pattern.findall(path.read_text())}
+    assert len(imports) > 2
+    for module, name in imports:
+        assert hasattr(importlib.import_module(module), name), (module, name)
+
+
 def list_module_paths(folder):
     """Return the paths of the modules and packages in a folder, except its `__init__`."""
     return [
