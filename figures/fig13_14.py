@@ -26,9 +26,8 @@ NEEDS = [
     ),
 ]
 NEEDS += list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS)
-REFINEMENT_FACTOR = (
-    4  # ratio of element sizes, and therefore of nodal forces, to those of the fine mesh
-)
+REFINEMENT_FACTOR = 4
+"""Ratio of element sizes, and therefore of nodal forces, to those of the fine mesh."""
 
 
 def draw(results: Results) -> Figure:

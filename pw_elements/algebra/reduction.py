@@ -438,9 +438,8 @@ def matrix_free_constrained_operator(reduction: Reduction, K: PETSc.Mat) -> PETS
         raise ValueError(ITERATIVE_NEEDS_SUPPORTS_MESSAGE)
     space = reduction.supports.space
     projection = ConstraintProjection(reduction.supports.free, space.dofmap.index_map_bs)
-    scale = (
-        reduction.right.getDiagonal() if is_hybrid(space) else None
-    )  # see `scale_pressures_to_displacements`
+    # see `scale_pressures_to_displacements`
+    scale = reduction.right.getDiagonal() if is_hybrid(space) else None
     return matrix_from_python_context(
         K.getSizes(), ConstrainedOperator(K, projection, scale), K.comm
     )

@@ -25,9 +25,8 @@ CALLER_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
 
 UNWRITABLE_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 MIN_OPEN_FILES = 64  # required by two processes, their pipes and the report
-MIN_ADDRESS_SPACE = (
-    1 << 30
-)  # bytes of address space; with less, OpenBLAS tries forever to allocate a buffer
+MIN_ADDRESS_SPACE = 1 << 30
+"""Bytes of address space; with less, OpenBLAS tries forever to allocate a buffer."""
 MAX_LISTED_NAMES = 5  # if there are more, only their number is printed
 
 USAGE = """\
@@ -295,9 +294,7 @@ def judge_and_report(
         one, a figure cannot be drawn, or required results are missing; otherwise 0.
     """
     from study.judge import claims, facts
-    from study.publish.report import (
-        build_report,  # slow to import, and not required by worker processes
-    )
+    from study.publish.report import build_report  # slow, and workers do not need it
 
     results = Results(out)
     verdicts_with_sections = [_judge_and_track_sections(claim, results) for claim in all_claims]

@@ -88,9 +88,8 @@ def test_uniform_pressure_is_transferred_exactly(method, slave_is_upper):
 def test_either_side_may_be_the_slave(gap):
     blocks, results = MatchingBlocks(gap=gap), []
     for slave_is_upper in (True, False):
-        sign = (
-            -1.0 if slave_is_upper else 1.0
-        )  # the rigid side of a parabola is above it if its radius is positive
+        # the rigid side of a parabola is above it if its radius is positive
+        sign = -1.0 if slave_is_upper else 1.0
         level = BLOCK_HEIGHT if slave_is_upper else BLOCK_HEIGHT + gap
         pair = blocks.make_pair(
             0.2, slave_is_upper, Parabola((BLOCK_LENGTH / 2, level), sign * 10.0)

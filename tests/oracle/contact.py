@@ -31,9 +31,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 MAX_GAUSS_SEIDEL_SWEEPS, GAUSS_SEIDEL_SWEEPS_PER_NEWTON_ATTEMPT = 5_000, 10
-LAW_TOLERANCE_OVER_LARGEST_FORCE = (
-    1e-11  # tolerance of the law's conditions, used by `violation_over_tolerance`
-)
+# tolerance of the law's conditions, used by `violation_over_tolerance`
+LAW_TOLERANCE_OVER_LARGEST_FORCE = 1e-11
 SINGULAR_CONDITION_NUMBER = 1e13  # tangents with a larger condition number count as singular
 MACHINE_EPSILON = float(np.finfo(float).eps)
 PointFunction = Callable[[np.ndarray], np.ndarray]

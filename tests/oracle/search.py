@@ -42,9 +42,8 @@ INFEASIBLE_VIOLATION_OVER_LARGEST_FORCE, ZERO_VIOLATION_OVER_LARGEST_FORCE = (
     1e-9,
 )  # violations above the first value discard a branch; those below the second count as zero
 MAX_CANDIDATE_NODES_PER_BRANCHING, MAX_NEWTON_STEPS, MAX_NEWTON_STARTS = 3, 8, 200
-MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED = (
-    2_500_000  # limit of the search, which takes some ten seconds
-)
+# limit of the search, which takes some ten seconds
+MAX_LINEAR_PROGRAMS_TIMES_NODES_SQUARED = 2_500_000
 LINPROG_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 

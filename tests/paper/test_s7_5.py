@@ -51,6 +51,21 @@ RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.1877
 COARSE_PROFILE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 
+def make_oracle_column(result, element, linear_weights):
+    """Return the oracle's axisymmetric body with the printed material on the nodes of a result."""
+    n_gauss_points = oracle_points_per_direction(element)
+    return make_oracle_body(
+        result,
+        element,
+        linear_weights,
+        "axisymmetric",
+        2.1e8,
+        0.3,
+        rho=7856.0,
+        n_gauss=n_gauss_points,
+    )
+
+
 def make_stepped_column_comparison(element):
     """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
     with (
@@ -65,19 +80,9 @@ def make_stepped_column_comparison(element):
         (RADII[1], RADII[2], face_heights[2], NORMAL_UP, 2e-4),
         (0.0, RADII[3], face_heights[4], NORMAL_DOWN, 0.0),
     ]
-    n_gauss_points = oracle_points_per_direction(element)
 
     def solve_by_oracle(linear_weights):
-        body = make_oracle_body(
-            result,
-            element,
-            linear_weights,
-            "axisymmetric",
-            2.1e8,
-            0.3,
-            rho=7856.0,
-            n_gauss=n_gauss_points,
-        )
+        body = make_oracle_column(result, element, linear_weights)
         K, on_axis = body.stiffness(), body.component_mask(make_plane_row_marker(0, 0.0), (0,))
         descent = [((0.0, -1e-4 * k), (0.0, 0.0)) for k in range(1, 11)]
         pairs = []
@@ -181,16 +186,7 @@ def coarse_shifts_and_oracle_matrices():
     curves = mesh_nodes_and_cells(space)
     oracle_matrices = {}
     for element, linear_weights in (("galerkin-T6", False), ("pw-T6", True)):
-        body = make_oracle_body(
-            Result({}, {}, curves),
-            element,
-            linear_weights,
-            "axisymmetric",
-            2.1e8,
-            0.3,
-            rho=7856.0,
-            n_gauss=oracle_points_per_direction(element),
-        )
+        body = make_oracle_column(Result({}, {}, curves), element, linear_weights)
         oracle_matrices[element] = body.stiffness(), body.mass()
     return shifts, curves["nodes"], oracle_matrices
 

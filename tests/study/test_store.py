@@ -177,9 +177,8 @@ def test_failed_write_leaves_the_old_result_and_no_other_files(
             STORED_PARAMETERS,
             {},
         )
-    path = (
-        folder_with_stored_result / "7.1" / "pw-T6.json"
-    )  # another layout of the same numbers is accepted
+    # another layout of the same numbers is accepted
+    path = folder_with_stored_result / "7.1" / "pw-T6.json"
     path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
     assert Results(folder_with_stored_result).scalar(STORED_KEY, "reaction_1") == 0.1 + 0.2
     assert sorted(os.listdir(folder_with_stored_result / "7.1")) == ["pw-T6.json", "pw-T6.npz"]

@@ -16,9 +16,8 @@ MAX_MODULES_PER_FOLDER = 14
 MAX_MODULES_PER_SHARED_FOLDER = 8
 MAX_PAGE_CHARACTERS = 35_000
 MAX_FILES_PER_PAGE_FOLDER = 4
-METHODS_FOLDER = (
-    STUDY_FOLDER / "benchmarks" / "q_rivals" / "methods"
-)  # each method is one self-contained file
+# each method is one self-contained file
+METHODS_FOLDER = STUDY_FOLDER / "benchmarks" / "q_rivals" / "methods"
 
 
 def list_source_files(folder):

@@ -242,9 +242,8 @@ def find_unresisted_motion_of_most_work(
         have to be added for equilibrium. Both are zero if the linear program fails.
     """
     k, scale = len(load_power), np.abs(load_power).max() or 1.0
-    costs = (
-        np.concatenate([-load_power, load_power]) / scale + motion_cost
-    )  # both directions of each motion
+    # both directions of each motion
+    costs = np.concatenate([-load_power, load_power]) / scale + motion_cost
     axes = np.eye(nodes.tangential.shape[1])
     rows = [nodes.friction_cone_cut_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_MAX_CUTTING_PLANE_ROUNDS):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import jinja2
 from markupsafe import Markup
 
+from study.publish.reproducibility import read_citation
 from study.publish.texts import (
     TEXTS_FOLDER,
     LinkTarget,
@@ -96,7 +97,7 @@ def render_report(results: Results, templates: Path = TEXTS_FOLDER) -> RenderedR
         html = report_renderer.render(
             "base.html",
             parts=parts,
-            version=_read_version(),
+            version=read_citation()["version"],
             commits=sorted(
                 {case["commit"][:10] for case in provenance_summary["cases"] if case.get("commit")}
             ),
@@ -167,12 +168,6 @@ class _ReportRenderer(TextRenderer):
             self.item_numbers = saved_numbers  # its figures and tables are not shown
             self.missing_content.append(f"{name}: {error}")
             return Markup('<p class="note">This part is incomplete: {}.</p>').format(error)
-
-
-def _read_version() -> str:
-    """Return the project's version, as the file that says how to cite it has it."""
-    citation_text = (TEXTS_FOLDER.parents[2] / "CITATION.cff").read_text(encoding="utf-8")
-    return re.findall(r"^version: (.*)$", citation_text, re.MULTILINE)[0]
 
 
 def _list_font_faces() -> str:

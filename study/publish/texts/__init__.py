@@ -321,19 +321,11 @@ class TextRenderer:
 
     def format_grade_counts(self, *sections: str) -> Markup:
         """Return a text with the number of statements of each grade in some sections."""
-        grades = [row["grade"] for row in self._paper_statements(sections)]
-        return Markup(", ").join(
-            f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades
-        )
+        return _count_grades([row["grade"] for row in self._paper_statements(sections)])
 
     def format_all_grade_counts(self) -> Markup:
         """Return a text with the number of all statements of the paper of each grade."""
-        grades = [row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS]
-        return Markup(", ").join(
-            f"{grades.count(grade)} {'are ' if grade == GRADES[0] else ''}{grade}"
-            for grade in GRADES
-            if grade in grades
-        )
+        return _count_grades([row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS])
 
     def _paper_statements(self, sections: tuple[str, ...]) -> list[dict[str, Any]]:
         rows = group_readings([row for row in self.claims if row["kind"] in PAPER_KINDS])
@@ -381,6 +373,13 @@ def _load_markdown_template(name: str) -> str | None:
     if not blocks:
         return None
     return "\n".join(["{% extends layout %}", texts.get("MACROS", ""), *blocks])
+
+
+def _count_grades(grades: list[str]) -> Markup:
+    """Return how many of the grades there are of each kind, as "24 reproduced, 3 contradicted"."""
+    return Markup(", ").join(
+        f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades
+    )
 
 
 def _remove_blank_lines(html: Markup) -> Markup:
