@@ -149,12 +149,13 @@ TITLES_WITHOUT_PAGE = {
     "4": "Stiffness matrix",
     "6": "Initial stress matrix",
 }
+PAPER_SECTIONS = [section for section, module in SECTIONS.items() if ".paper." in module]
 _ROOT = Path(__file__).parents[2]
 
 
 def section_table() -> str:
-    """Return the Markdown table of sections and their files; the paper's sections come first."""
-    sections = sorted({*TITLES_WITHOUT_PAGE, *SECTIONS}, key=section_order)
+    """Return the Markdown table of the paper's sections and their files."""
+    sections = sorted({*TITLES_WITHOUT_PAGE, *PAPER_SECTIONS}, key=section_order)
     head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     return "\n".join([*rows, *map(_section_row, sections)])
@@ -164,7 +165,7 @@ def _section_row(section: str) -> str:
     items = [item for item in ITEMS if item.section == section]
     name = TITLES_WITHOUT_PAGE.get(section) or title(section)
     computed = {item.module for item in items}
-    if section in SECTIONS:
+    if section in PAPER_SECTIONS:
         computed.add(find_page_source(section).relative_to(_ROOT).as_posix())
     drawn = [
         path
