@@ -25,7 +25,7 @@ SECTION = "V2"
 TITLE = "Hertz contact"
 FACTS = {
     "geometry": "a rigid cylinder on a half plane, a rigid sphere on a half space, both of radius "
-    "50 mm; one half, 5 a wide and deep",
+    "50 mm; one half, five half widths of the contact wide and deep",
     "mesh": "4, 8, 16 and 32 elements over the contact's half width a, growing by 1.3 outside",
     "material": "linear elastic, ν = 0.3; the composite modulus of steel (210 GPa) on aluminium "
     "(70 GPa), as in NAFEMS R0094-1; for the sphere E = 70 GPa",

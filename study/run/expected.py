@@ -1,7 +1,8 @@
 """Expected computing times of the cases, used to start the longest cases first.
 
 `python3 -m study.run.expected [results]` prints a table of the longest cases. Write it to
-`expected_seconds.json` if the times have changed considerably; it affects only the order of cases.
+`expected_seconds.json` if the times have changed considerably. `tests/study/test_checks.py` reads
+the cases in the table from stored results and computes all others.
 """
 
 import json
