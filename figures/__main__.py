@@ -17,36 +17,40 @@ from pathlib import Path
 from figures.drawing import (
     DrawingOutcome,
     FigureEntry,
-    check_export_paths,
+    check_that_export_overwrites_only_exports,
     draw_figure,
-    export_figure,
+    export_figure_as_png_and_pdf,
     figure_title,
-    find_current_entry,
-    list_scripts,
-    load_script,
+    find_index_entry_if_up_to_date,
+    list_names_of_all_figures,
+    load_figure_script,
     natural_sort_key,
 )
-from study.judge.claims import Claim, judge, load_paper_claims
+from study.judge.claims import Claim, judge_claims, load_paper_claims
 from study.paper.items import ITEMS
-from study.run.folder import ensure_writable
+from study.run.folder import create_writable_results_folder
 from study.run.pool import Pool, Task, TaskFailure
 from study.run.store import Results, StudyError, write_json
-from study.run.supervisor import run_supervised
+from study.run.supervisor import run_supervised_and_exit
 
 ROOT = Path(__file__).parents[1]
 CALLING_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
-"""Folder in which `./run figure` was called, if it is not the project's folder."""
+"""Folder from which the user called `./run figure`; empty if it is the project's own folder."""
 
 MAX_LISTED_FIGURES = 3  # if more figures are not drawn, they are not named individually
 KIND_ABBREVIATIONS = {"figure": "fig", "table": "tab"}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw the named figures, or list all figures.
+    """Draw the figures that the arguments name, or list all figures if there are no names.
+
+    Args:
+        arguments: Command-line arguments; by default, those of this process.
 
     Returns:
-        Exit status: 1 if a figure is not drawn; 2 if there is no figure of that name, or if foreign
-        files have the names of its files; otherwise 0.
+        Exit status: 1 if a figure cannot be drawn; 2 if there is no figure of a given name, if
+        results cannot be written, or if files that are not figures would be overwritten; otherwise
+        0.
     """
     parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help='as fig05, "Fig. 5", tab01')
@@ -64,28 +68,31 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parsed_arguments = parser.parse_args(arguments)
-    descriptions = {name: description for name, (_, description) in list_figure_names().items()}
+    descriptions = {
+        name: description
+        for name, (_, description) in list_script_and_description_by_figure().items()
+    }
     table = "".join(f"{name:25} {what}\n" for name, what in descriptions.items())
     if not parsed_arguments.names:
         print(table, end="")
         return 0
-    names = [normalise_name(name) for name in parsed_arguments.names]
+    names = [normalise_figure_name(name) for name in parsed_arguments.names]
     for name, typed in zip(names, parsed_arguments.names, strict=True):
         if name not in descriptions:
             close_matches = difflib.get_close_matches(name, descriptions, cutoff=0.5)
             hint = f"; did you mean {' or '.join(close_matches)}?" if close_matches else "."
             _print_message(f"there is no figure {typed}{hint} All names:\n{table.rstrip()}")
             return 2
-    results = _results_folder(parsed_arguments.results, parsed_arguments.out)
+    results = _choose_results_folder(parsed_arguments.results, parsed_arguments.out)
     if results is None:
         _print_message(
             f"{ROOT / 'results'} cannot be written: name another folder by --results or --out"
         )
         return 2
-    scripts_by_name = {name: list_figure_names()[name][0] for name in names}
+    scripts_by_name = {name: list_script_and_description_by_figure()[name][0] for name in names}
     try:
         for name in scripts_by_name if parsed_arguments.out else ():
-            check_export_paths(parsed_arguments.out / name)
+            check_that_export_overwrites_only_exports(parsed_arguments.out / name)
     except OSError as error:
         _print_message(str(error))
         return 2
@@ -96,31 +103,37 @@ def main(arguments: list[str] | None = None) -> int:
     folder = parsed_arguments.out or results / "figures"
     try:
         for name, script in scripts_by_name.items():
-            for path in export_figure(script, Results(results), folder / name):
+            for path in export_figure_as_png_and_pdf(script, Results(results), folder / name):
                 print(path)
-            print(describe_figure(name, script, Results(results)))
+            print(format_caption_and_judged_statements(name, script, Results(results)))
     except (StudyError, OSError) as error:
         _print_message(str(error))
         return 1
     return 0
 
 
-def normalise_name(typed: str) -> str:
-    """Return the name of a figure of the paper for inputs such as "Fig. 5", "fig5" or "Table 1".
+def normalise_figure_name(typed_name: str) -> str:
+    """Convert inputs such as "Fig. 5", "fig5" or "Table 1" to names such as "fig05" or "tab01".
 
     Other names are returned unchanged.
     """
     pattern = r"(fig|figure|tab|table)s?[.\s_-]*0*(\d+)"
-    if match := re.fullmatch(pattern, typed.strip(), re.IGNORECASE):
+    if match := re.fullmatch(pattern, typed_name.strip(), re.IGNORECASE):
         return f"{match[1].lower()[:3]}{int(match[2]):02}"
-    return typed
+    return typed_name
 
 
-def describe_figure(name: str, script: str, results: Results) -> str:
-    """Return the caption of a figure, and the statements of the paper about it with verdicts."""
-    lines = [load_script(script).caption(results)]
+def format_caption_and_judged_statements(name: str, script: str, results: Results) -> str:
+    """Return the caption of a figure, and the statements of the paper about it with judged values.
+
+    Args:
+        name: Name of a figure or table, such as "fig07", as in the sources of claims.
+        script: Name of the script that draws it, such as "fig07_08".
+        results: Stored results.
+    """
+    lines = [load_figure_script(script).caption(results)]
     claims = [claim for claim in load_paper_claims() if name in cited_figures(claim)]
-    for verdict in judge(claims, results):
+    for verdict in judge_claims(claims, results):
         claim, judgement = verdict.claim, verdict.claim.judgement
         lines.append(f"{claim.id}: {claim.statement}")
         if judgement is not None:
@@ -138,7 +151,7 @@ def describe_figure(name: str, script: str, results: Results) -> str:
 
 
 def cited_figures(claim: Claim) -> set[str]:
-    """Return the names of the figures and tables that the source of a claim cites."""
+    """Return names such as "fig07" of the figures and tables that the source of a claim cites."""
     names = set()
     pattern = r"(Fig|Table)s?\.? (\d+(?:(?:, | and |, and |-|–)\d+)*)"
     for kind, numbers in re.findall(pattern, claim.source):
@@ -151,10 +164,10 @@ def cited_figures(claim: Claim) -> set[str]:
     return names
 
 
-def list_figure_names() -> dict[str, tuple[str, str]]:
-    """Return, by name of figure, the script that draws the figure and a description.
+def list_script_and_description_by_figure() -> dict[str, tuple[str, str]]:
+    """Return the script and the description of each figure, by name of figure.
 
-    The figures and tables of the paper come first, ordered by number.
+    Figures and tables of the paper come first, ordered by number; several may share a script.
     """
     paper_items = [
         (f"{KIND_ABBREVIATIONS[item.kind]}{int(item.number):02}", Path(item.figure).stem, item)
@@ -166,23 +179,25 @@ def list_figure_names() -> dict[str, tuple[str, str]]:
         for name, script, item in paper_items
     }
     return paper_figures | {
-        name: (name, figure_title(name)) for name in list_scripts() if name not in paper_figures
+        name: (name, figure_title(name))
+        for name in list_names_of_all_figures()
+        if name not in paper_figures
     }
 
 
-def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
-    """Draw all figures of the report and the site that are not up to date, from stored results.
+def draw_outdated_figures(folder: Path, require_all_results: bool, jobs: int = 1) -> bool:
+    """Draw all figures that are not up to date, and write the index of figures.
 
     Args:
-        folder: Folder of the results.
-        complete: Whether missing results are an error.
+        folder: Folder of the stored results, from which figures are drawn.
+        require_all_results: Whether missing results are an error; otherwise the figure is omitted.
         jobs: Number of processes.
 
     Returns:
-        Whether no script failed and no required result is missing.
+        True if no script failed and no required result is missing.
     """
-    script_names, results = list_scripts(), Results(folder)
-    current_entries = {name: find_current_entry(name, results) for name in script_names}
+    script_names, results = list_names_of_all_figures(), Results(folder)
+    current_entries = {name: find_index_entry_if_up_to_date(name, results) for name in script_names}
     entries_by_name: dict[str, FigureEntry] = {
         name: entry for name, entry in current_entries.items() if entry
     }
@@ -197,7 +212,7 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
         else:
             _print_message(f"{name}: {outcome.error}")
             any_failed = True
-    _report_missing_results(missing_by_figure, complete)
+    _report_missing_results(missing_by_figure, require_all_results)
     ordered_entries = [
         entries_by_name[name] for name in sorted(entries_by_name, key=natural_sort_key)
     ]
@@ -206,24 +221,33 @@ def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
     except OSError as error:
         _print_message(f"the index of figures cannot be written: {error}")
         return False
-    return not (any_failed or (complete and missing_by_figure))
+    return not (any_failed or (require_all_results and missing_by_figure))
 
 
-def _results_folder(requested_folder: Path | None, out: Path | None) -> Path | None:
-    """Return the absolute path of the folder of results; None if no folder is writable."""
+def _choose_results_folder(requested_folder: Path | None, out: Path | None) -> Path | None:
+    """Choose the folder of results.
+
+    Args:
+        requested_folder: Folder from the command line, if any, which is used without a check.
+        out: Folder of the drawn figures, if given.
+
+    Returns:
+        Absolute path of the requested folder, the project's folder if it is writable, or a
+        subfolder of `out`; None if there is no such folder.
+    """
     if requested_folder is not None:
         return requested_folder.absolute()
     results = ROOT / "results"
     try:
-        ensure_writable(results)
+        create_writable_results_folder(results)
     except StudyError:
         return (out / "results").absolute() if out else None
     return results
 
 
-def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
-    """Run the study to compute results that scripts need; return whether it succeeded."""
-    keys = [key for name in names for key in load_script(name).needs]
+def _compute_needed_results(script_names: list[str], results: Path, jobs: int) -> bool:
+    """Run the study for all results that the given scripts require; return whether it succeeded."""
+    keys = [key for name in script_names for key in load_figure_script(name).needs]
     command = [sys.executable, "-m", "study", *dict.fromkeys(keys)]
     command += ["--out", str(results), "--jobs", str(jobs)]
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
@@ -232,7 +256,7 @@ def _compute_needed_results(names: list[str], results: Path, jobs: int) -> bool:
 def _draw_figures(
     names: list[str], folder: Path, jobs: int
 ) -> Iterator[tuple[str, DrawingOutcome]]:
-    """Yield the name and outcome of each figure in order; many figures are drawn in parallel."""
+    """Draw figures, in parallel if there are many; yield names and outcomes in the given order."""
     if jobs == 1 or len(names) <= MAX_LISTED_FIGURES:
         yield from ((name, draw_figure(name, folder)) for name in names)
         return
@@ -251,9 +275,17 @@ def _draw_figures(
             yield name, DrawingOutcome(None, [], error)
 
 
-def _report_missing_results(missing_by_figure: dict[str, list[str]], list_all: bool) -> None:
-    """Print which figures lack results; unless `list_all` is true, many figures are summarised."""
-    if list_all or len(missing_by_figure) <= MAX_LISTED_FIGURES:
+def _report_missing_results(
+    missing_by_figure: dict[str, list[str]], name_every_figure: bool
+) -> None:
+    """Print which figures are not drawn because results are missing.
+
+    Args:
+        missing_by_figure: Keys of the missing results, by name of figure.
+        name_every_figure: Whether to name each figure. Otherwise, if there are more than
+            `MAX_LISTED_FIGURES`, only their number and the sections of the results are printed.
+    """
+    if name_every_figure or len(missing_by_figure) <= MAX_LISTED_FIGURES:
         for name, keys in missing_by_figure.items():
             _print_message(f"{name}: not drawn, for want of {', '.join(keys)}")
     else:
@@ -271,4 +303,4 @@ def _print_message(message: str) -> None:
 
 
 if __name__ == "__main__":
-    run_supervised(main, "figures")
+    run_supervised_and_exit(main, "figures")

@@ -1,9 +1,9 @@
-"""Half beam with supports and load, which the figures of section 7.6 share."""
+"""Draw the half beam with supports and load for the figures of section 7.6 (buckling)."""
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from figures.style import plot_mesh
+from figures.style import draw_quadratic_mesh_with_nodes
 from study.publish.plots.symbols import draw_arrow, draw_roller
 from study.run.store import Results
 
@@ -13,10 +13,14 @@ RECONSTRUCTION_NOTE = "Mesh and supports are reconstructed."
 
 
 def draw_half_beam(ax: Axes, results: Results) -> tuple[float, float]:
-    """Draw the half beam with mesh, load P at A and end support; return its length and height."""
+    """Draw the mesh of the half beam, the load P at point A, the end support and dimensions.
+
+    Returns:
+        Length and height of the half beam, in units of the height.
+    """
     nodes = results.curves(MESH_CASE)["nodes"]
     length, height = np.ptp(nodes, axis=0)
-    plot_mesh(ax, nodes, results.curves(MESH_CASE)["cells"])
+    draw_quadratic_mesh_with_nodes(ax, nodes, results.curves(MESH_CASE)["cells"])
     draw_arrow(ax, (-0.75, 0.0), (-0.06, 0.0), LOAD_COLOUR, 1.6)
     ax.annotate("$P$", (-0.8, 0.0), ha="right", va="center", color=LOAD_COLOUR)
     ax.annotate("$A$", (-0.08, 0.1), ha="right", va="bottom")

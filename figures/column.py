@@ -1,4 +1,4 @@
-"""Contact surfaces and outline of the stepped column, which its figures share."""
+"""Select curves of contact surfaces and find the outline, for figures of the stepped column."""
 
 import numpy as np
 
@@ -11,7 +11,16 @@ SYNTHETIC_NOTE = "Synthetic column and supports."
 
 
 def select_surface_curves(curves: Curves, number: int) -> Curves:
-    """Return the curves along one contact surface together with those of the whole body."""
+    """Return the curves along one of the four contact surfaces, without the number in their names.
+
+    Args:
+        curves: Curves of a result of section 7.5, such as "pressure_2" on surface 2.
+        number: Number of the surface, one of `SURFACES`.
+
+    Returns:
+        Curves such as "pressure" on this surface, and the nodes, cells and displacements of the
+        body.
+    """
     suffix = f"_{number}"
     surface_curves = {
         name.removesuffix(suffix): curve for name, curve in curves.items() if name.endswith(suffix)
@@ -19,8 +28,16 @@ def select_surface_curves(curves: Curves, number: int) -> Curves:
     return surface_curves | {name: curves[name] for name in ("nodes", "cells", "displacement")}
 
 
-def section_outline(curves: Curves) -> np.ndarray:
-    """Return the corners (m, 2) of the section, from the axis at the base to that at the top."""
+def corners_of_column_section(curves: Curves) -> np.ndarray:
+    """Return the corners of the column's meridional section, from the base to the top.
+
+    Args:
+        curves: Curves of a result of section 7.5.
+
+    Returns:
+        Radius and height in m of each corner, from the axis at the base to the axis at the top,
+        shape (m, 2).
+    """
     (base, lower, upper, top) = (select_surface_curves(curves, number) for number in SURFACES)
     corners = [(0.0, base["y"][0])]
     for surface_curves in (base, lower, upper):

@@ -1,7 +1,7 @@
-"""Stress curves and deformed shapes, which the figures of contact examples share.
+"""Draw stresses, nodal forces and deformed meshes for the figures of the contact examples.
 
-The curves in the paper's figures are missing from our copy. The table lists the paper's sentences
-about them, and the panels that show the same quantities:
+The curves in the paper's figures are missing from our copy. The table lists the sentences of the
+paper about them, and where this study draws the same quantities:
 
 | paper | sentence | drawn |
 |---|---|---|
@@ -12,8 +12,10 @@ about them, and the panels that show the same quantities:
 | Figs 13, 14 | reaction forces of CPS8 (erroneous after [5]), of the user element | bars |
 | Figs 16 to 23 | contact stresses along every contact surface are given | left panels |
 
-Left panels show tributary stresses, which node-to-surface codes print, and right panels show
-own-function stresses. Both state the deviation from a fine mesh.
+Stresses are computed from nodal forces in two ways. Left panels show tributary stresses (force over
+the part of the surface nearest to the node), which node-to-surface codes print. Right panels show
+own-function stresses (force over the integral of the node's own test function). Both state the
+deviation from the own-function stress on a fine mesh.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,18 +33,21 @@ from study.paper.bands import (
     UNPRINTED_DATA,
     UNPRINTED_DATA_LABEL,
     Variants,
-    envelope,
-    list_case_family,
+    envelope_of_lines,
+    list_keys_of_case_and_variants,
 )
 from study.run.store import Results
 
 DATA_BAND_LOOK = {"color": "#BFBFBF", "label": UNPRINTED_DATA_LABEL}
-"""Style of the band for data that the paper does not state."""
+"""Style of the band that shows the influence of data that the paper does not state."""
 
 RECONSTRUCTED_NOTE = "Dimensions and loads are reconstructed."
 
 READING_NAMES = {"_tributary": TRIBUTARY_READING.name, "": OWN_FUNCTION_READING.name}
-"""Names of the two stress readings, by suffix of the curves; the paper's reading comes first."""
+"""Names of the tributary and the own-function stress, by suffix of the name of the curve.
+
+The tributary stress, which the paper shows, comes first.
+"""
 DEVIATION_NOTE = (
     "Percentages: root mean square deviation from the fine mesh's own-function stress, relative to "
     "that stress, without the end nodes"
@@ -51,37 +56,52 @@ DEVIATION_NOTE = (
 Curves = dict[str, np.ndarray]
 
 
-def stress_deviation(curves: Curves, reference: Curves, stress: str, reading: str) -> float:
-    """Return the relative deviation of a stress curve from that on a fine mesh.
+def relative_stress_deviation_from_fine_mesh(
+    curves: Curves, reference: Curves, stress_name: str, curve_suffix: str
+) -> float:
+    """Return the deviation of a stress curve from the own-function stress on a fine mesh.
 
-    It is the ratio of root mean squares of the difference and of the fine mesh's stress. The nodes
-    at both ends are excluded, because stresses may be singular there.
+    It is the root mean square of the difference, divided by that of the stress on the fine mesh.
+    Both end nodes are excluded, because stresses may be singular there.
 
     Args:
-        curves: Curves with abscissa `x`.
-        reference: Curves on the fine mesh, whose own-function stress is the reference.
-        stress: "pressure" or "shear".
-        reading: Suffix of the name of the curve, a key of `READING_NAMES`.
+        curves: Arrays (n,) for the n contact nodes: positions `x`, and stresses.
+        reference: Arrays (m,) for the m contact nodes of the fine mesh.
+        stress_name: "pressure" or "shear".
+        curve_suffix: Suffix of the name of the curve: "_tributary" or, for own-function stresses,
+            "".
     """
     inner_nodes = slice(1, -1)
-    reference_stress = np.interp(curves["x"][inner_nodes], reference["x"], reference[stress])
-    difference = curves[stress + reading][inner_nodes] - reference_stress
+    reference_stress = np.interp(curves["x"][inner_nodes], reference["x"], reference[stress_name])
+    difference = curves[stress_name + curve_suffix][inner_nodes] - reference_stress
     return float(np.linalg.norm(difference) / np.linalg.norm(reference_stress))
 
 
-def annotate_deviations(
+def annotate_stress_deviations_of_elements(
     ax: Axes,
     curves_by_element: Mapping[str, Curves],
     reference: Curves,
-    stress: str,
-    reading: str,
+    stress_name: str,
+    curve_suffix: str,
     fontsize: float = 7.0,
 ) -> None:
-    """Write the deviations of several elements from a fine mesh into a panel, in per cent."""
+    """Write how much each element's stress deviates from that on a fine mesh, in per cent.
+
+    Args:
+        ax: Axes of the panel.
+        curves_by_element: Curves of each element, by key of the element.
+        reference: Curves on the fine mesh.
+        stress_name: "pressure" or "shear".
+        curve_suffix: Suffix of the name of the curve, see
+            `relative_stress_deviation_from_fine_mesh`.
+        fontsize: Size of the text in points.
+    """
     lines = []
     for element, curves in curves_by_element.items():
         name = ELEMENTS[element].name.partition(",")[0]
-        deviation = 100 * stress_deviation(curves, reference, stress, reading)
+        deviation = 100 * relative_stress_deviation_from_fine_mesh(
+            curves, reference, stress_name, curve_suffix
+        )
         lines.append(f"{name}: {deviation:.2g} %")
     text_options: dict[str, Any] = {
         "fontsize": fontsize,
@@ -92,20 +112,41 @@ def annotate_deviations(
     ax.text(0.03, 1.0, "\n".join(lines), **text_options)
 
 
-def title_panel(ax: Axes, paper_figure: str, reading: str) -> None:
-    """Write the reading above a panel, with the number of the paper's figure for its reading."""
-    name = READING_NAMES[reading]
-    title = f"{paper_figure}: {name}" if reading else name
+def title_panel_with_stress_definition(ax: Axes, paper_figure: str, curve_suffix: str) -> None:
+    """Write above a panel whether it shows tributary or own-function stresses.
+
+    Args:
+        ax: Axes of the panel.
+        paper_figure: Number of the paper's figure, which is added for tributary stresses.
+        curve_suffix: Suffix of the name of the curve, see
+            `relative_stress_deviation_from_fine_mesh`.
+    """
+    name = READING_NAMES[curve_suffix]
+    title = f"{paper_figure}: {name}" if curve_suffix else name
     ax.set_title(title, loc="left", fontsize=7.5)
 
 
-def load_case_family(results: Results, key: str, families: Mapping[str, Variants]) -> list[Curves]:
-    """Return the curves of a case and of its variants."""
-    return [results.curves(member) for member in list_case_family(key, families)]
+def load_curves_of_case_and_variants(
+    results: Results, key: str, variants_by_section: Mapping[str, Variants]
+) -> list[Curves]:
+    """Return the curves of a case and of all its variants, with the case itself first.
+
+    Args:
+        results: Stored results.
+        key: Key of the case.
+        variants_by_section: Variants of each section, such as `UNPRINTED_DATA`.
+    """
+    return [
+        results.curves(member)
+        for member in list_keys_of_case_and_variants(key, variants_by_section)
+    ]
 
 
-def diagonal_band_look(element: str) -> dict[str, Any]:
-    """Return the style of the band that covers all patterns of diagonals for an element."""
+def style_of_band_over_mesh_diagonals(element: str) -> dict[str, Any]:
+    """Return the style of the band of an element's curves on meshes with different diagonals.
+
+    The meshes differ in how quadrilaterals are cut into triangles.
+    """
     element_entry = ELEMENTS[element]
     return {
         "color": element_entry.colour,
@@ -114,63 +155,102 @@ def diagonal_band_look(element: str) -> dict[str, Any]:
     }
 
 
-def shade_band(
-    ax: Axes, family_curves: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
+def shade_range_of_curves(
+    ax: Axes,
+    family_curves: Sequence[Curves],
+    quantity: str,
+    scale: float,
+    band_style: Mapping[str, Any],
 ) -> None:
-    """Shade the range between the smallest and largest values of several curves, times a scale."""
-    x, low, high = envelope([(curves["x"], curves[quantity]) for curves in family_curves])
-    ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
+    """Shade the range between the smallest and the largest of several curves.
+
+    Args:
+        ax: Axes in which to draw.
+        family_curves: Curves of a case and its variants, with positions `x`.
+        quantity: Name of the shaded curve.
+        scale: Factor by which the values are multiplied.
+        band_style: Matplotlib properties of the band.
+    """
+    x, low, high = envelope_of_lines([(curves["x"], curves[quantity]) for curves in family_curves])
+    ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **band_style)
 
 
-def shade_families(ax: Axes, results: Results, varied: str, cut: str, quantity: str) -> None:
-    """Shade the bands for varied unprinted data and for varied diagonals.
+def shade_bands_of_unprinted_data_and_diagonals(
+    ax: Axes, results: Results, unprinted_data_case: str, diagonals_case: str, quantity: str
+) -> None:
+    """Shade the ranges of curves for data that the paper does not state and other diagonals.
 
     Args:
         ax: Axes in which to draw.
         results: Stored results.
-        varied: Key of the case for which data that the paper does not state are varied.
-        cut: Key of the case of the new T6 for which the diagonals are varied.
-        quantity: Name of the curves.
+        unprinted_data_case: Key of the case whose unstated data (dimensions, loads) are varied.
+        diagonals_case: Key of the case of the new T6 whose quadrilaterals are cut into triangles
+            differently.
+        quantity: Name of the shaded curve.
     """
-    unprinted_data = load_case_family(results, varied, UNPRINTED_DATA)
-    shade_band(ax, unprinted_data, quantity, 1.0, DATA_BAND_LOOK)
-    diagonals = load_case_family(results, cut, OTHER_DIAGONALS)
-    shade_band(ax, diagonals, quantity, 1.0, diagonal_band_look("pw-T6"))
+    unprinted_data = load_curves_of_case_and_variants(results, unprinted_data_case, UNPRINTED_DATA)
+    shade_range_of_curves(ax, unprinted_data, quantity, 1.0, DATA_BAND_LOOK)
+    diagonals = load_curves_of_case_and_variants(results, diagonals_case, OTHER_DIAGONALS)
+    shade_range_of_curves(ax, diagonals, quantity, 1.0, style_of_band_over_mesh_diagonals("pw-T6"))
 
 
-def plot_elements(
+def plot_quantity_of_each_element(
     ax: Axes,
     results: Results,
     keys: Sequence[str],
     quantity: str,
     scale: float = 1.0,
-    hollow: str = "composite",
+    hollow_marker_elements: str = "composite",
 ) -> None:
-    """Plot a stress or force of several elements, multiplied by `scale`, against x.
+    """Plot a stress or force along the contact surface, with one line per case.
 
-    Elements whose names contain `hollow` have hollow markers, because their curves nearly coincide
-    with those of others.
+    Args:
+        ax: Axes in which to draw.
+        results: Stored results.
+        keys: Keys of the cases, which differ in the element.
+        quantity: Name of the curve.
+        scale: Factor by which the values are multiplied.
+        hollow_marker_elements: Part of the keys of elements that get hollow markers, because their
+            curves nearly coincide with others.
     """
     for key in keys:
         curves = results.curves(key)
         element = results[key].parameters["element"]
         look = {**ELEMENT_LOOK[element], "linewidth": 0.9, "markersize": 3}
-        if hollow in element:
+        if hollow_marker_elements in element:
             look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.5}
         ax.plot(curves["x"], scale * curves[quantity], **look)
 
 
-def cell_outlines(cells: np.ndarray) -> np.ndarray:
-    """Return the nodes (m, 6 or 8) of cells (m, 6, 8 or 9) in order along their outlines."""
+def order_cell_nodes_along_outline(cells: np.ndarray) -> np.ndarray:
+    """Return the nodes of quadratic cells in cyclic order along the outline of each cell.
+
+    Args:
+        cells: Node indices in the order of Basix, shape (m, 6) for triangles, (m, 8 or 9) for
+            quadrilaterals.
+
+    Returns:
+        Node indices, shape (m, 6 or 8); the node in the middle of a quadrilateral is omitted.
+    """
     outline_order = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
     return cells[:, outline_order]
 
 
 def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
-    """Draw the deformed mesh; return the positions of its nodes."""
+    """Draw the deformed mesh of a body.
+
+    Args:
+        ax: Axes in which to draw.
+        curves: Arrays `nodes` (n, 2), `displacement` (n, 2) and `cells` (m, 6, 8 or 9).
+        scale: Factor by which displacements are magnified.
+        element: Key of the element, whose name becomes the title.
+
+    Returns:
+        Magnified positions of the nodes, shape (n, 2).
+    """
     deformed_nodes = curves["nodes"] + scale * curves["displacement"]
     cell_collection = PolyCollection(
-        deformed_nodes[cell_outlines(curves["cells"])],
+        deformed_nodes[order_cell_nodes_along_outline(curves["cells"])],
         facecolor="#EEF3F7",
         edgecolor="#8A97A3",
         lw=0.4,
@@ -184,22 +264,33 @@ def draw_deformed_mesh(ax: Axes, curves: Curves, scale: float, element: str) -> 
     return deformed_nodes
 
 
-def draw_force_arrows(
-    ax: Axes, curves: Curves, deformed_nodes: np.ndarray, side: float, length: float, element: str
+def draw_nodal_force_arrows(
+    ax: Axes,
+    curves: Curves,
+    deformed_nodes: np.ndarray,
+    surface_side: float,
+    longest_arrow: float,
+    element: str,
 ) -> None:
-    """Draw nodal contact forces on the body.
+    """Draw the nodal contact forces on a deformed body as arrows that end at the nodes.
 
-    `side` is -1 if the surface is below the body and 1 if it is above. The largest normal force is
-    drawn with the given length.
+    Args:
+        ax: Axes in which to draw.
+        curves: Nodes of the body `nodes` (n, 2), and arrays (m,) for the m contact nodes: positions
+            `x` and `y`, normal forces `force_n` and tangential forces `force_t`.
+        deformed_nodes: Positions of the nodes in the drawing, shape (n, 2).
+        surface_side: -1.0 if the rigid surface is below the body, 1.0 if it is above.
+        longest_arrow: Length of the arrow of the largest normal force.
+        element: Key of the element, which determines the colour.
     """
     contact_points = np.column_stack([curves["x"], curves["y"]])
     distance = np.linalg.norm(curves["nodes"][:, None] - contact_points, axis=2)
     nodes = distance.argmin(axis=0)
-    scale = length / curves["force_n"].max()
+    scale = longest_arrow / curves["force_n"].max()
     for node, r_n, r_t in zip(nodes, curves["force_n"], curves["force_t"], strict=True):
         if r_n < 1e-9 * curves["force_n"].max():
             continue  # open node
-        force = scale * np.array([-r_t, -side * r_n])
+        force = scale * np.array([-r_t, -surface_side * r_n])
         arrow_style = {"arrowstyle": "-|>", "lw": 0.8, "color": ELEMENT_LOOK[element]["color"]}
         arrow_style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
         ax.annotate("", deformed_nodes[node], deformed_nodes[node] - force, arrowprops=arrow_style)

@@ -12,7 +12,7 @@ NEEDS = ["3/weights"]
 
 
 def draw(results: Results) -> Figure:
-    """Draw surfaces of two weight functions next to the corresponding shape functions."""
+    """Draw the weight functions w1 and w4, and the shape functions N1 and N4, as surfaces."""
     curves = results.curves("3/weights")
     (x, y), cells = curves["grid"].T, curves["grid_cells"]
     fig = plt.figure(figsize=(PAGE_WIDTH, 2.1))

@@ -14,10 +14,10 @@ CELL_COLOURS = ("#DCE9F5", "#E8F3E1")
 
 
 def draw(results: Results) -> Figure:
-    """Draw two triangles with nine nodes (left) and a quadrilateral with eight nodes (right)."""
+    """Draw two triangles with nine nodes, and the eight-node quadrilateral that they form."""
     curves = results.curves("5/element-pw-Q8")
     nodes, cells, inner_node = curves["nodes"], curves["cells"], int(curves["inner"])
-    order = _order_nodes(nodes, cells, inner_node)
+    order = _order_quadrilateral_nodes(nodes, cells, inner_node)
     outline = nodes[order[:4]]
     fig, axes = plt.subplots(1, 2, figsize=(PAIR_WIDE_WIDTH, 2.3), sharex=True, sharey=True)
     for cell, colour in zip(cells, CELL_COLOURS, strict=True):
@@ -49,8 +49,17 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _order_nodes(nodes: np.ndarray, cells: np.ndarray, inner_node: int) -> np.ndarray:
-    """Return nodes in the usual order: corners counter-clockwise, mid-side nodes, inner node."""
+def _order_quadrilateral_nodes(nodes: np.ndarray, cells: np.ndarray, inner_node: int) -> np.ndarray:
+    """Return the nodes in the usual order: corners counter-clockwise, mid-side nodes, inner node.
+
+    Args:
+        nodes: Coordinates, shape (9, 2).
+        cells: Node indices of both triangles, shape (2, 6), with the corners first.
+        inner_node: Index of the node in the middle of the diagonal.
+
+    Returns:
+        Indices of the nodes, shape (9,).
+    """
     corners = np.unique(cells[:, :3])
     middles = np.setdiff1d(np.unique(cells), [*corners, inner_node])
     centre = nodes[corners].mean(axis=0)

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import PAIR_NARROW_WIDTH, plot_mesh
-from study.publish.plots.symbols import draw_load_arrows, draw_roller
+from figures.style import PAIR_NARROW_WIDTH, draw_quadratic_mesh_with_nodes
+from study.publish.plots.symbols import draw_roller, draw_uniform_load_pressing_down
 from study.run.store import Results
 
 SECTION = "7.1"
@@ -13,11 +13,11 @@ NEEDS = ["7.1/pw-T6"]
 
 
 def draw(results: Results) -> Figure:
-    """Draw the mesh, load and supports."""
+    """Draw the mesh of two triangles with its uniform load and supports."""
     curves = results.curves("7.1/pw-T6")
     fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 2.3))
-    plot_mesh(ax, curves["nodes"], curves["cells"])
-    draw_load_arrows(ax, np.linspace(0, 1, 9), 1.0, 0.16)
+    draw_quadratic_mesh_with_nodes(ax, curves["nodes"], curves["cells"])
+    draw_uniform_load_pressing_down(ax, np.linspace(0, 1, 9), 1.0, 0.16)
     ax.annotate("$q = 1$", (0.5, 1.19), ha="center", va="bottom")
     for x in curves["x"]:
         draw_roller(ax, (x, 0.0), "down")

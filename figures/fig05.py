@@ -12,7 +12,7 @@ PANELS = ("pw-T6", "galerkin-T6")
 
 
 def draw(results: Results) -> Figure:
-    """Plot the reactions at the three lower nodes."""
+    """Plot the reactions at the three lower nodes as bars, for the new and the standard T6."""
     fig, axes = plt.subplots(1, 2, figsize=(PAIR_WIDE_WIDTH, 2.3), sharey=True)
     for ax, element in zip(axes, PANELS, strict=True):
         curves = results.curves(f"7.1/{element}")

@@ -5,8 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.style import PAGE_WIDTH, plot_mesh
-from study.publish.plots.symbols import LINE_COLOUR, draw_arrow, draw_load_arrows
+from figures.style import PAGE_WIDTH, draw_quadratic_mesh_with_nodes
+from study.publish.plots.symbols import LINE_COLOUR, draw_arrow, draw_uniform_load_pressing_down
 from study.run.store import Results
 
 SECTION = "7.2"
@@ -15,15 +15,15 @@ NEEDS = [CASE]
 
 
 def draw(results: Results) -> Figure:
-    """Draw the mesh, the loads, and the foundation with its smooth ends."""
+    """Draw the mesh of the block, the loads, and the foundation with its frictionless ends."""
     curves = results.curves(CASE)
     length, height = curves["nodes"].max(axis=0)
     smooth_length = curves["x"][curves["friction"] > 0].min()
     fig, ax = plt.subplots(figsize=(0.65 * PAGE_WIDTH, 2.5))
-    plot_mesh(ax, curves["nodes"], curves["cells"], linewidth=0.4)
+    draw_quadratic_mesh_with_nodes(ax, curves["nodes"], curves["cells"], linewidth=0.4)
     for line in ax.lines:
         line.set_markersize(1.4)
-    draw_load_arrows(ax, np.linspace(0, length, 21), height, 0.25)
+    draw_uniform_load_pressing_down(ax, np.linspace(0, length, 21), height, 0.25)
     ax.annotate("$p$", (length / 2, height + 0.28), ha="center", va="bottom")
     for y in np.linspace(0.06, height - 0.06, 9):
         draw_arrow(ax, (length + 0.05, y), (length + 0.32, y))

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import PAGE_WIDTH, plot_mesh
+from figures.style import PAGE_WIDTH, draw_quadratic_mesh_with_nodes
 from study.publish.plots.symbols import LINE_COLOUR, draw_arrow
 from study.run.store import Results
 
@@ -15,11 +15,11 @@ RADIUS = 8.0
 
 
 def draw(results: Results) -> Figure:
-    """Draw the mesh, the base and the punch."""
+    """Draw the mesh of the body with its fixed base, the punch, and the forces on it."""
     curves = results.curves(CASE)
     low, high = curves["nodes"].min(axis=0), curves["nodes"].max(axis=0)
     fig, ax = plt.subplots(figsize=(0.7 * PAGE_WIDTH, 2.75))
-    plot_mesh(ax, curves["nodes"], curves["cells"], linewidth=0.5)
+    draw_quadratic_mesh_with_nodes(ax, curves["nodes"], curves["cells"], linewidth=0.5)
     for line in ax.lines:
         line.set_markersize(2.0)
     x = np.linspace(-3.2, 3.2, 81)

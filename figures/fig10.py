@@ -6,15 +6,15 @@ from matplotlib.figure import Figure
 from figures.contact import (
     DEVIATION_NOTE,
     READING_NAMES,
-    annotate_deviations,
-    plot_elements,
-    shade_families,
-    title_panel,
+    annotate_stress_deviations_of_elements,
+    plot_quantity_of_each_element,
+    shade_bands_of_unprinted_data_and_diagonals,
+    title_panel_with_stress_definition,
 )
 from figures.style import PAGE_WIDTH
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
-from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_case_family
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, list_keys_of_case_and_variants
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.store import Results
 
 SECTION = "7.3"
@@ -24,34 +24,41 @@ DRAWN_CASES = [f"7.3/{element}" for element in ELEMENTS]
 NEEDS = [
     *DRAWN_CASES,
     FINE_CASE,
-    *list_case_family(VARIED_CASE, UNPRINTED_DATA)[1:],
-    *list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS)[1:],
+    *list_keys_of_case_and_variants(VARIED_CASE, UNPRINTED_DATA)[1:],
+    *list_keys_of_case_and_variants(DIAGONALS_CASE, OTHER_DIAGONALS)[1:],
 ]
 STRESS_LABELS = {"pressure": "normal pressure", "shear": "shear stress, body on punch"}
 
 
 def draw(results: Results) -> Figure:
-    """Plot both readings of the normal and shear stresses against x."""
+    """Plot pressure and shear along x, each as tributary and as own-function stress.
+
+    For both definitions of the stress, see `figures.contact`.
+    """
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 3.2))
     fine = results.curves(FINE_CASE)
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]
     for ax, (stress, reading) in zip(axes, columns, strict=True):
         curve_name = stress + reading
         if not reading:
-            shade_families(ax, results, VARIED_CASE, DIAGONALS_CASE, curve_name)
+            shade_bands_of_unprinted_data_and_diagonals(
+                ax, results, VARIED_CASE, DIAGONALS_CASE, curve_name
+            )
         ax.plot(fine["x"], fine[stress], color="black", lw=0.9, label="new T6, 114 × 24")
-        plot_elements(ax, results, DRAWN_CASES, curve_name, hollow="pw-T6")
+        plot_quantity_of_each_element(
+            ax, results, DRAWN_CASES, curve_name, hollow_marker_elements="pw-T6"
+        )
         curves_by_element = {element: results.curves(f"7.3/{element}") for element in ELEMENTS}
         low, high = ax.get_ylim()
         ax.set_ylim(0 if stress == "pressure" else low, high + 0.45 * (high - low))
-        annotate_deviations(ax, curves_by_element, fine, stress, reading, 6.0)
-        draw_zone_strip(ax, results.curves("7.3/pw-Q8"))
+        annotate_stress_deviations_of_elements(ax, curves_by_element, fine, stress, reading, 6.0)
+        draw_contact_zone_strip(ax, results.curves("7.3/pw-Q8"))
         ax.set(xlabel="$x$", xlim=(-2.3, 2.3))
         ax.set_ylabel(STRESS_LABELS[stress] if reading else "", fontsize=8)
-        title_panel(ax, "Paper Fig. 10", reading)
+        title_panel_with_stress_definition(ax, "Paper Fig. 10", reading)
         ax.tick_params(labelsize=7)
     handles, _ = axes[1].get_legend_handles_labels()
-    zones = zone_legend_handles(results.curves("7.3/pw-Q8"))
+    zones = contact_zone_legend_handles(results.curves("7.3/pw-Q8"))
     fig.legend(handles=[*handles, *zones], loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
@@ -61,7 +68,7 @@ def caption(results: Results) -> str:
     least_force, largest_force = (
         extreme(
             results.scalar(key, "force_indentation")
-            for key in list_case_family(VARIED_CASE, UNPRINTED_DATA)
+            for key in list_keys_of_case_and_variants(VARIED_CASE, UNPRINTED_DATA)
         )
         for extreme in (min, max)
     )

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from figures.style import PAGE_WIDTH, plot_mesh
+from figures.style import PAGE_WIDTH, draw_quadratic_mesh_with_nodes
 from study.publish.plots.symbols import LINE_COLOUR, draw_arrow
 from study.run.store import Results
 
@@ -14,12 +14,12 @@ NEEDS = [CASE]
 
 
 def draw(results: Results) -> Figure:
-    """Draw the whole body, and the mesh around the plate."""
+    """Draw the whole body with its supports (left), and the mesh around the plate (right)."""
     curves = results.curves(CASE)
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3))
     half_width = curves["x"].max()
     for ax, (width, depth) in zip(axes, ((20.0, 10.0), (3.2, 1.9)), strict=True):
-        plot_mesh(ax, curves["nodes"], curves["cells"], linewidth=0.5)
+        draw_quadratic_mesh_with_nodes(ax, curves["nodes"], curves["cells"], linewidth=0.5)
         for line in ax.lines:
             line.set_markersize(0.8 if width > 10 else 2.6)
         ax.add_patch(

@@ -7,10 +7,20 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.contact import DATA_BAND_LOOK, diagonal_band_look, load_case_family
+from figures.contact import (
+    DATA_BAND_LOOK,
+    load_curves_of_case_and_variants,
+    style_of_band_over_mesh_diagonals,
+)
 from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.model.vocabulary import ELEMENTS
-from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, envelope, list_case_family
+from study.paper.bands import (
+    OTHER_DIAGONALS,
+    UNPRINTED_DATA,
+    Variants,
+    envelope_of_lines,
+    list_keys_of_case_and_variants,
+)
 from study.run.store import Results
 
 SECTION = "7.4"
@@ -22,16 +32,16 @@ NEEDS = [
     *(
         member
         for element in PANELS
-        for member in list_case_family(f"7.4/{element}", UNPRINTED_DATA)
+        for member in list_keys_of_case_and_variants(f"7.4/{element}", UNPRINTED_DATA)
     ),
 ]
-NEEDS += list_case_family(DIAGONALS_CASE, OTHER_DIAGONALS)
+NEEDS += list_keys_of_case_and_variants(DIAGONALS_CASE, OTHER_DIAGONALS)
 REFINEMENT_FACTOR = 4
-"""Ratio of element sizes, and therefore of nodal forces, to those of the fine mesh."""
+"""Ratio of the element sizes of both meshes, by which nodal forces on the fine mesh are scaled."""
 
 
 def draw(results: Results) -> Figure:
-    """Plot normal nodal forces as bars, with those on the fine mesh on the same scale."""
+    """Plot the normal nodal forces of both elements as bars, and scaled ones of a fine mesh."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
     fine = results.curves(FINE_CASE)
     for ax, element, number in zip(axes, PANELS, (13, 14), strict=True):
@@ -55,7 +65,12 @@ def draw(results: Results) -> Figure:
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
     _shade_force_ranges(
-        axes[1], results, DIAGONALS_CASE, OTHER_DIAGONALS, 0.1, diagonal_band_look("pw-T6")
+        axes[1],
+        results,
+        DIAGONALS_CASE,
+        OTHER_DIAGONALS,
+        0.1,
+        style_of_band_over_mesh_diagonals("pw-T6"),
     )
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
@@ -66,16 +81,26 @@ def _shade_force_ranges(
     ax: Axes,
     results: Results,
     key: str,
-    families: Mapping[str, Variants],
-    width: float,
+    variants_by_section: Mapping[str, Variants],
+    bar_width: float,
     look: Mapping[str, Any],
 ) -> None:
-    """Shade the range of each nodal force over a family of cases."""
+    """Draw the range of each nodal force over a case and its variants as a bar.
+
+    Args:
+        ax: Axes in which to draw.
+        results: Stored results.
+        key: Key of the case.
+        variants_by_section: Variants of each section, such as `UNPRINTED_DATA`.
+        bar_width: Width of the bars.
+        look: Matplotlib properties of the bars.
+    """
     force_lines = [
-        (curves["x"], curves["force_n"]) for curves in load_case_family(results, key, families)
+        (curves["x"], curves["force_n"])
+        for curves in load_curves_of_case_and_variants(results, key, variants_by_section)
     ]
-    x, low, high = envelope(force_lines)
-    ax.bar(x, high - low, width, bottom=low, linewidth=0.4, zorder=2.5, **look)
+    x, low, high = envelope_of_lines(force_lines)
+    ax.bar(x, high - low, bar_width, bottom=low, linewidth=0.4, zorder=2.5, **look)
 
 
 def caption(results: Results) -> str:

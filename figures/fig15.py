@@ -10,10 +10,10 @@ from figures.column import (
     MM_PER_M,
     SURFACES,
     SYNTHETIC_NOTE,
-    section_outline,
+    corners_of_column_section,
     select_surface_curves,
 )
-from figures.style import PAGE_WIDTH, plot_mesh
+from figures.style import PAGE_WIDTH, draw_quadratic_mesh_with_nodes
 from study.publish.plots.symbols import LINE_COLOUR, draw_arrow, draw_roller
 from study.run.store import Results
 
@@ -25,13 +25,13 @@ GAP_SCALE = 40.0  # factor by which gaps are magnified
 
 
 def draw(results: Results) -> Figure:
-    """Draw the column in contact, and the mesh with the supports of Table 1."""
+    """Draw the column with rigid contact surfaces, and the mesh with the supports for Table 1."""
     curves = results.curves(CASE)
     fig, (contact_ax, vibration_ax) = plt.subplots(
         1, 2, figsize=(PAGE_WIDTH, 4.4), width_ratios=(1.6, 1)
     )
-    corners = MM_PER_M * section_outline(curves)
-    _draw_contact(
+    corners = MM_PER_M * corners_of_column_section(curves)
+    _draw_column_and_rigid_surfaces(
         contact_ax,
         curves,
         corners,
@@ -39,7 +39,9 @@ def draw(results: Results) -> Figure:
     )
     contact_ax.set_title("(a) contact: Figs 16–23", loc="left")
 
-    plot_mesh(vibration_ax, MM_PER_M * curves["nodes"], curves["cells"], linewidth=0.5)
+    draw_quadratic_mesh_with_nodes(
+        vibration_ax, MM_PER_M * curves["nodes"], curves["cells"], linewidth=0.5
+    )
     for line in vibration_ax.lines:
         line.set_markersize(0.7)
     top = corners[:, 1].max()
@@ -57,19 +59,31 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _draw_contact(
-    ax: Axes, curves: dict[str, np.ndarray], corners: np.ndarray, gaps: list[float]
+def _draw_column_and_rigid_surfaces(
+    ax: Axes, curves: dict[str, np.ndarray], outline_corners: np.ndarray, gaps: list[float]
 ) -> None:
-    """Draw the column with its mirror image, and the rigid surfaces with their numbers."""
+    """Draw the section of the column with its mirror image, and the numbered rigid surfaces.
+
+    Args:
+        ax: Axes in which to draw.
+        curves: Curves of a result of section 7.5.
+        outline_corners: Radius and height of the corners of the outline in mm, shape (m, 2).
+        gaps: Initial gaps of surfaces 2 and 3 in m.
+    """
     for side in (1, -1):
-        ax.fill(side * corners[:, 0], corners[:, 1], facecolor="#DCE6EE", edgecolor="none")
-        ax.plot(side * corners[:-1, 0], corners[:-1, 1], color=LINE_COLOUR, lw=1.0)
-        ax.plot(side * corners[-2:, 0], corners[-2:, 1], color=LINE_COLOUR, lw=1.0)
-    low, high = corners[:, 1].min() - 50, corners[:, 1].max() + 50
+        ax.fill(
+            side * outline_corners[:, 0],
+            outline_corners[:, 1],
+            facecolor="#DCE6EE",
+            edgecolor="none",
+        )
+        ax.plot(side * outline_corners[:-1, 0], outline_corners[:-1, 1], color=LINE_COLOUR, lw=1.0)
+        ax.plot(side * outline_corners[-2:, 0], outline_corners[-2:, 1], color=LINE_COLOUR, lw=1.0)
+    low, high = outline_corners[:, 1].min() - 50, outline_corners[:, 1].max() + 50
     ax.plot([0, 0], [low, high], color=LINE_COLOUR, lw=0.7, ls=(0, (9, 3, 2, 3)))
     ax.annotate("$a$", (-4, high), va="top", ha="right")
     ax.annotate("$b$", (-4, low), va="bottom", ha="right")
-    max_radius = corners[:, 0].max()
+    max_radius = outline_corners[:, 0].max()
     drawn_gaps = [0.0, *(GAP_SCALE * MM_PER_M * gap for gap in gaps), 0.0]
     for surface, gap in zip(SURFACES, drawn_gaps, strict=True):
         surface_curves = select_surface_curves(curves, surface)
@@ -99,7 +113,7 @@ def _draw_contact(
             ax.annotate(
                 text, (plate_end + 5, level - gap - PLATE_THICKNESS / 2), va="center", fontsize=8
             )
-    top = corners[:, 1].max() + PLATE_THICKNESS
+    top = outline_corners[:, 1].max() + PLATE_THICKNESS
     draw_arrow(ax, (0, top + 45), (0, top + 2), width=1.4)
     ax.annotate("1 mm", (8, top + 26), fontsize=8)
     ax.set(xlim=(-max_radius - 45, max_radius + 75), ylim=(low - 5, high + 30))

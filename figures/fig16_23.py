@@ -13,15 +13,20 @@ from figures.contact import (
     DEVIATION_NOTE,
     READING_NAMES,
     Curves,
-    annotate_deviations,
-    diagonal_band_look,
-    load_case_family,
-    shade_band,
+    annotate_stress_deviations_of_elements,
+    load_curves_of_case_and_variants,
+    shade_range_of_curves,
+    style_of_band_over_mesh_diagonals,
 )
 from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
-from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, Variants, list_case_family
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.paper.bands import (
+    OTHER_DIAGONALS,
+    UNPRINTED_DATA,
+    Variants,
+    list_keys_of_case_and_variants,
+)
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.store import Results
 
 SECTION = "7.5"
@@ -31,28 +36,35 @@ DIAGONALS_CASES = ("7.5/galerkin-T6", "7.5/pw-T6")
 NEEDS = [
     *(f"7.5/{element}" for element in ELEMENTS),
     FINE_CASE,
-    *list_case_family(VARIED_CASE, UNPRINTED_DATA)[1:],
-    *(member for key in DIAGONALS_CASES for member in list_case_family(key, OTHER_DIAGONALS)[1:]),
+    *list_keys_of_case_and_variants(VARIED_CASE, UNPRINTED_DATA)[1:],
+    *(
+        member
+        for key in DIAGONALS_CASES
+        for member in list_keys_of_case_and_variants(key, OTHER_DIAGONALS)[1:]
+    ),
 ]
 STRESS_LABELS = {"pressure": "normal pressure", "shear": "shear stress"}
 HOLLOW_MARKERS = {"markerfacecolor": "none", "markersize": 4.5, "linewidth": 0.5}
 SURFACES_WITHOUT_BAND = {2, 3}
-"""Surfaces without a grey band.
+"""Surfaces for which the band of unstated data is not drawn.
 
-The band would extend from zero (gaps of 0.2 mm) beyond the scale (no gaps).
+It would extend from zero (gaps of 0.2 mm) to beyond the panel (no gaps).
 """
 MAX_AXIS_OVER_LARGEST = 2.4  # axis limit over largest stress of the new element, without edges
 
 
 def draw(results: Results) -> Figure:
-    """Plot both stresses in both readings (columns) for the surfaces from the base up (rows)."""
+    """Plot pressure and shear over the radius, with one row per contact surface, from the base up.
+
+    Each stress has two columns: tributary and own-function stresses, see `figures.contact`.
+    """
     fig, axes = plt.subplots(4, 4, figsize=(PAGE_WIDTH, 7.9))
     columns = [(stress, reading) for stress in STRESS_LABELS for reading in READING_NAMES]
     for row, number in zip(axes, SURFACES, strict=True):
         zones = select_surface_curves(results.curves(VARIED_CASE), number)
         for ax, (stress, reading) in zip(row, columns, strict=True):
-            _draw_panel(ax, results, number, stress, reading)
-            draw_zone_strip(ax, {**zones, "x": MM_PER_M * zones["x"]})
+            _plot_stress_panel_of_surface(ax, results, number, stress, reading)
+            draw_contact_zone_strip(ax, {**zones, "x": MM_PER_M * zones["x"]})
             paper_figure = 14 + 2 * number + (stress == "shear")
             title = (
                 f"Paper Fig. {paper_figure}: surface {number}"
@@ -65,17 +77,24 @@ def draw(results: Results) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel("$r$ / mm", fontsize=8)
     handles, _ = axes[0, 1].get_legend_handles_labels()
-    handles += zone_legend_handles(select_surface_curves(results.curves(VARIED_CASE), 1))
+    handles += contact_zone_legend_handles(select_surface_curves(results.curves(VARIED_CASE), 1))
     fig.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=7.5)
     return fig
 
 
-def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: str) -> None:
-    def family_curves(key: str, families: Mapping[str, Variants]) -> list[Curves]:
-        """Return the curves of a family, with radii of the second column mapped to the first."""
+def _plot_stress_panel_of_surface(
+    ax: Axes, results: Results, surface_number: int, stress_name: str, curve_suffix: str
+) -> None:
+    def load_curves_over_first_column_radii(
+        key: str, variants_by_section: Mapping[str, Variants]
+    ) -> list[Curves]:
+        """Return the curves of a case and its variants, with radii in mm.
+
+        The radii of other columns are mapped linearly to those of the first column.
+        """
         base, *other_columns = (
-            select_surface_curves(curves, number)
-            for curves in load_case_family(results, key, families)
+            select_surface_curves(curves, surface_number)
+            for curves in load_curves_of_case_and_variants(results, key, variants_by_section)
         )
         end_radii = base["x"][[0, -1]]
         mapped_columns = [
@@ -87,31 +106,45 @@ def _draw_panel(ax: Axes, results: Results, number: int, stress: str, reading: s
         ]
         return [{**c, "x": MM_PER_M * c["x"]} for c in (base, *mapped_columns)]
 
-    curve_name = stress + reading
-    if not reading:
-        if number not in SURFACES_WITHOUT_BAND:
-            shade_band(
-                ax, family_curves(VARIED_CASE, UNPRINTED_DATA), curve_name, 1e-3, DATA_BAND_LOOK
+    curve_name = stress_name + curve_suffix
+    if not curve_suffix:
+        if surface_number not in SURFACES_WITHOUT_BAND:
+            shade_range_of_curves(
+                ax,
+                load_curves_over_first_column_radii(VARIED_CASE, UNPRINTED_DATA),
+                curve_name,
+                1e-3,
+                DATA_BAND_LOOK,
             )
         for key, element in zip(DIAGONALS_CASES, ("galerkin-T6", "pw-T6"), strict=True):
-            look = diagonal_band_look(element)
-            shade_band(ax, family_curves(key, OTHER_DIAGONALS), curve_name, 1e-3, look)
-    fine = select_surface_curves(results.curves(FINE_CASE), number)
+            look = style_of_band_over_mesh_diagonals(element)
+            shade_range_of_curves(
+                ax,
+                load_curves_over_first_column_radii(key, OTHER_DIAGONALS),
+                curve_name,
+                1e-3,
+                look,
+            )
+    fine = select_surface_curves(results.curves(FINE_CASE), surface_number)
     label = "new T6, mesh halved"
-    ax.plot(MM_PER_M * fine["x"], fine[stress] / 1e3, color="black", lw=0.9, label=label)
+    ax.plot(MM_PER_M * fine["x"], fine[stress_name] / 1e3, color="black", lw=0.9, label=label)
     curves_by_element = {
-        element: select_surface_curves(results.curves(f"7.5/{element}"), number)
+        element: select_surface_curves(results.curves(f"7.5/{element}"), surface_number)
         for element in ELEMENTS
     }
     for element, curves in curves_by_element.items():
         look = {**ELEMENT_LOOK[element], "markersize": 2.5, "linewidth": 0.8}
         look |= HOLLOW_MARKERS if element == "pw-Q8" else {}  # coincides with the new T6
         ax.plot(MM_PER_M * curves["x"], curves[curve_name] / 1e3, **look)
-    inner_stress = select_surface_curves(results.curves(VARIED_CASE), number)[stress][:-1] / 1e3
+    inner_stress = (
+        select_surface_curves(results.curves(VARIED_CASE), surface_number)[stress_name][:-1] / 1e3
+    )
     low, high = ax.get_ylim()
     high = min(high, MAX_AXIS_OVER_LARGEST * float(inner_stress.max()))
-    ax.set_ylim(min(low, 0) if stress == "shear" else 0, 1.5 * high)
-    annotate_deviations(ax, curves_by_element, fine, stress, reading, 5.5)
+    ax.set_ylim(min(low, 0) if stress_name == "shear" else 0, 1.5 * high)
+    annotate_stress_deviations_of_elements(
+        ax, curves_by_element, fine, stress_name, curve_suffix, 5.5
+    )
 
 
 def caption(results: Results) -> str:

@@ -14,7 +14,10 @@ NEEDS = [MESH_CASE]
 
 
 def draw(results: Results) -> Figure:
-    """Draw the half beam, held horizontally at mid-section (left) or pinned there (right)."""
+    """Draw the half beam for symmetric (left) and antisymmetric (right) buckling modes.
+
+    At mid-section, it is held horizontally over the height, or pinned at the centre.
+    """
     fig, (symmetric_ax, antisymmetric_ax) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 1.7))
     length, height = draw_half_beam(symmetric_ax, results)
     for y in np.linspace(-height / 2, height / 2, 9):

@@ -1,4 +1,4 @@
-"""Rearrange figures for telephones, with panels below each other."""
+"""Rearrange figures for the screens of telephones, with panels below each other."""
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -8,7 +8,7 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.legend import Legend
 
 SCREEN_WIDTH = 3.7
-"""Largest width in inches that a screen of 390 pixels shows without scaling."""
+"""Largest width in inches of a figure that a screen of 390 pixels shows without scaling."""
 MIN_HEIGHT_RATIO, MAX_HEIGHT_RATIO = (
     0.6,
     0.8,
@@ -17,10 +17,11 @@ MIN_PANELS_FOR_TWO_COLUMNS = 4  # rows with at least this many panels become two
 MAX_LEGEND_COLUMNS = 2  # maximum number of columns of a legend, if they fit
 
 
-def narrow_figure(figure: Figure) -> Figure:
-    """Rearrange a figure such that it is no wider than `SCREEN_WIDTH`; return the figure.
+def rearrange_figure_for_telephone(figure: Figure) -> Figure:
+    """Rearrange a figure in place, such that it is no wider than `SCREEN_WIDTH`, and return it.
 
-    Rows of panels become columns. Panels that shared labels with an adjacent panel get their own.
+    Panels of a row are placed below each other, or in two columns if there are many. Panels that
+    shared labels with an adjacent panel get their own.
     """
     width, height = figure.get_size_inches()
     if width <= SCREEN_WIDTH:
@@ -36,7 +37,7 @@ def narrow_figure(figure: Figure) -> Figure:
             max(height * SCREEN_WIDTH / width, min(height, MAX_HEIGHT_RATIO * SCREEN_WIDTH)),
         )
     else:
-        _label_all_panels(specs_by_panel, grid.nrows)
+        _copy_shared_labels_to_all_panels(specs_by_panel, grid.nrows)
         are_pictures = len(specs_by_panel) > MIN_PANELS_FOR_TWO_COLUMNS and all(
             ax.get_aspect() != "auto" for ax in specs_by_panel
         )
@@ -54,12 +55,17 @@ def narrow_figure(figure: Figure) -> Figure:
             rows * max(min(panel_height, MAX_HEIGHT_RATIO * SCREEN_WIDTH), min_panel_height),
         )
     for legend in list(figure.legends):
-        _narrow_legend(figure, legend)
+        _reduce_legend_columns_to_fit(figure, legend)
     return figure
 
 
-def _label_all_panels(specs_by_panel: dict[Axes, SubplotSpec], rows: int) -> None:
-    """Copy the labels and titles of rows and columns to each panel that shared them."""
+def _copy_shared_labels_to_all_panels(specs_by_panel: dict[Axes, SubplotSpec], rows: int) -> None:
+    """Give each panel of a grid its own axis labels and title, copied from the panel that has them.
+
+    Args:
+        specs_by_panel: Position of each panel in the grid.
+        rows: Number of rows of the grid.
+    """
     panels_by_position = {
         (spec.rowspan.start, spec.colspan.start): ax for ax, spec in specs_by_panel.items()
     }
@@ -73,7 +79,7 @@ def _label_all_panels(specs_by_panel: dict[Axes, SubplotSpec], rows: int) -> Non
         ax.tick_params(labelleft=True, labelbottom=True)
 
 
-def _narrow_legend(figure: Figure, legend: Legend) -> None:
+def _reduce_legend_columns_to_fit(figure: Figure, legend: Legend) -> None:
     handles: list[Artist] = [handle for handle in legend.legend_handles if handle]
     labels = [text.get_text() for text in legend.get_texts()]
     vertical_side = "upper" if getattr(legend, "_outside_loc", None) == "upper" else "lower"

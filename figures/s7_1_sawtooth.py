@@ -12,7 +12,7 @@ NEEDS = [f"7.1/{element}-row" for element in ELEMENTS]
 
 
 def draw(results: Results) -> Figure:
-    """Plot nodal forces below a row of squares under uniform pressure."""
+    """Plot nodal reactions below a row of squares under uniform pressure, for both elements."""
     fig, ax = plt.subplots(figsize=(PAGE_WIDTH, 2.6))
     for element in ELEMENTS:
         curves = results.curves(f"7.1/{element}-row")

@@ -3,9 +3,9 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_force_arrows
+from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_nodal_force_arrows
 from figures.style import PAGE_WIDTH
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.store import Results
 
 SECTION = "7.2"
@@ -15,16 +15,16 @@ DISPLACEMENT_SCALE = 0.5
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed mesh, the forces of the foundation on the block, and contact zones."""
+    """Draw deformed mesh, nodal contact forces and contact zones of both elements."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.2/{element}")
         deformed_nodes = draw_deformed_mesh(ax, curves, DISPLACEMENT_SCALE, element)
-        draw_force_arrows(ax, curves, deformed_nodes, -1.0, 0.7, element)
-        draw_zone_strip(ax, curves)
+        draw_nodal_force_arrows(ax, curves, deformed_nodes, -1.0, 0.7, element)
+        draw_contact_zone_strip(ax, curves)
         ax.set(xlabel="$x$", ylim=(-0.95, 2.15), xlim=(-0.25, 4.6))
     axes[0].set_ylabel("$y$")
-    fig.legend(handles=zone_legend_handles(curves), loc="outside lower center", ncols=3)
+    fig.legend(handles=contact_zone_legend_handles(curves), loc="outside lower center", ncols=3)
     return fig
 
 

@@ -20,7 +20,7 @@ PANELS = {
 
 
 def draw(results: Results) -> Figure:
-    """Plot each measure in its own panel."""
+    """Plot nodal force, own-function pressure and tributary pressure along x, one panel each."""
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 1.85), sharey=True)
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_force_arrows
+from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_nodal_force_arrows
 from figures.style import PAGE_WIDTH
 from study.run.store import Results
 
@@ -13,12 +13,12 @@ NEEDS = [f"7.3/{element}" for element in ELEMENTS]
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed mesh, true to scale, and the forces of the punch on the body."""
+    """Draw the deformed mesh to scale and the nodal forces of the punch, for both elements."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.3), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.3/{element}")
         deformed_nodes = draw_deformed_mesh(ax, curves, 1.0, element)
-        draw_force_arrows(ax, curves, deformed_nodes, 1.0, 1.3, element)
+        draw_nodal_force_arrows(ax, curves, deformed_nodes, 1.0, 1.3, element)
         ax.set(xlabel="$x$", xlim=(-4.2, 4.2), ylim=(-0.2, 5.4))
     axes[0].set_ylabel("$y$")
     return fig

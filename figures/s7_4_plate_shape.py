@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_force_arrows
+from figures.contact import RECONSTRUCTED_NOTE, draw_deformed_mesh, draw_nodal_force_arrows
 from figures.style import PAGE_WIDTH
 from study.run.store import Results
 
@@ -14,12 +14,12 @@ DISPLACEMENT_SCALE = 4e5
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed mesh near the plate, the forces of the plate on the body, and the zones."""
+    """Draw the deformed mesh near the plate and the nodal contact forces, for both elements."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.4/{element}")
         deformed_nodes = draw_deformed_mesh(ax, curves, DISPLACEMENT_SCALE, element)
-        draw_force_arrows(ax, curves, deformed_nodes, 1.0, 1.2, element)
+        draw_nodal_force_arrows(ax, curves, deformed_nodes, 1.0, 1.2, element)
         ax.set(xlabel="$x/b$", xlim=(-2.1, 2.1), ylim=(-2.4, 1.3))
     axes[0].set_ylabel("$y/b$")
     return fig

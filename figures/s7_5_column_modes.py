@@ -6,7 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from figures import contact
-from figures.column import MM_PER_M, SYNTHETIC_NOTE, section_outline
+from figures.column import MM_PER_M, SYNTHETIC_NOTE, corners_of_column_section
 from figures.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.store import Results
 
@@ -18,11 +18,14 @@ LARGEST_DISPLACEMENT = 40.0  # largest displacement in the drawing, in mm
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed sections with their mirror images."""
+    """Draw six vibration modes of the column as deformed sections with their mirror images."""
     curves = results.curves(CASE)
-    nodes, cells = MM_PER_M * curves["nodes"], contact.cell_outlines(curves["cells"])
-    corners = MM_PER_M * section_outline(curves)
-    boundary_nodes = _boundary_nodes(curves["cells"])
+    nodes, cells = (
+        MM_PER_M * curves["nodes"],
+        contact.order_cell_nodes_along_outline(curves["cells"]),
+    )
+    corners = MM_PER_M * corners_of_column_section(curves)
+    boundary_nodes = _find_nodes_on_boundary(curves["cells"])
     fig, axes = plt.subplots(1, 6, figsize=(PAGE_WIDTH, 2.45), sharey=True)
     for mode, ax in enumerate(axes, start=1):
         shape = curves[f"shape_{mode}"]
@@ -55,9 +58,13 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _boundary_nodes(cells: np.ndarray) -> np.ndarray:
-    """Return the nodes on sides that belong to one cell only."""
-    outlines = contact.cell_outlines(cells)
+def _find_nodes_on_boundary(cells: np.ndarray) -> np.ndarray:
+    """Return the sorted nodes on sides that belong to one cell only.
+
+    Args:
+        cells: Node indices of quadratic cells, shape (m, 6, 8 or 9).
+    """
+    outlines = contact.order_cell_nodes_along_outline(cells)
     sides = np.stack([outlines[:, 0::2], outlines[:, 1::2], np.roll(outlines[:, 0::2], -1, 1)], -1)
     sides = sides.reshape(-1, 3)
     _, first_index, count = np.unique(sides[:, 1], return_index=True, return_counts=True)

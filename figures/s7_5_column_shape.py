@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.column import MM_PER_M, SURFACES, SYNTHETIC_NOTE, select_surface_curves
-from figures.contact import draw_deformed_mesh, draw_force_arrows
+from figures.contact import draw_deformed_mesh, draw_nodal_force_arrows
 from figures.style import PAGE_WIDTH
 from study.run.store import Results
 
@@ -16,7 +16,7 @@ ARROW_LENGTH = 80.0  # length of the largest arrow on each surface, in mm
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed section and the nodal forces on it."""
+    """Draw the deformed section and the nodal contact forces on it, one panel per element."""
     fig, axes = plt.subplots(1, 2, figsize=(0.72 * PAGE_WIDTH, 6.6), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = dict(results.curves(f"7.5/{element}"))
@@ -29,7 +29,7 @@ def draw(results: Results) -> Figure:
         deformed_nodes = draw_deformed_mesh(ax, curves, DISPLACEMENT_SCALE, element)
         for surface in SURFACES:
             side = 1.0 if surface == max(SURFACES) else -1.0
-            draw_force_arrows(
+            draw_nodal_force_arrows(
                 ax,
                 select_surface_curves(curves, surface),
                 deformed_nodes,

@@ -24,7 +24,10 @@ NEEDS = [
 
 
 def draw(results: Results) -> Figure:
-    """Plot relative errors against the number of divisions of the height, one panel per form."""
+    """Plot relative errors of the critical stress against the number of elements over the height.
+
+    Each panel shows one form of the geometric stiffness, G or J.
+    """
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0), sharey=True)
     for ax, (form, cases) in zip(axes, CASES_BY_FORM.items(), strict=True):
         for case in cases:
@@ -34,8 +37,10 @@ def draw(results: Results) -> Figure:
                 look |= {"linestyle": "--", "label": "symmetrised, eigenvalue step only"}
             elif parameters["element"] == "pw-T6":  # coincides with the standard one
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
-            height_divisions = [ny for _, ny in measures.uniform_load_divisions(results, case)]
-            errors = np.abs(measures.uniform_load_errors(results, case, MODE))
+            height_divisions = [
+                ny for _, ny in measures.mesh_divisions_of_uniform_load_cases(results, case)
+            ]
+            errors = np.abs(measures.stress_errors_of_uniform_load_cases(results, case, MODE))
             ax.loglog(height_divisions, errors, **look)
         slope_divisions = np.array([2.0, 16.0])
         for order, start in ((4, 3e-4), (2, 4e-2)):

@@ -17,7 +17,7 @@ OUTLINE_ORDER = [0, 5, 1, 3, 2, 4]  # Basix nodes of a triangle along its outlin
 
 
 def draw(results: Results) -> Figure:
-    """Draw the deformed half beam and its mirror image."""
+    """Draw the buckling modes 1 and 2 of the half beam, completed by its mirror image."""
     curves = results.curves(CASE)
     nodes, cells = curves["nodes"], curves["cells"][:, OUTLINE_ORDER]
     mirror_x = nodes[:, 0].max()

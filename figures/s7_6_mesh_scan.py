@@ -27,20 +27,25 @@ GROUP_LOOK: dict[str, dict[str, Any]] = {
 }
 EVIDENCE_COLOUR = "#CC79A7"
 PLOT_HALF_WIDTH, ZOOM_HALF_WIDTHS = 15.0, {"cps6": 0.6, "user": 0.1}
-"""Half widths of the plots and of their enlarged centres, in per cent."""
+"""Half widths in per cent of the plots, and of the enlarged plots by row of Table 2."""
 ODDS_20_TO_1_SHARE = 1 / 21
-"""Fraction of random rows that corresponds to odds of 20 to 1 against chance."""
+"""Fraction of random rows, if met as closely, that gives odds of 20 to 1 against chance."""
 
 
 def draw(results: Results) -> Figure:
-    """Plot the deviations of all models from the print, and how closely random rows are met."""
+    """Compare computed critical stresses of many models with Table 2 and with random numbers.
+
+    Left and middle, for one row of Table 2 each: deviations of modes 1 and 2 of all models from the
+    printed values, with an enlargement below. Right: fraction of random rows that have a model
+    within a given distance.
+    """
     fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 4.9))
     for (whole_ax, zoom_ax), (row, title) in zip(axes.T, ROW_TITLES.items(), strict=False):
         for ax, half_width, marker_size in (
             (whole_ax, PLOT_HALF_WIDTH, 1.2),
             (zoom_ax, ZOOM_HALF_WIDTHS[row], 5),
         ):
-            _draw_deviations(ax, results, row, marker_size)
+            _plot_model_deviations_from_print(ax, results, row, marker_size)
             ax.plot(0, 0, "+", color="black", ms=8, zorder=4, label="print")
             ax.set(
                 xlabel="mode 1: deviation / %",
@@ -51,27 +56,35 @@ def draw(results: Results) -> Figure:
             ax.locator_params(axis="y", nbins=5)
         whole_ax.set_title(title)
         zoom_ax.set_title(f"the middle, {PLOT_HALF_WIDTH / ZOOM_HALF_WIDTHS[row]:.0f} times larger")
-        _draw_random_rows(whole_ax, results, row)
-        _draw_distances(zoom_ax, results, row)
+        _draw_ellipse_of_random_rows(whole_ax, results, row)
+        _draw_squares_of_best_and_evidence_distance(zoom_ax, results, row)
     for ax in axes[:, 0]:
         ax.set_ylabel("mode 2: deviation / %")
-    _draw_chance_curves(axes[0, 2], results)
-    _draw_legend(axes[1, 2], *axes[:, 0])
+    _plot_share_of_random_rows_met(axes[0, 2], results)
+    _draw_common_legend_of_plots(axes[1, 2], *axes[:, 0])
     return fig
 
 
-def _draw_deviations(ax: Axes, results: Results, row: str, marker_size: float) -> None:
+def _plot_model_deviations_from_print(
+    ax: Axes, results: Results, table_row: str, marker_size: float
+) -> None:
     curves = results.curves(CASE)
-    is_corner = curves[f"{row}_corner"]
+    is_corner = curves[f"{table_row}_corner"]
     for (label, look), is_in_group in zip(GROUP_LOOK.items(), (~is_corner, is_corner), strict=True):
-        points = curves[f"{row}_deviation"][is_in_group]
+        points = curves[f"{table_row}_deviation"][is_in_group]
         points = points[np.abs(points).max(axis=1) < PLOT_HALF_WIDTH]
         ax.plot(*points.T, ".", ms=marker_size, mew=0, rasterized=True, label=label, **look)
 
 
-def _draw_random_rows(ax: Axes, results: Results, row: str) -> None:
-    """Draw the one-standard-deviation ellipse of the random rows around the printed values."""
-    variances, directions = np.linalg.eigh(results.curves(CASE)[f"{row}_covariance"])
+def _draw_ellipse_of_random_rows(ax: Axes, results: Results, table_row: str) -> None:
+    """Draw the standard-deviation ellipse of random rows around the printed values.
+
+    Args:
+        ax: Axes in which to draw.
+        results: Stored results.
+        table_row: Row of Table 2, a key of `ROW_TITLES`.
+    """
+    variances, directions = np.linalg.eigh(results.curves(CASE)[f"{table_row}_covariance"])
     angle = np.degrees(np.arctan2(*directions[::-1, 1]))
     width, height = 2 * np.sqrt(variances[::-1])
     label = "random rows: one standard deviation"
@@ -79,8 +92,17 @@ def _draw_random_rows(ax: Axes, results: Results, row: str) -> None:
     ax.add_patch(Ellipse((0, 0), width, height, angle=angle, **style))
 
 
-def _draw_distances(ax: Axes, results: Results, row: str) -> None:
-    """Draw squares for the best model's distance and for the distance that would be evidence."""
+def _draw_squares_of_best_and_evidence_distance(ax: Axes, results: Results, table_row: str) -> None:
+    """Draw two squares around the printed values of a row of Table 2.
+
+    Their half sides are the distance of the best model, and the distance below which agreement
+    would be evidence (odds of 20 to 1 against chance).
+
+    Args:
+        ax: Axes in which to draw.
+        results: Stored results.
+        table_row: Row of Table 2, a key of `ROW_TITLES`.
+    """
     squares: dict[str, dict[str, Any]] = {
         "distance": {
             "fill": False,
@@ -96,13 +118,13 @@ def _draw_distances(ax: Axes, results: Results, row: str) -> None:
         },
     }
     for name, style in squares.items():
-        half_side = results.scalar(CASE, f"{row}_all_{name}")
+        half_side = results.scalar(CASE, f"{table_row}_all_{name}")
         ax.add_patch(
             Rectangle((-half_side, -half_side), 2 * half_side, 2 * half_side, zorder=1, **style)
         )
 
 
-def _draw_legend(ax: Axes, *plots: Axes) -> None:
+def _draw_common_legend_of_plots(ax: Axes, *plots: Axes) -> None:
     labelled: dict[str, Artist] = {}
     for plot in plots:
         handles, labels = plot.get_legend_handles_labels()
@@ -111,8 +133,11 @@ def _draw_legend(ax: Axes, *plots: Axes) -> None:
     ax.legend(labelled.values(), labelled.keys(), loc="center left", fontsize=7)
 
 
-def _draw_chance_curves(ax: Axes, results: Results) -> None:
-    """Plot the fraction of random rows with a model within each distance, and the best models."""
+def _plot_share_of_random_rows_met(ax: Axes, results: Results) -> None:
+    """Plot the fraction of random rows that have a model within a distance, against the distance.
+
+    Circles mark the distances of the best models from the printed rows.
+    """
     curves = results.curves(CASE)
     for row, look in ROW_LOOK.items():
         ax.semilogx(curves[f"{row}_nearest"], curves["share"], **look)

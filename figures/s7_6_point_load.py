@@ -25,7 +25,7 @@ NEEDS = [
 
 
 def draw(results: Results) -> Figure:
-    """Plot both critical stresses against the number of divisions of the height."""
+    """Plot the critical stresses of two modes under a point load against the mesh density."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.7))
     for mode, ax in enumerate(axes, start=1):
         for case, look in CASE_LOOKS.items():

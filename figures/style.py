@@ -12,8 +12,8 @@ from study.publish.plots.style import (
     PAGE_WIDTH,
     PAIR_NARROW_WIDTH,
     PAIR_WIDE_WIDTH,
-    plot_mesh,
-    set_plain_ticks,
+    draw_quadratic_mesh_with_nodes,
+    label_log_y_axis_with_plain_numbers,
     study_style,
 )
 
@@ -26,7 +26,7 @@ __all__ = [
     "PAGE_WIDTH",
     "PAIR_NARROW_WIDTH",
     "PAIR_WIDE_WIDTH",
-    "plot_mesh",
-    "set_plain_ticks",
+    "draw_quadratic_mesh_with_nodes",
+    "label_log_y_axis_with_plain_numbers",
     "study_style",
 ]

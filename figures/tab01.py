@@ -53,10 +53,14 @@ NEEDS = [
 
 
 def draw(results: Results) -> Figure:
-    """Eigenvalues as numbers; below, one panel an element, difference over the standard one."""
+    """Write a table of eigenvalues, and plot the shifts by the new elements below.
+
+    Shifts are relative differences from the standard element, in per cent, with one panel for
+    six-node and one for eight-node elements.
+    """
     fig = plt.figure(figsize=(PAGE_WIDTH, 3.6))
     grid = fig.add_gridspec(2, 2, height_ratios=(1.6, 1.6))
-    _write_eigenvalues(fig.add_subplot(grid[0, :]), results)
+    _write_table_of_eigenvalues(fig.add_subplot(grid[0, :]), results)
     axes = [fig.add_subplot(grid[1, k]) for k in (0, 1)]
     for ax, (nodes, cases, reference) in zip(
         axes,
@@ -79,7 +83,9 @@ def draw(results: Results) -> Figure:
             MODES, low, high, color="#D8D8D8", lw=0, label="nearest treatment, blind columns"
         )
         for (case, label), (color, marker) in zip(cases.items(), LINE_LOOKS, strict=True):
-            _plot_shifts(ax, results, case, reference, color=color, marker=marker, label=label)
+            _plot_eigenvalue_shifts(
+                ax, results, case, reference, color=color, marker=marker, label=label
+            )
         ax.axhline(0, color="#444444", lw=0.6)
         ax.set(xlabel="mode", xticks=MODES)
         letter = "a" if nodes == "6" else "b"
@@ -91,8 +97,11 @@ def draw(results: Results) -> Figure:
     return fig
 
 
-def _write_eigenvalues(ax: Axes, results: Results) -> None:
-    """Write printed and computed eigenvalues, one row an element, with the computed ones' error."""
+def _write_table_of_eigenvalues(ax: Axes, results: Results) -> None:
+    """Write a table of printed and computed eigenvalues, with two rows per element.
+
+    The last column contains the largest relative deviation of a computed row from the printed one.
+    """
     ax.set_axis_off()
     ax.set(xlim=(0, 1), ylim=(-8.8, 0.6))
     columns = [float(x) for x in np.linspace(0.36, 1.0, 7)]
@@ -118,9 +127,11 @@ def _write_eigenvalues(ax: Axes, results: Results) -> None:
                 ax.text(x, y, cell, ha="right", color=color, fontsize=7)
 
 
-def _plot_shifts(ax: Axes, results: Results, case: str, reference: str, **look: object) -> None:
+def _plot_eigenvalue_shifts(
+    ax: Axes, results: Results, case: str, reference: str, **line_style: object
+) -> None:
     shifts = [measures.eigenvalue_shift(results, case, reference, mode) for mode in MODES]
-    ax.plot(MODES, shifts, lw=1.0, **look)  # type: ignore[arg-type]
+    ax.plot(MODES, shifts, lw=1.0, **line_style)  # type: ignore[arg-type]
 
 
 def caption(results: Results) -> str:

@@ -28,7 +28,7 @@ NEEDS = ["7.6/exact", *(f"7.6/{case}" for case in COMPUTED_LABELS)]
 
 
 def draw(results: Results) -> Figure:
-    """Plot each value in its own row, with one panel per mode."""
+    """Plot printed, computed and exact critical stresses, with one panel per mode."""
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.3), sharey=True)
     labels: list[str] = []
     for mode, ax in enumerate(axes, start=1):

@@ -1,6 +1,7 @@
-"""The identity K_PW = T K_Galerkin: where it holds, where it fails, and by how much.
+"""Tests of the identity K_PW = T K_Galerkin: where it holds, where it fails, and by how much.
 
-The composite triangle has the same transformation on both sides, K_composite = T K_Galerkin T^T.
+For the composite triangle the identity is K_composite = T K_Galerkin T^T. T is the matrix that
+transfers the nodal forces of the standard element to those of the new one.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,10 +38,10 @@ from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
-from study.meshes.distortion import smooth_distortion
-from study.model.discretisation import spaces
+from study.meshes.distortion import distort_unit_domain_smoothly
+from study.model.discretisation import make_element_spaces
 from study.model.elements import composite_spaces
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.publish.plots.style import PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -111,15 +112,15 @@ YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
 SQUARE_DIVISIONS = (6, 6)
 CONSTANT_PRESTRESS = ((-1.0, 0.4), (0.4, -0.3))
 N_RANDOM_VERTEX_ORDERS = 2
-"""Number of random vertex orders of the tetrahedra that are compared with the sorted order."""
+"""Number of random orders of the vertices of tetrahedra that are compared with the sorted order."""
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A matrix or vector for which an identity is tested, and the body that it belongs to.
+class TestedMatrixOrVector:
+    """A matrix or vector for which an identity is tested, and the properties of its body.
 
     Args:
-        assemble: Function that assembles the matrix or vector of a body.
+        assemble: Function that assembles the matrix or vector for a body.
         state: Stress state of the body.
         varying_modulus: Whether Young's modulus is 1 + x instead of 1.
         curved_sides: Whether the sides of the triangles are curved.
@@ -139,56 +140,58 @@ def _assemble_mass(body: Body) -> PETSc.Mat:
     return assemble_matrix(body.mass())
 
 
-def _assemble_initial_stress_G(body: Body) -> PETSc.Mat:
+def _assemble_geometric_stiffness_G(body: Body) -> PETSc.Mat:
     return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_PRESTRESS), "G"))
 
 
-def _assemble_initial_stress_J(body: Body) -> PETSc.Mat:
+def _assemble_geometric_stiffness_J(body: Body) -> PETSc.Mat:
     return assemble_matrix(body.geometric_stiffness(ufl.as_tensor(CONSTANT_PRESTRESS), "J"))
 
 
-def _assemble_initial_stress_linear(body: Body) -> PETSc.Mat:
-    prestress = _make_linear_function(body) * ufl.as_tensor(CONSTANT_PRESTRESS)
+def _assemble_geometric_stiffness_linear_stress(body: Body) -> PETSc.Mat:
+    prestress = _linear_function_of_position(body) * ufl.as_tensor(CONSTANT_PRESTRESS)
     return assemble_matrix(body.geometric_stiffness(prestress))
 
 
-def _assemble_surface_load(body: Body) -> PETSc.Vec:
+def _assemble_uniform_surface_load(body: Body) -> PETSc.Vec:
     side = boundary_measure(body.spaces.mesh, _is_on_clamped_side)
     return assemble_vector(body.surface_load((0.3, -1.0), side))
 
 
-def _assemble_body_load(body: Body) -> PETSc.Vec:
+def _assemble_uniform_body_load(body: Body) -> PETSc.Vec:
     return assemble_vector(body.body_load((0.3, -1.0)))
 
 
-def _assemble_body_load_linear(body: Body) -> PETSc.Vec:
-    return assemble_vector(body.body_load(_make_linear_function(body) * ufl.as_vector((0.3, -1.0))))
+def _assemble_linear_body_load(body: Body) -> PETSc.Vec:
+    return assemble_vector(
+        body.body_load(_linear_function_of_position(body) * ufl.as_vector((0.3, -1.0)))
+    )
 
 
-def _assemble_point_load(body: Body) -> PETSc.Vec:
-    """Assemble a load at a mid-side node, as a load at a vertex is the same for both elements."""
+def _assemble_point_load_at_midside_node(body: Body) -> PETSc.Vec:
+    """Assemble a point load at a mid-side node; at a vertex T would not change it."""
     U = body.spaces.trial
     node = U.tabulate_dof_coordinates()[U.dofmap.list[0, 3]]
     return nodal_load(U, lambda x: np.asarray(np.isclose(x.T, node).all(axis=1)), (0.3, -1.0))
 
 
 IDENTITIES = {
-    "stiffness-plane-stress": Quantity(_assemble_stiffness),
-    "stiffness-plane-strain": Quantity(_assemble_stiffness, StressState.PLANE_STRAIN),
-    "initial-stress-G": Quantity(_assemble_initial_stress_G),
-    "initial-stress-J": Quantity(_assemble_initial_stress_J),
-    "surface-load": Quantity(_assemble_surface_load),
-    "body-load": Quantity(_assemble_body_load),
+    "stiffness-plane-stress": TestedMatrixOrVector(_assemble_stiffness),
+    "stiffness-plane-strain": TestedMatrixOrVector(_assemble_stiffness, StressState.PLANE_STRAIN),
+    "initial-stress-G": TestedMatrixOrVector(_assemble_geometric_stiffness_G),
+    "initial-stress-J": TestedMatrixOrVector(_assemble_geometric_stiffness_J),
+    "surface-load": TestedMatrixOrVector(_assemble_uniform_surface_load),
+    "body-load": TestedMatrixOrVector(_assemble_uniform_body_load),
 }
 """Matrices and vectors A for which A_PW = T A_Galerkin holds."""
 COUNTEREXAMPLES = {
-    "mass": Quantity(_assemble_mass),
-    "stiffness-axisymmetric": Quantity(_assemble_stiffness, StressState.AXISYMMETRIC),
-    "stiffness-varying-modulus": Quantity(_assemble_stiffness, varying_modulus=True),
-    "stiffness-curved-sides": Quantity(_assemble_stiffness, curved_sides=True),
-    "initial-stress-linear": Quantity(_assemble_initial_stress_linear),
-    "body-load-linear": Quantity(_assemble_body_load_linear),
-    "point-load": Quantity(_assemble_point_load),
+    "mass": TestedMatrixOrVector(_assemble_mass),
+    "stiffness-axisymmetric": TestedMatrixOrVector(_assemble_stiffness, StressState.AXISYMMETRIC),
+    "stiffness-varying-modulus": TestedMatrixOrVector(_assemble_stiffness, varying_modulus=True),
+    "stiffness-curved-sides": TestedMatrixOrVector(_assemble_stiffness, curved_sides=True),
+    "initial-stress-linear": TestedMatrixOrVector(_assemble_geometric_stiffness_linear_stress),
+    "body-load-linear": TestedMatrixOrVector(_assemble_linear_body_load),
+    "point-load": TestedMatrixOrVector(_assemble_point_load_at_midside_node),
 }
 """Matrices and vectors A for which A_PW = T A_Galerkin fails."""
 COMPOSITE_IDENTITIES = {
@@ -206,71 +209,80 @@ COMPOSITE_IDENTITIES = {
 COMPOSITE_COUNTEREXAMPLES = {
     name: COUNTEREXAMPLES[name] for name in ("mass", "stiffness-axisymmetric")
 }
-"""Matrices for which it fails, as mass and hoop strain depend on the displacements themselves."""
+"""Matrices for which this identity fails, because they depend on displacements themselves."""
 
 
 def difference(quantity: str) -> Result:
-    """Return |A_PW - T A_Galerkin| / |A_PW| of a matrix or vector on a distorted mesh."""
+    """Compute |A_PW - T A_Galerkin| / |A_PW| for a matrix or vector A on a distorted mesh."""
     tested_quantity = (IDENTITIES | COUNTEREXAMPLES)[quantity]
-    galerkin, pw = _make_bodies(tested_quantity, Spaces.galerkin, Spaces.petrov_galerkin)
+    galerkin, pw = _make_bodies_on_distorted_mesh(
+        tested_quantity, Spaces.galerkin, Spaces.petrov_galerkin
+    )
     A_galerkin, A_pw = (tested_quantity.assemble(body) for body in (galerkin, pw))
     scalars = {
-        "difference": _relative_difference(A_pw, _apply_transfer(galerkin.spaces, A_galerkin))
+        "difference": _relative_difference(
+            A_pw, _multiply_by_force_transfer(galerkin.spaces, A_galerkin)
+        )
     }
-    return Result(scalars, dimensionless(scalars), dofs=_count_dofs(galerkin))
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=_count_dofs(galerkin))
 
 
 def composite_difference(quantity: str) -> Result:
-    """Return |A_composite - T A_Galerkin T^T| / |A_composite| of a matrix on a distorted mesh."""
+    """Compute |A_composite - T A_Galerkin T^T| / |A_composite| for a matrix on a distorted mesh."""
     tested_quantity = (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES)[quantity]
-    galerkin, assumed_strain = _make_bodies(tested_quantity, Spaces.galerkin, composite_spaces)
+    galerkin, assumed_strain = _make_bodies_on_distorted_mesh(
+        tested_quantity, Spaces.galerkin, composite_spaces
+    )
     T = force_transfer(galerkin.spaces.trial)
     A_galerkin = tested_quantity.assemble(galerkin)
     A_composite = tested_quantity.assemble(assumed_strain)
     transferred = T.matMult(A_galerkin).matMult(T.transpose(PETSc.Mat()))
     scalars = {"difference": _relative_difference(A_composite, transferred)}
-    return Result(scalars, dimensionless(scalars), dofs=_count_dofs(galerkin))
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=_count_dofs(galerkin))
 
 
 def statics_2d() -> Result:
-    """Compare displacements and reactions of the elements on a distorted, clamped square."""
+    """Compare displacements and reactions of three elements on a distorted, clamped square."""
     square = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), SQUARE_DIVISIONS)
-    mesh = move_nodes(square, smooth_distortion)
+    mesh = move_nodes(square, distort_unit_domain_smoothly)
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
-    a, r = _solve_clamped_body(galerkin, StressState.PLANE_STRAIN)
-    a_pw, r_pw = _solve_clamped_body(pw, StressState.PLANE_STRAIN)
-    a_composite, r_composite = _solve_clamped_body(composite_spaces(mesh), StressState.PLANE_STRAIN)
+    a, r = _solve_clamped_body_under_body_force(galerkin, StressState.PLANE_STRAIN)
+    a_pw, r_pw = _solve_clamped_body_under_body_force(pw, StressState.PLANE_STRAIN)
+    a_composite, r_composite = _solve_clamped_body_under_body_force(
+        composite_spaces(mesh), StressState.PLANE_STRAIN
+    )
     transposed = a.duplicate()
     force_transfer(galerkin.trial).multTranspose(a_composite, transposed)
     scalars = {
         "displacement_difference": _relative_difference(a_pw, a),
-        "reaction_difference": _relative_difference(r_pw, _apply_transfer(galerkin, r)),
+        "reaction_difference": _relative_difference(r_pw, _multiply_by_force_transfer(galerkin, r)),
         "reaction_difference_without_T": _relative_difference(r_pw, r),
         "composite_displacement_difference": _relative_difference(a, transposed),
         "composite_displacement_difference_without_T": _relative_difference(a, a_composite),
         "composite_reaction_difference": _relative_difference(r_pw, r_composite),
     }
-    return Result(scalars, dimensionless(scalars), dofs=a.getSize())
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=a.getSize())
 
 
 def statics_3d() -> Result:
-    """Compare displacements of both elements on a clamped cube of tetrahedra."""
-    mesh = _make_cube((3, 3, 3))
-    a, _ = _solve_clamped_body(Spaces.galerkin(mesh), StressState.SOLID)
-    a_pw, _ = _solve_clamped_body(Spaces.petrov_galerkin(mesh), StressState.SOLID)
+    """Compare displacements of the standard and the new element on a clamped cube of tetrahedra."""
+    mesh = _mesh_cube_with_vertex_order((3, 3, 3))
+    a, _ = _solve_clamped_body_under_body_force(Spaces.galerkin(mesh), StressState.SOLID)
+    a_pw, _ = _solve_clamped_body_under_body_force(Spaces.petrov_galerkin(mesh), StressState.SOLID)
     scalars = {"displacement_difference": _relative_difference(a_pw, a)}
-    return Result(scalars, dimensionless(scalars), dofs=a.getSize())
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=a.getSize())
 
 
 def vertex_order(element: str) -> Result:
-    """Measure how much nodal values depend on the order of the vertices within tetrahedra.
+    """Compute how much nodal results depend on the order of the vertices within tetrahedra.
 
-    `N_RANDOM_VERTEX_ORDERS` random orders are compared with the sorted one. Scalars: the largest
-    changes of displacements and reactions of the clamped cube and of nodal forces below a rough
-    sphere, each relative to the largest value, and the median change of the nonzero nodal forces.
+    `N_RANDOM_VERTEX_ORDERS` random orders are compared with the order by position. Scalars are the
+    largest changes of displacements and reactions of a clamped cube and of nodal contact forces
+    below a rough sphere, each relative to the largest value, and the median change of the nonzero
+    contact forces.
     """
     sorted_values, *permuted_values = (
-        _compute_nodal_values(element, seed) for seed in range(N_RANDOM_VERTEX_ORDERS + 1)
+        _solve_cubes_with_vertex_order(element, seed) for seed in range(N_RANDOM_VERTEX_ORDERS + 1)
     )
     sizes = {name: np.abs(values).max() for name, values in sorted_values.items()}
     changes = {
@@ -282,27 +294,42 @@ def vertex_order(element: str) -> Result:
     nodal_changes = np.max(changes["contact"], axis=2)
     scalars["contact_difference_median"] = float(np.median(nodal_changes[:, is_loaded]))
     n_dofs = sorted_values["displacement"].size
-    return Result(scalars, dimensionless(scalars), dofs=n_dofs)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=n_dofs)
 
 
-def _compute_nodal_values(element: str, order_seed: int) -> dict[str, Array]:
-    """Return displacements, reactions and contact forces for a vertex order of `_make_cube`."""
-    cube_spaces = spaces(element, _make_cube((3, 3, 3), order_seed))
-    a, r = _solve_clamped_body(cube_spaces, StressState.SOLID)
+def _solve_cubes_with_vertex_order(element: str, vertex_order_seed: int) -> dict[str, Array]:
+    """Solve a clamped cube and a contact problem with a given order of vertices within the cells.
+
+    Args:
+        element: Name of the element.
+        vertex_order_seed: Seed of the vertex order, see `_mesh_cube_with_vertex_order`.
+
+    Returns:
+        "displacement" and "reaction" (n, 3) of the cube, and "contact" forces (m, 3), all sorted by
+        the position of the nodes.
+    """
+    cube_spaces = make_element_spaces(
+        element, _mesh_cube_with_vertex_order((3, 3, 3), vertex_order_seed)
+    )
+    a, r = _solve_clamped_body_under_body_force(cube_spaces, StressState.SOLID)
     return {
-        "displacement": _sort_by_position(cube_spaces, a),
-        "reaction": _sort_by_position(cube_spaces, r),
-        "contact": _compute_forces_below_sphere(spaces(element, _make_cube((4, 4, 2), order_seed))),
+        "displacement": _sort_nodal_values_by_position(cube_spaces, a),
+        "reaction": _sort_nodal_values_by_position(cube_spaces, r),
+        "contact": _compute_contact_forces_below_sphere(
+            make_element_spaces(element, _mesh_cube_with_vertex_order((4, 4, 2), vertex_order_seed))
+        ),
     }
 
 
-def _make_cube(divisions: tuple[int, int, int], order_seed: int = 0) -> Mesh:
-    """Return a unit cube of tetrahedra, six in each box.
+def _mesh_cube_with_vertex_order(
+    divisions: tuple[int, int, int], vertex_order_seed: int = 0
+) -> Mesh:
+    """Create the mesh of a unit cube of boxes, each divided into six tetrahedra.
 
     Args:
         divisions: Number of boxes along each axis.
-        order_seed: Seed of a random order of the vertices within each cell; 0 sorts them by
-            position.
+        vertex_order_seed: Seed of a random order of the vertices within each cell; 0 for vertices sorted
+            by position.
     """
     cube = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], divisions, CellType.tetrahedron)
     x = cube.geometry.x.round(12)
@@ -311,20 +338,20 @@ def _make_cube(divisions: tuple[int, int, int], order_seed: int = 0) -> Mesh:
     number[by_position] = np.arange(len(x))
     cells = np.sort(number[cell_geometry_nodes(cube)], axis=1)
     cells = cells[np.lexsort(cells.T)]  # their numbering depends on the version of DOLFINx
-    if order_seed > 0:
-        cells = np.random.default_rng(order_seed).permuted(cells, axis=1)
+    if vertex_order_seed > 0:
+        cells = np.random.default_rng(vertex_order_seed).permuted(cells, axis=1)
     geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x[by_position], e=geometry)
 
 
-def _sort_by_position(element_spaces: Spaces, values: PETSc.Vec) -> Array:
-    """Return nodal values (n, 3), ordered by the coordinates of the nodes."""
+def _sort_nodal_values_by_position(element_spaces: Spaces, values: PETSc.Vec) -> Array:
+    """Return nodal values as an array (n, 3) whose rows are sorted by the nodes' coordinates."""
     x = element_spaces.trial.tabulate_dof_coordinates().round(9)
     return np.asarray(values.array_r.reshape(-1, 3)[np.lexsort(x.T)])
 
 
-def _compute_forces_below_sphere(element_spaces: Spaces) -> Array:
-    """Return nodal forces (m, 3) below a rough rigid sphere that is pressed and dragged."""
+def _compute_contact_forces_below_sphere(element_spaces: Spaces) -> Array:
+    """Return nodal contact forces (m, 3) below a rough rigid sphere that is pressed and dragged."""
     U = element_spaces.trial
     body = Body(element_spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), StressState.SOLID)
     K = assemble_matrix(body.stiffness())
@@ -338,10 +365,14 @@ def _compute_forces_below_sphere(element_spaces: Spaces) -> Array:
     return np.column_stack([contact.force_normal, contact.force_tangential])
 
 
-def _make_bodies(quantity: Quantity, *space_makers: Callable[[Mesh], Spaces]) -> list[Body]:
-    """Return the body of a quantity once for each kind of space, on one mesh."""
+def _make_bodies_on_distorted_mesh(
+    quantity: TestedMatrixOrVector, *space_makers: Callable[[Mesh], Spaces]
+) -> list[Body]:
+    """Create the body of a quantity for each kind of element space on one distorted mesh."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), SQUARE_DIVISIONS)
-    mesh = (curved_mesh if quantity.curved_sides else move_nodes)(mesh, smooth_distortion)
+    mesh = (curved_mesh if quantity.curved_sides else move_nodes)(
+        mesh, distort_unit_domain_smoothly
+    )
     modulus = YOUNGS_MODULUS
     if quantity.varying_modulus:
         modulus *= 1 + ufl.SpatialCoordinate(mesh)[0]
@@ -353,8 +384,10 @@ def _count_dofs(body: Body) -> int:
     return int(body.spaces.trial.dofmap.index_map.size_global * 2)
 
 
-def _solve_clamped_body(element_spaces: Spaces, state: StressState) -> tuple[PETSc.Vec, PETSc.Vec]:
-    """Return displacements and reactions under a body force, with the side x = 0 clamped."""
+def _solve_clamped_body_under_body_force(
+    element_spaces: Spaces, state: StressState
+) -> tuple[PETSc.Vec, PETSc.Vec]:
+    """Solve for displacements and reactions under a body force, with the side x = 0 clamped."""
     dimension = element_spaces.mesh.geometry.dim
     body = Body(element_spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), state)
     K = assemble_matrix(body.stiffness())
@@ -364,7 +397,9 @@ def _solve_clamped_body(element_spaces: Spaces, state: StressState) -> tuple[PET
     return a, reactions(K, a, f)
 
 
-def _apply_transfer(element_spaces: Spaces, A: PETSc.Mat | PETSc.Vec) -> PETSc.Mat | PETSc.Vec:
+def _multiply_by_force_transfer(
+    element_spaces: Spaces, A: PETSc.Mat | PETSc.Vec
+) -> PETSc.Mat | PETSc.Vec:
     T = force_transfer(element_spaces.trial)
     return T * A if isinstance(A, PETSc.Vec) else T.matMult(A)
 
@@ -373,7 +408,7 @@ def _relative_difference(a: PETSc.Mat | PETSc.Vec, b: PETSc.Mat | PETSc.Vec) -> 
     return float((a - b).norm() / a.norm())
 
 
-def _make_linear_function(body: Body) -> ufl.core.expr.Expr:
+def _linear_function_of_position(body: Body) -> ufl.core.expr.Expr:
     x = ufl.SpatialCoordinate(body.spaces.mesh)
     return 1 + x[0] - 2 * x[1]
 
@@ -385,8 +420,10 @@ def _is_on_clamped_side(x: Array) -> npt.NDArray[np.bool_]:
 # Cases
 
 
-def _implied_parameters(quantity: Quantity, element: str) -> dict[str, object]:
-    """Return the stored parameters that the name of a quantity implies."""
+def _parameters_implied_by_quantity(
+    quantity: TestedMatrixOrVector, element: str
+) -> dict[str, object]:
+    """Return the parameters of a quantity (element, stress state, mesh) to store with results."""
     return {
         "element": element,
         "state": quantity.state.value,
@@ -397,7 +434,13 @@ def _implied_parameters(quantity: Quantity, element: str) -> dict[str, object]:
 
 
 CASES = [
-    Case("T", name, difference, {"quantity": name}, _implied_parameters(quantity, "pw-T6"))
+    Case(
+        "T",
+        name,
+        difference,
+        {"quantity": name},
+        _parameters_implied_by_quantity(quantity, "pw-T6"),
+    )
     for name, quantity in (IDENTITIES | COUNTEREXAMPLES).items()
 ]
 CASES += [
@@ -406,7 +449,7 @@ CASES += [
         f"composite-{name}",
         composite_difference,
         {"quantity": name},
-        _implied_parameters(quantity, "composite-T6"),
+        _parameters_implied_by_quantity(quantity, "composite-T6"),
     )
     for name, quantity in (COMPOSITE_IDENTITIES | COMPOSITE_COUNTEREXAMPLES).items()
 ]
@@ -416,8 +459,8 @@ PLANE_STATICS_PARAMETERS = {
 }
 SOLID_STATICS_PARAMETERS = {"compared": ["galerkin-T10", "pw-T10"], "state": "solid"}
 CASES += [
-    Case("T", "statics-2d", statics_2d, implied=PLANE_STATICS_PARAMETERS),
-    Case("T", "statics-3d", statics_3d, implied=SOLID_STATICS_PARAMETERS),
+    Case("T", "statics-2d", statics_2d, implied_parameters=PLANE_STATICS_PARAMETERS),
+    Case("T", "statics-3d", statics_3d, implied_parameters=SOLID_STATICS_PARAMETERS),
 ]
 CASES += [
     Case("T", f"order-{element}", vertex_order, {"element": element}, {"state": "solid"})
@@ -474,15 +517,16 @@ PLOTTED_CASES = PLOTTED_QUANTITIES + tuple(
 )
 IDENTITY_COLOUR, COUNTEREXAMPLE_COLOUR = "#333333", "#BBBBBB"  # not used for any element
 ROUND_OFF_BOUND = 1e-12
-"""Relative differences below this count as round-off."""
+"""Relative difference below which an identity counts as satisfied up to round-off."""
 SMALLEST_DRAWN_DIFFERENCE = 1e-17
 """Left end of the logarithmic axis."""
 
 
-def draw_differences(results: Results) -> Figure:
-    """Where PW = T Galerkin and composite = T Galerkin Tᵀ hold, and where they fail.
+def draw_differences_from_identities(results: Results) -> Figure:
+    """Draw the relative differences of both sides of the identities as bars.
 
-    Bars show the relative difference of both sides, one row for each quantity.
+    The upper panel tests A_PW = T A_Galerkin and the lower one A_composite = T A_Galerkin Tᵀ, with
+    one bar for each matrix or vector.
     """
     heights = (len(PLOTTED_QUANTITIES), len(PLOTTED_COMPOSITE_QUANTITIES))
     fig, axes = plt.subplots(2, 1, figsize=(PAGE_WIDTH, 3.6), sharex=True, height_ratios=heights)
@@ -517,15 +561,15 @@ def _draw_difference_bars(ax: Axes, results: Results, names: Sequence[str], pref
 
 
 def _format_quantity_name(name: str) -> str:
-    """Return a case's name with a comma after the quantity, e.g. "stiffness, plane stress"."""
+    """Format the name of a case as "quantity, setting", e.g. "stiffness, plane stress"."""
     quantities = ("stiffness", "initial-stress", "body-load")
     quantity = next((q for q in quantities if name.startswith(f"{q}-")), name)
     setting = name.removeprefix(quantity).removeprefix("-").replace("-", " ")
     return ", ".join(filter(None, (quantity.replace("-", " "), setting)))
 
 
-def describe_differences(results: Results) -> str:
-    """Return the alternative text of the figure, with all differences."""
+def describe_differences_from_identities(results: Results) -> str:
+    """Return the alternative text of `draw_differences_from_identities`, with all differences."""
     return "Bars on a logarithmic scale: " + "; ".join(
         f"{name.replace('-', ' ')} {results.scalar(f'T/{name}', 'difference'):.1e}"
         for name in PLOTTED_CASES
@@ -535,12 +579,12 @@ def describe_differences(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "t_identity",
-        draw_differences,
+        draw_differences_from_identities,
         needs=[f"T/{name}" for name in PLOTTED_CASES],
         caption="Relative differences in norm between both sides of the identities, for matrices "
         "and load vectors A on a distorted mesh of straight-sided triangles (curved ones where "
         "named). Dark: an identity up to round-off. Light: no identity.",
-        alt=describe_differences,
+        alt=describe_differences_from_identities,
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Quartic indenters, whose contact pressure has its peak away from the middle."""
+"""Verification of contact with quartic indenters, whose peak pressure is off the middle."""
 
 from dataclasses import dataclass, replace
 
@@ -10,14 +10,18 @@ from matplotlib.figure import Figure
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import largest, smallest
-from study.model.units import UNSTATED_UNITS, units_of
+from study.model.units import UNSTATED_UNITS, assign_units_to_scalars
 from study.publish.plots import convergence
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.half_space import ElasticHalfSpace, QuarticLine, QuarticRound
-from study.solutions.indentation import Indenter, solve_refinement_series
+from study.solutions.half_space import (
+    ElasticHalfSpace,
+    QuarticIndenterOnHalfPlane,
+    QuarticIndenterOnHalfSpace,
+)
+from study.solutions.indentation import Indenter, solve_indentation_on_refined_meshes
 
 Array = npt.NDArray[np.float64]
 
@@ -70,33 +74,38 @@ Both pressures are largest at $a/\sqrt{2}$, where they are $\sqrt{2}$ times the 
 BODY = ElasticHalfSpace(youngs_modulus=1000.0, poissons_ratio=0.3)
 CONTACT_HALF_WIDTH = 1.0
 PROFILE_COEFFICIENT = 1e-3
-"""Coefficient A of the profile A x⁴, in units of 1/length³."""
+"""Coefficient A of the indenter's profile A x⁴, in 1/length³."""
 
 
 @dataclass(frozen=True)
 class QuarticPunch:
-    """Rigid punch that fills y >= A s⁴, where s is the distance from the axis.
+    """Rigid punch that occupies y >= A s⁴, where s is the distance from the axis.
 
     Args:
-        profile_coefficient: Coefficient A, in units of 1/length³.
+        profile_coefficient: Coefficient A in 1/length³.
     """
 
     profile_coefficient: float
 
     def gap(self, x: Array) -> Array:
-        """Return gaps (n,) at points (n, 2), measured along the axis."""
+        """Return the gaps (n,) between points (n, 2) and the punch, measured along the axis."""
         gap: Array = self.profile_coefficient * x[:, 0] ** 4 - x[:, 1]
         return gap
 
     def normal(self, x: Array) -> Array:
-        """Return the normals (n, 2), which point from the punch into the body, i.e. downwards."""
+        """Return the downward unit normals (n, 2), which point from the punch into the body."""
         return np.tile([0.0, -1.0], (len(x), 1))
 
 
-EXACT_SOLUTIONS: dict[str, tuple[QuarticLine | QuarticRound, StressState]] = {
-    "line": (QuarticLine(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH), StressState.PLANE_STRAIN),
+EXACT_SOLUTIONS: dict[
+    str, tuple[QuarticIndenterOnHalfPlane | QuarticIndenterOnHalfSpace, StressState]
+] = {
+    "line": (
+        QuarticIndenterOnHalfPlane(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH),
+        StressState.PLANE_STRAIN,
+    ),
     "round": (
-        QuarticRound(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH),
+        QuarticIndenterOnHalfSpace(BODY, PROFILE_COEFFICIENT, CONTACT_HALF_WIDTH),
         StressState.AXISYMMETRIC,
     ),
 }
@@ -115,22 +124,22 @@ ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9")
 
 
 def quartic(element: str, kind: str) -> Result:
-    """Press a quartic indenter with the exact force on a series of meshes.
+    """Press a quartic indenter with the exact force; return errors on a series of meshes.
 
     Args:
-        element: Name of the element.
-        kind: "line" in plane strain, "round" in axisymmetry.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        kind: "line" for plane strain, "round" for axisymmetry.
     """
     exact, state = EXACT_SOLUTIONS[kind]
     meshes = {
         n: [np.arange(np.ceil(1.3 * (n + q)) + 1) / (n + q) for q in EDGE_POSITIONS]
         for n in ELEMENTS_OVER_HALF_WIDTH
     }
-    result = solve_refinement_series(
+    result = solve_indentation_on_refined_meshes(
         element, Indenter(exact, QuarticPunch(PROFILE_COEFFICIENT), state), meshes
     )
     exact_peak = float(exact.pressure(np.array([exact.half_width / np.sqrt(2.0)]))[0])
-    # `solve_refinement_series` compares the peak with the exact pressure in the middle: drop its
+    # `solve_indentation_on_refined_meshes` compares the peak with the exact pressure in the middle: drop its
     # `error_peak` and `order_peak`, but keep `peak_pressure`
     scalars = {name: value for name, value in result.scalars.items() if "_peak" not in name[5:]}
     scalars["error_peak"] = abs(scalars["peak_pressure"] / exact_peak - 1)
@@ -140,7 +149,7 @@ def quartic(element: str, kind: str) -> Result:
         result,
         scalars=scalars,
         units={name: result.units[name] for name in scalars if name in result.units}
-        | units_of({name: scalars[name] for name in kinds}, kinds, UNSTATED_UNITS),
+        | assign_units_to_scalars({name: scalars[name] for name in kinds}, kinds, UNSTATED_UNITS),
     )
 
 
@@ -166,8 +175,8 @@ DETAILS = r"""
 """
 
 
-def draw_quartic(results: Results) -> Figure:
-    """Pressure under quartic indenters, and its error."""
+def draw_quartic_pressures_and_errors(results: Results) -> Figure:
+    """Draw the contact pressures under quartic indenters, and their errors over mesh refinement."""
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.4))
     for (kind, (exact, _)), pressure_axis, error_axis in zip(
         EXACT_SOLUTIONS.items(), axes[::2], axes[1::2], strict=True
@@ -188,19 +197,21 @@ def draw_quartic(results: Results) -> Figure:
         pressure_axis.set(xlim=(-0.02, 1.2), xlabel="$x/a$" if kind == "line" else "$r/a$")
         pressure_axis.set_title(f"{kind}: tributary pressure", fontsize=8)
         keys = {element: f"V18/{kind}-{element}" for element in ELEMENTS}
-        convergence.prepare_axes(error_axis, results, keys["pw-T6"])
-        convergence.plot_errors(error_axis, results, keys, "error_pressure_own")
+        convergence.set_log_axes_with_element_ticks(error_axis, results, keys["pw-T6"])
+        convergence.plot_error_over_number_of_elements(
+            error_axis, results, keys, "error_pressure_own"
+        )
         error_axis.set(xlabel="elements over $a$")
         error_axis.set_title(f"{kind}: error, own function", fontsize=8)
     axes[0].set_ylabel("pressure / middle")
-    convergence.add_element_legend(fig, axes[1])
+    convergence.add_element_legend_below_axes(fig, axes[1])
     return fig
 
 
 FIGURES = [
     PageFigure(
         "v18_quartic",
-        draw_quartic,
+        draw_quartic_pressures_and_errors,
         needs=[f"V18/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
         caption="Quartic indenters y = A x⁴ on a half plane (line) and on a half space (round): pressure "
         "over tributary areas with 8 elements over the half width a, and the error of the "

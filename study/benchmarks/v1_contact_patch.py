@@ -1,4 +1,4 @@
-"""Contact patch test: a uniform pressure has to reach a rigid plane unchanged."""
+"""Contact patch test: a uniform pressure must be transmitted unchanged to a rigid plane."""
 
 from functools import partial
 
@@ -18,10 +18,10 @@ from study.judge.checks import check
 from study.judge.measures.general import largest
 from study.model.contact_result import CONTACT_QUANTITIES
 from study.model.discretisation import discretise, mesh_nodes_and_cells
-from study.model.units import units_of
+from study.model.units import assign_units_to_scalars
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
-from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, plot_mesh
-from study.publish.plots.symbols import draw_load_arrows
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, draw_quadratic_mesh_with_nodes
+from study.publish.plots.symbols import draw_uniform_load_pressing_down
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -51,11 +51,15 @@ YOUNGS_MODULUS, POISSONS_RATIO, PRESSURE = 1000.0, 0.3, 3.0
 LENGTH, HEIGHT = 2.0, 1.0
 
 
-def exact_displacement(x: Array, state: StressState) -> Array:
-    """Return the displacements (n, 2) at points (n, 3) under uniaxial stress.
+def exact_uniaxial_displacement(x: Array, state: StressState) -> Array:
+    """Return the exact displacements (n, 2) at points (n, 3) under uniaxial stress.
 
-    Plane strain is plane stress with E/(1 - nu²) and nu/(1 - nu); in axisymmetry the stress is
-    uniaxial in space.
+    Plane strain equals plane stress with E/(1 - nu²) and nu/(1 - nu) instead of E and nu. In
+    axisymmetry the stress is uniaxial in three dimensions.
+
+    Args:
+        x: Points (n, 3).
+        state: Stress state.
     """
     E, nu = YOUNGS_MODULUS, POISSONS_RATIO
     if state is StressState.PLANE_STRAIN:
@@ -75,25 +79,26 @@ function has no integral.
 
 BLOCK_DIVISIONS = (6, 3)
 MAX_RELATIVE_NODE_MOVE = 0.15
-"""Largest random move of a node, relative to the side of a square."""
+"""Largest random displacement of a node, over the side of a square cell."""
 MAX_RELATIVE_BEND = 0.06
-"""Largest move of a node along an axis on curved meshes, relative to the block's size."""
+"""Largest displacement of a node along an axis on curved meshes, over the size of the block."""
 
 
 def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
-    """Solve the patch test; return forces, pressures and their errors.
+    """Solve the contact patch test; return forces, pressures and their errors.
 
-    Errors are the largest ones of all nodes, relative to the uniform pressure, the largest nodal
-    force or the largest displacement. `weightless` counts nodes whose test function has no
-    integral over the surface; they have no own-function pressure.
+    Each error is the largest one of all nodes, relative to the uniform pressure, the largest nodal
+    force or the largest displacement. An own-function pressure (`pressure_own`) is a nodal force
+    over the integral of the node's test function. The scalar `weightless` is the number of nodes
+    for which this integral vanishes, so that they have no such pressure.
 
     Args:
-        element: Name of the element.
-        mesh: "straight", "distorted" or "curved".
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        mesh: Kind of mesh: "straight", "distorted" or "curved".
         state: Name of the stress state.
     """
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = discretise(element, partial(_build_mesh, mesh), material, StressState(state))
+    body = discretise(element, partial(_build_block_mesh, mesh), material, StressState(state))
     space = body.space
     load = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], HEIGHT))
     symmetry = prescribe(space, 0, lambda x: np.isclose(x[0], 0.0))
@@ -106,7 +111,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     own_pressure = surface.pressure(force)
     tributary_pressure = surface.tributary_pressure(force)
     displacement = solution.displacement.array_r.reshape(-1, 2)
-    expected = exact_displacement(space.tabulate_dof_coordinates(), StressState(state))
+    expected = exact_uniaxial_displacement(space.tabulate_dof_coordinates(), StressState(state))
     scalars = {
         "error_force": np.abs(force - PRESSURE * surface.weight_area).max() / force.max(),
         "error_pressure_own": np.nanmax(np.abs(own_pressure / PRESSURE - 1)),
@@ -138,21 +143,23 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "status": contact.status,
         **mesh_nodes_and_cells(space),
     }
-    return Result(scalars, units_of(scalars, unit_kinds), curves, dofs=body.K.getSize()[0])
+    return Result(
+        scalars, assign_units_to_scalars(scalars, unit_kinds), curves, dofs=body.K.getSize()[0]
+    )
 
 
-def _build_mesh(kind: str, cell: str) -> Mesh:
+def _build_block_mesh(mesh_kind: str, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
     mesh = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), BLOCK_DIVISIONS)
-    if kind == "distorted":
+    if mesh_kind == "distorted":
         return move_nodes(mesh, _move_nodes_at_random)
-    if kind == "curved":
-        return curved_mesh(mesh, _bend_inner_lines)
+    if mesh_kind == "curved":
+        return curved_mesh(mesh, _bend_inner_mesh_lines)
     return mesh
 
 
 def _move_nodes_at_random(x: Array) -> Array:
-    """Move nodes (n, 3) at random; those on the outline move along it."""
+    """Displace nodes (n, 3) of the block at random; nodes on the outline move along it."""
     moved = x.copy()
     generator = np.random.default_rng(1)
     for axis, (size, count) in enumerate(zip((LENGTH, HEIGHT), BLOCK_DIVISIONS, strict=True)):
@@ -162,8 +169,8 @@ def _move_nodes_at_random(x: Array) -> Array:
     return moved
 
 
-def _bend_inner_lines(x: Array) -> Array:
-    """Move nodes (n, 3) such that inner mesh lines are bent while the outline stays straight."""
+def _bend_inner_mesh_lines(x: Array) -> Array:
+    """Displace nodes (n, 3) so that inner mesh lines are curved and the outline is straight."""
     s, t = np.pi * x[:, 0] / LENGTH, np.pi * x[:, 1] / HEIGHT
     bent = x.copy()
     bent[:, 0] += MAX_RELATIVE_BEND * LENGTH * np.sin(s) * np.cos(1.5 * t)
@@ -218,16 +225,19 @@ DETAILS = r"""
 DRAWN_CASE_KEYS = {element: f"V1/{element}-distorted" for element in ("galerkin-T6", "pw-T6")}
 
 
-def draw_patch_test(results: Results) -> Figure:
-    """Contact patch test on a distorted mesh, pressures by two measures.
+def draw_patch_test_mesh_and_pressures(results: Results) -> Figure:
+    """Draw the mesh of the contact patch test, and its nodal pressures by two measures.
 
-    Panels: mesh and load; own-function pressure; tributary pressure.
+    The panels show the distorted mesh with the load, pressures by integrals of test functions, and
+    pressures by tributary areas.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3), width_ratios=(1.3, 1, 1))
     curves = results.curves(DRAWN_CASE_KEYS["galerkin-T6"])
-    plot_mesh(axes[0], curves["nodes"], curves["cells"])
+    draw_quadratic_mesh_with_nodes(axes[0], curves["nodes"], curves["cells"])
     length, height = curves["nodes"].max(axis=0)
-    draw_load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
+    draw_uniform_load_pressing_down(
+        axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16
+    )
     axes[0].axhspan(-0.12, 0, color="#CCCCCC", lw=0)
     axes[0].set(title="(a) mesh and load", xlabel="$x$", ylabel="$y$")
     axes[0].grid(visible=False)
@@ -252,7 +262,7 @@ def draw_patch_test(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v1_patch_test",
-        draw_patch_test,
+        draw_patch_test_mesh_and_pressures,
         needs=list(DRAWN_CASE_KEYS.values()),
         caption=f"Contact patch test on a distorted mesh (a). The {OWN_FUNCTION_READING.name} pressure (b) of both "
         f"elements is the applied one; the {TRIBUTARY_READING.name} pressure (c), {TRIBUTARY_READING.meaning} it, "

@@ -1,4 +1,4 @@
-"""Hertz contact: a rigid cylinder on a half plane, and a rigid sphere on a half space."""
+"""Verification of Hertz contact: rigid cylinder on a half plane, rigid sphere on a half space."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from pw_elements.contact import Parabola, Sphere
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import largest, ratio, smallest
-from study.model.units import N_MM_UNITS, units_of
+from study.model.units import N_MM_UNITS, assign_units_to_scalars
 from study.model.vocabulary import OWN_FUNCTION_READING, TRIBUTARY_READING
 from study.publish.plots import convergence
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
@@ -19,7 +19,12 @@ from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
 from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
-from study.solutions.indentation import BODY_SIZE, ELEMENTS, Indenter, solve_refinement_series
+from study.solutions.indentation import (
+    BODY_SIZE,
+    ELEMENTS,
+    Indenter,
+    solve_indentation_on_refined_meshes,
+)
 
 SECTION = "V2"
 TITLE = "Hertz contact"
@@ -64,8 +69,8 @@ RADIUS, FORCE, POISSONS_RATIO = 50.0, 35e3, 0.3
 STEEL_MODULUS, ALUMINIUM_MODULUS = 210e3, 70e3
 
 
-def make_hertz_cylinder() -> HertzLine:
-    """Return Hertz' solution for the rigid cylinder on a half plane of composite modulus."""
+def make_exact_hertz_line_contact() -> HertzLine:
+    """Return Hertz's solution of a rigid cylinder on a half plane of composite modulus."""
     compliance = (1 - POISSONS_RATIO**2) * (1 / STEEL_MODULUS + 1 / ALUMINIUM_MODULUS)
     body = ElasticHalfSpace((1 - POISSONS_RATIO**2) / compliance, POISSONS_RATIO)
     return HertzLine(body, RADIUS, FORCE)
@@ -94,47 +99,62 @@ mean taken as a nodal value is of order 2.
 ELEMENT_COUNTS = (4, 8, 16, 32)
 """Numbers of elements over the half width of the contact."""
 CONTACT_EDGE_OFFSETS = (0.125, 0.375, 0.625, 0.875)
-"""Positions within an element where the contact ends, as fractions of its length."""
+"""Positions of the contact edge within an element, as fractions of the element's length."""
 MAX_RELATIVE_CONTACT_WIDTH = 1.3
-"""Distance from the middle up to which nodes may touch, in half widths of the contact."""
+"""Distance from the middle, over the contact half width, within which nodes may touch."""
 
 
 def cylinder(
     element: str, true_circle: bool = False, outer: float = BODY_SIZE, far_field: bool = True
 ) -> Result:
-    """Solve the contact of a rigid cylinder with a half plane of composite modulus.
+    """Solve the contact of a rigid cylinder with a half plane on a series of meshes.
 
     Args:
-        element: Name of the element.
-        true_circle: Whether gaps are measured to the circle along its normal, instead of to
-            Hertz' parabola.
-        outer: Side of the body over the half width of the contact.
-        far_field: Whether the outer sides have the exact displacements; otherwise they are fixed.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        true_circle: Whether gaps are measured along the normal of the circle; otherwise they are
+            measured vertically to Hertz's parabola.
+        outer: Side of the meshed body over the half width of the contact.
+        far_field: Whether the exact displacements are prescribed on the outer sides; otherwise
+            these are fixed.
     """
     circle = Sphere((0.0, RADIUS), RADIUS)
     surface = circle if true_circle else Parabola((0.0, 0.0), RADIUS)
-    indenter = Indenter(make_hertz_cylinder(), surface, StressState.PLANE_STRAIN, N_MM_UNITS)
-    return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
+    indenter = Indenter(
+        make_exact_hertz_line_contact(), surface, StressState.PLANE_STRAIN, N_MM_UNITS
+    )
+    return _solve_refinement_series_of_hertz_contact(element, indenter, outer, far_field)
 
 
 def sphere(element: str, outer: float = BODY_SIZE, far_field: bool = True) -> Result:
-    """Solve the contact of a sphere of the same radius and force with an aluminium half space."""
+    """Solve the contact of a rigid sphere with an aluminium half space in axisymmetry.
+
+    Radius and force are those of the cylinder.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        outer: Side of the meshed body over the contact radius.
+        far_field: Whether the exact displacements are prescribed on the outer sides; otherwise
+            these are fixed.
+    """
     exact = HertzSphere(ElasticHalfSpace(ALUMINIUM_MODULUS, POISSONS_RATIO), RADIUS, FORCE)
     paraboloid = Parabola((0.0, 0.0), RADIUS)
     indenter = Indenter(exact, paraboloid, StressState.AXISYMMETRIC, N_MM_UNITS)
-    return _solve_and_compare_with_hertz(element, indenter, outer, far_field)
+    return _solve_refinement_series_of_hertz_contact(element, indenter, outer, far_field)
 
 
-def _solve_and_compare_with_hertz(
+def _solve_refinement_series_of_hertz_contact(
     element: str, indenter: Indenter, outer: float, far_field: bool
 ) -> Result:
     exact = indenter.exact_contact
     assert isinstance(exact, HertzLine | HertzSphere)
     meshes = {
-        n: [_make_mesh_lines(exact.half_width, n + position) for position in CONTACT_EDGE_OFFSETS]
+        n: [
+            _make_contact_zone_mesh_lines(exact.half_width, n + position)
+            for position in CONTACT_EDGE_OFFSETS
+        ]
         for n in ELEMENT_COUNTS
     }
-    result = solve_refinement_series(element, indenter, meshes, outer, far_field)
+    result = solve_indentation_on_refined_meshes(element, indenter, meshes, outer, far_field)
     scalars = {
         "exact_radius": exact.half_width,
         "exact_peak": exact.peak_pressure,
@@ -144,11 +164,13 @@ def _solve_and_compare_with_hertz(
     return replace(
         result,
         scalars={**result.scalars, **scalars},
-        units={**result.units, **units_of(scalars, unit_kinds, indenter.units)},
+        units={**result.units, **assign_units_to_scalars(scalars, unit_kinds, indenter.units)},
     )
 
 
-def _make_mesh_lines(half_width: float, elements_over_half_width: float) -> npt.NDArray[np.float64]:
+def _make_contact_zone_mesh_lines(
+    half_width: float, elements_over_half_width: float
+) -> npt.NDArray[np.float64]:
     size = half_width / elements_over_half_width
     return size * np.arange(np.ceil(MAX_RELATIVE_CONTACT_WIDTH * elements_over_half_width) + 1)
 
@@ -199,10 +221,10 @@ DETAILS = r"""
 """
 
 
-def draw_pressure(results: Results) -> Figure:
-    """Hertz contact, pressures over the surface by two measures.
+def draw_hertz_pressures(results: Results) -> Figure:
+    """Draw the pressures of Hertz contact over the distance from the middle, by two measures.
 
-    Two panels for the cylinder and two for the sphere, one for each measure.
+    Two panels show the cylinder and two the sphere, with one panel for each measure.
     """
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.3), sharex=True, sharey=True)
     measures = {"pressure": OWN_FUNCTION_READING.name, "pressure_tributary": TRIBUTARY_READING.name}
@@ -224,10 +246,10 @@ def draw_pressure(results: Results) -> Figure:
     return fig
 
 
-def draw_convergence(results: Results) -> Figure:
-    """Convergence of the contact pressure to Hertz'.
+def draw_convergence_to_hertz_pressure(results: Results) -> Figure:
+    """Draw the convergence of contact pressures to Hertz's solution.
 
-    Rows: cylinder and sphere; columns: measures of pressure.
+    The rows show cylinder and sphere, the columns show different error measures.
     """
     errors = {
         "error_pressure_tributary": f"{TRIBUTARY_READING.name}, all nodes",
@@ -242,20 +264,22 @@ def draw_convergence(results: Results) -> Figure:
     for row, (kind, title) in zip(axes, INDENTER_TITLES.items(), strict=True):
         keys = {element: f"V2/{kind}-{element}" for element in convergence.ELEMENTS}
         for ax, name in zip(row, errors, strict=True):
-            convergence.prepare_axes(ax, results, CONVERGENCE_CASE_KEYS[0])
-            convergence.plot_errors(ax, results, keys, name)
+            convergence.set_log_axes_with_element_ticks(ax, results, CONVERGENCE_CASE_KEYS[0])
+            convergence.plot_error_over_number_of_elements(ax, results, keys, name)
             for order, height in orders_and_heights.get(name, []):
-                convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], order, height)
+                convergence.draw_line_of_convergence_order(
+                    ax, results, CONVERGENCE_CASE_KEYS[0], order, height
+                )
         row[0].set_ylabel(f"{title}: error")
     for top, bottom, title in zip(*axes, errors.values(), strict=True):
         top.set_title(title, fontsize=8)
         bottom.set_xlabel("elements over half width")
-    convergence.add_element_legend(fig, axes[0, 0])
+    convergence.add_element_legend_below_axes(fig, axes[0, 0])
     return fig
 
 
-def caption_pressure(results: Results) -> str:
-    """Return the caption, with the number of elements."""
+def caption_hertz_pressures(results: Results) -> str:
+    """Return the caption of the pressure figure, including the number of elements."""
     elements = results.curves("V2/line-galerkin-T6")["elements"][1]
     return (
         f"Hertz contact with {elements:.0f} elements over the half width a. The own-function "
@@ -273,20 +297,20 @@ CONVERGENCE_CASE_KEYS = [
 FIGURES = [
     PageFigure(
         "v2_hertz_pressure",
-        draw_pressure,
+        draw_hertz_pressures,
         needs=[
             f"V2/{kind}-{element}"
             for kind in INDENTER_TITLES
             for element in ("galerkin-T6", "pw-T6")
         ],
-        caption=caption_pressure,
+        caption=caption_hertz_pressures,
         alt="Four plots of pressure over distance. In the own-function plots both elements lie on "
         "the exact semi-ellipse; in the tributary plots the standard element alternates between "
         "two thirds and four thirds of it, and the new element lies on it.",
     ),
     PageFigure(
         "v2_hertz_convergence",
-        draw_convergence,
+        draw_convergence_to_hertz_pressure,
         needs=CONVERGENCE_CASE_KEYS,
         caption="Relative root mean square error of the contact pressure against Hertz's (over "
         "four positions of the edge of contact within an element). The condensed pair of new "

@@ -1,4 +1,7 @@
-"""Flat punches with sharp edges: smooth or bonded in plane strain, and smooth in axisymmetry."""
+"""Verification of flat punches with sharp edges.
+
+The punches are smooth or bonded in plane strain, or smooth in axisymmetry.
+"""
 
 from dataclasses import replace
 
@@ -13,7 +16,7 @@ from pw_elements.contact import FlatPunch
 from pw_elements.elasticity import StressState
 from study.judge.checks import check
 from study.judge.measures.general import curve_difference, smallest
-from study.model.units import units_of
+from study.model.units import assign_units_to_scalars
 from study.publish.plots import convergence
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
@@ -22,7 +25,7 @@ from study.run.store import Result, Results
 from study.solutions.half_space import (
     BondedLinePunch,
     ElasticHalfSpace,
-    ExactContact,
+    ExactIndentation,
     FlatLinePunch,
     FlatRoundPunch,
 )
@@ -30,8 +33,8 @@ from study.solutions.indentation import (
     BODY_SIZE,
     ELEMENTS,
     Indenter,
-    solve_refinement_series,
-    tributary_ends,
+    ends_of_tributary_lengths,
+    solve_indentation_on_refined_meshes,
 )
 
 SECTION = "V3"
@@ -65,7 +68,7 @@ Rigid flat punches of half width $b$ with sharp edges are pressed on elastic hal
 """
 
 ELASTIC_BODY, HALF_WIDTH, FORCE = ElasticHalfSpace(1000.0, 0.3), 1.0, 3.0
-PUNCHES: dict[str, tuple[ExactContact, StressState]] = {
+PUNCHES: dict[str, tuple[ExactIndentation, StressState]] = {
     "smooth": (FlatLinePunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
     "bonded": (BondedLinePunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
     "round": (FlatRoundPunch(ELASTIC_BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
@@ -76,11 +79,12 @@ PUNCHES: dict[str, tuple[ExactContact, StressState]] = {
 def exact(kind: str) -> Result:
     """Return the exact tractions below a punch, up to its edge, and the mean pressure.
 
-    The pressure below the bonded punch first changes sign where eta log((b + x)/(b - x)) = pi/2;
-    `sign_change` is 1 - x/b there.
+    The pressure below the bonded punch oscillates near the edge. From the middle outwards, its
+    first change of sign is where eta log((b + x)/(b - x)) = pi/2, with the half width b and the
+    oscillation exponent eta; the scalar `sign_change` is 1 - x/b at this point.
 
     Args:
-        kind: A key of `PUNCHES`.
+        kind: Kind of punch, a key of `PUNCHES`.
     """
     solution, state = PUNCHES[kind]
     x = HALF_WIDTH * np.sin(np.linspace(0, np.pi / 2, 400)[:-1])
@@ -91,7 +95,9 @@ def exact(kind: str) -> Result:
         curves["shear"] = -solution.shear(x)
         scalars["oscillation"] = solution.oscillation_exponent
         scalars["sign_change"] = float(1 - np.tanh(np.pi / (4 * solution.oscillation_exponent)))
-    return Result(scalars, units_of(scalars, {"mean_pressure": "stress", "*": "1"}), curves)
+    return Result(
+        scalars, assign_units_to_scalars(scalars, {"mean_pressure": "stress", "*": "1"}), curves
+    )
 
 
 # Method
@@ -111,50 +117,67 @@ and 3/4.
 ELEMENT_COUNTS = (4, 8, 16, 32)
 """Numbers of elements over the half width of the punch."""
 GRADING_EXPONENT = 1.5
-"""Exponent g of graded meshes, with lines at x = b (1 - (1 - s)^g) for s in equal steps."""
+"""Exponent g of graded meshes, whose lines are at x = b (1 - (1 - s)^g) with equal steps of s."""
 
 
 def punch(
     element: str, kind: str, graded: bool = False, outer: float = BODY_SIZE, far_field: bool = True
 ) -> Result:
-    """Solve the contact below one kind of punch on meshes of one element.
+    """Solve the contact below one kind of flat punch on a series of meshes.
 
     Args:
-        element: Name of the element.
-        kind: A key of `PUNCHES`.
-        graded: Whether elements get smaller towards the punch's edge; otherwise they are equal.
-        outer: Side of the body over the half width of the punch.
-        far_field: Whether the outer sides have the exact displacements; otherwise they are fixed.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        kind: Kind of punch, a key of `PUNCHES`.
+        graded: Whether elements become smaller towards the edge of the punch; otherwise they are
+            equal.
+        outer: Side of the meshed body over the half width of the punch.
+        far_field: Whether the exact displacements are prescribed on the outer sides; otherwise
+            these are fixed.
     """
     solution, state = PUNCHES[kind]
     surface = FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_WIDTH)
-    meshes = {n: [_make_mesh_lines(n, GRADING_EXPONENT if graded else 1.0)] for n in ELEMENT_COUNTS}
-    result = solve_refinement_series(
+    meshes = {
+        n: [_make_graded_mesh_lines_below_punch(n, GRADING_EXPONENT if graded else 1.0)]
+        for n in ELEMENT_COUNTS
+    }
+    result = solve_indentation_on_refined_meshes(
         element, Indenter(solution, surface, state), meshes, outer, far_field
     )
     if not isinstance(solution, BondedLinePunch):
         return result
-    return _add_shear_errors(result, solution)
+    return _add_exact_shear_forces_and_error(result, solution)
 
 
-def _add_shear_errors(result: Result, solution: BondedLinePunch) -> Result:
-    """Add the exact shear force of one half, the force's error, and exact nodal shear forces."""
-    exact_force = -float(solution.shear_within(np.array([HALF_WIDTH]))[0])
+def _add_exact_shear_forces_and_error(result: Result, solution: BondedLinePunch) -> Result:
+    """Return the result with the exact shear forces of a bonded punch and the error of their sum.
+
+    The sum is taken over one half of the punch; exact nodal forces are integrals over tributary
+    areas.
+
+    Args:
+        result: Computed result.
+        solution: Exact solution of the bonded punch.
+    """
+    exact_force = -float(solution.shear_force_from_middle_to(np.array([HALF_WIDTH]))[0])
     scalars = {
         "exact_force_tangential": exact_force,
         "error_force_tangential": abs(result.scalars["force_tangential"] / exact_force - 1),
     }
     unit_kinds = {"exact_force_tangential": "force", "error_*": "1"}
-    nodal_forces = -np.diff(solution.shear_within(tributary_ends(result.curves["x"])))
+    nodal_forces = -np.diff(
+        solution.shear_force_from_middle_to(ends_of_tributary_lengths(result.curves["x"]))
+    )
     return replace(
         result,
         scalars={**result.scalars, **scalars},
-        units={**result.units, **units_of(scalars, unit_kinds)},
+        units={**result.units, **assign_units_to_scalars(scalars, unit_kinds)},
         curves={**result.curves, "exact_force_t": nodal_forces},
     )
 
 
-def _make_mesh_lines(elements: int, grading_exponent: float) -> npt.NDArray[np.float64]:
+def _make_graded_mesh_lines_below_punch(
+    elements: int, grading_exponent: float
+) -> npt.NDArray[np.float64]:
     return HALF_WIDTH * (1 - np.linspace(1, 0, elements + 1) ** grading_exponent)
 
 
@@ -192,11 +215,8 @@ Errors with 32 elements over $b$; observed orders over the last two doublings in
 """
 
 
-def draw_pressure(results: Results) -> Figure:
-    """Tractions below flat punches.
-
-    One panel for each traction.
-    """
+def draw_tractions_below_punches(results: Results) -> Figure:
+    """Draw the tractions below flat punches, one panel per traction."""
     panels = {
         "smooth: pressure": ("smooth", "pressure", 1),
         "bonded: pressure": ("bonded", "pressure", 1),
@@ -205,7 +225,7 @@ def draw_pressure(results: Results) -> Figure:
     }
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.7), sharex=True)
     for ax, (title, panel) in zip(axes, panels.items(), strict=True):
-        _draw_traction(ax, results, *panel)
+        _draw_traction_below_punch(ax, results, *panel)
         ax.set_title(title, fontsize=8)
         ax.set(xlabel="$x / b$", xlim=(-0.03, 1.03))
     axes[0].set_ylabel("traction / mean pressure")
@@ -213,7 +233,9 @@ def draw_pressure(results: Results) -> Figure:
     return fig
 
 
-def _draw_traction(ax: Axes, results: Results, kind: str, quantity: str, sign: int) -> None:
+def _draw_traction_below_punch(
+    ax: Axes, results: Results, kind: str, quantity: str, sign: int
+) -> None:
     exact_curves = results.curves(f"V3/{kind}-exact")
     mean = sign * results.scalar(f"V3/{kind}-exact", "mean_pressure")
     for element in ("galerkin-T6", "pw-T6"):
@@ -225,20 +247,24 @@ def _draw_traction(ax: Axes, results: Results, kind: str, quantity: str, sign: i
     ax.set_ylim(0, traction[x < 0.97 * b][-1] / mean)
 
 
-def draw_convergence(results: Results) -> Figure:
-    """Convergence of the contact pressure below flat punches.
+def draw_convergence_below_punches(results: Results) -> Figure:
+    """Draw the convergence of contact pressures below flat punches.
 
-    One panel for each kind of punch, with uniform and graded meshes.
+    Each panel shows one kind of punch, with uniform and graded meshes.
     """
     titles = {"smooth": "smooth", "bonded": "bonded", "round": "round, smooth"}
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 3.2), sharex=True, sharey=True)
     for ax, (kind, title) in zip(axes, titles.items(), strict=True):
-        convergence.prepare_axes(ax, results, CONVERGENCE_CASE_KEYS[0])
+        convergence.set_log_axes_with_element_ticks(ax, results, CONVERGENCE_CASE_KEYS[0])
         for mesh, line in MESH_LINE_STYLES.items():
             keys = {element: f"V3/{kind}-{element}{mesh}" for element in convergence.ELEMENTS}
-            convergence.plot_errors(ax, results, keys, "error_pressure_own_inner", linestyle=line)
-        convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1, 0.15)
-        convergence.plot_order_slope(ax, results, CONVERGENCE_CASE_KEYS[0], 1.5, 0.011)
+            convergence.plot_error_over_number_of_elements(
+                ax, results, keys, "error_pressure_own_inner", linestyle=line
+            )
+        convergence.draw_line_of_convergence_order(ax, results, CONVERGENCE_CASE_KEYS[0], 1, 0.15)
+        convergence.draw_line_of_convergence_order(
+            ax, results, CONVERGENCE_CASE_KEYS[0], 1.5, 0.011
+        )
         ax.set(title=title, xlabel="elements over half width")
     axes[0].set_ylabel("error of pressure, inner part")
     handles, _ = axes[0].get_legend_handles_labels()
@@ -253,8 +279,8 @@ def draw_convergence(results: Results) -> Figure:
     return fig
 
 
-def caption_pressure(results: Results) -> str:
-    """Return the caption, with the number of elements."""
+def caption_tractions_below_punches(results: Results) -> str:
+    """Return the caption of the tractions, including the number of elements."""
     elements = results.curves(PRESSURE_CASE_KEYS[0])["elements"][1]
     return (
         f"Own-function tractions below flat punches of half width b with {elements:.0f} equal "
@@ -264,8 +290,8 @@ def caption_pressure(results: Results) -> str:
     )
 
 
-def caption_convergence(results: Results) -> str:
-    """Return the caption, with observed orders."""
+def caption_convergence_below_punches(results: Results) -> str:
+    """Return the caption of the convergence figure, including observed orders."""
     even, graded = (
         results.scalar(f"V3/smooth-pw-T6{mesh}", "order_pressure_own_inner")
         for mesh in MESH_LINE_STYLES
@@ -279,7 +305,7 @@ def caption_convergence(results: Results) -> str:
 
 
 MESH_LINE_STYLES = {"": "-", "-graded": "--"}
-"""Line styles of uniform and graded meshes, by the suffix of the case names."""
+"""Line styles of uniform and graded meshes, by the suffix of the case name."""
 PRESSURE_CASE_KEYS = [
     f"V3/{kind}-{curve}" for kind in PUNCHES for curve in ("galerkin-T6", "pw-T6", "exact")
 ]
@@ -292,18 +318,18 @@ CONVERGENCE_CASE_KEYS = [
 FIGURES = [
     PageFigure(
         "v3_punch_pressure",
-        draw_pressure,
+        draw_tractions_below_punches,
         needs=PRESSURE_CASE_KEYS,
-        caption=caption_pressure,
+        caption=caption_tractions_below_punches,
         alt="Four plots of tractions over x, even in the middle and rising steeply to the punch's "
         "edge, the shear from zero. Markers of both elements lie on the exact curves but for the "
         "last element.",
     ),
     PageFigure(
         "v3_punch_convergence",
-        draw_convergence,
+        draw_convergence_below_punches,
         needs=CONVERGENCE_CASE_KEYS,
-        caption=caption_convergence,
+        caption=caption_convergence_below_punches,
         alt="Three log-log plots of error over the number of elements. Solid lines of even meshes "
         "fall with slope one, dashed ones of graded meshes with slope one and a half; the native "
         "quadrilateral lies lowest.",

@@ -1,4 +1,4 @@
-"""Spence's problem: stick radius below a flat punch with friction on a half plane."""
+"""Verification of Spence's problem: stick radius below a flat punch with friction."""
 
 from functools import partial
 
@@ -21,13 +21,13 @@ from study.judge.checks import check
 from study.judge.measures.general import scalar_difference
 from study.judge.measures.stored_cases import select_results
 from study.meshes.line_mesh import mesh_along_lines
-from study.meshes.mesh_lines import growing_lines
+from study.meshes.mesh_lines import geometrically_growing_lines
 from study.model.contact_result import contact_result
 from study.model.discretisation import Discretisation, discretise
 from study.model.units import DIMENSIONLESS_UNITS
 from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -74,13 +74,19 @@ REFERENCE_STICK_RADII = {
 The values are from a boundary-element program of this study for the half plane.
 """
 REFERENCE_RADIUS_ACCURACY = 0.003
-"""Accuracy of `REFERENCE_STICK_RADII` as estimated by that program."""
+"""Accuracy of `REFERENCE_STICK_RADII` as estimated by the boundary-element program."""
 
 
 def equivalent_plane_strain_material(
     youngs_modulus: float, poissons_ratio: float, state: StressState
 ) -> ElasticHalfSpace:
-    """Return the material whose plane fields in plane strain are those of another in a state."""
+    """Return the plane-strain material that has the same plane fields as a given material.
+
+    Args:
+        youngs_modulus: Young's modulus of the given material.
+        poissons_ratio: Poisson's ratio of the given material.
+        state: Stress state of the given material, plane strain or plane stress.
+    """
     if state is StressState.PLANE_STRAIN:
         return ElasticHalfSpace(youngs_modulus, poissons_ratio)
     return ElasticHalfSpace(
@@ -106,14 +112,17 @@ between the last node that sticks and the first that slips.
 YOUNGS_MODULUS, FORCE = 1.0, 1e-3
 """Young's modulus, and force over E b; lengths are relative to b. They do not affect c/b."""
 BODY_SIDE, MESH_GROWTH = 5.0, 1.3
-"""Side of the body, and size ratio of successive elements beside and below the punch."""
+"""Side of the meshed body, and size ratio of adjacent elements beside and below the punch."""
 EDGE_SIZE_RATIO = 0.25
-"""Element size at the edge of the punch over that in its middle."""
+"""Ratio of the element sizes at the edge and in the middle of the punch."""
 COARSEST_ELEMENT_COUNT = 16
-"""Elements below half of the punch on the mesh with which each series starts."""
+"""Number of elements below half of the punch on the coarsest mesh of each series."""
 N_INCREMENTS = 2
 N_FAR_FIELD_PASSES = 2
-"""Number of solutions on each mesh, each with the far field of the preceding nodal forces."""
+"""Number of solutions on each mesh.
+
+In each solution, the far field is that of the nodal forces of the preceding solution.
+"""
 
 
 def stick_radius(
@@ -125,20 +134,21 @@ def stick_radius(
     increments: int = N_INCREMENTS,
     state: str = "plane strain",
 ) -> Result:
-    """Compute the stick radius below the punch, over its half width.
+    """Compute the stick radius below a punch, over its half width.
 
-    The radius `stick` lies midway between the last sticking and the first slipping node, whose
-    distance is `stick_between`. `pass_change` is the largest change of a nodal force in the last
-    far-field pass, over the largest force. Each mesh starts with the forces of the next coarser one.
+    The scalar `stick` is midway between the last sticking and the first slipping node, and
+    `stick_between` is the distance of these nodes. `pass_change` is the largest change of a nodal
+    force between the last two solutions on the finest mesh, over the largest force. Each mesh
+    starts with the far field of the nodal forces on the next coarser mesh.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
         poissons_ratio: Poisson's ratio of the body.
-        friction: Friction coefficient.
-        elements: Number of elements below half of the punch: `COARSEST_ELEMENT_COUNT` times a
-            power of two.
-        far_field: Whether the outer sides have the displacements of a half plane under the nodal
-            forces; otherwise they are fixed.
+        friction: Coefficient of friction.
+        elements: Number of elements below half of the punch: `COARSEST_ELEMENT_COUNT` times a power
+            of two.
+        far_field: Whether the displacements of a half plane under the nodal forces are prescribed
+            on the outer sides; otherwise these are fixed.
         increments: Number of equal increments of the force.
         state: Name of the stress state.
     """
@@ -154,18 +164,18 @@ def stick_radius(
     for level in COARSEST_ELEMENT_COUNT * 2 ** np.arange(
         1 + int(np.log2(elements // COARSEST_ELEMENT_COUNT))
     ):
-        mesh = partial(_build_mesh, int(level))
+        mesh = partial(_build_mesh_refined_at_punch_edge, int(level))
         body = discretise(element, mesh, material, StressState(state))
         fixed_sides = [prescribe(body.space, i, _is_on_outer_sides) for i in (0, 1)]
         supports = body.supports([*fixed_sides, prescribe(body.space, 0, _is_on_axis)])
         for _ in range(N_FAR_FIELD_PASSES if far_field else 1):
             sources = forces if far_field else forces[:0]
-            full_load = _compute_load_of_side_displacements(body, half_plane, sources)
+            full_load = _load_replacing_outer_side_displacements(body, half_plane, sources)
             loads = [full_load * factor for factor in load_factors]
             states = solve_contact(body.K, loads, supports, [pair], body.space)
-            previous_forces, forces = forces, _collect_contact_forces(states[-1])
+            previous_forces, forces = forces, _collect_contact_positions_and_forces(states[-1])
     pass_change = np.abs(forces - previous_forces).max() / forces.max() if far_field else 0.0
-    last_sticking, first_slipping = _find_stick_border(states[-1])
+    last_sticking, first_slipping = _last_sticking_and_first_slipping_position(states[-1])
     reference = {}
     if state == "plane strain" and (poissons_ratio, friction) in REFERENCE_STICK_RADII:
         reference = {"stick_known": REFERENCE_STICK_RADII[poissons_ratio, friction]}
@@ -184,21 +194,23 @@ def stick_radius(
     )
 
 
-def _compute_load_of_side_displacements(
-    body: Discretisation, half_plane: ElasticHalfSpace, forces: Array
+def _load_replacing_outer_side_displacements(
+    body: Discretisation, half_plane: ElasticHalfSpace, surface_forces: Array
 ) -> PETSc.Vec:
-    """Return the load on a body with fixed sides that replaces the displacements of these sides.
+    """Return the load vector that replaces prescribed displacements of the outer sides.
 
-    The sides' displacements are those of a half plane under forces on its surface.
+    The load acts on a body whose outer sides are fixed. The displacements are those of a half plane
+    under line forces on its surface.
 
     Args:
-        body: The discretised body.
+        body: Discretised body.
         half_plane: Material of the half plane.
-        forces: Position, normal and tangential force of each source on the right half, (m, 3).
+        surface_forces: Position, normal force and tangential force of each line force on the right half, an
+            array (m, 3).
     """
     nodes = fem.locate_dofs_geometrical(body.space, _is_on_outer_sides)
     x = body.space.tabulate_dof_coordinates()[nodes, :2]
-    s, normal, tangential = forces.T
+    s, normal, tangential = surface_forces.T
     displacement = body.K.createVecRight()
     displacement.array.reshape(-1, 2)[nodes] = half_plane.displacement_by_line_forces(
         x, np.r_[s, -s], np.r_[normal, normal], np.r_[tangential, -tangential]
@@ -208,28 +220,33 @@ def _compute_load_of_side_displacements(
     return load
 
 
-def _collect_contact_forces(state: ContactState) -> Array:
-    """Return position, normal and tangential force of all contact nodes, (m, 3)."""
+def _collect_contact_positions_and_forces(state: ContactState) -> Array:
+    """Return position, normal force and tangential force of the m contact nodes, (m, 3)."""
     (contact,) = state.pairs
     tangential = contact.force_tangential[:, 0]
     return np.column_stack([contact.position[:, 0], contact.force_normal, tangential])
 
 
-def _find_stick_border(state: ContactState) -> tuple[float, float]:
-    """Return the positions of the last sticking node and of the first slipping one."""
+def _last_sticking_and_first_slipping_position(state: ContactState) -> tuple[float, float]:
+    """Return the positions of the last sticking node and of the first slipping node."""
     x, status = state.pairs[0].position[:, 0], state.pairs[0].status
     last_sticking = int(np.flatnonzero(status == STICK).max())
     return float(x[last_sticking]), float(x[last_sticking + 1])
 
 
-def _build_mesh(elements: int, cell: str) -> Mesh:
-    """Return a mesh with element sizes that decrease linearly towards the punch's edge."""
+def _build_mesh_refined_at_punch_edge(elements: int, cell: str) -> Mesh:
+    """Mesh the body with element sizes that decrease linearly towards the edge of the punch.
+
+    Args:
+        elements: Number of elements below half of the punch.
+        cell: Cell type, "triangle" or "quadrilateral".
+    """
     s = np.linspace(0.0, 1.0, elements + 1)
     below_punch = 2 / (1 + EDGE_SIZE_RATIO) * (s - (1 - EDGE_SIZE_RATIO) / 2 * s**2)
     smallest = below_punch[-1] - below_punch[-2]
-    beside_punch = 1 + growing_lines(smallest, BODY_SIDE - 1, MESH_GROWTH)[1:]
+    beside_punch = 1 + geometrically_growing_lines(smallest, BODY_SIDE - 1, MESH_GROWTH)[1:]
     x_lines = np.concatenate([below_punch, beside_punch])
-    y_lines = -growing_lines(smallest, BODY_SIDE, MESH_GROWTH)[::-1]
+    y_lines = -geometrically_growing_lines(smallest, BODY_SIDE, MESH_GROWTH)[::-1]
     return mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
 
 
@@ -253,40 +270,53 @@ FINEST_ELEMENT_COUNT = 128
 
 
 def make_case_name(element: str, poissons_ratio: float, friction: float, elements: int) -> str:
-    """Return the name of a case, with the friction angle in degrees."""
+    """Return the name of a case, which contains the friction angle in degrees.
+
+    Args:
+        element: Element name.
+        poissons_ratio: Poisson's ratio.
+        friction: Coefficient of friction, the tangent of the friction angle.
+        elements: Number of elements below half of the punch.
+    """
     angle = np.rad2deg(np.arctan(friction))
     return f"{element}-nu{poissons_ratio:.2f}-{angle:.1f}deg-{elements}"
 
 
-def _make_case(
+def _make_stick_radius_case(
     element: str,
-    material: tuple[float, float],
+    poissons_ratio_and_friction: tuple[float, float],
     elements: int,
     suffix: str = "",
     **parameters: object,
 ) -> Case:
-    nu, mu = material
+    nu, mu = poissons_ratio_and_friction
     name = make_case_name(element, nu, mu, elements) + suffix
     problem = {"element": element, "poissons_ratio": nu, "friction": mu, "elements": elements}
     return Case("V4", name, stick_radius, problem | parameters)
 
 
 FIRST_MATERIAL, *OTHER_MATERIALS = REFERENCE_STICK_RADII
-CASES = [_make_case(element, FIRST_MATERIAL, n) for element in ELEMENTS for n in ELEMENT_COUNTS]
+CASES = [
+    _make_stick_radius_case(element, FIRST_MATERIAL, n)
+    for element in ELEMENTS
+    for n in ELEMENT_COUNTS
+]
 CASES += [
-    _make_case(element, FIRST_MATERIAL, FINEST_ELEMENT_COUNT)
+    _make_stick_radius_case(element, FIRST_MATERIAL, FINEST_ELEMENT_COUNT)
     for element in ("galerkin-T6", "pw-T6")
 ]
 CASES += [
-    _make_case("pw-T6", material, n)
+    _make_stick_radius_case("pw-T6", material, n)
     for material in OTHER_MATERIALS
     for n in (64, FINEST_ELEMENT_COUNT)
 ]
 CASES += [
-    _make_case("pw-T6", FIRST_MATERIAL, 32, "-one-step", increments=1),
-    _make_case("pw-T6", FIRST_MATERIAL, 32, "-ten-steps", increments=10),
-    _make_case("pw-T6", FIRST_MATERIAL, 64, "-held", far_field=False),
-    _make_case("pw-T6", (0.25, FIRST_MATERIAL[1]), 64, "-stress", state="plane stress"),
+    _make_stick_radius_case("pw-T6", FIRST_MATERIAL, 32, "-one-step", increments=1),
+    _make_stick_radius_case("pw-T6", FIRST_MATERIAL, 32, "-ten-steps", increments=10),
+    _make_stick_radius_case("pw-T6", FIRST_MATERIAL, 64, "-held", far_field=False),
+    _make_stick_radius_case(
+        "pw-T6", (0.25, FIRST_MATERIAL[1]), 64, "-stress", state="plane stress"
+    ),
 ]
 CASES = mark_costly(CASES, "*-128", "composite-*-64", "*-Q[89]-*-64")
 
@@ -318,20 +348,21 @@ Stick radius for $\nu = 0.25$ and tan 20° for each mesh, with half the distance
 """
 
 
-def draw_stresses_and_used_friction(results: Results) -> Figure:
-    """Flat punch with friction: stresses, and how much of the friction is used.
+def draw_contact_stresses_and_used_friction(results: Results) -> Figure:
+    """Draw the contact stresses below a flat punch, and the ratio of shear to the friction limit.
 
-    Panels: stresses of two elements; used friction for four materials.
+    The panels show stresses of two elements, and the ratio for four combinations of Poisson's ratio
+    and coefficient of friction.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.3))
-    _draw_stresses(left, results)
+    _draw_contact_stresses(left, results)
     _draw_used_friction(right, results)
-    zones = zone_legend_handles(results.curves(STRESS_CASE_KEYS["pw-T6"]))
+    zones = contact_zone_legend_handles(results.curves(STRESS_CASE_KEYS["pw-T6"]))
     fig.legend(handles=zones, loc="outside lower left", ncols=2)
     return fig
 
 
-def _draw_stresses(ax: Axes, results: Results) -> None:
+def _draw_contact_stresses(ax: Axes, results: Results) -> None:
     for element, key in STRESS_CASE_KEYS.items():
         curves = results.curves(key)
         mean = results.scalar(key, "peak_pressure") / results.scalar(key, "peak_over_mean")
@@ -349,7 +380,7 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     )
     ax.set_ylabel("stress / mean pressure")
     ax.legend(loc="upper left", fontsize=7)
-    draw_zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
+    draw_contact_zone_strip(ax, results.curves(STRESS_CASE_KEYS["pw-T6"]))
 
 
 def _draw_used_friction(ax: Axes, results: Results) -> None:
@@ -368,8 +399,8 @@ def _draw_used_friction(ax: Axes, results: Results) -> None:
     ax.legend(loc="upper left", fontsize=7)
 
 
-def caption_stresses_and_used_friction(results: Results) -> str:
-    """Return the caption, with stick radii."""
+def caption_contact_stresses_and_used_friction(results: Results) -> str:
+    """Return the caption of the stresses and the used friction, including the stick radii."""
     radii = "; ".join(
         f"{results.scalar(key, 'stick'):.3f} ({results.scalar(key, 'stick_known'):.3f})"
         for key in USED_FRICTION_CASE_KEYS
@@ -396,9 +427,9 @@ USED_FRICTION_CASE_KEYS = [
 FIGURES = [
     PageFigure(
         "v4_spence",
-        draw_stresses_and_used_friction,
+        draw_contact_stresses_and_used_friction,
         needs=[*STRESS_CASE_KEYS.values(), *USED_FRICTION_CASE_KEYS],
-        caption=caption_stresses_and_used_friction,
+        caption=caption_contact_stresses_and_used_friction,
         alt="Pressure and shear grow towards the punch's edge, alike for both elements. Four "
         "curves of used friction rise from zero to one, which each reaches at its black tick, and "
         "stay there.",
@@ -408,10 +439,11 @@ FIGURES = [
 # Findings
 
 
-def largest_distance_from_stick_border(results: Results) -> float:
-    """Return the largest distance of a reference radius from the border of the stick zone.
+def largest_distance_of_reference_stick_radius(results: Results) -> float:
+    """Return the largest distance of a reference stick radius from a computed stick-zone border.
 
-    The distance is zero if the radius lies between the last sticking and the first slipping node.
+    The distance is zero if the reference radius lies between the last sticking and the first
+    slipping node.
     """
     distances = []
     cases = {"far_field": True, "increments": N_INCREMENTS, "state": "plane strain"}
@@ -446,7 +478,7 @@ CHECKS = [
         "Spence's punch: on every mesh of every element the known stick radius lies between"
         " the last node that sticks and the first that slips, or beside them by no more "
         "than its own accuracy.",
-        largest_distance_from_stick_border,
+        largest_distance_of_reference_stick_radius,
         "<=",
         REFERENCE_RADIUS_ACCURACY,
         tolerance_why="none: the bound is the accuracy of the reference radius",

@@ -1,4 +1,4 @@
-"""Partial slip of two equal bodies in plane strain: Cattaneo's and Mindlin's problem."""
+"""Verification of partial slip of two equal bodies in plane strain (Cattaneo, Mindlin)."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -21,19 +21,19 @@ from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.judge.measures.known_solutions import refinement_order
 from study.meshes.line_mesh import mesh_along_lines
-from study.meshes.mesh_lines import growing_lines
-from study.meshes.two_body_meshes import with_rotated_copy
+from study.meshes.mesh_lines import geometrically_growing_lines
+from study.meshes.two_body_meshes import add_rotated_body
 from study.model.discretisation import Discretisation, discretise, mesh_nodes_and_cells
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots import convergence
 from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX, PAIR_WIDE_WIDTH
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
 from study.solutions.half_space import ElasticHalfSpace
-from study.solutions.stick_slip import Cattaneo
+from study.solutions.stick_slip import CattaneoPartialSlip
 
 Array = npt.NDArray[np.float64]
 
@@ -66,12 +66,12 @@ $|x| < c = a \sqrt{1 - Q/(\mu P)}$, and the shear is $\mu p$ less $\mu p_0 (c/a)
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
 FRICTION_COEFFICIENT = 0.4
 FRICTION_SHARE = 0.5
-"""Ratio of tangential force to friction limit, Q/(mu P)."""
+"""Ratio Q/(mu P) of the tangential force to the friction limit."""
 RELATIVE_RADIUS = 1e4
-"""Radius of the relative curvature, so large that sliding does not move the contact."""
+"""Radius of the relative curvature, so large that sliding does not move the contact zone."""
 NORMAL_FORCE = np.pi * YOUNGS_MODULUS / (2 * (1 - POISSONS_RATIO**2)) / (4 * RELATIVE_RADIUS)
-"""Normal force P by Hertz, for a half width of one."""
-EXACT_SOLUTION = Cattaneo(
+"""Normal force P for which Hertz's half width of contact is one."""
+EXACT_SOLUTION = CattaneoPartialSlip(
     half_width=1.0,
     force=NORMAL_FORCE,
     friction=FRICTION_COEFFICIENT,
@@ -79,27 +79,27 @@ EXACT_SOLUTION = Cattaneo(
 )
 
 N_SURFACE_FORCES = 64
-"""Number of forces that replace the tractions; it makes displacements exact to round-off."""
+"""Number of line forces that replace the tractions; displacements are then exact to round-off."""
 
 
-def exact_displacement(x: Array, friction_share: float) -> np.ndarray:
-    """Return the lower half plane's displacements (n, 2) at points (n, 2) away from the contact.
+def exact_partial_slip_displacement(x: Array, friction_fraction: float) -> np.ndarray:
+    """Return exact displacements (n, 2) of the lower half plane at points off the contact.
 
-    They are Gauss-Chebyshev sums over forces on the surface: the forces of full slip minus a
+    They are Gauss-Chebyshev sums over line forces on the surface: the forces of full slip minus a
     correction in the stick zone.
 
     Args:
-        x: Coordinates of the points.
-        friction_share: Ratio Q/(mu P).
+        x: Points (n, 2).
+        friction_fraction: Ratio Q/(mu P) of the tangential force to the friction limit.
     """
     half_plane = ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO)
     theta = np.arange(1, N_SURFACE_FORCES + 1) * np.pi / (N_SURFACE_FORCES + 1)
     s, weight = np.cos(theta), 2 / (N_SURFACE_FORCES + 1) * np.sin(theta) ** 2
     normal, zero = NORMAL_FORCE * weight, np.zeros(N_SURFACE_FORCES)
-    if not friction_share:
+    if not friction_fraction:
         return half_plane.displacement_by_line_forces(x, s, normal, zero)
-    stick = float(np.sqrt(1 - friction_share))
-    stick_correction = (1 - friction_share) * FRICTION_COEFFICIENT * normal
+    stick = float(np.sqrt(1 - friction_fraction))
+    stick_correction = (1 - friction_fraction) * FRICTION_COEFFICIENT * normal
     displacement = half_plane.displacement_by_line_forces(
         x, s, normal, FRICTION_COEFFICIENT * normal
     )
@@ -130,25 +130,27 @@ there is dominated by a single node.
 N_INCREMENTS = 2
 """Number of increments of the tangential force."""
 ZONE_HALF_WIDTH, BODY_HALF_WIDTH = 1.25, 5.0
-"""Half widths of the zone of nodes that may touch, and of the bodies."""
+"""Half width of the zone whose nodes may touch, and half width of each body."""
 MESH_GROWTH = 1.3
-"""Size ratio of successive elements beside and below the zone."""
+"""Size ratio of adjacent elements beside and below the zone."""
 MESH_DISTANCE = 1.0
-"""Distance between the meshes of the two bodies."""
+"""Initial distance between the meshes of the two bodies."""
 INNER_HALF_WIDTH, MIN_DISTANCE_FROM_STICK_END = 0.9, 0.1
-"""Half width of the part where tractions are compared; distance from c that is excluded."""
+"""Half width of the part where tractions are compared, and minimum distance from the ends of the
+stick zone.
+"""
 
 
 def partial_slip(
     element: str, zone_elements: int, far_field: bool = True, increments: int = N_INCREMENTS
 ) -> Result:
-    """Solve the partial-slip problem; compare stick zone and tractions with the exact ones.
+    """Solve the partial-slip problem; compare stick zone and tractions with the exact solution.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
         zone_elements: Number of elements over `ZONE_HALF_WIDTH`.
-        far_field: Whether the outer sides have the displacements of half planes under the exact
-            tractions; otherwise they are fixed.
+        far_field: Whether the displacements of half planes under the exact tractions are prescribed
+            on the outer sides; otherwise these are fixed.
         increments: Number of increments of the tangential force.
     """
     shares = FRICTION_SHARE * np.arange(increments + 1) / increments
@@ -162,25 +164,33 @@ def partial_slip(
     )
     pair = ContactPair(_is_on_lower_contact, upper, FRICTION_COEFFICIENT, motions)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    mesh = partial(_build_mesh, zone_elements)
+    mesh = partial(_build_mesh_of_both_bodies, zone_elements)
     body = discretise(element, mesh, material, StressState.PLANE_STRAIN)
-    loads = [_compute_load_of_side_displacements(body, share, far_field) for share in shares]
+    loads = [_load_replacing_outer_side_displacements(body, share, far_field) for share in shares]
     supports = body.supports([prescribe(body.space, i, _is_on_outer_sides) for i in (0, 1)])
     states = solve_contact(body.K, loads, supports, [pair], body.space)
     return _compare_with_exact_solution(body, states)
 
 
-def _compute_load_of_side_displacements(
-    body: Discretisation, friction_share: float, far_field: bool
+def _load_replacing_outer_side_displacements(
+    body: Discretisation, friction_fraction: float, far_field: bool
 ) -> PETSc.Vec:
-    """Return the load on bodies with fixed sides that replaces the displacements of the sides."""
+    """Return the load vector that replaces prescribed displacements of the outer sides.
+
+    The load acts on bodies whose outer sides are fixed.
+
+    Args:
+        body: Discretised bodies.
+        friction_fraction: Ratio Q/(mu P) of the tangential force to the friction limit.
+        far_field: Whether the displacements are the exact ones; otherwise they are zero.
+    """
     displacement = body.K.createVecRight()
     if far_field:
         nodes = fem.locate_dofs_geometrical(body.space, _is_on_outer_sides)
         x = body.space.tabulate_dof_coordinates()[nodes, :2]
         is_upper = x[:, 1, None] > MESH_DISTANCE / 2
         rotated = np.where(is_upper, [0.0, MESH_DISTANCE] - x, x)  # the upper body, by 180 degrees
-        lower = exact_displacement(rotated, friction_share)
+        lower = exact_partial_slip_displacement(rotated, friction_fraction)
         displacement.array.reshape(-1, 2)[nodes] = np.where(is_upper, -lower, lower)
     load = body.K * displacement
     load.scale(-1.0)
@@ -188,52 +198,67 @@ def _compute_load_of_side_displacements(
 
 
 @dataclass(frozen=True)
-class _Traction:
-    """Computed and exact traction at the contact nodes.
+class _ContactTraction:
+    """Computed and exact traction component at the contact nodes.
 
     Attributes:
-        force: Nodal forces.
-        computed: Nodal forces over the integrals of the nodes' own test functions.
-        exact: Exact traction at the nodes.
+        force: Nodal forces (m,).
+        computed: Nodal forces over the integrals of the nodes' test functions, (m,).
+        exact: Exact tractions (m,) at the nodes.
     """
 
     force: Array
     computed: Array
     exact: Array
 
-    def relative_errors(self, x: Array, name: str) -> dict[str, float]:
-        """Return relative L2 errors in the inner part, with and without the vicinity of c."""
+    def relative_l2_errors(self, x: Array, name: str) -> dict[str, float]:
+        """Return two relative L2 errors of the traction in the inner part of the contact.
+
+        The error `error_<name>` includes all inner nodes; `error_<name>_apart` excludes nodes near
+        the ends of the stick zone.
+
+        Args:
+            x: Positions (m,) of the nodes.
+            name: Name of the traction.
+        """
         is_inner = np.abs(x) < INNER_HALF_WIDTH
         is_away_from_c = is_inner & (
             np.abs(np.abs(x) - EXACT_SOLUTION.stick_half_width) > MIN_DISTANCE_FROM_STICK_END
         )
         weight = np.gradient(x)
 
-        def relative_error(nodes: npt.NDArray[np.bool_]) -> float:
+        def relative_l2_error(nodes: npt.NDArray[np.bool_]) -> float:
             squares = weight[nodes] * (self.computed - self.exact)[nodes] ** 2
             scale = weight[is_inner] * self.exact[is_inner] ** 2
             return float(np.sqrt(squares.sum() / scale.sum()))
 
         return {
-            f"error_{name}": relative_error(is_inner),
-            f"error_{name}_apart": relative_error(is_away_from_c),
+            f"error_{name}": relative_l2_error(is_inner),
+            f"error_{name}_apart": relative_l2_error(is_away_from_c),
         }
 
 
 def _compare_with_exact_solution(body: Discretisation, states: list[ContactState]) -> Result:
-    """Return forces, tractions and stick zone of the last state, and their errors.
+    """Return forces, tractions and stick zone of the last state, with their errors.
 
-    `stick_off` is the error of the stick zone's half width over the node distance.
+    The scalar `stick_off` is the error of the stick zone's half width over the distance between
+    nodes.
+
+    Args:
+        body: Discretised bodies.
+        states: States at the ends of all increments.
     """
     (contact,) = states[-1].pairs
     surface = SurfaceNodes.from_body(body.body, _is_on_lower_contact)
     x, status = contact.position[:, 0], contact.status
     normal, tangential = contact.force_normal, contact.force_tangential[:, 0]
-    pressure = _Traction(normal, surface.pressure(normal), EXACT_SOLUTION.pressure(x))
-    shear = _Traction(tangential, surface.pressure(tangential), EXACT_SOLUTION.shear(x))
+    pressure = _ContactTraction(normal, surface.pressure(normal), EXACT_SOLUTION.pressure(x))
+    shear = _ContactTraction(tangential, surface.pressure(tangential), EXACT_SOLUTION.shear(x))
     sticking, is_closed = x[status == STICK], status != OPEN
-    left, right = (_find_stick_border(x, end) for end in (sticking.min(), sticking.max()))
-    element_size = ZONE_HALF_WIDTH / _count_zone_elements(x)
+    left, right = (
+        _midpoint_beside_last_sticking_node(x, end) for end in (sticking.min(), sticking.max())
+    )
+    element_size = ZONE_HALF_WIDTH / _count_elements_over_zone_half_width(x)
     scalars = {
         "force_normal": pressure.force.sum(),
         "force_tangential": shear.force.sum(),
@@ -250,8 +275,8 @@ def _compare_with_exact_solution(body: Discretisation, states: list[ContactState
         "peak_known": EXACT_SOLUTION.peak_pressure,
         "friction": FRICTION_COEFFICIENT,
         "half_width": np.abs(x[is_closed]).max(),
-        **pressure.relative_errors(x, "pressure"),
-        **shear.relative_errors(x, "shear"),
+        **pressure.relative_l2_errors(x, "pressure"),
+        **shear.relative_l2_errors(x, "shear"),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
     curves: dict[str, np.ndarray] = {
@@ -266,33 +291,38 @@ def _compare_with_exact_solution(body: Discretisation, states: list[ContactState
         "known_shear": shear.exact,
         **mesh_nodes_and_cells(body.space),
     }
-    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=body.K.getSize()[0])
 
 
-def _find_stick_border(x: Array, last_sticking: float) -> float:
-    """Return the midpoint between the last sticking node on one side and its slipping neighbour."""
+def _midpoint_beside_last_sticking_node(x: Array, last_sticking: float) -> float:
+    """Return the midpoint between the last sticking node on one side and its slipping neighbour.
+
+    Args:
+        x: Positions (m,) of the contact nodes.
+        last_sticking: Position of the last sticking node; its sign defines the side.
+    """
     i = int(np.flatnonzero(x == last_sticking)[0])
     neighbour = i + (1 if last_sticking > 0 else -1)
     return float((x[i] + x[neighbour]) / 2)
 
 
-def _count_zone_elements(x: Array) -> int:
-    """Return the number of elements over `ZONE_HALF_WIDTH`, given the nodes (m,) that may touch."""
+def _count_elements_over_zone_half_width(x: Array) -> int:
+    """Return the number of elements over `ZONE_HALF_WIDTH` from contact-node positions (m,)."""
     return (len(x) - 1) // 4
 
 
-def _build_mesh(zone_elements: int, cell: str) -> Mesh:
+def _build_mesh_of_both_bodies(zone_elements: int, cell: str) -> Mesh:
     smallest = ZONE_HALF_WIDTH / zone_elements
     in_zone = np.linspace(0.0, ZONE_HALF_WIDTH, zone_elements + 1)
     beside_zone = (
         ZONE_HALF_WIDTH
-        + growing_lines(smallest, BODY_HALF_WIDTH - ZONE_HALF_WIDTH, MESH_GROWTH)[1:]
+        + geometrically_growing_lines(smallest, BODY_HALF_WIDTH - ZONE_HALF_WIDTH, MESH_GROWTH)[1:]
     )
     right = np.concatenate([in_zone, beside_zone])
     x_lines = np.concatenate([-right[:0:-1], right])
-    y_lines = -growing_lines(smallest, BODY_HALF_WIDTH, MESH_GROWTH)[::-1]
+    y_lines = -geometrically_growing_lines(smallest, BODY_HALF_WIDTH, MESH_GROWTH)[::-1]
     lower = mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
-    return with_rotated_copy(lower, MESH_DISTANCE)
+    return add_rotated_body(lower, MESH_DISTANCE)
 
 
 def _is_on_lower_contact(x: Array) -> npt.NDArray[np.bool_]:
@@ -352,10 +382,10 @@ RESULT = r"""
 """
 
 
-def draw_tractions(results: Results) -> Figure:
-    """Partial slip: pressure and shear, and the zone that sticks.
+def draw_partial_slip_tractions(results: Results) -> Figure:
+    """Draw the pressure and shear tractions in partial slip, and the contact zones.
 
-    Tractions of both elements and the exact ones.
+    Tractions of the standard and of the new element are compared with exact ones.
     """
     fig, ax = plt.subplots(figsize=(PAIR_WIDE_WIDTH, 3.2))
     for element, key in TRACTION_CASE_KEYS.items():
@@ -374,17 +404,14 @@ def draw_tractions(results: Results) -> Figure:
     ax.plot(x, pressure, color="black", linewidth=0.8, zorder=3)
     ax.plot(x, shear, color="black", linewidth=0.8, label="exact", zorder=3)
     ax.set(xlabel="$x/a$", ylabel="$p/p_0$ and $q/(\\mu p_0)$", xlim=(-1.25, 1.25), ylim=(0, 1.1))
-    draw_zone_strip(ax, curves)
-    handles = [*ax.get_legend_handles_labels()[0], *zone_legend_handles(curves)]
+    draw_contact_zone_strip(ax, curves)
+    handles = [*ax.get_legend_handles_labels()[0], *contact_zone_legend_handles(curves)]
     fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
 
-def draw_convergence(results: Results) -> Figure:
-    """Partial slip: errors of pressure and shear over the mesh.
-
-    One panel for each traction.
-    """
+def draw_convergence_of_tractions(results: Results) -> Figure:
+    """Draw errors of pressure and shear in partial slip over refinement, one panel each."""
     titles = {
         "error_pressure": f"(a) {OWN_FUNCTION_READING.name} pressure",
         "error_shear_apart": f"(b) {OWN_FUNCTION_READING.name} shear",
@@ -418,8 +445,8 @@ def draw_convergence(results: Results) -> Figure:
     return fig
 
 
-def caption_tractions(results: Results) -> str:
-    """Return the caption, with the half widths of the sticking zone."""
+def caption_partial_slip_tractions(results: Results) -> str:
+    """Return the caption of the tractions, including the half widths of the stick zone."""
     scalars = results[TRACTION_CASE_KEYS["pw-T6"]].scalars
     return (
         f"{OWN_FUNCTION_READING.name.capitalize()} pressure p and shear q between two equal cylinders, pressed "
@@ -430,10 +457,10 @@ def caption_tractions(results: Results) -> str:
     )
 
 
-def caption_convergence(results: Results) -> str:
-    """Return the caption, with observed orders."""
+def caption_convergence_of_tractions(results: Results) -> str:
+    """Return the caption of the convergence figure, including observed orders."""
 
-    def describe_orders(element: str) -> str:
+    def describe_convergence_orders(element: str) -> str:
         orders = [
             refinement_order(results, element, name)
             for name in ("error_pressure", "error_shear_apart")
@@ -443,7 +470,9 @@ def caption_convergence(results: Results) -> str:
     return (
         "Root mean square errors of contact pressure and shear where |x| < 0.9 a, shear without "
         "the neighbourhood of the ends of the sticking zone. Mean observed orders of "
-        "pressure and shear: " + "; ".join(map(describe_orders, convergence.ELEMENTS)) + "."
+        "pressure and shear: "
+        + "; ".join(map(describe_convergence_orders, convergence.ELEMENTS))
+        + "."
     )
 
 
@@ -451,19 +480,19 @@ TRACTION_CASE_KEYS = {element: f"V5/{element}-20" for element in ("galerkin-T6",
 FIGURES = [
     PageFigure(
         "v5_cattaneo",
-        draw_tractions,
+        draw_partial_slip_tractions,
         needs=list(TRACTION_CASE_KEYS.values()),
-        caption=caption_tractions,
+        caption=caption_partial_slip_tractions,
         alt="Pressure and shear over x: a semi-ellipse, and below it the shear with peaks at both "
         "ends of the sticking zone. Both elements lie on the exact curves.",
     ),
     PageFigure(
         "v5_cattaneo_convergence",
-        draw_convergence,
+        draw_convergence_of_tractions,
         needs=[
             f"V5/{element}-{n}" for element in convergence.ELEMENTS for n in ZONE_ELEMENT_COUNTS
         ],
-        caption=caption_convergence,
+        caption=caption_convergence_of_tractions,
         alt="Two log-log plots of error over the number of elements. All errors fall, the composite "
         "triangle's with slope one and the others' with slopes near two.",
     ),

@@ -1,4 +1,4 @@
-"""GRECO/Raous plate on a rough rigid plane, with open, slipping and sticking zones."""
+"""Verification of the GRECO/Raous plate on a rough plane, with open, slip and stick zones."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,7 +26,7 @@ from study.model.discretisation import discretise
 from study.model.units import SI_UNITS
 from study.model.vocabulary import OWN_FUNCTION_READING
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
-from study.publish.plots.zones import draw_zone_strip, zone_legend_handles
+from study.publish.plots.zones import contact_zone_legend_handles, draw_contact_zone_strip
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -66,13 +66,13 @@ YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_COEFFICIENT = 1.3e11, 0.2, 1.0
 PRESSURE_TOP, PRESSURE_LEFT = 5e7, 15e7
 
 REFERENCE_POSITIONS = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
-"""Positions x of the reference displacements on the base, in m."""
+"""Positions x on the base, in m, at which reference displacements are given."""
 PUBLISHED_DISPLACEMENTS = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
 """Horizontal displacements in m from code_aster's validation manual, V6.04.128 (SSNV128)."""
 PROTOTYPE_DISPLACEMENTS = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
 """Horizontal displacements in m from an independent prototype, on 64 × 64 squares of triangles."""
 PUBLISHED_UNCERTAINTY = 0.05
-"""Relative uncertainty of the published displacements, which the manual only calls average."""
+"""Relative uncertainty of the published displacements; the manual just says "average"."""
 
 # Method
 
@@ -84,19 +84,21 @@ it (64 × 64 squares of triangles); the direction of its diagonals is not known.
 
 
 def plate(element: str, squares: int) -> Result:
-    """Solve the loaded plate; return displacements and contact forces of its base.
+    """Solve the loaded plate; return displacements and contact forces along its base.
 
     In addition to those of `contact_result`, the scalars are the horizontal displacements `u_1` to
-    `u_5` at `REFERENCE_POSITIONS` and the ends of contact zones, midway between two nodes:
-    `open_up_to` and `sticking_from`.
+    `u_5` at `REFERENCE_POSITIONS`, the end `open_up_to` of the open zone, and the start
+    `sticking_from` of the stick zone. These ends are midway between two nodes.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
         squares: Number of squares along a side; a multiple of 16, so that there are nodes at the
             reference positions.
     """
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = discretise(element, partial(_build_mesh, squares), material, StressState.PLANE_STRAIN)
+    body = discretise(
+        element, partial(_build_plate_mesh, squares), material, StressState.PLANE_STRAIN
+    )
     load = body.surface_load((0.0, -PRESSURE_TOP), _is_on_top)
     load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _is_on_left_side))
     symmetry = body.supports([prescribe(body.space, 0, _is_on_symmetry_line)])
@@ -104,12 +106,12 @@ def plate(element: str, squares: int) -> Result:
     states = solve_contact(body.K, load, symmetry, [contact_pair], body.space)
 
     result = contact_result(body, states, load, _is_on_base, PRESSURE_TOP, SI_UNITS)
-    x, u = result.curves["x"], _collect_base_displacements(result.curves)
+    x, u = result.curves["x"], _collect_horizontal_base_displacements(result.curves)
     lengths = {
         f"u_{i}": float(u[np.argmin(np.abs(x - p))])
         for i, p in enumerate(REFERENCE_POSITIONS, start=1)
     }
-    lengths |= _find_zone_ends(x, result.curves["status"])
+    lengths |= _find_end_of_open_and_start_of_stick_zone(x, result.curves["status"])
     return replace(
         result,
         scalars={**result.scalars, **lengths},
@@ -118,8 +120,15 @@ def plate(element: str, squares: int) -> Result:
     )
 
 
-def _find_zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, float]:
-    """Return the end of the open zone and the start of the stick zone, given nodes at x (m,)."""
+def _find_end_of_open_and_start_of_stick_zone(
+    x: Array, status: npt.NDArray[np.integer]
+) -> dict[str, float]:
+    """Return the end of the open zone and the start of the stick zone by name.
+
+    Args:
+        x: Positions (m,) of the contact nodes in ascending order.
+        status: Contact status (m,) of these nodes.
+    """
     last_open = int(np.flatnonzero(status == OPEN).max())
     first_sticking = int(np.flatnonzero(status == STICK).min())
     return {
@@ -128,14 +137,18 @@ def _find_zone_ends(x: Array, status: npt.NDArray[np.integer]) -> dict[str, floa
     }
 
 
-def _collect_base_displacements(curves: Mapping[str, np.ndarray]) -> Array:
-    """Return the horizontal displacements (m,) of the contact nodes, in the order of x."""
+def _collect_horizontal_base_displacements(curves: Mapping[str, np.ndarray]) -> Array:
+    """Return the horizontal displacements (m,) of the base nodes, in ascending order of x.
+
+    Args:
+        curves: Curves of a result, with `nodes` (n, 2) and `displacement` (n, 2).
+    """
     nodes = np.flatnonzero(_is_on_base(curves["nodes"].T))
     nodes = nodes[np.argsort(curves["nodes"][nodes, 0])]
     return curves["displacement"][nodes, 0]
 
 
-def _build_mesh(squares: int, cell: str) -> Mesh:
+def _build_plate_mesh(squares: int, cell: str) -> Mesh:
     build = triangles if cell == "triangle" else quadrilaterals
     return build(MPI.COMM_SELF, (0.0, 0.0), (PLATE_SIDE, PLATE_SIDE), (squares, squares))
 
@@ -208,23 +221,23 @@ Largest change of one of the five displacements against the new triangle on 128 
 """
 
 
-def draw_displacements_and_stresses(results: Results) -> Figure:
-    """GRECO plate: displacements along the base, nodal contact stresses, zones.
+def draw_base_displacements_and_stresses(results: Results) -> Figure:
+    """Draw displacements along the base of the GRECO plate, contact stresses, and contact zones.
 
-    Panels: displacements on a fine mesh; stresses on a coarse mesh.
+    The panels show displacements on a fine mesh and stresses on a coarse mesh.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 3.0))
-    _draw_displacements(left, results)
-    _draw_stresses(right, results)
+    _draw_base_displacements(left, results)
+    _draw_contact_stresses(right, results)
     for ax, key in ((left, FINE_CASE_KEYS["pw-T6"]), (right, COARSE_CASE_KEYS["pw-T6"])):
         curves = results.curves(key)
-        draw_zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
+        draw_contact_zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
         ax.set(xlabel="$x$ / mm", xlim=(-1, 41))
-    fig.legend(handles=zone_legend_handles(curves), loc="outside lower center", ncols=3)
+    fig.legend(handles=contact_zone_legend_handles(curves), loc="outside lower center", ncols=3)
     return fig
 
 
-def _draw_displacements(ax: Axes, results: Results) -> None:
+def _draw_base_displacements(ax: Axes, results: Results) -> None:
     for (element, key), line in zip(FINE_CASE_KEYS.items(), ("-", "--"), strict=True):
         curves = results.curves(key)
         look = {**ELEMENT_LOOK[element], "marker": "", "linestyle": line}
@@ -240,7 +253,7 @@ def _draw_displacements(ax: Axes, results: Results) -> None:
     ax.legend(loc="upper right")
 
 
-def _draw_stresses(ax: Axes, results: Results) -> None:
+def _draw_contact_stresses(ax: Axes, results: Results) -> None:
     for element, key in COARSE_CASE_KEYS.items():
         curves = results.curves(key)
         for quantity, line in (("pressure", "-"), ("shear", ":")):
@@ -254,8 +267,8 @@ def _draw_stresses(ax: Axes, results: Results) -> None:
     ax.legend(loc="upper left", fontsize=7)
 
 
-def caption_displacements_and_stresses(results: Results) -> str:
-    """Return the caption, with the ends of the contact zones."""
+def caption_base_displacements_and_stresses(results: Results) -> str:
+    """Return the caption of displacements and stresses, including the ends of the contact zones."""
     open_end, stick_start = (
         zone_end(results, FINE_CASE_KEYS["pw-T6"], zone) for zone in ("open", "stick")
     )
@@ -275,9 +288,9 @@ COARSE_CASE_KEYS, FINE_CASE_KEYS = (
 FIGURES = [
     PageFigure(
         "v6_greco",
-        draw_displacements_and_stresses,
+        draw_base_displacements_and_stresses,
         needs=[*COARSE_CASE_KEYS.values(), *FINE_CASE_KEYS.values()],
-        caption=caption_displacements_and_stresses,
+        caption=caption_base_displacements_and_stresses,
         alt="A falling curve of displacement over x through five published points within their "
         "error bars. Pressure and shear over x, alike for both elements but where zones end.",
     )

@@ -1,4 +1,4 @@
-"""A wedge pushed up a rough incline against springs: NAFEMS CGS-4."""
+"""Verification of a wedge that is pushed up a rough incline against springs (NAFEMS CGS-4)."""
 
 from functools import partial
 
@@ -29,7 +29,7 @@ from study.judge.checks import check
 from study.judge.measures.general import relative_difference, scalar_ratio
 from study.model.contact_result import CONTACT_QUANTITIES
 from study.model.discretisation import Discretisation, discretise, mesh_nodes_and_cells
-from study.model.units import SI_UNITS, dimensionless, units_of
+from study.model.units import SI_UNITS, assign_unit_one_to_scalars, assign_units_to_scalars
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -60,21 +60,21 @@ coefficient the springs are chosen so that it comes to rest after 1 m.
 """
 
 INCLINE_SLOPE, WEIGHT, PUSH_FORCE = 0.1, 3058.0, 1500.0
-"""Slope of the incline; weight and push in N."""
+"""Slope of the incline, and weight and push in N."""
 SPRING_STIFFNESSES = {0.0: 1194.0, 0.1: 882.0, 0.2: 563.9}
-"""Spring stiffness in N/m for which the wedge slides by 1 m, by friction coefficient."""
+"""Spring stiffness in N/m for which the wedge slides by 1 m, by coefficient of friction."""
 
 
-def force_ratio_while_sliding(friction: float) -> float:
-    """Return horizontal over vertical contact force while a rigid wedge slides uphill."""
+def horizontal_to_vertical_force_while_sliding(friction: float) -> float:
+    """Return the ratio of horizontal to vertical contact force as a rigid wedge slides uphill."""
     return (INCLINE_SLOPE + friction) / (1 - friction * INCLINE_SLOPE)
 
 
 def exact_sliding_distance(friction: float) -> float:
-    """Return the distance in m after which springs and friction balance the push."""
-    return (PUSH_FORCE - WEIGHT * force_ratio_while_sliding(friction)) / SPRING_STIFFNESSES[
-        friction
-    ]
+    """Return the distance in m that the wedge slides until springs and friction stop it."""
+    return (
+        PUSH_FORCE - WEIGHT * horizontal_to_vertical_force_while_sliding(friction)
+    ) / SPRING_STIFFNESSES[friction]
 
 
 # Method
@@ -90,7 +90,7 @@ the solver reports an unsupported body.
 """
 
 LENGTH, HEIGHT = 4.0, 1.2
-"""Size of the wedge in m, chosen so that no corner lifts; its lower side follows the incline."""
+"""Size of the wedge in m, chosen so that no corner lifts; the lower side follows the incline."""
 YOUNGS_MODULUS, POISSONS_RATIO = 1e7, 0.3
 """Young's modulus in Pa (soft, so that the springs count as a support) and Poisson's ratio."""
 N_PUSH_INCREMENTS = 5
@@ -100,26 +100,29 @@ N_BISECTIONS = 20
 
 
 def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result:
-    """Push the wedge against springs; return contact forces and the distance that it slides.
+    """Push the wedge against springs; return contact forces and the sliding distance.
 
-    `sliding` is the mean displacement, in m, of the left side, on which the springs and the push
-    act, and `sliding_known` its exact value; `ratio` is the ratio of the horizontal to the vertical
-    contact force, and `ratio_known` its exact value.
+    The scalar `sliding` is the mean horizontal displacement, in m, of the left side, on which the
+    springs and the push act; `sliding_known` is its exact value. `ratio` is the ratio of the
+    horizontal to the vertical contact force, and `ratio_known` its exact value.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
         friction: Coefficient of friction, a key of `SPRING_STIFFNESSES`.
         divisions: Numbers of squares along the wedge and over its height.
     """
     wedge = _discretise_wedge(element, divisions)
-    springs = _assemble_spring_stiffness(wedge, SPRING_STIFFNESSES[friction])
+    springs = _assemble_left_side_spring_stiffness(wedge, SPRING_STIFFNESSES[friction])
     wedge_on_springs = Discretisation(element, wedge.body, wedge.K + springs)
-    weight, push = _weight_load(wedge), _push_load(wedge)
+    weight, push = _assemble_weight_load(wedge), _assemble_push_load(wedge)
     loads = [weight + push * (k / N_PUSH_INCREMENTS) for k in range(N_PUSH_INCREMENTS + 1)]
-    states = _solve_on_incline(wedge_on_springs, loads, friction)
+    states = _solve_wedge_contact_on_rough_incline(wedge_on_springs, loads, friction)
 
     (contact,) = states[-1].pairs
-    force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill_direction()
+    force_n, force_t = (
+        contact.force_normal,
+        -contact.force_tangential @ _unit_vector_up_the_incline(),
+    )
     surface = SurfaceNodes.from_body(wedge.body, _is_on_base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     scalars = {
@@ -130,10 +133,10 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "sawtooth": surface.sawtooth(force_n, closed),
         "peak_pressure": pressure.max(),
         "slipping": np.mean(contact.status == SLIP),
-        "sliding": _mean_left_side_displacement(wedge, states[-1].displacement),
+        "sliding": _mean_horizontal_left_side_displacement(wedge, states[-1].displacement),
         "sliding_known": exact_sliding_distance(friction),
         "ratio": -contact.force[0] / contact.force[1],
-        "ratio_known": force_ratio_while_sliding(friction),
+        "ratio_known": horizontal_to_vertical_force_while_sliding(friction),
     }
     scalars = {name: float(value) for name, value in scalars.items()}
     kinds = {**CONTACT_QUANTITIES, "slipping": "1", "sliding*": "length", "ratio*": "1"}
@@ -146,41 +149,50 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "status": contact.status,
         **mesh_nodes_and_cells(wedge.space),
     }
-    return Result(scalars, units_of(scalars, kinds, SI_UNITS), curves, dofs=wedge.K.getSize()[0])
+    return Result(
+        scalars,
+        assign_units_to_scalars(scalars, kinds, SI_UNITS),
+        curves,
+        dofs=wedge.K.getSize()[0],
+    )
 
 
 def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:
-    """Find the push, over the weight, at which the wedge without springs begins to slide.
+    """Find the ratio of push to weight at which a wedge without springs begins to slide.
 
-    The interval from a push that needs no friction to twice the exact limit is bisected;
-    `holds` is the largest push with an equilibrium, and `slides` the smallest one without.
+    The interval from a push that needs no friction to twice the exact limit is bisected. The scalar
+    `holds` is the largest ratio for which an equilibrium was found, and `slides` the smallest one
+    for which there was none.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T6" or "galerkin-Q8".
         friction: Coefficient of friction.
         divisions: Numbers of squares along the wedge and over its height.
     """
     wedge = _discretise_wedge(element, divisions)
-    weight, unit_push = _weight_load(wedge), _push_load(wedge) * (WEIGHT / PUSH_FORCE)
-    exact = force_ratio_while_sliding(friction)
+    weight, unit_push = (
+        _assemble_weight_load(wedge),
+        _assemble_push_load(wedge) * (WEIGHT / PUSH_FORCE),
+    )
+    exact = horizontal_to_vertical_force_while_sliding(friction)
     holds, slides = INCLINE_SLOPE, 2 * exact
     for _ in range(N_BISECTIONS):
         middle = (holds + slides) / 2
         loads = [weight + unit_push * INCLINE_SLOPE, weight + unit_push * middle]
         try:
-            _solve_on_incline(wedge, loads, friction)
+            _solve_wedge_contact_on_rough_incline(wedge, loads, friction)
         except FreeBody:
             slides = middle
         else:
             holds = middle
     scalars = {"holds": holds, "slides": slides, "ratio_known": exact}
-    return Result(scalars, dimensionless(scalars), dofs=wedge.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=wedge.K.getSize()[0])
 
 
-def _solve_on_incline(
+def _solve_wedge_contact_on_rough_incline(
     wedge: Discretisation, loads: list[PETSc.Vec], friction: float
 ) -> list[ContactState]:
-    uphill = _uphill_direction()
+    uphill = _unit_vector_up_the_incline()
     incline = ContactPair(_is_on_base, Plane((0.0, 0.0), (-uphill[1], uphill[0])), friction)
     return solve_contact(wedge.K, loads, wedge.supports([]), [incline], wedge.space)
 
@@ -193,42 +205,49 @@ def _discretise_wedge(element: str, divisions: tuple[int, int]) -> Discretisatio
 
 
 def _build_wedge_mesh(divisions: tuple[int, int], cell: str) -> Mesh:
-    def raise_lower_side(x: Array) -> Array:
+    def raise_lower_side_to_incline(x: Array) -> Array:
         position = x.copy()
         position[:, 1] += INCLINE_SLOPE * x[:, 0] * (1 - x[:, 1] / HEIGHT)
         return position
 
     build = triangles if cell == "triangle" else quadrilaterals
     rectangle = build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
-    return move_nodes(rectangle, raise_lower_side)
+    return move_nodes(rectangle, raise_lower_side_to_incline)
 
 
-def _weight_load(wedge: Discretisation) -> PETSc.Vec:
+def _assemble_weight_load(wedge: Discretisation) -> PETSc.Vec:
     area = LENGTH * (HEIGHT - INCLINE_SLOPE * LENGTH / 2)
     return assemble_vector(wedge.body.body_load((0.0, -WEIGHT / area)))
 
 
-def _push_load(wedge: Discretisation) -> PETSc.Vec:
+def _assemble_push_load(wedge: Discretisation) -> PETSc.Vec:
     return wedge.surface_load((PUSH_FORCE / HEIGHT, 0.0), _is_on_left_side)
 
 
-def _assemble_spring_stiffness(wedge: Discretisation, stiffness: float) -> PETSc.Mat:
-    """Return the matrix of horizontal springs spread over the left side."""
+def _assemble_left_side_spring_stiffness(wedge: Discretisation, stiffness: float) -> PETSc.Mat:
+    """Assemble the matrix of horizontal springs that are distributed over the left side.
+
+    Args:
+        wedge: Discretised wedge.
+        stiffness: Total stiffness in N/m.
+    """
     spaces = wedge.body.spaces
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     left_side = boundary_measure(spaces.mesh, _is_on_left_side)
     return assemble_matrix(stiffness / HEIGHT * u[0] * v[0] * left_side)
 
 
-def _mean_left_side_displacement(wedge: Discretisation, displacement: PETSc.Vec) -> float:
-    """Return the mean horizontal displacement of the left side."""
+def _mean_horizontal_left_side_displacement(
+    wedge: Discretisation, displacement: PETSc.Vec
+) -> float:
+    """Return the mean horizontal displacement of the left side, in m."""
     u = as_function(wedge.space, displacement)
     left_side = boundary_measure(wedge.body.spaces.mesh, _is_on_left_side)
     return float(fem.assemble_scalar(fem.form(u[0] / HEIGHT * left_side)))
 
 
-def _uphill_direction() -> Array:
-    """Return the unit vector (2,) along the incline."""
+def _unit_vector_up_the_incline() -> Array:
+    """Return the unit vector (2,) that points up the incline."""
     return np.array([1.0, INCLINE_SLOPE]) / np.hypot(1.0, INCLINE_SLOPE)
 
 
@@ -282,12 +301,16 @@ RESULT = r"""
 """
 
 
-def draw_wedge(results: Results) -> Figure:
-    """Wedge on an incline: force ratio over friction, and nodal normal forces along the base."""
+def draw_wedge_force_ratio_and_nodal_forces(results: Results) -> Figure:
+    """Draw a wedge's force ratio over friction, and nodal forces along its base."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8))
     mu = np.linspace(0, 0.25, 51)
     left.plot(
-        mu, [force_ratio_while_sliding(m) for m in mu], color="black", lw=1.0, label="statics"
+        mu,
+        [horizontal_to_vertical_force_while_sliding(m) for m in mu],
+        color="black",
+        lw=1.0,
+        label="statics",
     )
     for element in PLOT_ELEMENTS:
         ratios = [results.scalar(f"V7/{element}-mu{m}-16x4", "ratio") for m in SPRING_STIFFNESSES]
@@ -309,8 +332,8 @@ def draw_wedge(results: Results) -> Figure:
     return fig
 
 
-def caption_wedge(results: Results) -> str:
-    """Return the caption, with the sliding distances."""
+def caption_wedge_force_ratio_and_nodal_forces(results: Results) -> str:
+    """Return the caption of the wedge figure, including the sliding distances."""
     distances = ", ".join(
         f"{results.scalar(f'V7/pw-T6-mu{m}-16x4', 'sliding'):.4f} m" for m in SPRING_STIFFNESSES
     )
@@ -325,11 +348,11 @@ PLOT_ELEMENTS = ("galerkin-T6", "pw-T6")
 FIGURES = [
     PageFigure(
         "v7_wedge",
-        draw_wedge,
+        draw_wedge_force_ratio_and_nodal_forces,
         needs=[
             f"V7/{element}-mu{mu}-16x4" for element in PLOT_ELEMENTS for mu in SPRING_STIFFNESSES
         ],
-        caption=caption_wedge,
+        caption=caption_wedge_force_ratio_and_nodal_forces,
         alt="Three measured force ratios on the curve of statics. Nodal forces along the "
         "base: the standard element's alternate by a factor of two, the new element's are even.",
     )

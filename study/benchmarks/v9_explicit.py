@@ -1,4 +1,4 @@
-"""Explicit dynamics: determine which stiffness can be combined with the positive lumped mass."""
+"""Verification of explicit dynamics: which stiffness suits a positive lumped mass."""
 
 from functools import partial
 
@@ -29,9 +29,9 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, triangles
 from study.judge.checks import check
 from study.judge.measures.general import scalar
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from study.model.matrices import to_dense_array
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -75,24 +75,24 @@ them exceeds one in magnitude and that component grows, whatever the step.
 """
 
 TIME_STEP_FRACTION = 0.5
-"""Time step over the largest one that is stable for real eigenvalues."""
+"""Ratio of the time step to the largest one that is stable if all eigenvalues are real."""
 N_PERIODS = 10
-"""Duration of the vibration, in periods of the slowest mode."""
+"""Duration of the vibration in periods of the slowest mode."""
 MAX_RELATIVE_AMPLITUDE = 1e6
-"""Displacement over the initial one at which the integration of a growing vibration stops."""
+"""Largest displacement, over the initial one, at which integration of a growing vibration stops."""
 
 
 def pair(matrices: str, squares: int, regular: bool = False) -> Result:
-    """Compute all eigenvalues of a pair (K, M) on a clamped square, and its free vibration.
+    """Compute all eigenvalues of stiffness and mass on a clamped square, and its free vibration.
 
     Args:
-        matrices: Key of `MATRIX_PAIRS`.
+        matrices: Name of the matrices K and M, a key of `MATRIX_PAIRS`.
         squares: Number of squares along a side, each cut into two triangles.
         regular: Whether the mesh is regular; otherwise it is distorted.
     """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (squares, squares))
     if not regular:
-        mesh = move_nodes(mesh, smooth_distortion)
+        mesh = move_nodes(mesh, distort_unit_domain_smoothly)
     K, M, clamp, initial_displacement = MATRIX_PAIRS[matrices](mesh)
     stiffness, mass = to_dense_array(clamp.matrix(K)), to_dense_array(clamp.matrix(M))
     eigenvalues = scipy.linalg.eigvals(stiffness, mass)
@@ -100,7 +100,9 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     time_step = TIME_STEP_FRACTION * 2 / np.sqrt(largest)
     scalars = {
         "imaginary": float(np.abs(eigenvalues.imag).max() / largest),
-        "growth_per_step": float(_amplification_per_step_less_one(time_step**2 * eigenvalues)),
+        "growth_per_step": float(
+            _largest_amplification_per_step_less_one(time_step**2 * eigenvalues)
+        ),
         "smallest_real": float(eigenvalues.real.min()),
         "lumped_smallest": float(np.diag(mass).min()),
     }
@@ -108,39 +110,47 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
     if "lumped" in matrices:
         period = 2 * np.pi / np.sqrt(np.abs(eigenvalues).min())
         end_time = N_PERIODS * period
-        time, amplitude = _vibrate_freely(
+        time, amplitude = _integrate_free_vibration(
             stiffness, np.diag(mass), initial_displacement, time_step, end_time
         )
         scalars |= {"amplification": amplitude.max(), "steps": float(len(time) - 1)}
         curves |= {"time": time / period, "amplitude": amplitude}
-    return Result(scalars, dimensionless(scalars), curves, dofs=K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=K.getSize()[0])
 
 
-def _amplification_per_step_less_one(scaled_eigenvalues: npt.NDArray[np.complex128]) -> float:
-    """Return the largest |rho| - 1, with the amplification rho, for eigenvalues times dt^2."""
+def _largest_amplification_per_step_less_one(
+    scaled_eigenvalues: npt.NDArray[np.complex128],
+) -> float:
+    """Return the largest |rho| - 1 with the amplification rho by a central-difference step.
+
+    Args:
+        scaled_eigenvalues: Eigenvalues (n,) of M^-1 K times the squared time step.
+    """
     half_sum = 1 - scaled_eigenvalues / 2
     root = np.sqrt(half_sum**2 - 1 + 0j)
     return max(np.abs(half_sum + root).max(), np.abs(half_sum - root).max()) - 1
 
 
-def _vibrate_freely(
+def _integrate_free_vibration(
     K: npt.NDArray[np.float64],
     mass: npt.NDArray[np.float64],
     initial_displacement: npt.NDArray[np.float64],
     time_step: float,
     end_time: float,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Integrate by central differences from rest to the end or up to `MAX_RELATIVE_AMPLITUDE`.
+    """Integrate a free vibration, which starts at rest, by central differences.
+
+    Integration stops at the end time or when displacements exceed `MAX_RELATIVE_AMPLITUDE`.
 
     Args:
         K: Stiffness (n, n).
         mass: Lumped masses (n,).
-        initial_displacement: Displacements (n,).
+        initial_displacement: Initial displacements (n,).
         time_step: Time step.
         end_time: Time at which the integration ends.
 
     Returns:
-        Times, and the largest displacements at these times over the largest initial one.
+        Times (s,), and at each time the largest displacement over the largest initial one (s,).
     """
     previous, current = (
         initial_displacement,
@@ -157,10 +167,19 @@ def _vibrate_freely(
     return np.array(time), np.array(amplitude)
 
 
-def _assemble_matrices_and_deflection(
+def _assemble_matrices_and_static_deflection(
     mesh: Mesh, stiffness: str, mass: str
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, npt.NDArray[np.float64]]:
-    """Return K, M, the clamped reduction, and the reduced displacements under the weight."""
+    """Assemble stiffness, mass and clamp of a square, and its deflection under its weight.
+
+    Args:
+        mesh: Mesh of the square.
+        stiffness: "unsymmetric", "symmetric part", "standard" or "sibling".
+        mass: "lumped" or "consistent".
+
+    Returns:
+        K, M, the clamp, and the static deflection in the unknowns that are not clamped.
+    """
     pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     galerkin = Body(Spaces.galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     K_galerkin = assemble_matrix(galerkin.stiffness())
@@ -191,18 +210,20 @@ def _is_clamped(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 # Cases
 
 MATRIX_PAIRS = {
-    "pw-lumped": partial(_assemble_matrices_and_deflection, stiffness="unsymmetric", mass="lumped"),
+    "pw-lumped": partial(
+        _assemble_matrices_and_static_deflection, stiffness="unsymmetric", mass="lumped"
+    ),
     "pw-consistent": partial(
-        _assemble_matrices_and_deflection, stiffness="unsymmetric", mass="consistent"
+        _assemble_matrices_and_static_deflection, stiffness="unsymmetric", mass="consistent"
     ),
     "pwsym-lumped": partial(
-        _assemble_matrices_and_deflection, stiffness="symmetric part", mass="lumped"
+        _assemble_matrices_and_static_deflection, stiffness="symmetric part", mass="lumped"
     ),
     "galerkin-lumped": partial(
-        _assemble_matrices_and_deflection, stiffness="standard", mass="lumped"
+        _assemble_matrices_and_static_deflection, stiffness="standard", mass="lumped"
     ),
     "sibling-lumped": partial(
-        _assemble_matrices_and_deflection, stiffness="sibling", mass="lumped"
+        _assemble_matrices_and_static_deflection, stiffness="sibling", mass="lumped"
     ),
 }
 ELEMENT_BY_STIFFNESS = {
@@ -215,15 +236,15 @@ ELEMENT_BY_STIFFNESS = {
 N_SQUARES = 8
 
 
-def _make_case(name: str, matrices: str, **parameters: object) -> Case:
+def _make_matrix_pair_case(name: str, matrices: str, **parameters: object) -> Case:
     kinds = MATRIX_PAIRS[matrices].keywords
     implied = {"element": ELEMENT_BY_STIFFNESS[kinds["stiffness"]], **kinds}
     return Case("V9", name, pair, {"matrices": matrices, **parameters}, implied)
 
 
-CASES = [_make_case(name, name, squares=N_SQUARES) for name in MATRIX_PAIRS]
+CASES = [_make_matrix_pair_case(name, name, squares=N_SQUARES) for name in MATRIX_PAIRS]
 CASES += [
-    _make_case(f"{name}-{n}", name, squares=n, regular=True)
+    _make_matrix_pair_case(f"{name}-{n}", name, squares=n, regular=True)
     for name in ("pw-lumped", "pw-consistent")
     for n in (2, 4)
 ]
@@ -248,15 +269,15 @@ PLOT_SERIES = {
     "pwsym-lumped": ("its symmetric part", "pwsym-T6"),
     "galerkin-lumped": ("standard stiffness", "galerkin-T6"),
 }
-"""Label in the legend and element whose colour is used, by case."""
+"""Legend label and element whose colour is used, by case."""
 STEPS_PER_POINT = 20
-"""Number of time steps of which the figure shows the largest displacement as one point."""
+"""Number of time steps whose largest displacement is drawn as one point."""
 
 
-def draw_explicit(results: Results) -> Figure:
-    """Free vibration by central differences with lumped mass.
+def draw_spectra_and_free_vibration(results: Results) -> Figure:
+    """Draw spectra and free vibrations by central differences with a lumped mass.
 
-    Panels: the spectra in the complex plane, displacements over time.
+    The panels show eigenvalues in the complex plane and displacements over time.
     """
     fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.6))
     for case, (label, element) in PLOT_SERIES.items():
@@ -275,8 +296,8 @@ def draw_explicit(results: Results) -> Figure:
     return fig
 
 
-def caption_explicit(results: Results) -> str:
-    """Return the caption, with the growth per step."""
+def caption_spectra_and_free_vibration(results: Results) -> str:
+    """Return the caption of the spectra and the vibration, including the growth per step."""
     growth = results.scalar("V9/pw-lumped", "growth_per_step")
     return (
         "Clamped square with the new element's lumped mass. (a) All eigenvalues: in the upper "
@@ -286,8 +307,8 @@ def caption_explicit(results: Results) -> str:
     )
 
 
-def describe_explicit(results: Results) -> str:
-    """Return the text alternative of the figure, with the largest displacement."""
+def alt_text_of_spectra_and_free_vibration(results: Results) -> str:
+    """Return the text alternative of the figure, including the largest displacement."""
     size = results.scalar("V9/pw-lumped", "amplification")
     return (
         "Eigenvalues of the symmetric pairs on the real axis, those of the unsymmetric one around "
@@ -298,10 +319,10 @@ def describe_explicit(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "v9_explicit",
-        draw_explicit,
+        draw_spectra_and_free_vibration,
         needs=[f"V9/{case}" for case in PLOT_SERIES],
-        caption=caption_explicit,
-        alt=describe_explicit,
+        caption=caption_spectra_and_free_vibration,
+        alt=alt_text_of_spectra_and_free_vibration,
     ),
 ]
 

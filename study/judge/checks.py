@@ -21,7 +21,10 @@ RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
 
 @dataclass(frozen=True)
 class Check:
-    """A statement of this study and the number by which it is judged; see `check`."""
+    """Statement of this study with the number and the bound by which it is judged.
+
+    See `check` for the meaning of the fields.
+    """
 
     id: str
     statement: str
@@ -77,6 +80,6 @@ def check(
     return Check(id, statement, measure, relation, float(bound), why, *optional_fields)
 
 
-def load_checks(section: str) -> list[Check]:
-    """Import the page of a section and return its checks."""
+def load_checks_of_section_page(section: str) -> list[Check]:
+    """Import the page module of a section and return the checks that it defines."""
     return list(getattr(import_module(SECTIONS[section]), "CHECKS", ()))

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import jsonschema
 
-from study.judge.checks import RELATIONS, Check, load_checks
+from study.judge.checks import RELATIONS, Check, load_checks_of_section_page
 from study.judge.pins import Pin, load_pins
 from study.run.cases import SECTIONS
 from study.run.store import (
@@ -64,15 +64,17 @@ class Judgement:
         value: Value with which the measured number is compared.
         tol: Absolute tolerance in favour of the statement.
         tol_why: Justification of the tolerance.
-        pinned: Expected verdict; for statements of the paper, it follows from their grade.
-        why: Explanation of that verdict.
+        pinned: Expected verdict, which tests compare with the actual one; for statements of the
+            paper, it follows from their grade.
+        why: Explanation of the expected verdict.
         reference: Function that returns the error of the reference, and its keyword arguments. The
             statement is judged only if this error is less than a third of the tolerance.
         tol_set: Whether `value` and `tol` were set "before" or "after" the first value was seen;
             None for findings for which this is not recorded.
         unit: Unit of the measured number, `value` and the tolerances.
-        found: Number that is measured if the statement fails, which is pinned like the verdict.
-        found_tol: Largest accepted deviation from `found`.
+        found: Number that the measure is expected to return if the statement is known to fail;
+            otherwise None.
+        found_tol: Largest accepted deviation of the measured number from `found`.
     """
 
     measure: str
@@ -131,7 +133,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on a claim.
+    """Outcome of the comparison of a claim with the stored results.
 
     Attributes:
         claim: The claim.
@@ -148,15 +150,15 @@ class Verdict:
 
     @property
     def differs(self) -> bool:
-        """Whether the verdict or the measured number differs from the pinned one."""
+        """Whether the verdict or the measured number differs from the expected one."""
         judgement = self.claim.judgement
         return judgement is not None and (
-            self.verdict != judgement.pinned or self._differs_from_found(judgement)
+            self.verdict != judgement.pinned or self._number_differs_from_pinned(judgement)
         )
 
     @property
     def expected_verdict(self) -> str:
-        """The pinned verdict, followed by the pinned number if the statement should fail."""
+        """Expected verdict, followed by the expected number if the statement is known to fail."""
         judgement = self.claim.judgement
         if judgement is None:
             return "not testable"
@@ -164,20 +166,22 @@ class Verdict:
             return judgement.pinned
         return f"{judgement.pinned} with {judgement.found:.6g} ± {judgement.found_tol:.3g}"
 
-    def _differs_from_found(self, judgement: Judgement) -> bool:
+    def _number_differs_from_pinned(self, judgement: Judgement) -> bool:
         if judgement.found is None or self.measured is None:
             return False
         return abs(self.measured - judgement.found) > judgement.found_tol
 
 
 def load_claims() -> list[Claim]:
-    """Return the paper's statements, the checks of all pages, and the pins.
+    """Return the paper's statements, the checks of all pages, and the pins (recorded numbers).
 
     This imports the pages and therefore the solver.
     """
     claims = read_claims([PAPER_CLAIMS_FILE])
     for section in SECTIONS:
-        claims += claims_from_checks(load_checks(section), f"This study, section {section}")
+        claims += claims_from_checks(
+            load_checks_of_section_page(section), f"This study, section {section}"
+        )
     claims += claims_from_pins(load_pins())
     _refuse_repeated_ids(claims)
     return claims
@@ -197,9 +201,9 @@ def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> li
     """
     measures = measures or import_module("study.judge.measures")
     claims = [
-        _build_claim(kind, table, position, measures)
+        _build_claim_from_table(kind, table, position, measures)
         for path in paths
-        for kind, tables in _load_valid_tables(path).items()
+        for kind, tables in _load_claim_tables_by_schema(path).items()
         for position, table in enumerate(tables, start=1)
     ]
     _refuse_repeated_ids(claims)
@@ -212,7 +216,12 @@ def read_claims(paths: Sequence[Path], measures: ModuleType | None = None) -> li
 
 
 def claims_from_checks(checks: Sequence[Check], source: str) -> list[Claim]:
-    """Return the checks of a page as findings of this study."""
+    """Return the checks of a page as findings of this study.
+
+    Args:
+        checks: Checks of one page.
+        source: Part of this study that makes the statements.
+    """
     return [
         Claim(
             id=check.id,
@@ -238,7 +247,11 @@ def claims_from_checks(checks: Sequence[Check], source: str) -> list[Claim]:
 
 
 def claims_from_pins(pins: Sequence[Pin]) -> list[Claim]:
-    """Return pins as claims; a pin that states a number found instead of its bound must fail."""
+    """Return the pins (recorded numbers, see `study.judge.pins`) as claims.
+
+    The expected verdict is "fails" for a pin that contains the key "found", i.e. a number that
+    contradicts its statement, and "holds" for all others.
+    """
     measures = import_module("study.judge.measures")
     return [
         Claim(
@@ -271,30 +284,32 @@ def _refuse_repeated_ids(claims: Sequence[Claim]) -> None:
         raise StudyError(f"claim {repeated_id}: its id occurs more than once")
 
 
-def judge(claims: list[Claim], results: Results) -> list[Verdict]:
-    """Compare each claim with the stored results."""
+def judge_claims(claims: list[Claim], results: Results) -> list[Verdict]:
+    """Compare each claim with the stored results, and return the verdicts in the same order."""
     return [_judge_claim(claim, results) for claim in claims]
 
 
 def write_claims(
     out: Path,
     verdicts: list[Verdict],
-    facts: Mapping[str, str],
-    turning_mutations: Mapping[str, Sequence[str]],
+    fact_ids_by_claim_id: Mapping[str, str],
+    reversing_mutations: Mapping[str, Sequence[str]],
 ) -> None:
-    """Write `<out>/claims.json`.
+    """Write claims, verdicts, facts and mutations to `<out>/claims.json`.
 
     Args:
         out: Folder of the results.
         verdicts: Verdicts on all claims.
-        facts: Fact on which each statement of the paper rests, by id of the claim.
-        turning_mutations: Names of the mutations that reverse each verdict, by id of the claim.
+        fact_ids_by_claim_id: Id of the fact on which each statement of the paper rests, by id of
+            the claim.
+        reversing_mutations: Names of the mutations that reverse each verdict, by id of the claim;
+            see `study.judge.facts`.
     """
     rows = [
-        _claim_record(verdict)
+        _claim_and_verdict_as_json(verdict)
         | {
-            "fact": facts.get(verdict.claim.id),
-            "turned_by": list(turning_mutations.get(verdict.claim.id, ())),
+            "fact": fact_ids_by_claim_id.get(verdict.claim.id),
+            "turned_by": list(reversing_mutations.get(verdict.claim.id, ())),
         }
         for verdict in verdicts
     ]
@@ -302,7 +317,7 @@ def write_claims(
 
 
 def format_verdict_table(verdicts: list[Verdict]) -> str:
-    """Return the verdicts as a text table with one line per claim, which ends with the verdict."""
+    """Return a text table with id, measured number, criterion and verdict of each claim."""
     rows = [
         (
             verdict.claim.id,
@@ -321,7 +336,7 @@ def format_verdict_table(verdicts: list[Verdict]) -> str:
 
 
 def summarise_verdicts(verdicts: list[Verdict]) -> str:
-    """Return, in one line, the numbers of claims of each kind by grade or verdict."""
+    """Return a line with the numbers of claims: by grade (paper), by verdict (findings, pins)."""
     paper_verdicts = [verdict for verdict in verdicts if verdict.claim.kind in PAPER_KINDS]
     grades = [verdict.claim.grade for verdict in paper_verdicts]
     counts = [f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades]
@@ -343,7 +358,7 @@ def summarise_verdicts(verdicts: list[Verdict]) -> str:
     return "; ".join([*phrases, f"{n_differing} other than pinned"])
 
 
-def _claim_record(verdict: Verdict) -> dict[str, Any]:
+def _claim_and_verdict_as_json(verdict: Verdict) -> dict[str, Any]:
     claim, judgement = verdict.claim, verdict.claim.judgement
     return {
         "id": claim.id,
@@ -370,7 +385,7 @@ def _claim_record(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _load_valid_tables(path: Path) -> dict[str, list[dict[str, Any]]]:
+def _load_claim_tables_by_schema(path: Path) -> dict[str, list[dict[str, Any]]]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -389,9 +404,9 @@ def _load_valid_tables(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def _error_sort_key(error: jsonschema.ValidationError) -> tuple[Any, ...]:
-    """Return the key that sorts schema errors by entry.
+    """Return the key that sorts schema errors by the position of the claim in its file.
 
-    Within an entry, errors about unexpected keys come last, because they may be consequences of
+    For the same claim, errors about unexpected keys come last, because they may be consequences of
     other errors.
     """
     return (
@@ -425,18 +440,26 @@ def _describe_error(error: jsonschema.ValidationError, keys: Sequence[Any]) -> s
     return f"{key} cannot be used: {error.message}"
 
 
-def _build_claim(kind: str, table: dict[str, Any], position: int, measures: ModuleType) -> Claim:
-    """Build a claim from a table.
+def _build_claim_from_table(
+    kind: str, table: dict[str, Any], position: int, measures: ModuleType
+) -> Claim:
+    """Build a claim from a TOML table.
 
     This checks conditions that the schema cannot express: all numbers are finite, and the measure
     exists and accepts the arguments.
+
+    Args:
+        kind: Name of the array of tables, "claim" or "finding".
+        table: Contents of the table.
+        position: Position of the table in the array, starting from 1, for error messages.
+        measures: Module that contains the measures.
     """
     claim_name = table.get("id", f"number {position}")
 
     def claim_error(key: str, problem: str) -> StudyError:
         return StudyError(f"{kind} {claim_name}: {key} {problem}")
 
-    for key, number in _iterate_numbers(table):
+    for key, number in _iterate_numerical_entries(table):
         if not math.isfinite(number):
             raise claim_error(key, f"cannot be {number}")
     claim_fields = {key: table[key] for key in Claim.__dataclass_fields__ if key in table}
@@ -444,7 +467,9 @@ def _build_claim(kind: str, table: dict[str, Any], position: int, measures: Modu
     if "measure" not in table:
         return Claim(**claim_fields, judgement=None)
 
-    def resolve_measure(reference: dict[str, Any]) -> tuple[Callable[..., float], dict[str, Any]]:
+    def find_measure_and_arguments(
+        reference: dict[str, Any],
+    ) -> tuple[Callable[..., float], dict[str, Any]]:
         function, args = getattr(measures, reference["measure"], None), reference.get("args", {})
         module_name = getattr(function, "__module__", "")
         is_measure = inspect.isfunction(function) and f"{module_name}.".startswith(
@@ -459,18 +484,18 @@ def _build_claim(kind: str, table: dict[str, Any], position: int, measures: Modu
         return function, args
 
     judgement_fields = {key: table[key] for key in Judgement.__dataclass_fields__ if key in table}
-    judgement_fields |= {key: float(number) for key, number in _iterate_numbers(table)}
-    judgement_fields["function"], judgement_fields["args"] = resolve_measure(table)
+    judgement_fields |= {key: float(number) for key, number in _iterate_numerical_entries(table)}
+    judgement_fields["function"], judgement_fields["args"] = find_measure_and_arguments(table)
     if "grade" in table:
         judgement_fields["pinned"] = EXPECTED_OUTCOMES[table["grade"]]
     if "reference" in table:
-        judgement_fields["reference"] = resolve_measure(table["reference"])
+        judgement_fields["reference"] = find_measure_and_arguments(table["reference"])
         if table["grade"] == "not testable":
             judgement_fields["pinned"] = NO_REFERENCE
     return Claim(**claim_fields, judgement=Judgement(**judgement_fields))
 
 
-def _iterate_numbers(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
+def _iterate_numerical_entries(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
     for key in ("value", "tol", "found", "found_tol"):
         if key in table:
             yield key, table[key]
@@ -482,7 +507,7 @@ def _judge_claim(claim: Claim, results: Results) -> Verdict:
         return Verdict(claim, None, "not testable")
     try:
         measured = float(judgement.function(results, **judgement.args))
-        has_reference = _is_reference_accurate(judgement, results)
+        has_reference = _is_reference_error_small_enough(judgement, results)
     except MissingResult:
         return Verdict(claim, None, "not judged")
     except (CorruptResult, MissingScalar) as error:
@@ -497,20 +522,28 @@ def _judge_claim(claim: Claim, results: Results) -> Verdict:
     if not math.isfinite(measured):
         raise StudyError(f"claim {claim.id}: {judgement.measure} gave {measured}")
     return Verdict(
-        claim, measured, _determine_outcome(claim, measured) if has_reference else NO_REFERENCE
+        claim,
+        measured,
+        _outcome_of_measured_number(claim, measured) if has_reference else NO_REFERENCE,
     )
 
 
-def _is_reference_accurate(judgement: Judgement, results: Results) -> bool:
-    """Return whether the error of the reference, if there is one, is small enough."""
+def _is_reference_error_small_enough(judgement: Judgement, results: Results) -> bool:
+    """Return whether the error of the reference is less than a third of the tolerance.
+
+    The bound replaces the tolerance if that is zero. Without a reference, the result is True.
+    """
     if judgement.reference is None:
         return True
     reference_error, args = judgement.reference
     return bool(reference_error(results, **args) < (judgement.tol or abs(judgement.value)) / 3)
 
 
-def _determine_outcome(claim: Claim, measured: float) -> Outcome:
-    """Return the outcome of a measured number, considering the grade of the claim."""
+def _outcome_of_measured_number(claim: Claim, measured: float) -> Outcome:
+    """Return the outcome for a measured number.
+
+    For statements of the paper, it also depends on the grade.
+    """
     judgement = claim.judgement
     assert judgement is not None
     if RELATIONS[judgement.relation](measured, judgement.value, judgement.tol):

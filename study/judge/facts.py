@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from study.judge import claims
-from study.judge.claims import PAPER_KINDS, Claim, Verdict, judge
+from study.judge.claims import PAPER_KINDS, Claim, Verdict, judge_claims
 from study.paper.items import TABLE_1, TABLE_2
 from study.run.store import CorruptResult, MissingResult, Results, StoredResult, StudyError
 
@@ -28,7 +28,7 @@ MutationKind = Literal["element", "law", "sign", "row", "print"]
 
 @dataclass(frozen=True)
 class Fact:
-    """Fact on which one or more statements rest.
+    """Independent fact on which one or more statements of the paper rest.
 
     Attributes:
         id: Name of the fact.
@@ -51,8 +51,8 @@ class Mutation:
     Attributes:
         name: Description of the mutation.
         kind: Kind of the mutation.
-        rename_stored: Function that replaces the key of a case or the name of a scalar by that of
-            the case or scalar to be used instead.
+        replace_stored_name: Function that replaces the key of a case or the name of a scalar by
+            that of the case or scalar to be used instead.
         sign_pattern: Regular expression for names of scalars and curves whose signs are reversed.
         table: Name of the table in `PRINTED_TABLES` that is altered.
         rows: Two rows of the table to exchange, or one row with a misprint.
@@ -61,7 +61,7 @@ class Mutation:
 
     name: str
     kind: MutationKind
-    rename_stored: Callable[[str], str] = lambda name: name
+    replace_stored_name: Callable[[str], str] = lambda name: name
     sign_pattern: str = ""
     table: str = ""
     rows: tuple[str, ...] = ()
@@ -77,6 +77,8 @@ def _exchange_words(first: str, second: str) -> Callable[[str], str]:
 
 
 def _replace_patterns(*pairs: tuple[str, str]) -> Callable[[str], str]:
+    """Return a function that applies pairs (regular expression, replacement) to a text in order."""
+
     def replace_all(text: str) -> str:
         for pattern, replacement in pairs:
             text = re.sub(pattern, replacement, text)
@@ -88,7 +90,7 @@ def _replace_patterns(*pairs: tuple[str, str]) -> Callable[[str], str]:
 _BUCKLING_CASE_PATTERN = r"^(7\.6/[a-z]+-[TQ]\d)"
 
 
-def _exchange_forms(name: str) -> str:
+def _exchange_geometric_stiffnesses_in_name(name: str) -> str:
     """Exchange the geometric stiffnesses J and G in a name; keys of cases omit G."""
     if name.startswith(("G_", "J_")):
         return _exchange_words("G", "J")(name)
@@ -124,7 +126,9 @@ RESULT_MUTATIONS = (
         "law",
         _replace_patterns((r"^(7\.5/pw(sym)?-[TQ]\d(-same)?)$", r"\1-lumped")),
     ),
-    Mutation("geometric stiffnesses G and J exchanged", "law", _exchange_forms),
+    Mutation(
+        "geometric stiffnesses G and J exchanged", "law", _exchange_geometric_stiffnesses_in_name
+    ),
     Mutation(
         "friction left out",
         "law",
@@ -160,16 +164,20 @@ def load_facts(path: Path = FACTS_FILE) -> list[Fact]:
 
 def write_claims_with_facts(out: Path, verdicts: list[Verdict], results: Results) -> None:
     """Write `<out>/claims.json`, including the facts on which the paper's statements rest."""
-    turning_mutations = find_turning_mutations(verdicts, results)
-    facts = assign_facts([verdict.claim for verdict in verdicts], turning_mutations, load_facts())
-    claims.write_claims(out, verdicts, facts, turning_mutations)
+    reversing_mutations = find_mutations_that_reverse_verdicts(verdicts, results)
+    facts = assign_facts_to_paper_statements(
+        [verdict.claim for verdict in verdicts], reversing_mutations, load_facts()
+    )
+    claims.write_claims(out, verdicts, facts, reversing_mutations)
 
 
-def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[str, tuple[str, ...]]:
-    """Return, by id of the claim, the names of the mutations that reverse each claim.
+def find_mutations_that_reverse_verdicts(
+    verdicts: list[Verdict], results: Results
+) -> dict[str, tuple[str, ...]]:
+    """Return the names of the mutations that reverse each verdict, by id of the claim.
 
-    To statements of the paper, all mutations are applied. To findings, only mutations of the
-    printed tables are.
+    All mutations are applied for statements of the paper. For findings and pins, only mutations of
+    the printed tables are applied.
     """
     judged_verdicts = [
         judged_verdict
@@ -177,14 +185,19 @@ def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[st
         if judged_verdict.claim.judgement and judged_verdict.measured is not None
     ]
     paper_verdicts = [v for v in judged_verdicts if v.claim.kind in PAPER_KINDS]
-    turning_mutations: dict[str, list[str]] = {v.claim.id: [] for v in judged_verdicts}
+    reversing_mutations: dict[str, list[str]] = {v.claim.id: [] for v in judged_verdicts}
     for mutation in RESULT_MUTATIONS:
-        for claim_id in _find_changed_claims(paper_verdicts, _MutatedResults(results, mutation)):
-            turning_mutations[claim_id].append(mutation.name)
+        for claim_id in _ids_of_claims_with_changed_verdict(
+            paper_verdicts, _MutatedResults(results, mutation)
+        ):
+            reversing_mutations[claim_id].append(mutation.name)
     for table, rows in PRINTED_TABLES.items():
-        table_readers = _verdicts_that_read(judged_verdicts, results, table, rows)
-        row_readers = {
-            row: _verdicts_that_read(table_readers, results, table, [row]) for row in rows
+        verdicts_on_table = _verdicts_that_depend_on_table_rows(
+            judged_verdicts, results, table, rows
+        )
+        verdicts_by_row = {
+            row: _verdicts_that_depend_on_table_rows(verdicts_on_table, results, table, [row])
+            for row in rows
         }
         for mutation in (
             candidate
@@ -192,34 +205,38 @@ def find_turning_mutations(verdicts: list[Verdict], results: Results) -> dict[st
             if candidate.table == table
         ):
             affected_verdicts = [
-                v for v in judged_verdicts if any(v in row_readers[row] for row in mutation.rows)
+                v
+                for v in judged_verdicts
+                if any(v in verdicts_by_row[row] for row in mutation.rows)
             ]
             changed_ids: set[str] = set()
-            for misprinted_rows in _list_misprinted_rows(mutation):
-                with _replace_rows(table, misprinted_rows):
-                    changed_ids.update(_find_changed_claims(affected_verdicts, results))
+            for misprinted_rows in _list_altered_table_rows(mutation):
+                with _temporarily_replace_table_rows(table, misprinted_rows):
+                    changed_ids.update(
+                        _ids_of_claims_with_changed_verdict(affected_verdicts, results)
+                    )
             for claim_id in changed_ids:
-                turning_mutations[claim_id].append(mutation.name)
+                reversing_mutations[claim_id].append(mutation.name)
     for verdict in paper_verdicts:
-        if verdict.claim.printed and _depends_on_own_number(verdict, results):
-            turning_mutations[verdict.claim.id].append(own_number_mutation(verdict.claim))
-    return {name: tuple(found) for name, found in turning_mutations.items()}
+        if verdict.claim.printed and _own_number_misprint_reverses_verdict(verdict, results):
+            reversing_mutations[verdict.claim.id].append(name_of_own_number_misprint(verdict.claim))
+    return {name: tuple(found) for name, found in reversing_mutations.items()}
 
 
-def assign_facts(
-    statements: list[Claim], turning_mutations: Mapping[str, tuple[str, ...]], facts: list[Fact]
+def assign_facts_to_paper_statements(
+    statements: list[Claim], reversing_mutations: Mapping[str, tuple[str, ...]], facts: list[Fact]
 ) -> dict[str, str]:
-    """Return, by id of the statement, the fact on which each statement of the paper rests.
+    """Return the id of the fact on which each statement of the paper rests, by id of the statement.
 
     Statements share a fact if the same exchanges of elements, laws, signs and rows reverse them.
-    Misprints count only for statements that no mutation of stored results reverses. Definitions,
-    and statements that nothing reverses, are listed in the fact itself. Statements without a fact
-    are omitted.
+    Misprints count only for statements that no mutation of stored results reverses. For definitions
+    and for statements that no mutation reverses, the fact itself lists the ids of the statements.
+    Statements without a fact are omitted.
     """
     stated_facts = {claim_id: fact.id for fact in facts for claim_id in fact.statements}
     paper_claims = [claim for claim in statements if claim.kind in PAPER_KINDS]
     mutations_by_claim = {
-        claim.id: fact_mutations(claim, turning_mutations.get(claim.id, ()))
+        claim.id: mutations_that_identify_fact(claim, reversing_mutations.get(claim.id, ()))
         for claim in paper_claims
     }
     facts_by_mutations = {
@@ -234,21 +251,30 @@ def assign_facts(
     return {name: fact for name, fact in assigned_facts.items() if fact}
 
 
-def fact_mutations(claim: Claim, turning_mutations: Sequence[str]) -> frozenset[str]:
-    """Return the mutations that identify the fact of a statement; definitions have none."""
+def mutations_that_identify_fact(
+    claim: Claim, reversing_mutations: Sequence[str]
+) -> frozenset[str]:
+    """Return the mutations by which the fact of a statement is identified; definitions have none.
+
+    Misprints are omitted if a mutation of stored results reverses the statement, too.
+
+    Args:
+        claim: Statement of the paper.
+        reversing_mutations: Names of all mutations that reverse the statement.
+    """
     if claim.basis == "definition":
         return frozenset()
     result_mutations = {mutation.name for mutation in RESULT_MUTATIONS}
-    misprints = {name for name in turning_mutations if name.startswith(OWN_NUMBER_PREFIX)} | {
+    misprints = {name for name in reversing_mutations if name.startswith(OWN_NUMBER_PREFIX)} | {
         mutation.name for mutation in MISPRINT_MUTATIONS
     }
-    return frozenset(turning_mutations) - (
-        misprints if result_mutations & {*turning_mutations} else set()
+    return frozenset(reversing_mutations) - (
+        misprints if result_mutations & {*reversing_mutations} else set()
     )
 
 
-def own_number_mutation(claim: Claim) -> str:
-    """Return the name of the mutation that misprints the number in a statement."""
+def name_of_own_number_misprint(claim: Claim) -> str:
+    """Return the name of the mutation that misprints the number which a statement quotes."""
     judgement = claim.judgement
     assert judgement is not None
     return f"{OWN_NUMBER_PREFIX}{judgement.value:g}{judgement.unit and ' '}{judgement.unit}"
@@ -262,7 +288,7 @@ class _MutatedResults(Results):
         self._results, self._mutation = results, mutation
 
     def __getitem__(self, key: str) -> StoredResult:
-        stored_results, mutated_key = [self._results[key]], self._mutation.rename_stored(key)
+        stored_results, mutated_key = [self._results[key]], self._mutation.replace_stored_name(key)
         if mutated_key != key:
             with suppress(MissingResult, CorruptResult):
                 stored_results.append(self._results[mutated_key])
@@ -271,25 +297,27 @@ class _MutatedResults(Results):
         }
 
         def unpack_curves() -> dict[str, Any]:
-            return self._flip_signs(
+            return self._flip_signs_of_matching_names(
                 {name: curve for stored in stored_results for name, curve in stored.curves.items()}
             )
 
         return replace(
-            stored_results[0], scalars=self._mutate_scalars(scalars), unpack=unpack_curves
+            stored_results[0],
+            scalars=self._exchange_scalars_and_flip_signs(scalars),
+            unpack=unpack_curves,
         )
 
     def section(self, section: str) -> list[Any]:
-        """Return the results of a section, which are read only when a measure uses them."""
+        """Return all results of a section; each is read when a measure first uses it."""
         return [_LazyResult(self, stored) for stored in self._results.section(section)]
 
-    def _mutate_scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
-        mutated_names = {name: self._mutation.rename_stored(name) for name in scalars}
-        return self._flip_signs(
+    def _exchange_scalars_and_flip_signs(self, scalars: Mapping[str, float]) -> dict[str, float]:
+        mutated_names = {name: self._mutation.replace_stored_name(name) for name in scalars}
+        return self._flip_signs_of_matching_names(
             {name: scalars.get(mutated_names[name], scalars[name]) for name in scalars}
         )
 
-    def _flip_signs(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _flip_signs_of_matching_names(self, values: Mapping[str, Any]) -> dict[str, Any]:
         sign_pattern = self._mutation.sign_pattern
         return {
             name: -value if sign_pattern and re.match(sign_pattern, name) else value
@@ -311,15 +339,21 @@ class _LazyResult:
         return getattr(self._results[self.key], name)
 
 
-def _find_changed_claims(verdicts: list[Verdict], results: Results) -> list[str]:
-    """Return the ids of the claims whose verdict or pinned number changes with other results.
+def _ids_of_claims_with_changed_verdict(verdicts: list[Verdict], results: Results) -> list[str]:
+    """Return the ids of the claims whose verdict changes if other results are used.
 
-    Claims for which these results lack a number are omitted.
+    Claims also count if their number begins or ceases to differ from the expected one.
+
+    Claims that cannot be judged from these results are omitted.
+
+    Args:
+        verdicts: Verdicts from the unchanged results.
+        results: Mutated results.
     """
 
-    def has_changed(old_verdict: Verdict) -> bool:
+    def verdict_has_changed(old_verdict: Verdict) -> bool:
         try:
-            (new_verdict,) = judge([old_verdict.claim], results)
+            (new_verdict,) = judge_claims([old_verdict.claim], results)
         except StudyError:
             return False
         changed = (new_verdict.verdict, new_verdict.differs) != (
@@ -328,11 +362,11 @@ def _find_changed_claims(verdicts: list[Verdict], results: Results) -> list[str]
         )
         return changed and new_verdict.measured is not None
 
-    return [verdict.claim.id for verdict in verdicts if has_changed(verdict)]
+    return [verdict.claim.id for verdict in verdicts if verdict_has_changed(verdict)]
 
 
 @contextmanager
-def _replace_rows(table: str, rows: TableRows) -> Iterator[None]:
+def _temporarily_replace_table_rows(table: str, rows: TableRows) -> Iterator[None]:
     original_rows = dict(PRINTED_TABLES[table])
     try:
         PRINTED_TABLES[table].update(rows)
@@ -341,19 +375,19 @@ def _replace_rows(table: str, rows: TableRows) -> Iterator[None]:
         PRINTED_TABLES[table].update(original_rows)
 
 
-def _list_misprinted_rows(mutation: Mutation) -> list[TableRows]:
+def _list_altered_table_rows(mutation: Mutation) -> list[TableRows]:
     table, mode = PRINTED_TABLES[mutation.table], mutation.mode_index
     if mutation.kind == "row":
         first_row, second_row = mutation.rows
         return [{first_row: table[second_row], second_row: table[first_row]}]
     (row,) = mutation.rows
     return [
-        {row: (*table[row][:mode], misread_number, *table[row][mode + 1 :])}
-        for misread_number in misread_digits(table[row][mode])
+        {row: (*table[row][:mode], misprinted_number, *table[row][mode + 1 :])}
+        for misprinted_number in misprints_of_second_digit(table[row][mode])
     ]
 
 
-def misread_digits(number: float) -> tuple[float, float]:
+def misprints_of_second_digit(number: float) -> tuple[float, float]:
     """Return a number decreased and increased by one unit of its second (or only) digit."""
     digits = f"{number:.15g}".replace(".", "").strip("0").partition("e")[0]
     power = int(f"{number:e}".partition("e")[2])
@@ -361,10 +395,13 @@ def misread_digits(number: float) -> tuple[float, float]:
     return number - digit_step, number + digit_step
 
 
-def _verdicts_that_read(
+def _verdicts_that_depend_on_table_rows(
     verdicts: list[Verdict], results: Results, table: str, rows: Iterable[str]
 ) -> list[Verdict]:
-    """Return the verdicts whose measured numbers depend on the given rows of a printed table."""
+    """Return the verdicts whose measured numbers depend on the given rows of a printed table.
+
+    The rows are multiplied by different factors, and the claims are judged again.
+    """
     altered_rows = {
         row: tuple(
             (1.3 + 0.1 * mode_index + 0.07 * row_index) * number
@@ -372,8 +409,8 @@ def _verdicts_that_read(
         )
         for row_index, row in enumerate(rows)
     }
-    with _replace_rows(table, altered_rows):
-        altered_verdicts = judge([v.claim for v in verdicts], results)
+    with _temporarily_replace_table_rows(table, altered_rows):
+        altered_verdicts = judge_claims([v.claim for v in verdicts], results)
     return [
         verdict
         for verdict, altered_verdict in zip(verdicts, altered_verdicts, strict=True)
@@ -381,14 +418,14 @@ def _verdicts_that_read(
     ]
 
 
-def _depends_on_own_number(verdict: Verdict, results: Results) -> bool:
+def _own_number_misprint_reverses_verdict(verdict: Verdict, results: Results) -> bool:
     judgement = verdict.claim.judgement
     assert judgement is not None
     misread_claims = [
         replace(verdict.claim, judgement=replace(judgement, value=misread_value))
-        for misread_value in misread_digits(judgement.value)
+        for misread_value in misprints_of_second_digit(judgement.value)
     ]
     return any(
         misread_verdict.verdict != verdict.verdict
-        for misread_verdict in judge(misread_claims, results)
+        for misread_verdict in judge_claims(misread_claims, results)
     )

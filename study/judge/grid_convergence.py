@@ -93,7 +93,7 @@ def grid_convergence(values: Sequence[float], sizes: Sequence[float]) -> GridCon
     change_ratio = changes[0] / changes[1]
     if change_ratio < 0:
         return GridConvergence(sorted_values, "oscillatory")
-    order = solve_order(change_ratio, coarse_ratio, fine_ratio)
+    order = solve_for_observed_order(change_ratio, coarse_ratio, fine_ratio)
     if order is None:
         return GridConvergence(sorted_values, "divergent")
     if not MIN_ORDER <= order <= MAX_ORDER:
@@ -103,8 +103,10 @@ def grid_convergence(values: Sequence[float], sizes: Sequence[float]) -> GridCon
     return GridConvergence(sorted_values, "", order, fine + correction, index)
 
 
-def solve_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> float | None:
-    """Return the order p > 0 of values phi(h) = phi_0 + c h^p, or None if there is no such order.
+def solve_for_observed_order(
+    change_ratio: float, coarse_ratio: float, fine_ratio: float
+) -> float | None:
+    """Return the order p > 0 of three values phi(h) = phi_0 + c h^p, or None if none fits.
 
     Args:
         change_ratio: Change of the value from the coarse to the medium mesh, divided by the change
@@ -113,16 +115,16 @@ def solve_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> 
         fine_ratio: Size of the medium mesh divided by that of the fine mesh.
     """
 
-    def log_change_ratio(p: float) -> float:
+    def log_change_ratio_of_order(p: float) -> float:
         growth = np.expm1(p * np.log(coarse_ratio)) / np.expm1(p * np.log(fine_ratio))
         return float(p * np.log(fine_ratio) + np.log(growth))
 
     target = np.log(change_ratio)
-    if log_change_ratio(MIN_COMPUTED_ORDER) >= target:
+    if log_change_ratio_of_order(MIN_COMPUTED_ORDER) >= target:
         return None
-    if log_change_ratio(MAX_COMPUTED_ORDER) <= target:
+    if log_change_ratio_of_order(MAX_COMPUTED_ORDER) <= target:
         return MAX_COMPUTED_ORDER
     low, high = MIN_COMPUTED_ORDER, MAX_COMPUTED_ORDER
     while (middle := (low + high) / 2) not in (low, high):  # until low and high are adjacent
-        low, high = (middle, high) if log_change_ratio(middle) < target else (low, middle)
+        low, high = (middle, high) if log_change_ratio_of_order(middle) < target else (low, middle)
     return low

@@ -1,4 +1,4 @@
-"""Numbers of the paper's examples that have no exact value, and meshes for their uncertainties.
+"""Numbers of the paper's examples without exact values, and meshes for their uncertainties.
 
 Each number is computed on three meshes, with the new and with the standard triangle. The list of
 numbers, the meshes and the criterion for the asymptotic range (`study.judge.grid_convergence`) were
@@ -24,7 +24,7 @@ Keys = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class SeriesQuantity:
-    """A number of an example, computed on three meshes.
+    """Number that is computed on three meshes with the new and with the standard element.
 
     Attributes:
         section: Section of the paper.
@@ -34,7 +34,7 @@ class SeriesQuantity:
         standard: Keys of the standard element's cases, from the coarse to the fine mesh.
         refinements: Divisions of a side, divided by those of the coarse mesh, (3,).
         unit: Value by which the number is divided for display.
-        position: Position along the contact surface if the number is read from a curve.
+        position: Position along the contact surface if the number is interpolated from a curve.
     """
 
     section: str
@@ -46,24 +46,24 @@ class SeriesQuantity:
     unit: float = 1.0
     position: float | None = None
 
-    def estimate(self, results: Results, element: Element) -> GridConvergence:
-        """Return the convergence of the number for one of the two elements."""
+    def estimate_convergence(self, results: Results, element: Element) -> GridConvergence:
+        """Estimate the convergence of the number for the "new" or the "standard" element."""
         keys = self.new if element == "new" else self.standard
-        values = [self._read(results, key) / self.unit for key in keys]
+        values = [self._read_value(results, key) / self.unit for key in keys]
         return grid_convergence(values, [1 / refinement for refinement in self.refinements])
 
-    def _read(self, results: Results, key: str) -> float:
+    def _read_value(self, results: Results, key: str) -> float:
         if self.position is None:
             return results.scalar(key, self.name)
         return curve_at(results, key, self.name, self.position)
 
 
-def _keys(section: str, element: str, suffixes: tuple[str, str, str]) -> Keys:
+def _case_keys_of_series(section: str, element: str, suffixes: tuple[str, str, str]) -> Keys:
     coarse, medium, fine = (f"{section}/{element}{suffix}" for suffix in suffixes)
     return coarse, medium, fine
 
 
-def _series(
+def _make_series_quantity(
     section: str,
     words: str,
     name: str,
@@ -74,7 +74,7 @@ def _series(
     position: float | None = None,
     elements: tuple[str, str] = ("pw-T6", "galerkin-T6"),
 ) -> SeriesQuantity:
-    new, standard = (_keys(section, element, suffixes) for element in elements)
+    new, standard = (_case_keys_of_series(section, element, suffixes) for element in elements)
     return SeriesQuantity(section, words, name, new, standard, refinements, unit, position)
 
 
@@ -97,11 +97,11 @@ BEAM_PAIRS = {
 
 QUANTITIES = [
     *(
-        _series("7.2", words, name, BLOCK_MESHES, HALVED_TWICE)
+        _make_series_quantity("7.2", words, name, BLOCK_MESHES, HALVED_TWICE)
         for words, name in (("sticks from $x$", "stick_from"), ("sticks to $x$", "stick_to"))
     ),
     *(
-        _series(
+        _make_series_quantity(
             "7.2",
             f"pressure/$p$, $x$ = {x:g}",
             "pressure",
@@ -113,7 +113,7 @@ QUANTITIES = [
         for x in (0.5, 1.0, 2.0, 3.0, 3.5)
     ),
     *(
-        _series("7.3", words, name, meshes, PUNCH_REFINEMENTS)
+        _make_series_quantity("7.3", words, name, meshes, PUNCH_REFINEMENTS)
         for words, name, meshes in (
             (r"force, $\mu = 0.6$", "force_indentation", PUNCH_MESHES),
             (r"force, $\mu = 0$", "force_indentation", SMOOTH_PUNCH_MESHES),
@@ -122,7 +122,7 @@ QUANTITIES = [
         )
     ),
     *(
-        _series("7.4", words, name, meshes, HALVED_TWICE, unit=unit)
+        _make_series_quantity("7.4", words, name, meshes, HALVED_TWICE, unit=unit)
         for words, name, meshes, unit in (
             ("sticks to $x/b$, stress", "stick_to", PLATE_MESHES, 1.0),
             ("sticks to $x/b$, strain", "stick_to", STRAIN_PLATE_MESHES, 1.0),
@@ -130,7 +130,7 @@ QUANTITIES = [
             (r"settlement, $\mu = 0$, μm", "translation", SMOOTH_PLATE_MESHES, 1e-6),
         )
     ),
-    _series(
+    _make_series_quantity(
         "7.4",
         "pressure, $x/b$ = 0.875, kN/m²",
         "pressure",
@@ -155,7 +155,7 @@ QUANTITIES = [
         )
     ),
     *(
-        _series(
+        _make_series_quantity(
             "7.6",
             rf"$\sigma_{mode}$, MPa: {words}, {squares}",
             f"sigma_cr_{mode}",
@@ -173,19 +173,21 @@ QUANTITIES = [
 
 
 @dataclass(frozen=True)
-class Uncertainty:
-    """Convergence of a number for the new and the standard element."""
+class QuantityConvergence:
+    """Convergence of a number with the new element (`new`) and the standard one (`standard`)."""
 
     quantity: SeriesQuantity
     new: GridConvergence
     standard: GridConvergence
 
 
-def estimate_uncertainties(results: Results) -> list[Uncertainty]:
+def estimate_convergence_of_quantities(results: Results) -> list[QuantityConvergence]:
     """Return the convergence of all `QUANTITIES`, computed from stored results."""
     return [
-        Uncertainty(
-            quantity, quantity.estimate(results, "new"), quantity.estimate(results, "standard")
+        QuantityConvergence(
+            quantity,
+            quantity.estimate_convergence(results, "new"),
+            quantity.estimate_convergence(results, "standard"),
         )
         for quantity in QUANTITIES
     ]

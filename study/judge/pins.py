@@ -24,7 +24,7 @@ _OPTIONAL_KEYS = {"unit", "found", "found_tolerance"}
 
 
 def load_pins(path: Path = PINS_FILE) -> list[Pin]:
-    """Read the table of pins.
+    """Read the recorded numbers with their statements from a JSON file.
 
     Raises:
         StudyError: if the table cannot be read, or if a pin has missing or unknown keys.

@@ -1,4 +1,4 @@
-"""Assign each sentence of the paper to the statements that quote it, or explain why there are none.
+"""Assign each sentence of the paper to the statements that quote it, or state why it has none.
 
 `python3 -m study.judge.sentences PATH` compares `sentences.toml` with the text of the paper and
 prints all disagreements. The text is not part of this project, which stores only the first words
@@ -27,7 +27,7 @@ _SENTENCE_BOUNDARY = re.compile(r"(?<=\.)\s+(?=[A-Z$])")
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence, heading, caption, equation or row of a table.
+    """Entry for a sentence, heading, caption, equation or row of a table of the paper.
 
     Attributes:
         number: Position in the paper, starting from 1.
@@ -35,7 +35,7 @@ class Sentence:
         digest: Digest of the entire sentence.
         claims: Ids of the statements whose quotations include all or part of the sentence.
         repeats: Ids of statements that the sentence repeats in words other than those quoted.
-        reason: Reason why the sentence claims nothing, if no statements are named.
+        reason: Reason why the sentence contains no statement, if no ids are listed.
     """
 
     number: int
@@ -53,7 +53,7 @@ def load_sentences(path: Path = SENTENCES_FILE) -> list[Sentence]:
 
 
 def split_sentences(text: str) -> list[str]:
-    """Return the sentences of a Markdown text up to the references."""
+    """Split the Markdown text of the paper into sentences, up to the list of references."""
     text_before_references, _, _ = text.partition(REFERENCES_HEADING)
     sentences = []
     for block in map(str.strip, re.split(r"\n\s*\n", text_before_references)):
@@ -64,17 +64,17 @@ def split_sentences(text: str) -> list[str]:
     return sentences
 
 
-def first_words(sentence: str) -> str:
-    """Return the first words of a sentence, which identify it."""
+def identifying_first_words(sentence: str) -> str:
+    """Return the first words of a sentence, by which entries identify it."""
     return " ".join(sentence.split()[:N_FIRST_WORDS])
 
 
 def digest_sentence(sentence: str) -> str:
-    """Return the digest of a sentence."""
+    """Return the first 16 hexadecimal digits of the SHA-256 digest of a sentence."""
     return hashlib.sha256(sentence.encode()).hexdigest()[:16]
 
 
-def find_disagreements(
+def compare_entries_with_paper_text(
     sentences: list[Sentence], paper_sentences: list[str], claims: list[Claim]
 ) -> list[str]:
     """Return messages on disagreements between the entries, the paper's text and the statements."""
@@ -84,28 +84,28 @@ def find_disagreements(
             f"{len(sentences)} sentences are known, the text has {len(paper_sentences)}"
         )
     for sentence, paper_sentence in zip(sentences, paper_sentences, strict=False):
-        words, digest = first_words(paper_sentence), digest_sentence(paper_sentence)
+        words, digest = identifying_first_words(paper_sentence), digest_sentence(paper_sentence)
         if (sentence.begins, sentence.digest) != (words, digest):
             messages.append(f"sentence {sentence.number} begins {words!r}, not {sentence.begins!r}")
     for claim in claims:
         numbers = [sentence.number for sentence in sentences if claim.id in sentence.claims]
         quoted_text = " ".join(
-            _without_formula_marks(paper_sentences[number - 1])
+            _remove_formula_markup(paper_sentences[number - 1])
             for number in numbers
             if number <= len(paper_sentences)
         )
-        if _without_formula_marks(claim.quote or "") not in quoted_text:
+        if _remove_formula_markup(claim.quote or "") not in quoted_text:
             messages.append(f"{claim.id} quotes what is not in its sentences {numbers}")
     return messages
 
 
-def _without_formula_marks(sentence: str) -> str:
-    """Return a sentence without the markup of formulas, which quotations omit."""
+def _remove_formula_markup(sentence: str) -> str:
+    """Return a sentence without the LaTeX markup of formulas, which quotations omit."""
     return " ".join(sentence.replace("$", "").replace(r"\sigma_{cr}", "σ_cr").split())
 
 
-def find_incomplete_entries(sentences: list[Sentence], claims: list[Claim]) -> list[str]:
-    """Return messages on faults of the entries that can be found without the paper's text."""
+def find_faulty_entries(sentences: list[Sentence], claims: list[Claim]) -> list[str]:
+    """Return messages on faults of the entries that can be detected without the paper's text."""
     claim_ids = {claim.id for claim in claims}
     cited_ids = {claim_id for sentence in sentences for claim_id in sentence.claims}
     messages = [f"{name} stands in no sentence" for name in sorted(claim_ids - cited_ids)]
@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("text", type=Path, metavar="PATH")
     paper_sentences = split_sentences(parser.parse_args(arguments).text.read_text(encoding="utf-8"))
     sentences, claims = load_sentences(), load_paper_claims()
-    messages = find_incomplete_entries(sentences, claims) + find_disagreements(
+    messages = find_faulty_entries(sentences, claims) + compare_entries_with_paper_text(
         sentences, paper_sentences, claims
     )
     print("\n".join(messages) or f"{len(sentences)} sentences agree")

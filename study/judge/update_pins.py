@@ -14,7 +14,11 @@ from study.run.store import Results, write_json
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the pins that differ and, with --update, record them; return 1 if any differs."""
+    """Print the pins that contradict the stored results; with --update, record the new numbers.
+
+    Returns:
+        1 if any pin differs, otherwise 0.
+    """
     parser = argparse.ArgumentParser(prog="study.judge.update_pins")
     parser.add_argument("results", nargs="?", type=Path, default=Path("results"))
     parser.add_argument("--update", action="store_true", help="record the numbers found")
@@ -22,28 +26,34 @@ def main(arguments: list[str] | None = None) -> int:
     pins = load_pins()
     verdicts = {
         verdict.claim.id: verdict
-        for verdict in claims.judge(
+        for verdict in claims.judge_claims(
             claims.claims_from_pins(pins), Results(parsed_arguments.results)
         )
     }
     differing = [verdict for verdict in verdicts.values() if verdict.differs]
     print(claims.format_verdict_table(differing) or "no pin differs\n", end="")
     if parsed_arguments.update:
-        write_json(PINS_FILE, [_update_pin(pin, verdicts[pin["id"]].measured) for pin in pins])
+        write_json(
+            PINS_FILE, [_update_recorded_number(pin, verdicts[pin["id"]].measured) for pin in pins]
+        )
     return int(bool(differing))
 
 
-def _update_pin(pin: Pin, measured: float | None) -> Pin:
+def _update_recorded_number(pin: Pin, measured: float | None) -> Pin:
     if measured is None:
         return pin
     if "found" in pin:
-        return pin | {"found": measured} if _pin_differs(pin, "found", measured) else pin
-    if pin["relation"] == "=" and _pin_differs(pin, "bound", measured):
+        return (
+            pin | {"found": measured}
+            if _differs_from_recorded_number(pin, "found", measured)
+            else pin
+        )
+    if pin["relation"] == "=" and _differs_from_recorded_number(pin, "bound", measured):
         return pin | {"bound": measured}
     return pin
 
 
-def _pin_differs(pin: Pin, name: str, measured: float) -> bool:
+def _differs_from_recorded_number(pin: Pin, name: str, measured: float) -> bool:
     tolerance = pin["found_tolerance"] if name == "found" else pin["tolerance"]
     return bool(abs(measured - pin[name]) > tolerance)
 

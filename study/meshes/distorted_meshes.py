@@ -21,17 +21,23 @@ CELL_TYPE_BY_ELEMENT_SUFFIX = {
 """Cell types by the suffixes of the names of elements."""
 
 
-def mesh_unit_domain(element: str, cell_size: float) -> Mesh:
-    """Mesh the unit square or cube, with Gmsh for simplices, otherwise by a distorted grid."""
+def mesh_unit_square_or_cube(element: str, cell_size: float) -> Mesh:
+    """Mesh the unit square or cube with cells that suit an element, none of which are congruent.
+
+    Triangles and tetrahedra are made by Gmsh; other meshes are distorted grids.
+    """
     if element.endswith("T10"):
         return on_cube(element, cell_size)
     if element.endswith("H27"):
-        return mesh_distorted_grid(element, round(1 / cell_size))
+        return mesh_distorted_unit_grid(element, round(1 / cell_size))
     return on_square(element, cell_size)
 
 
-def mesh_distorted_grid(element: str, n_cells_per_side: int) -> Mesh:
-    """Return a structured mesh with n cells per side, distorted by the same map for all n."""
+def mesh_distorted_unit_grid(element: str, n_cells_per_side: int) -> Mesh:
+    """Return a grid of the unit square or cube with n cells per side, distorted by a smooth map.
+
+    The map does not depend on n.
+    """
     cell = CELL_TYPE_BY_ELEMENT_SUFFIX[element.rsplit("-", 1)[1]]
     if cell in (CellType.triangle, CellType.quadrilateral):
         return move_nodes(

@@ -6,10 +6,10 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-def smooth_distortion(x: Array) -> Array:
-    """Map points (n, 3) of a unit square or cube smoothly; the side x = 0 stays in its plane.
+def distort_unit_domain_smoothly(x: Array) -> Array:
+    """Return points (n, 3) of the unit square or cube, mapped by a smooth distortion.
 
-    No two triangles of a regular mesh remain congruent.
+    Points with x = 0 keep this coordinate. No two triangles of a regular mesh remain congruent.
     """
     mapped = x.copy()
     mapped[:, 0] *= 1 + 0.1 * np.cos(3.3 * x[:, 1]) + 0.05 * np.sin(2.1 * x[:, 0])

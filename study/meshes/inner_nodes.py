@@ -1,4 +1,4 @@
-"""Find the inner nodes of 8- and 9-node quadrilaterals, which are condensed (paper, Fig. 3)."""
+"""Inner nodes of 8- and 9-node quadrilaterals, which are condensed (paper, Fig. 3)."""
 
 from mpi4py import MPI
 
@@ -36,29 +36,36 @@ def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
     cells = space.dofmap.list[: mesh.topology.index_map(2).size_local]
     corners = space.tabulate_dof_coordinates()[cells[:, :3]]
     middles = cells[:, [dofs[0] for dofs in element.entity_dofs[1]]]
-    for side in (_sides_shared_by_numbered_pairs(space, cells, middles), _longest_sides(corners)):
-        chosen = np.take_along_axis(middles, np.maximum(side, 0)[:, None], axis=1)[:, 0]
-        times = _sum_at_nodes(space, chosen, (side >= 0).astype(float)[:, None])[:, 0]
-        single = mesh.comm.allreduce(int(np.sum((side < 0) | (times[chosen] != 2))), MPI.SUM)
-        if single == 0:
-            return np.flatnonzero(times == 2).astype(np.int32)
+    for side in (
+        _sides_shared_by_cells_2k_and_2k_plus_1(space, cells, middles),
+        _unique_longest_sides(corners),
+    ):
+        mid_side_nodes = np.take_along_axis(middles, np.maximum(side, 0)[:, None], axis=1)[:, 0]
+        n_triangles = _sum_at_nodes_over_processes(
+            space, mid_side_nodes, (side >= 0).astype(float)[:, None]
+        )[:, 0]
+        n_unpaired = mesh.comm.allreduce(
+            int(np.sum((side < 0) | (n_triangles[mid_side_nodes] != 2))), MPI.SUM
+        )
+        if n_unpaired == 0:
+            return np.flatnonzero(n_triangles == 2).astype(np.int32)
     raise ValueError(
-        f"{single} triangles have no partner across their longest side: 8-node quadrilaterals "
+        f"{n_unpaired} triangles have no partner across their longest side: 8-node quadrilaterals "
         'need pairs of triangles, as the patterns "right" and "left" have them'
     )
 
 
-def _sides_shared_by_numbered_pairs(
+def _sides_shared_by_cells_2k_and_2k_plus_1(
     space: fem.FunctionSpace, cells: Indices, middles: Indices
 ) -> Indices:
-    """Return the side (cells,) that each cell shares with its partner, or -1.
+    """Return the local number (cells,) of the side that each cell shares with its partner, or -1.
 
-    The partner is given by the original cell numbers. The value is -1 if the two cells share no
-    side or do not form a convex quadrilateral, e.g. in meshes with the pattern "crossed".
+    Cells 2k and 2k + 1 of the original numbering are partners. The value is -1 if the two cells
+    share no side or do not form a convex quadrilateral, e.g. in meshes with the pattern "crossed".
     """
     pair = space.mesh.topology.original_cell_index[: len(cells)] // 2
     powers = np.repeat(pair.astype(float)[:, None] ** [0, 1, 2], 3, axis=0)
-    count, total, squares = _sum_at_nodes(space, middles.ravel(), powers)[middles].T
+    count, total, squares = _sum_at_nodes_over_processes(space, middles.ravel(), powers)[middles].T
     shared = ((count == 2) & (2 * squares == total**2)).T  # (k - l)^2 = 0
     side = np.where(shared.sum(axis=1) == 1, shared.argmax(axis=1), -1)
 
@@ -69,14 +76,18 @@ def _sides_shared_by_numbered_pairs(
     ends = np.take_along_axis(ends, np.argsort(np.take_along_axis(vertices, ends, 1), axis=1), 1)
     angles = _triangle_angles(corners)[cell_numbers[:, None], ends] * (side >= 0)[:, None]
     middle = middles[cell_numbers, side]
-    convex = (_sum_at_nodes(space, middle, angles)[middle] < _MAX_CORNER_ANGLE_OVER_PI * np.pi).all(
-        axis=1
-    )
+    convex = (
+        _sum_at_nodes_over_processes(space, middle, angles)[middle]
+        < _MAX_CORNER_ANGLE_OVER_PI * np.pi
+    ).all(axis=1)
     return np.where(convex, side, -1)
 
 
-def _longest_sides(corners: Array) -> Indices:
-    """Return the longest side (cells,) of triangles (cells, 3, 3), or -1 if it is not unique."""
+def _unique_longest_sides(corners: Array) -> Indices:
+    """Return the local number (cells,) of the longest side of triangles (cells, 3, 3).
+
+    It is -1 if the longest side is not unique.
+    """
     length = np.linalg.norm([corners[:, a] - corners[:, b] for a, b in _SIDE_VERTICES], axis=2).T
     is_unique = length.max(axis=1) > (1 + _LONGEST_SIDE_TOLERANCE) * np.sort(length, axis=1)[:, 1]
     return np.where(is_unique, length.argmax(axis=1), -1)
@@ -90,7 +101,7 @@ def _triangle_angles(corners: Array) -> Array:
     return np.arccos(np.clip(cosine, -1, 1))
 
 
-def _sum_at_nodes(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
+def _sum_at_nodes_over_processes(space: fem.FunctionSpace, nodes: Indices, values: Array) -> Array:
     """Return the sums (local nodes, m), over all processes, of values (n, m) at nodes (n,)."""
     sums = la.vector(space.dofmap.index_map, values.shape[1])
     np.add.at(sums.array.reshape(-1, values.shape[1]), nodes, values)

@@ -1,4 +1,4 @@
-"""Mesh families for convergence studies, by name of the element and side length of the cells."""
+"""Families of meshes for convergence studies, by name of the element and cell size."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, create_mesh
 
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.model.discretisation import has_quadrilateral_mesh
+from study.model.discretisation import requires_quadrilateral_cells
 
 Array = npt.NDArray[np.float64]
 
@@ -37,48 +37,48 @@ _GMSH_NODES_IN_BASIX_ORDER = {
 def on_square(element: str, cell_side: float) -> Mesh:
     """Mesh the unit square with Gmsh triangles, distorted quadrilaterals or pairs of triangles."""
     return (
-        mesh_with_gmsh(_add_square, 2, cell_side)
+        mesh_with_gmsh(_add_unit_square_to_gmsh, 2, cell_side)
         if _has_gmsh_triangles(element)
-        else move_nodes(_structured_square_mesh(element, cell_side), _distort_square)
+        else move_nodes(_structured_square_mesh(element, cell_side), _distort_inside_of_unit_square)
     )
 
 
 def on_pairs(_: str, cell_side: float) -> Mesh:
-    """Mesh the unit square with pairs of triangles that form quadrilaterals."""
+    """Mesh the unit square with pairs of triangles that form quadrilaterals, for any element."""
     return on_square("pw-Q8", cell_side)
 
 
 def on_ring(_: str, cell_side: float) -> Mesh:
     """Mesh a quarter ring with Gmsh; only sides of cells on the boundary are curved."""
-    return mesh_with_gmsh(_add_quarter_ring, 2, cell_side, order=2)
+    return mesh_with_gmsh(_add_quarter_ring_to_gmsh, 2, cell_side, order=2)
 
 
 def on_curved_ring(element: str, cell_side: float) -> Mesh:
     """Mesh a quarter ring with curved cells, by mapping `on_square` to polar coordinates."""
-    return curved_mesh(on_square(element, cell_side), _map_to_quarter_ring)
+    return curved_mesh(on_square(element, cell_side), _map_unit_square_to_quarter_ring)
 
 
 def on_cube(_: str, cell_side: float) -> Mesh:
     """Mesh the unit cube with Gmsh tetrahedra."""
-    return mesh_with_gmsh(_add_cube, 3, cell_side)
+    return mesh_with_gmsh(_add_unit_cube_to_gmsh, 3, cell_side)
 
 
 def on_strip(_: str, cell_side: float) -> Mesh:
     """Mesh an upright strip 1 x 4 with Gmsh triangles."""
-    return mesh_with_gmsh(_add_strip, 2, cell_side)
+    return mesh_with_gmsh(_add_strip_to_gmsh, 2, cell_side)
 
 
 def on_bar(_: str, cell_side: float) -> Mesh:
     """Mesh an upright bar 1 x 1 x 4 with Gmsh tetrahedra."""
-    return mesh_with_gmsh(_add_bar, 3, cell_side)
+    return mesh_with_gmsh(_add_bar_to_gmsh, 3, cell_side)
 
 
 def on_hollow_ball(_: str, cell_side: float) -> Mesh:
     """Mesh an eighth of a hollow ball with Gmsh tetrahedra, which are curved on both spheres."""
-    return mesh_with_gmsh(_add_eighth_of_hollow_ball, 3, cell_side, order=2)
+    return mesh_with_gmsh(_add_eighth_of_hollow_ball_to_gmsh, 3, cell_side, order=2)
 
 
-def convergence_order(cell_sizes: Array, errors: Array) -> float:
+def fit_convergence_order(cell_sizes: Array, errors: Array) -> float:
     """Return the order of convergence of errors (n,), sorted from the coarsest to the finest mesh.
 
     The order is the slope of a line fitted to the logarithms of the cell sizes and errors of the
@@ -97,11 +97,11 @@ def mean_cell_size(mesh: Mesh) -> float:
     return float((volume / mesh.topology.index_map(dimension).size_global) ** (1 / dimension))
 
 
-def _add_square() -> None:
+def _add_unit_square_to_gmsh() -> None:
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
 
 
-def _add_quarter_ring() -> None:
+def _add_quarter_ring_to_gmsh() -> None:
     disks = [
         (2, gmsh.model.occ.addDisk(0, 0, 0, radius, radius))
         for radius in (OUTER_RADIUS, INNER_RADIUS)
@@ -111,19 +111,19 @@ def _add_quarter_ring() -> None:
     gmsh.model.occ.intersect(ring, [(2, quadrant)])
 
 
-def _add_cube() -> None:
+def _add_unit_cube_to_gmsh() -> None:
     gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
 
 
-def _add_strip() -> None:
+def _add_strip_to_gmsh() -> None:
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 4)
 
 
-def _add_bar() -> None:
+def _add_bar_to_gmsh() -> None:
     gmsh.model.occ.addBox(0, 0, 0, 1, 1, 4)
 
 
-def _add_eighth_of_hollow_ball() -> None:
+def _add_eighth_of_hollow_ball_to_gmsh() -> None:
     balls = [
         (3, gmsh.model.occ.addSphere(0, 0, 0, radius)) for radius in (OUTER_RADIUS, INNER_RADIUS)
     ]
@@ -174,11 +174,11 @@ def mesh_with_gmsh(
     finally:
         gmsh.finalize()
     permutation = _GMSH_NODES_IN_BASIX_ORDER[dimension, order]
-    used, cells = np.unique(
+    used_tags, cells = np.unique(
         nodes.reshape(-1, len(permutation))[:, permutation], return_inverse=True
     )
     by_tag = np.argsort(tags)
-    rows = by_tag[np.searchsorted(tags[by_tag], used)]
+    rows = by_tag[np.searchsorted(tags[by_tag], used_tags)]
     cell = {2: "triangle", 3: "tetrahedron"}[dimension]
     return create_mesh(
         MPI.COMM_SELF,
@@ -194,11 +194,11 @@ def _has_gmsh_triangles(element: str) -> bool:
 
 def _structured_square_mesh(element: str, cell_side: float) -> Mesh:
     divisions = (round(1 / cell_side),) * 2
-    build = quadrilaterals if has_quadrilateral_mesh(element) else triangles
+    build = quadrilaterals if requires_quadrilateral_cells(element) else triangles
     return build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions)
 
 
-def _distort_square(x: Array) -> Array:
+def _distort_inside_of_unit_square(x: Array) -> Array:
     """Map points (n, 3) of the unit square smoothly; its boundary stays fixed."""
     mapped = x.copy()
     bubble = np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
@@ -207,7 +207,7 @@ def _distort_square(x: Array) -> Array:
     return mapped
 
 
-def _map_to_quarter_ring(x: Array) -> Array:
+def _map_unit_square_to_quarter_ring(x: Array) -> Array:
     """Map points (n, 3) of the unit square to the quarter ring."""
     radius, angle = INNER_RADIUS + (OUTER_RADIUS - INNER_RADIUS) * x[:, 0], np.pi / 2 * x[:, 1]
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])

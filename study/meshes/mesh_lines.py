@@ -1,4 +1,4 @@
-"""Graded mesh lines, computed without DOLFINx."""
+"""Coordinates of graded mesh lines, computed without DOLFINx."""
 
 from dataclasses import dataclass
 
@@ -15,8 +15,14 @@ CONTACT_ZONE_SIZE = 1.2  # distance within which nodes may touch a sphere
 CONTACT_EDGE_POSITION = 0.375
 
 
-def growing_lines(min_size: float, length: float, growth: float) -> Array:
-    """Return mesh lines from 0 to `length`; sizes grow geometrically from at most `min_size`."""
+def geometrically_growing_lines(min_size: float, length: float, growth: float) -> Array:
+    """Return mesh lines from 0 to `length`, with element sizes in geometric progression.
+
+    Args:
+        min_size: Upper bound of the first element's size.
+        length: Coordinate of the last line.
+        growth: Ratio of the sizes of successive elements, greater than 1.
+    """
     count = int(np.ceil(np.log1p(length / min_size * (growth - 1)) / np.log(growth)))
     lines = np.concatenate([[0.0], np.cumsum(growth ** np.arange(count))])
     return length * lines / lines[-1]
@@ -24,7 +30,7 @@ def growing_lines(min_size: float, length: float, growth: float) -> Array:
 
 @dataclass(frozen=True)
 class BodyMeshLines:
-    """Mesh lines of a body under a sphere.
+    """Mesh lines of an elastic body under a rigid sphere, in units of the contact radius.
 
     Args:
         horizontal: Positions of the lines from the axis outwards.
@@ -37,14 +43,27 @@ class BodyMeshLines:
     contact_zone_size: float
 
 
-def graded_body_lines(elements_per_radius: float) -> BodyMeshLines:
-    """Return the mesh lines for a number of elements along the contact radius."""
+def mesh_lines_of_body_under_sphere(elements_per_radius: float) -> BodyMeshLines:
+    """Return the mesh lines of a body for a number of elements along the contact radius.
+
+    The contact's edge lies at the relative position `CONTACT_EDGE_POSITION` within an element.
+    """
     size = 1 / (elements_per_radius + CONTACT_EDGE_POSITION)
-    near = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
-    far = near[-1] + growing_lines(size, BODY_SIZE - near[-1], GROWTH)[1:]
-    return BodyMeshLines(np.concatenate([near, far]), depth_lines(size), float(near[-1]))
+    lines_in_contact_zone = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
+    lines_outside_contact_zone = (
+        lines_in_contact_zone[-1]
+        + geometrically_growing_lines(size, BODY_SIZE - lines_in_contact_zone[-1], GROWTH)[1:]
+    )
+    return BodyMeshLines(
+        np.concatenate([lines_in_contact_zone, lines_outside_contact_zone]),
+        mesh_lines_over_depth(size),
+        float(lines_in_contact_zone[-1]),
+    )
 
 
-def depth_lines(surface_size: float) -> Array:
-    """Return mesh lines up to the surface, where the element size is at most `surface_size`."""
-    return -growing_lines(surface_size, BODY_SIZE, GROWTH)[::-1]
+def mesh_lines_over_depth(surface_size: float) -> Array:
+    """Return mesh lines from the lower side up to the surface z = 0, refined towards the surface.
+
+    `surface_size` is an upper bound of the size of the elements at the surface.
+    """
+    return -geometrically_growing_lines(surface_size, BODY_SIZE, GROWTH)[::-1]

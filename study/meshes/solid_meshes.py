@@ -1,4 +1,4 @@
-"""Meshes of parts of a half space z < 0: graded boxes and quarter cylinders, for T10 and H27."""
+"""Boxes and quarter cylinders in the half space z < 0, meshed by tetrahedra or hexahedra."""
 
 from collections.abc import Callable
 
@@ -27,8 +27,15 @@ def solid_cell_name(element: str) -> str:
     return "tetrahedron" if element.endswith("T10") else "hexahedron"
 
 
-def mesh_box(cell: str, x_lines: Array, y_lines: Array, z_lines: Array) -> Mesh:
-    """Mesh a box along given lines; for tetrahedra, each hexahedron is divided into six."""
+def mesh_box_along_lines(cell: str, x_lines: Array, y_lines: Array, z_lines: Array) -> Mesh:
+    """Mesh a box along increasing mesh lines; for tetrahedra, each hexahedron is divided into six.
+
+    Args:
+        cell: "tetrahedron" or "hexahedron".
+        x_lines: Coordinates of the planes x = constant.
+        y_lines: Coordinates of the planes y = constant.
+        z_lines: Coordinates of the planes z = constant.
+    """
     lines = (x_lines, y_lines, z_lines)
     divisions = [len(axis_lines) - 1 for axis_lines in lines]
 
@@ -54,27 +61,33 @@ def mesh_quarter_cylinder(cell: str, n_elements: int, outer_radii: Array, z_laye
         z_layers: Increasing coordinates z of the layers of nodes.
     """
     blocks = [
-        _square_nodes(n_elements),
-        *(_ring_nodes(n_elements, outer_radii, mirrored) for mirrored in (False, True)),
+        _nodes_of_inner_square(n_elements),
+        *(
+            _nodes_outside_inner_square(n_elements, outer_radii, mirrored)
+            for mirrored in (False, True)
+        ),
     ]
     cells, start = [], 0
     for points in blocks:
         number = start + np.arange(points[..., 0].size).reshape(points.shape[:2])
-        cells.append(_structured_quadrilaterals(number))
+        cells.append(_quadrilaterals_of_node_grid(number))
         start += number.size
     plane, squares = _merge_coinciding_nodes(
         np.concatenate([p.reshape(-1, 2) for p in blocks]), np.vstack(cells)
     )
     if cell == "hexahedron":
-        return _extrude_mesh(plane, squares, z_layers, cell, _stack_into_hexahedra)
+        return _extrude_mesh(plane, squares, z_layers, cell, _join_faces_into_hexahedra)
     triangles = np.concatenate([squares[:, [0, 1, 3]], squares[:, [0, 3, 2]]])
     return _extrude_mesh(
         plane, np.sort(triangles, axis=1), z_layers, cell, _split_prisms_into_tetrahedra
     )
 
 
-def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
-    """Return a mesh of a body below z = 0 and its mirror image, separated by a distance."""
+def add_mirrored_body(lower: Mesh, distance: float) -> Mesh:
+    """Return a mesh of two bodies: a given one below z = 0, and its mirror image above.
+
+    Their surfaces are `distance` apart.
+    """
     x, cells = lower.geometry.x, cell_geometry_nodes(lower)
     image = x * [1.0, 1.0, -1.0] + [0.0, 0.0, distance]
     return create_mesh(
@@ -85,27 +98,35 @@ def with_mirror_image(lower: Mesh, distance: float) -> Mesh:
     )
 
 
-def _square_nodes(n: int) -> Array:
-    """Return the nodes (n + 1, n + 1, 2) of the square, with its outer corner moved inwards."""
+def _nodes_of_inner_square(n: int) -> Array:
+    """Return the nodes (n + 1, n + 1, 2) of the square around the axis of a quarter cylinder.
+
+    Its outer corner is moved inwards.
+    """
     s, t = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x = _SQUARE_SIDE * s + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
     y = _SQUARE_SIDE * t + (_SQUARE_CORNER - _SQUARE_SIDE) * s * t
     return np.stack([x, y], axis=2)
 
 
-def _ring_nodes(n: int, outer_radii: Array, mirrored: bool) -> Array:
-    """Return the nodes (rings, n + 1, 2) outside the square on one side of the diagonal."""
-    along = np.linspace(0, 1, n + 1)[None, :, None]
+def _nodes_outside_inner_square(n: int, outer_radii: Array, mirrored: bool) -> Array:
+    """Return the nodes (rings, n + 1, 2) between the inner square and the outer radius.
+
+    They lie on one side of the diagonal x = y: below it, or above it if `mirrored` is true.
+    """
+    position_along = np.linspace(0, 1, n + 1)[None, :, None]
     start, end = np.array([_SQUARE_SIDE, 0.0]), np.array([_SQUARE_CORNER, _SQUARE_CORNER])
-    angle = np.pi / 4 * along[..., 0]
+    angle = np.pi / 4 * position_along[..., 0]
     on_unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=2)
-    across = 1 - np.linspace(1, 0, n + 1)[:, None, None] ** _SIZE_EXPONENT
-    inner = (1 - across) * (start + along * (end - start)) + across * on_unit_circle
+    position_across = 1 - np.linspace(1, 0, n + 1)[:, None, None] ** _SIZE_EXPONENT
+    inner = (1 - position_across) * (
+        start + position_along * (end - start)
+    ) + position_across * on_unit_circle
     nodes = np.concatenate([inner, outer_radii[:, None, None] * on_unit_circle])
     return nodes[..., ::-1] if mirrored else nodes
 
 
-def _structured_quadrilaterals(node_numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _quadrilaterals_of_node_grid(node_numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     corners = (
         node_numbers[:-1, :-1],
         node_numbers[1:, :-1],
@@ -119,8 +140,10 @@ def _merge_coinciding_nodes(
     x: Array, cells: npt.NDArray[np.int64]
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """Merge nodes that coincide to 1e-9, and renumber the cells."""
-    _, kept, number = np.unique(np.round(x, 9), axis=0, return_index=True, return_inverse=True)
-    return x[kept], number.reshape(-1)[cells]
+    _, first_index, number = np.unique(
+        np.round(x, 9), axis=0, return_index=True, return_inverse=True
+    )
+    return x[first_index], number.reshape(-1)[cells]
 
 
 def _extrude_mesh(
@@ -128,14 +151,27 @@ def _extrude_mesh(
     faces: npt.NDArray[np.int64],
     z_layers: Array,
     cell: str,
-    make_cells: Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.int64]],
+    make_cells_between_layers: Callable[
+        [npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.int64]
+    ],
 ) -> Mesh:
+    """Extrude a plane mesh to layers of solid cells.
+
+    Args:
+        plane_nodes: Nodes (n, 2) of the plane mesh.
+        faces: Nodes of each face of the plane mesh.
+        z_layers: Coordinates z of the layers of nodes, in increasing order.
+        cell: "tetrahedron" or "hexahedron".
+        make_cells_between_layers: Function that returns the solid cells between two layers, from
+            the nodes of the faces below and above.
+    """
     count = len(plane_nodes)
     x = np.concatenate(
         [np.column_stack([plane_nodes, np.full(count, height)]) for height in z_layers]
     )
     cells = [
-        make_cells(faces + k * count, faces + (k + 1) * count) for k in range(len(z_layers) - 1)
+        make_cells_between_layers(faces + k * count, faces + (k + 1) * count)
+        for k in range(len(z_layers) - 1)
     ]
     return create_mesh(
         MPI.COMM_SELF,
@@ -145,7 +181,7 @@ def _extrude_mesh(
     )
 
 
-def _stack_into_hexahedra(
+def _join_faces_into_hexahedra(
     below: npt.NDArray[np.int64], above: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
     return np.hstack([below, above])

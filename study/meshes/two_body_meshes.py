@@ -9,8 +9,11 @@ from pw_elements._compat import cell_geometry_nodes
 Array = npt.NDArray[np.float64]
 
 
-def with_rotated_copy(lower: Mesh, distance: float) -> Mesh:
-    """Return a mesh of a body below y = 0 and a copy rotated by 180°, separated by a distance."""
+def add_rotated_body(lower: Mesh, distance: float) -> Mesh:
+    """Return a mesh of two bodies: a given one below y = 0, and a copy of it rotated by 180° above.
+
+    Their surfaces are `distance` apart.
+    """
     x = lower.geometry.x[:, :2]
     cells = cell_geometry_nodes(lower)
     return create_mesh(
@@ -21,7 +24,7 @@ def with_rotated_copy(lower: Mesh, distance: float) -> Mesh:
     )
 
 
-def join_meshes(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
+def join_lower_and_upper_mesh(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
     """Join two meshes on one process; return the mesh and a mask (cells,) of the lower cells."""
     dim, lower_cells = lower.geometry.dim, cell_geometry_nodes(lower)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])[:, :dim]

@@ -12,7 +12,7 @@ from pw_elements.contact import OPEN, STICK
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import Marker
 from study.model.discretisation import Discretisation, mesh_nodes_and_cells
-from study.model.units import Units, units_of
+from study.model.units import Units, assign_units_to_scalars
 from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
@@ -49,7 +49,7 @@ def contact_result(
     extra_quantities: Mapping[str, str] | None = None,
     **extra_scalars: float,
 ) -> Result:
-    """Return the result of a contact problem: scalars and curves along a horizontal contact line.
+    """Return the scalars of a contact problem, and curves along its horizontal contact line.
 
     Curves and contact forces belong to the last increment.
 
@@ -59,22 +59,24 @@ def contact_result(
         load: Load vector of the last increment.
         on_contact_line: Marker of the contact nodes, which must be alternately corner and mid-side
             nodes, beginning with a corner.
-        mean_pressure: Pressure by which `peak_over_mean` divides the peak pressure.
+        mean_pressure: Pressure by which the peak pressure is divided for `peak_over_mean`.
         units: Units of force, length and stress.
         extra_quantities: Quantities of scalars that are not in `CONTACT_QUANTITIES`, see
-            `units_of`.
+            `assign_units_to_scalars`.
         extra_scalars: Further scalars to store.
     """
-    scalars, curves = pair_scalars_and_curves(
+    scalars, curves = compute_pair_scalars_and_curves(
         body, states[-1], 0, load, on_contact_line, mean_pressure
     )
-    scalars = extra_scalars | scalars | solver_scalars(states)
-    curves |= deformation_curves(body, states[-1])
-    scalar_units = units_of(scalars, {**CONTACT_QUANTITIES, **(extra_quantities or {})}, units)
+    scalars = extra_scalars | scalars | summarise_solver_statistics(states)
+    curves |= mesh_and_displacement_curves(body, states[-1])
+    scalar_units = assign_units_to_scalars(
+        scalars, {**CONTACT_QUANTITIES, **(extra_quantities or {})}, units
+    )
     return Result(scalars, scalar_units, curves, dofs=body.K.getSize()[0])
 
 
-def pair_scalars_and_curves(
+def compute_pair_scalars_and_curves(
     body: Discretisation,
     state: ContactState,
     pair_index: int,
@@ -82,7 +84,7 @@ def pair_scalars_and_curves(
     on_contact_line: Marker,
     mean_pressure: float,
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return the scalars and curves of one contact pair along its horizontal contact line.
+    """Return the scalars and curves of one contact pair along a horizontal contact line.
 
     `pair_index` is the position of the pair in the state; see `contact_result` for the other
     arguments.
@@ -107,7 +109,9 @@ def pair_scalars_and_curves(
         "status": contact.status,
     }
     if body.element == "galerkin-T6":
-        curves |= _transferred_force_curves(body, state, load, on_contact_line, contact.normal)
+        curves |= _curves_of_standard_forces_times_T(
+            body, state, load, on_contact_line, contact.normal
+        )
     sticking = x[contact.status == STICK]
     scalars = {
         "force_normal": r_n.sum(),
@@ -131,9 +135,10 @@ def pair_scalars_and_curves(
 
 
 def _max_relative_second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
-    """Return the largest |mid-side value - mean of both corner values| over the largest value.
+    """Return the largest second difference of nodal values along edges over the largest value.
 
-    It is large for zigzags, but also for kinks, e.g. at the beginning of sliding.
+    The second difference is the mid-side value minus the mean of both corner values. It is large
+    for zigzags, but also for kinks, e.g. at the beginning of sliding.
 
     Args:
         values: Nodal values (n,).
@@ -143,8 +148,13 @@ def _max_relative_second_difference(values: Array, edges: npt.NDArray[np.int_]) 
     return float(np.abs(middle - (first + last) / 2).max() / np.nanmax(np.abs(values)))
 
 
-def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
-    """Return the iterations, largest residual and uniqueness of the solution for all increments."""
+def summarise_solver_statistics(states: Sequence[ContactState]) -> dict[str, float]:
+    """Return statistics of the contact solver over all increments.
+
+    Returns:
+        Total and largest number of iterations, largest residual, and whether all solutions are
+        unique (1.0 or 0.0).
+    """
     return {
         "iterations": float(sum(state.iterations for state in states)),
         "iterations_most": float(max(state.iterations for state in states)),
@@ -153,20 +163,23 @@ def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
     }
 
 
-def deformation_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
+def mesh_and_displacement_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
     """Return the curves `nodes` (n, 2), `cells` (nodes of each cell) and `displacement` (n, 2)."""
     displacement = state.displacement.array_r.reshape(-1, 2)
     return {**mesh_nodes_and_cells(body.space), "displacement": displacement}
 
 
-def _transferred_force_curves(
+def _curves_of_standard_forces_times_T(
     body: Discretisation,
     state: ContactState,
     load: PETSc.Vec,
     on_contact_line: Marker,
     normal: Array,
 ) -> dict[str, Array]:
-    """Return the normal and tangential components of T times the nodal forces."""
+    """Return normal and tangential components of the nodal forces, multiplied by the matrix T.
+
+    T is the matrix of `force_transfer`, which converts forces of the standard triangle.
+    """
     r = reactions(body.K, state.displacement, load)
     transferred = forces_along(body.space, force_transfer(body.space) * r, on_contact_line).force
     normal_force = np.sum(transferred * normal, axis=1)

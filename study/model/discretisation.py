@@ -94,13 +94,13 @@ class Discretisation:
         """Trial space of the displacements."""
         return self.body.spaces.trial
 
-    def surface_load(self, traction: VectorCoefficient, on_loaded_part: Marker) -> PETSc.Vec:
+    def surface_load(self, traction: VectorCoefficient, marker_of_loaded_part: Marker) -> PETSc.Vec:
         """Return the load vector of a traction on the marked part of the boundary."""
-        surface = boundary_measure(self.body.spaces.mesh, on_loaded_part)
+        surface = boundary_measure(self.body.spaces.mesh, marker_of_loaded_part)
         return assemble_vector(self.body.surface_load(traction, surface))
 
     def supports(self, conditions: Sequence[fem.DirichletBC]) -> Reduction:
-        """Return the reduction for Dirichlet conditions and the condensation of inner nodes."""
+        """Return the reduction by Dirichlet conditions and by condensation of inner nodes."""
         if self.element not in _FIND_INNER_NODES:
             return Reduction.dirichlet(self.space, conditions)
         return Reduction.condensation(self.K, self.space, self.inner_nodes(), conditions)
@@ -118,32 +118,42 @@ def discretise(
     material: Material,
     state: StressState,
 ) -> Discretisation:
-    """Discretise a body; `build_mesh` takes the cell type, "triangle" or "quadrilateral"."""
-    mesh = build_mesh("quadrilateral" if has_quadrilateral_mesh(element) else "triangle")
-    body = Body(spaces(element, mesh), material, state)
+    """Mesh a body, make the spaces of an element, and assemble the stiffness matrix.
+
+    Args:
+        element: Name of the element.
+        build_mesh: Function that returns a mesh of cells "triangle" or "quadrilateral".
+        material: Elastic material.
+        state: State of stress.
+    """
+    mesh = build_mesh("quadrilateral" if requires_quadrilateral_cells(element) else "triangle")
+    body = Body(make_element_spaces(element, mesh), material, state)
     return Discretisation(element, body, assemble_matrix(body.stiffness()))
 
 
 def mesh_nodes_and_cells(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]]:
-    """Return the curves `nodes` (n, dim) and `cells` (nodes of each cell in Basix's order)."""
-    space = displacement_space(space)
+    """Return the curves `nodes` (n, dim) and `cells` (cells, nodes per cell) for a result.
+
+    The nodes of a cell are in Basix's order.
+    """
+    space = collapsed_displacement_space(space)
     return {
         "nodes": space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim],
         "cells": space.dofmap.list.copy(),
     }
 
 
-def spaces(element: str, mesh: Mesh) -> Spaces:
+def make_element_spaces(element: str, mesh: Mesh) -> Spaces:
     """Return the trial and test spaces of an element on a mesh of suitable cells."""
     return _MAKE_SPACES[element](mesh)
 
 
-def displacement_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
-    """Return the space of displacements, which is collapsed if the given space is mixed."""
+def collapsed_displacement_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """Return the space of displacements; it is collapsed if the given space is mixed."""
     return SubSpace.displacements(space).space
 
 
-def mass_condensation(
+def reduction_for_mass_condensation(
     condensation: Reduction, left_matrix: Literal["transposed", "same"]
 ) -> Reduction:
     """Return the reduction for the condensation of mass matrices.
@@ -159,7 +169,7 @@ def mass_condensation(
     )
 
 
-def prescribe_nodes(
+def prescribe_node_displacements(
     space: fem.FunctionSpace, nodes: npt.NDArray[np.int32], displacement: npt.NDArray[np.floating]
 ) -> fem.DirichletBC:
     """Return the condition that prescribes displacements (m, dim) at nodes (m,).
@@ -172,11 +182,14 @@ def prescribe_nodes(
     return fem.dirichletbc(prescribed, dofs)
 
 
-def has_quadrilateral_mesh(element: str) -> bool:
+def requires_quadrilateral_cells(element: str) -> bool:
     """Return whether the element requires quadrilateral cells; pw-Q8 uses pairs of triangles."""
     return element in ("galerkin-Q8", "pw-Q9") or element.endswith("hybrid-Q9")
 
 
 def is_symmetrised(element: str) -> bool:
-    """Return whether matrices are replaced by their symmetric parts, as in symmetric solvers."""
+    """Return whether the element's matrices are replaced by their symmetric parts.
+
+    This models symmetric solvers, to which unsymmetric matrices are passed.
+    """
     return element.startswith("pwsym")

@@ -17,7 +17,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import Body, Material, boundary_measure
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
-from study.model.discretisation import has_quadrilateral_mesh, spaces
+from study.model.discretisation import make_element_spaces, requires_quadrilateral_cells
 
 SHARED_ELEMENTS = ("pw-T6", "galerkin-T6", "composite-T6", "pw-Q9", "galerkin-Q8")
 SHARED_STATES = ("plane stress", "axisymmetric", "plane strain")
@@ -39,7 +39,11 @@ def list_forms_to_compile() -> list[tuple[str, str]]:
 
 def compile_element_forms(element: str, state: str) -> None:
     """Compile the stiffness, mass and load forms of an element in a state of stress."""
-    body = Body(spaces(element, _mesh_unit_square(element)), Material(1.0, 0.3), StressState(state))
+    body = Body(
+        make_element_spaces(element, _mesh_unit_square_coarsely(element)),
+        Material(1.0, 0.3),
+        StressState(state),
+    )
     v, n = ufl.TestFunction(body.spaces.test), ufl.FacetNormal(body.spaces.mesh)
     face = boundary_measure(body.spaces.mesh, lambda x: x[0] > -1.0)
     for form in (body.stiffness(), body.surface_load((0.0, 1.0), face), ufl.inner(n, v) * ufl.ds):
@@ -48,7 +52,7 @@ def compile_element_forms(element: str, state: str) -> None:
         fem.form(body.mass())
 
 
-def _mesh_unit_square(element: str) -> Mesh:
-    if has_quadrilateral_mesh(element):
+def _mesh_unit_square_coarsely(element: str) -> Mesh:
+    if requires_quadrilateral_cells(element):
         return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
     return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))

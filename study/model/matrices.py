@@ -14,6 +14,6 @@ def to_dense_array(matrix: PETSc.Mat) -> Array:
     return np.array(copy.getDenseArray())
 
 
-def relative_difference(a: Array, b: Array) -> float:
+def relative_norm_of_difference(a: Array, b: Array) -> float:
     """Return the norm of a - b, divided by the norm of a."""
     return float(np.linalg.norm(a - b) / np.linalg.norm(a))

@@ -17,8 +17,8 @@ from pw_elements import SurfaceNodes
 Array = npt.NDArray[np.float64]
 
 
-def with_transferred_weights(surface: SurfaceNodes, transfer: PETSc.Mat) -> SurfaceNodes:
-    """Return the surface nodes with T times the weights of the standard element.
+def multiply_nodal_weights_by_T(surface: SurfaceNodes, transfer: PETSc.Mat) -> SurfaceNodes:
+    """Return the surface nodes with weights T w, where w are the weights of the standard element.
 
     These weights apply to forces that were transferred by the matrix T of `force_transfer`, and to
     forces of the sibling, whose test functions are T times the standard ones.

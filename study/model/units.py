@@ -29,10 +29,10 @@ N_MM_UNITS = Units("N", "mm", "MPa")
 KN_M_UNITS = Units("kN", "m", "kN/m²")
 
 
-def units_of(
+def assign_units_to_scalars(
     scalar_names: Iterable[str], quantities: Mapping[str, str], units: Units = UNSTATED_UNITS
 ) -> dict[str, str]:
-    """Return the unit of each scalar.
+    """Return the unit of each scalar, according to patterns of names.
 
     Args:
         scalar_names: Names of the scalars.
@@ -50,6 +50,6 @@ def units_of(
     return scalar_units
 
 
-def dimensionless(scalar_names: Iterable[str]) -> dict[str, str]:
+def assign_unit_one_to_scalars(scalar_names: Iterable[str]) -> dict[str, str]:
     """Return the unit "1" for each scalar, e.g. for ratios, relative errors, orders and counts."""
     return dict.fromkeys(scalar_names, "1")

@@ -1,6 +1,7 @@
-"""Names of elements, methods, loads and contact statuses; this module does not import the solver.
+"""Names of elements, methods, loads and contact statuses.
 
-Each element has the same name, marker and colour in all tables, legends, captions and claims.
+This module does not import the solver. Each element has the same name, marker and colour in all
+tables, legends, captions and claims.
 """
 
 from dataclasses import dataclass

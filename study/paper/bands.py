@@ -1,7 +1,7 @@
 """Variants of the cases of sections 7.2 to 7.5, for data that our copy of the paper does not state.
 
-This module imports no solver. Figures draw a case and its variants as a band from the smallest to
-the largest value.
+This module does not import the solver. Figures draw a case and its variants as a band from the
+smallest to the largest value.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,24 +46,29 @@ UNPRINTED_DATA: dict[str, Variants] = {
 UNPRINTED_DATA_LABEL = "unknown data"
 
 
-def list_other_diagonals(pattern: str) -> Variants:
-    """Return the variants in which quadrilaterals are cut into triangles by another pattern."""
+def make_variants_with_other_diagonals(pattern: str) -> Variants:
+    """Return the variants in which quadrilaterals are cut into triangles by other patterns.
+
+    `pattern` is the pattern of the basic case.
+    """
     patterns = ("right", "left", "left_right", "right_left", "crossed")
     return {f"-{name}": {"pattern": name} for name in patterns if name != pattern}
 
 
-OTHER_DIAGONALS = {section: list_other_diagonals("right") for section in ("7.2", "7.3", "7.5")}
-OTHER_DIAGONALS["7.4"] = list_other_diagonals("left_right")
+OTHER_DIAGONALS = {
+    section: make_variants_with_other_diagonals("right") for section in ("7.2", "7.3", "7.5")
+}
+OTHER_DIAGONALS["7.4"] = make_variants_with_other_diagonals("left_right")
 DIAGONALS_LABEL = "all diagonals"
 
 
-def list_case_family(key: str, variants: Mapping[str, Variants]) -> list[str]:
+def list_keys_of_case_and_variants(key: str, variants: Mapping[str, Variants]) -> list[str]:
     """Return the keys of a case, such as "7.2/pw-T6", and of all its variants."""
     section = key.partition("/")[0]
     return [key, *(key + suffix for suffix in variants[section])]
 
 
-def envelope(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
+def envelope_of_lines(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
     """Return the envelope (smallest and largest values) of piecewise-linear lines.
 
     Args:

@@ -27,7 +27,7 @@ from pw_elements.contact.model import PairState
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from study.model.discretisation import Discretisation, discretise
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.run.cases import Case
 from study.run.store import Result
 
@@ -86,7 +86,7 @@ MAX_ROUND_OFF_ASYMMETRY = 1e-12
 
 
 def factors(element: str, friction: float) -> Result:
-    """Count the entries of the factors of the block's last contact matrix.
+    """Count the entries of the factors of the block's contact matrix at the solution.
 
     The matrix is that of Newton's method on the closed, sticking and sliding nodes of the solution:
     the equation of a sliding node is its tangential force minus mu times its normal force.
@@ -101,7 +101,7 @@ def factors(element: str, friction: float) -> Result:
     no_load = [body.K.createVecLeft()]
     state = solve_contact(body.K, no_load, body.supports(supports), [pair], body.space)[-1]
     contact = state.pairs[0]
-    tangent = _assemble_tangent(body, contact)
+    tangent = _assemble_contact_tangent(body, contact)
     unsymmetry = sp.linalg.norm(tangent - tangent.T) / sp.linalg.norm(tangent)
     is_symmetric = unsymmetry < MAX_ROUND_OFF_ASYMMETRY
     scalars = {
@@ -110,11 +110,16 @@ def factors(element: str, friction: float) -> Result:
         "sliding": float(np.count_nonzero(contact.status == SLIP)),
         "sticking": float(np.count_nonzero(contact.status == STICK)),
     }
-    return Result(scalars, dimensionless(scalars), dofs=tangent.shape[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=tangent.shape[0])
 
 
-def _assemble_tangent(body: Discretisation, contact: PairState) -> sp.csr_matrix:
-    """Return the matrix of Newton's method at a solution, without prescribed displacements."""
+def _assemble_contact_tangent(body: Discretisation, contact: PairState) -> sp.csr_matrix:
+    """Return the matrix of Newton's method at a contact solution, without prescribed displacements.
+
+    Args:
+        body: Discretised block.
+        contact: Status and friction of the contact nodes at the solution.
+    """
     nodes = body.space.tabulate_dof_coordinates()
     contact_nodes = np.flatnonzero(_on_lower_side(nodes.T))
     contact_nodes = contact_nodes[np.argsort(nodes[contact_nodes, 0])]
@@ -139,7 +144,7 @@ def _assemble_tangent(body: Discretisation, contact: PairState) -> sp.csr_matrix
 
 
 def _count_factor_entries(matrix: sp.csr_matrix, is_symmetric: bool) -> float:
-    """Return the number of entries of MUMPS' factors."""
+    """Factorise a matrix by MUMPS and return the number of entries in the factors."""
     matrix.sort_indices()
     A = PETSc.Mat().createAIJ(
         matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=MPI.COMM_SELF
@@ -163,7 +168,9 @@ def dip(element: str, refined: int = 1) -> Result:
         element: Name of the element.
         refined: Factor by which the numbers of divisions are multiplied.
     """
-    body = discretise(element, partial(_mesh_row, refined), MATERIAL, StressState.PLANE_STRESS)
+    body = discretise(
+        element, partial(_mesh_row_of_rectangles, refined), MATERIAL, StressState.PLANE_STRESS
+    )
     x = ufl.SpatialCoordinate(body.body.spaces.mesh)
     pressure = (x[0] - ROW_LENGTH / 2) ** 2
     top = boundary_measure(body.body.spaces.mesh, _on_top_of_row)
@@ -182,14 +189,14 @@ def dip(element: str, refined: int = 1) -> Result:
         "smallest_pressure": float(base_pressure.min() / mean_pressure),
     }
     curves = {"x": base.position[:, 0], "force": vertical_force, "pressure": base_pressure}
-    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=body.K.getSize()[0])
 
 
 def _mesh_block(_: str) -> Mesh:
     return triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), DIVISIONS, "right")
 
 
-def _mesh_row(refined: int, _: str) -> Mesh:
+def _mesh_row_of_rectangles(refined: int, _: str) -> Mesh:
     upper_corner = (float(ROW_LENGTH), ROW_HEIGHT)
     divisions = (ROW_LENGTH * refined, refined)
     return triangles(MPI.COMM_SELF, (0.0, 0.0), upper_corner, divisions, "left_right")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from study.run.cases import SECTIONS, find_page_source, title
-from study.run.pages import read_constants, section_order
+from study.run.pages import read_literal_constants, section_sort_key
 
 # Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
 TABLE_2: dict[str, tuple[float, ...]] = {
@@ -74,7 +74,7 @@ _MODULE_BY_SECTION = {
 _JOINT_FIGURES = ((7, 8), (13, 14), (16, 23), (24, 25))  # first and last figure of each drawing
 
 
-def _figure(section: str, number: int, content: str) -> Item:
+def _make_figure_item(section: str, number: int, content: str) -> Item:
     names = [f"fig{a:02}_{b:02}" for a, b in _JOINT_FIGURES if a <= number <= b] or [
         f"fig{number:02}"
     ]
@@ -82,65 +82,65 @@ def _figure(section: str, number: int, content: str) -> Item:
     return Item("figure", str(number), content, section, _MODULE_BY_SECTION[section], drawn)
 
 
-def _table(section: str, number: int, content: str) -> Item:
+def _make_table_item(section: str, number: int, content: str) -> Item:
     drawn = f"figures/tab{number:02}.py"
     return Item("table", str(number), content, section, _MODULE_BY_SECTION[section], drawn)
 
 
-def _equation(section: str, number: int, content: str, module: str) -> Item:
+def _make_equation_item(section: str, number: int, content: str, module: str) -> Item:
     return Item("equation", str(number), content, section, module)
 
 
 ITEMS = [
-    _figure("3", 1, "6-node triangle in the parent domain"),
-    _figure("3", 2, "weight functions of nodes 1 and 4"),
-    _figure("5", 3, "two triangles make an 8-node quadrilateral"),
-    _figure("7.1", 4, "the structure of two triangles"),
-    _figure("7.1", 5, "its reactions by both methods"),
-    _figure("7.2", 6, "elastic block on a rigid foundation"),
-    _figure("7.2", 7, "contact stresses, 6-node triangles"),
-    _figure("7.2", 8, "contact stresses, 8-node quadrilaterals"),
-    _figure("7.3", 9, "parabolic rigid punch"),
-    _figure("7.3", 10, "its contact stresses"),
-    _figure("7.4", 11, "rigid plate: profile and mesh"),
-    _figure("7.4", 12, "its contact stresses"),
-    _figure("7.4", 13, "its reaction forces, CPS8"),
-    _figure("7.4", 14, "its reaction forces, user element"),
-    _figure("7.5", 15, "stepped column: section and mesh"),
+    _make_figure_item("3", 1, "6-node triangle in the parent domain"),
+    _make_figure_item("3", 2, "weight functions of nodes 1 and 4"),
+    _make_figure_item("5", 3, "two triangles make an 8-node quadrilateral"),
+    _make_figure_item("7.1", 4, "the structure of two triangles"),
+    _make_figure_item("7.1", 5, "its reactions by both methods"),
+    _make_figure_item("7.2", 6, "elastic block on a rigid foundation"),
+    _make_figure_item("7.2", 7, "contact stresses, 6-node triangles"),
+    _make_figure_item("7.2", 8, "contact stresses, 8-node quadrilaterals"),
+    _make_figure_item("7.3", 9, "parabolic rigid punch"),
+    _make_figure_item("7.3", 10, "its contact stresses"),
+    _make_figure_item("7.4", 11, "rigid plate: profile and mesh"),
+    _make_figure_item("7.4", 12, "its contact stresses"),
+    _make_figure_item("7.4", 13, "its reaction forces, CPS8"),
+    _make_figure_item("7.4", 14, "its reaction forces, user element"),
+    _make_figure_item("7.5", 15, "stepped column: section and mesh"),
     *(
-        _figure("7.5", 16 + 2 * i + j, f"{stress} on contact surface {i + 1}")
+        _make_figure_item("7.5", 16 + 2 * i + j, f"{stress} on contact surface {i + 1}")
         for i in range(4)
         for j, stress in enumerate(("normal pressure", "shear stress"))
     ),
-    _figure("7.6", 24, "half beam, symmetric buckling: mesh and supports"),
-    _figure("7.6", 25, "half beam, antisymmetric buckling: mesh and supports"),
-    _table("7.5", 1, "the first six eigenvalues of the stepped column"),
-    _table("7.6", 2, "critical stresses of the beam"),
-    _equation("2", 1, "equations of motion", _MECHANICS),
-    _equation("2", 2, "weak form", _MECHANICS),
-    _equation("2", 3, "trial functions", _SPACES),
-    _equation("2", 4, "accelerations", _MECHANICS),
-    _equation("2", 5, "strains", _MECHANICS),
-    _equation("2", 6, "stresses", _MECHANICS),
-    _equation("2", 7, "test functions", _SPACES),
-    _equation("2", 8, "gradients of the weight functions", _MECHANICS),
-    _equation("2", 9, "discrete equations of motion", _MECHANICS),
-    _equation("2", 10, "stiffness matrix", _MECHANICS),
-    _equation("2", 11, "mass matrix", _MECHANICS),
-    _equation("2", 12, "force vector", _MECHANICS),
-    _equation("2", 13, "harmonic motion", _EIGEN),
-    _equation("2", 14, "eigenvalue problem of vibration", _EIGEN),
+    _make_figure_item("7.6", 24, "half beam, symmetric buckling: mesh and supports"),
+    _make_figure_item("7.6", 25, "half beam, antisymmetric buckling: mesh and supports"),
+    _make_table_item("7.5", 1, "the first six eigenvalues of the stepped column"),
+    _make_table_item("7.6", 2, "critical stresses of the beam"),
+    _make_equation_item("2", 1, "equations of motion", _MECHANICS),
+    _make_equation_item("2", 2, "weak form", _MECHANICS),
+    _make_equation_item("2", 3, "trial functions", _SPACES),
+    _make_equation_item("2", 4, "accelerations", _MECHANICS),
+    _make_equation_item("2", 5, "strains", _MECHANICS),
+    _make_equation_item("2", 6, "stresses", _MECHANICS),
+    _make_equation_item("2", 7, "test functions", _SPACES),
+    _make_equation_item("2", 8, "gradients of the weight functions", _MECHANICS),
+    _make_equation_item("2", 9, "discrete equations of motion", _MECHANICS),
+    _make_equation_item("2", 10, "stiffness matrix", _MECHANICS),
+    _make_equation_item("2", 11, "mass matrix", _MECHANICS),
+    _make_equation_item("2", 12, "force vector", _MECHANICS),
+    _make_equation_item("2", 13, "harmonic motion", _EIGEN),
+    _make_equation_item("2", 14, "eigenvalue problem of vibration", _EIGEN),
     *(
-        _equation("3", 14 + node, f"weight function of node {node}", _WEIGHTS)
+        _make_equation_item("3", 14 + node, f"weight function of node {node}", _WEIGHTS)
         for node in range(1, 7)
     ),
-    _equation("4", 21, "element stiffness matrix", _WEIGHTS),
-    _equation("4", 22, "constitutive matrix of plane stress", _MECHANICS),
-    _equation("4", 23, "sum over the four sub-elements", _WEIGHTS),
-    _equation("6", 24, "buckling problem", _EIGEN),
-    _equation("6", 25, "initial stress matrix", _MECHANICS),
-    _equation("6", 26, "gradients in it", _MECHANICS),
-    _equation("7.6", 27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
+    _make_equation_item("4", 21, "element stiffness matrix", _WEIGHTS),
+    _make_equation_item("4", 22, "constitutive matrix of plane stress", _MECHANICS),
+    _make_equation_item("4", 23, "sum over the four sub-elements", _WEIGHTS),
+    _make_equation_item("6", 24, "buckling problem", _EIGEN),
+    _make_equation_item("6", 25, "initial stress matrix", _MECHANICS),
+    _make_equation_item("6", 26, "gradients in it", _MECHANICS),
+    _make_equation_item("7.6", 27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
 ]
 
 # Titles of those sections of the paper that have no page; pages state their own titles
@@ -153,15 +153,15 @@ PAPER_SECTIONS = [section for section, module in SECTIONS.items() if ".paper." i
 _ROOT = Path(__file__).parents[2]
 
 
-def section_table() -> str:
-    """Return the Markdown table of the paper's sections and their files."""
-    sections = sorted({*TITLES_WITHOUT_PAGE, *PAPER_SECTIONS}, key=section_order)
+def format_section_table() -> str:
+    """Return a Markdown table of the paper's sections, their items and their source files."""
+    sections = sorted({*TITLES_WITHOUT_PAGE, *PAPER_SECTIONS}, key=section_sort_key)
     head = ["section", "of the paper", "page and code", "scripts of figures"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    return "\n".join([*rows, *map(_section_row, sections)])
+    return "\n".join([*rows, *map(_format_section_row, sections)])
 
 
-def _section_row(section: str) -> str:
+def _format_section_row(section: str) -> str:
     items = [item for item in ITEMS if item.section == section]
     name = TITLES_WITHOUT_PAGE.get(section) or title(section)
     computed = {item.module for item in items}
@@ -170,7 +170,7 @@ def _section_row(section: str) -> str:
     drawn = [
         path
         for path in sorted(_ROOT.glob("figures/*.py"))
-        if read_constants(path).get("SECTION") == section
+        if read_literal_constants(path).get("SECTION") == section
     ]
     cells = [
         f"{section}: {name}",
@@ -199,4 +199,4 @@ def _format_item_numbers(items: list[Item], kind: str) -> str:
 
 
 if __name__ == "__main__":
-    print(section_table())
+    print(format_section_table())

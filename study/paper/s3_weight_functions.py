@@ -13,8 +13,8 @@ from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 from study.model.elements import BASIX_DOF_OF_PAPER_NODE
-from study.model.matrices import relative_difference, to_dense_array
-from study.model.units import dimensionless
+from study.model.matrices import relative_norm_of_difference, to_dense_array
+from study.model.units import assign_unit_one_to_scalars
 from study.run.cases import Case
 from study.run.store import Result
 
@@ -125,7 +125,7 @@ def weight_functions() -> Result:
     subelement = np.arange(RANDOM_POINTS) % 4 + 1
     corners = nodes[np.array(SUBELEMENTS)[subelement - 1] - 1]
     points = np.einsum("nc,ncd->nd", barycentric, corners)
-    weights = _tabulate(element, points)
+    weights = _tabulate_in_paper_order(element, points)
     printed_weights = evaluate_printed_weights(points, subelement)
     has_node = np.array(
         [[node in corner_nodes for node in range(1, 7)] for corner_nodes in SUBELEMENTS]
@@ -135,33 +135,38 @@ def weight_functions() -> Result:
     builtin = basix.ufl.element("iso", "triangle", 1)
     errors = {
         "printed_difference": np.abs(weights - printed_weights).max(),
-        "builtin_difference": np.abs(weights - _tabulate(builtin, points)).max(),
+        "builtin_difference": np.abs(weights - _tabulate_in_paper_order(builtin, points)).max(),
         "partition_of_unity_error": np.abs(weights.sum(axis=1) - 1).max(),
         "outside_support": np.abs(weights[is_outside_support]).max(),
-        "nodal_error": np.abs(_tabulate(element, nodes) - np.eye(6)).max(),
-        "continuity_jump": _max_jump_across_sides(element, nodes),
-        "linearity_error": _max_linearity_error(weights, barycentric, corners, element),
+        "nodal_error": np.abs(_tabulate_in_paper_order(element, nodes) - np.eye(6)).max(),
+        "continuity_jump": _max_jump_across_sides_of_subelement_A4(element, nodes),
+        "linearity_error": _max_nonlinearity_in_subelements(weights, barycentric, corners, element),
     }
-    grid, grid_cells = _triangle_grid(24)
+    grid, grid_cells = _triangulate_reference_triangle(24)
     curves = {
         "nodes": nodes,
         "subelements": np.array(SUBELEMENTS) - 1,
         "grid": grid,
         "grid_cells": grid_cells,
-        "weights": _tabulate(element, grid),
-        "shapes": _tabulate(quadratic_element("triangle"), grid),
+        "weights": _tabulate_in_paper_order(element, grid),
+        "shapes": _tabulate_in_paper_order(quadratic_element("triangle"), grid),
     }
     scalars = {name: float(error) for name, error in errors.items()}
-    return Result(scalars, dimensionless(scalars), curves, dofs=6)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=6)
 
 
-def _tabulate(element: basix.ufl._ElementBase, points: Points) -> Points:
-    """Return the functions' values (n, 6) at reference points (n, 2), in the paper's order."""
+def _tabulate_in_paper_order(element: basix.ufl._ElementBase, points: Points) -> Points:
+    """Return the values (n, 6) of an element's functions at reference points (n, 2).
+
+    The functions are in the paper's order of nodes.
+    """
     return element.tabulate(0, points)[0][:, BASIX_DOF_OF_PAPER_NODE]
 
 
-def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> float:
-    """Return the largest difference between the one-sided limits across the sides of A4.
+def _max_jump_across_sides_of_subelement_A4(
+    element: basix.ufl._ElementBase, nodes: Points
+) -> float:
+    """Return the largest jump of the functions across the sides of the inner sub-element A4.
 
     The element is evaluated at a small distance on either side, and both values are extrapolated
     to the side by the gradients there.
@@ -180,10 +185,12 @@ def _max_jump_across_sides(element: basix.ufl._ElementBase, nodes: Points) -> fl
     return max_jump
 
 
-def _max_linearity_error(
+def _max_nonlinearity_in_subelements(
     weights: Points, barycentric: Points, corners: Points, element: basix.ufl._ElementBase
 ) -> float:
-    """Compare weights (n, 6) with linear interpolation of their values at sub-element corners.
+    """Return the largest deviation of weight functions from linear functions on the sub-elements.
+
+    The linear functions interpolate the values at the corners of the sub-elements.
 
     Args:
         weights: Weight functions (n, 6) at random points.
@@ -191,13 +198,18 @@ def _max_linearity_error(
         corners: Corners (n, 3, 2) of these sub-elements.
         element: Element that defines the weight functions.
     """
-    corner_values = _tabulate(element, corners.reshape(-1, 2)).reshape(*corners.shape[:2], 6)
+    corner_values = _tabulate_in_paper_order(element, corners.reshape(-1, 2)).reshape(
+        *corners.shape[:2], 6
+    )
     interpolated = np.einsum("nc,ncf->nf", barycentric, corner_values)
     return float(np.abs(weights - interpolated).max())
 
 
-def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
-    """Return the points and cells of a lattice on the reference triangle, n divisions a side."""
+def _triangulate_reference_triangle(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
+    """Return points (n_points, 2) and cells (n_cells, 3) of a grid on the reference triangle.
+
+    Each side is divided into n parts.
+    """
     index: dict[tuple[int, int], int] = {}
     points: list[tuple[float, float]] = []
     for j in range(n + 1):
@@ -214,9 +226,10 @@ def _triangle_grid(n: int) -> tuple[Points, npt.NDArray[np.int64]]:
 
 
 def element_matrices() -> Result:
-    """Compute symmetry, rank and row sums of K, M and K_sigma of one element, and check Eq. (23).
+    """Compute symmetry, rank and row sums of the matrices of one element, and check Eq. (23).
 
-    Eq. (23), the stiffness as a sum over sub-elements, is evaluated without UFL.
+    The matrices are K, M and K_sigma. Eq. (23), the stiffness as a sum over sub-elements, is
+    evaluated without UFL.
     """
     mesh = _mesh_one_triangle(CORNERS)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
@@ -236,17 +249,17 @@ def element_matrices() -> Result:
         }
         matrices = {kind: to_dense_array(assemble_matrix(form)) for kind, form in forms.items()}
         for kind, matrix in matrices.items():
-            values[f"{name}_{kind}_unsymmetry"] = relative_difference(matrix, matrix.T)
+            values[f"{name}_{kind}_unsymmetry"] = relative_norm_of_difference(matrix, matrix.T)
         rank = np.linalg.matrix_rank(matrices["stiffness"], tol=1e-10)
         values[f"{name}_rigid_motions"] = 12 - rank
         row_sums = matrices["mass"].sum(axis=1)[::2] / (DENSITY * _triangle_area(CORNERS))
         values[f"{name}_mass_row_vertex"] = row_sums[0]
         values[f"{name}_mass_row_midside"] = row_sums[3]
         if name == "pw":
-            by_hand = _sum_stiffness_over_subelements(body.spaces.trial)
-            values["eq23_difference"] = relative_difference(matrices["stiffness"], by_hand)
+            by_hand = _sum_stiffness_of_subelements_by_eq_23(body.spaces.trial)
+            values["eq23_difference"] = relative_norm_of_difference(matrices["stiffness"], by_hand)
     scalars = {name: float(value) for name, value in values.items()}
-    return Result(scalars, dimensionless(scalars), dofs=12)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=12)
 
 
 def _mesh_one_triangle(corners: Points) -> Mesh:
@@ -254,11 +267,12 @@ def _mesh_one_triangle(corners: Points) -> Mesh:
     return create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=corners, e=element)
 
 
-def _sum_stiffness_over_subelements(U: fem.FunctionSpace) -> Points:
-    """Return the stiffness (12, 12) of Eq. (21) by Eq. (23), in the numbering of the space.
+def _sum_stiffness_of_subelements_by_eq_23(U: fem.FunctionSpace) -> Points:
+    """Return the stiffness (12, 12) of Eq. (21), evaluated by the sum of Eq. (23).
 
-    One integration point, the centroid of each sub-element, is exact, as the gradients of the
-    weights are constant on a sub-element and those of the shape functions linear.
+    Rows and columns have the numbering of the space. One integration point, the centroid of each
+    sub-element, is exact, as the gradients of the weights are constant on a sub-element and those
+    of the shape functions linear.
     """
     mesh_nodes = U.dofmap.list[0][BASIX_DOF_OF_PAPER_NODE]
     nodes = U.tabulate_dof_coordinates()[mesh_nodes, :2]
@@ -305,8 +319,10 @@ def _triangle_area(corners: Points) -> float:
 # Cases
 
 CASES = [
-    Case("3", "weights", weight_functions, implied={"element": "pw-T6"}),
-    Case("3", "matrices", element_matrices, implied={"compared": ["pw-T6", "galerkin-T6"]}),
+    Case("3", "weights", weight_functions, implied_parameters={"element": "pw-T6"}),
+    Case(
+        "3", "matrices", element_matrices, implied_parameters={"compared": ["pw-T6", "galerkin-T6"]}
+    ),
 ]
 
 # Results

@@ -21,11 +21,11 @@ from pw_elements import (
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, move_nodes, quadrilaterals, triangles
 from study.judge.checks import check
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from study.meshes.inner_nodes import mid_diagonal_nodes
 from study.model.discretisation import Discretisation, discretise
-from study.model.matrices import relative_difference, to_dense_array
-from study.model.units import dimensionless
+from study.model.matrices import relative_norm_of_difference, to_dense_array
+from study.model.units import assign_unit_one_to_scalars
 from study.run.cases import Case
 from study.run.store import Result
 
@@ -55,7 +55,7 @@ CORNERS = np.array([[0.0, 0.0], [1.3, -0.1], [1.1, 0.9], [-0.1, 0.8]])
 """Corners of an element without symmetries, counter-clockwise."""
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 DIVISIONS = (6, 6)
-"""Numbers of divisions of the distorted square."""
+"""Numbers of squares along the sides of the distorted square."""
 
 # Method
 
@@ -91,10 +91,10 @@ class _CondensedQuadrilateral:
     stiffness: Array
 
     @classmethod
-    def from_corners(
+    def condense_on_corners(
         cls, element: str, corners: Array, pattern: DiagonalPattern = "right"
     ) -> "_CondensedQuadrilateral":
-        """Build the element on four corners (4, 2), counter-clockwise."""
+        """Build an element on corners (4, 2), counter-clockwise, and condense its inner node."""
 
         def map_bilinearly(x: Array) -> Array:
             s, t = x[:, :1], x[:, 1:2]
@@ -102,10 +102,10 @@ class _CondensedQuadrilateral:
             image = sum(shape * corner for shape, corner in zip(shapes, corners, strict=True))
             return np.hstack([image, x[:, 2:]])
 
-        def build(cell: str) -> Mesh:
+        def mesh_quadrilateral(cell: str) -> Mesh:
             return move_nodes(_mesh_square(cell, (1, 1), pattern), map_bilinearly)
 
-        body = discretise(element, build, MATERIAL, StressState.PLANE_STRESS)
+        body = discretise(element, mesh_quadrilateral, MATERIAL, StressState.PLANE_STRESS)
         nodes = body.space.tabulate_dof_coordinates()[:, :2]
         (inner,) = body.inner_nodes()
         outer = np.delete(np.arange(len(nodes)), inner)
@@ -116,31 +116,35 @@ class _CondensedQuadrilateral:
 
 
 def element_matrix(element: str) -> Result:
-    """Examine the stiffness of one condensed quadrilateral: symmetry, rank, effect of the diagonal.
+    """Compute symmetry and rank of a condensed stiffness, and the effect of the diagonal.
 
-    Curves: `nodes` (9, 2) with the inner node in row `inner`, and the `cells` that they form.
+    Curves: `nodes` (9, 2), `cells` and the number `inner` of the inner node, as in
+    `_CondensedQuadrilateral`.
     """
-    quadrilateral = _CondensedQuadrilateral.from_corners(element, CORNERS)
+    quadrilateral = _CondensedQuadrilateral.condense_on_corners(element, CORNERS)
     K = quadrilateral.stiffness
     scalars = {
         "unknowns": float(len(K)),
-        "unsymmetry": relative_difference(K, K.T),
+        "unsymmetry": relative_norm_of_difference(K, K.T),
         "rigid_motions": float(len(K) - np.linalg.matrix_rank(K, tol=1e-10)),
     }
     for name, corners in (("square", SQUARE), ("distorted", CORNERS)):
-        right = _CondensedQuadrilateral.from_corners(element, corners, "right")
-        left = _CondensedQuadrilateral.from_corners(element, corners, "left")
-        scalars[f"diagonal_{name}"] = relative_difference(right.stiffness, left.stiffness)
+        right = _CondensedQuadrilateral.condense_on_corners(element, corners, "right")
+        left = _CondensedQuadrilateral.condense_on_corners(element, corners, "left")
+        scalars[f"diagonal_{name}"] = relative_norm_of_difference(right.stiffness, left.stiffness)
     curves: dict[str, np.ndarray] = {
         "nodes": quadrilateral.nodes,
         "cells": quadrilateral.cells,
         "inner": np.array(quadrilateral.inner),
     }
-    return Result(scalars, dimensionless(scalars), curves, dofs=len(K))
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=len(K))
 
 
 def statics(element: str) -> Result:
-    """Compare a clamped body with and without inner nodes, which carry part of a body load."""
+    """Compare displacements and reactions of a clamped square with inner nodes condensed and kept.
+
+    The body load acts on inner nodes, too.
+    """
     body = _discretise_distorted_square(element)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.2, -0.7)))
@@ -152,13 +156,13 @@ def statics(element: str) -> Result:
         "displacement_difference": (a_condensed - a_full).norm() / a_full.norm(),
         "reaction_difference": (r_condensed - r_full).norm() / r_full.norm(),
     }
-    return Result(scalars, dimensionless(scalars), dofs=condensed.right.getSize()[1])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=condensed.right.getSize()[1])
 
 
 def identity() -> Result:
-    """Compare K of condensed pairs of triangles with T times K of condensed standard triangles.
+    """Compare condensed stiffness matrices: K of the new triangles, and T times K of standard ones.
 
-    Further scalars: the asymmetry of both matrices, and of the mass matrices by Guyan's reduction.
+    Further scalars are the asymmetry of both matrices, and of the condensed mass matrices.
     """
     condensed, scalars = [], {}
     for element in ("pw-T6", "galerkin-T6"):
@@ -170,21 +174,21 @@ def identity() -> Result:
         condensed.append(to_dense_array(reduction.matrix(body.K)))
         mass = to_dense_array(reduction.matrix(assemble_matrix(body.body.mass())))
         weights = element.removesuffix("-T6")
-        scalars[f"mass_unsymmetry_{weights}"] = relative_difference(mass, mass.T)
+        scalars[f"mass_unsymmetry_{weights}"] = relative_norm_of_difference(mass, mass.T)
     T = to_dense_array(force_transfer(body.space))[np.ix_(outer_dofs, outer_dofs)]
     K, K_galerkin = condensed
-    scalars["difference"] = relative_difference(K, T @ K_galerkin)
-    scalars["difference_without_T"] = relative_difference(K, K_galerkin)
-    scalars["unsymmetry_pw"] = relative_difference(K, K.T)
-    scalars["unsymmetry_galerkin"] = relative_difference(K_galerkin, K_galerkin.T)
-    return Result(scalars, dimensionless(scalars), dofs=len(K))
+    scalars["difference"] = relative_norm_of_difference(K, T @ K_galerkin)
+    scalars["difference_without_T"] = relative_norm_of_difference(K, K_galerkin)
+    scalars["unsymmetry_pw"] = relative_norm_of_difference(K, K.T)
+    scalars["unsymmetry_galerkin"] = relative_norm_of_difference(K_galerkin, K_galerkin.T)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=len(K))
 
 
 def _discretise_distorted_square(element: str) -> Discretisation:
-    def build(cell: str) -> Mesh:
-        return move_nodes(_mesh_square(cell, DIVISIONS, "right"), smooth_distortion)
+    def mesh_distorted_square(cell: str) -> Mesh:
+        return move_nodes(_mesh_square(cell, DIVISIONS, "right"), distort_unit_domain_smoothly)
 
-    return discretise(element, build, MATERIAL, StressState.PLANE_STRESS)
+    return discretise(element, mesh_distorted_square, MATERIAL, StressState.PLANE_STRESS)
 
 
 def _mesh_square(cell: str, divisions: tuple[int, int], pattern: DiagonalPattern) -> Mesh:
@@ -205,7 +209,9 @@ CASES = [
     for name, problem in (("element", element_matrix), ("statics", statics))
     for element in QUADRILATERALS
 ]
-CASES += [Case("5", "identity", identity, implied={"compared": ["pw-T6", "galerkin-T6"]})]
+CASES += [
+    Case("5", "identity", identity, implied_parameters={"compared": ["pw-T6", "galerkin-T6"]})
+]
 
 # Results
 

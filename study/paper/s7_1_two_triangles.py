@@ -64,7 +64,9 @@ def structure(
     poissons_ratio: float = POISSONS_RATIO,
     state: str = "plane stress",
 ) -> Result:
-    """Compute the vertical reactions below a row of unit squares, cut into two triangles each.
+    """Compute the vertical reactions below a row of unit squares.
+
+    Each square is cut into two triangles, or one quadrilateral, as the element requires.
 
     Args:
         element: Name of the element.
@@ -75,14 +77,14 @@ def structure(
         state: "plane stress" or "plane strain".
     """
 
-    def build(cell: str) -> Mesh:
+    def mesh_row_of_squares(cell: str) -> Mesh:
         corners, divisions = ((0.0, 0.0), (float(squares), 1.0)), (squares, 1)
         if cell == "quadrilateral":
             return quadrilaterals(MPI.COMM_SELF, *corners, divisions)
         return triangles(MPI.COMM_SELF, *corners, divisions, pattern)
 
     material = Material(youngs_modulus, poissons_ratio)
-    body = discretise(element, build, material, StressState(state))
+    body = discretise(element, mesh_row_of_squares, material, StressState(state))
     K, U = body.K, body.space
     f = body.surface_load((0.0, -1.0), _on_upper_side)
     supports = [prescribe(U, 1, _on_lower_side), prescribe(U, 0, _at_lower_left_corner)]

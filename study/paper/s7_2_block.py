@@ -108,21 +108,27 @@ def block(
         Material(YOUNGS_MODULUS, POISSONS_RATIO),
         StressState(state),
     )
-    loads = assemble_load_history(body, pull, pressed_first, height)
+    loads = assemble_loads_of_increments(body, pull, pressed_first, height)
     # On finer meshes the end element is as long as that of the paper's mesh
     smooth_elements = max(1, divisions[0] // DIVISIONS[0])
     smooth_length = LENGTH * smooth_elements / divisions[0]
-    states = solve_on_foundation(body, loads, friction, shared_is_rough, smooth_length)
+    states = solve_contact_on_foundation(body, loads, friction, shared_is_rough, smooth_length)
     return contact_result(body, states, loads[-1], on_lower_side, PRESSURE, UNSTATED_UNITS)
 
 
-def assemble_load_history(
+def assemble_loads_of_increments(
     body: Discretisation, pull: float, pressed_first: bool = True, height: float = HEIGHT
 ) -> list[PETSc.Vec]:
     """Return the load vectors at the ends of all increments.
 
-    The pressure is applied in one increment and then the pull in equal ones; or both are increased
-    together in equal increments.
+    The pressure is applied in one increment and then the pull in equal ones; or, if `pressed_first`
+    is false, both are increased together in equal increments.
+
+    Args:
+        body: Discretised block.
+        pull: Tangential traction divided by the pressure.
+        pressed_first: Whether the pressure is applied before the pull.
+        height: Height of the block.
     """
     pressure = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], height))
     traction = body.surface_load((pull * PRESSURE, 0.0), _on_right_side)
@@ -132,14 +138,14 @@ def assemble_load_history(
     return [(pressure + traction) * factor for factor in load_factors[1:]]
 
 
-def solve_on_foundation(
+def solve_contact_on_foundation(
     body: Discretisation,
     loads: list[PETSc.Vec],
     friction: float,
     shared_is_rough: bool,
     smooth_length: float = SMOOTH_LENGTH,
 ) -> list[ContactState]:
-    """Return the contact states at the end of each increment.
+    """Solve for the contact of the block with a rigid foundation.
 
     Args:
         body: Discretised block.
@@ -147,14 +153,17 @@ def solve_on_foundation(
         friction: Coefficient of friction where the foundation is rough.
         shared_is_rough: Whether a node between a smooth and a rough element has friction.
         smooth_length: Length without friction at either end.
+
+    Returns:
+        Contact states at the ends of the increments.
     """
     margin = -1e-9 if shared_is_rough else 1e-9
     rough_from, rough_to = smooth_length + margin, LENGTH - (smooth_length + margin)
 
-    def friction_at(x: np.ndarray) -> np.ndarray:
+    def friction_coefficient_at(x: np.ndarray) -> np.ndarray:
         return np.where((x[0] > rough_from) & (x[0] < rough_to), friction, 0.0)
 
-    foundation = ContactPair(on_lower_side, Plane((0.0, 0.0), (0.0, 1.0)), friction_at)
+    foundation = ContactPair(on_lower_side, Plane((0.0, 0.0), (0.0, 1.0)), friction_coefficient_at)
     return solve_contact(body.K, loads, body.supports([]), [foundation], body.space)
 
 
@@ -164,14 +173,21 @@ def mesh_block(
     height: float = HEIGHT,
     pattern: DiagonalPattern = "right",
 ) -> Mesh:
-    """Mesh the block by cells "triangle" or "quadrilateral"."""
+    """Mesh the block with cells "triangle" or "quadrilateral".
+
+    Args:
+        divisions: Numbers of quadrilaterals along and across the block.
+        cell: Type of cell.
+        height: Height of the block.
+        pattern: Pattern of the diagonals that cut quadrilaterals into triangles.
+    """
     if cell == "triangle":
         return triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions, pattern)
     return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions)
 
 
 def on_lower_side(x: np.ndarray) -> np.ndarray:
-    """Mark points (3, n) on the contact surface."""
+    """Return a mask (n,) of the points (3, n) that lie on the contact surface."""
     return np.isclose(x[1], 0.0)
 
 

@@ -78,10 +78,10 @@ def punch(
     increments: int = INCREMENTS,
     pattern: DiagonalPattern = "right",
 ) -> Result:
-    """Compute the contact forces below the punch, pressed in and then pushed to the right.
+    """Compute the contact forces below a punch that is pressed in and then pushed to the right.
 
-    Further scalars: `force_indentation`, before the tangential force, and the punch's
-    `translation` to the right.
+    Further scalars are `force_indentation`, the normal force before the punch is pushed, and
+    `translation`, the displacement of the punch to the right.
 
     Args:
         element: Name of the element.
@@ -91,11 +91,12 @@ def punch(
         height: Height of the body.
         radius: Radius of the punch at its tip.
         tangential_share: Ratio of the tangential to the normal force; 0 if the punch is not pushed.
-        depth_held: Whether the depth is kept while the punch is pushed; otherwise the normal force.
+        depth_held: Whether the indentation, instead of the normal force, is kept constant while the
+            punch is pushed.
         increments: Number of increments of the indentation, and of the tangential force.
         pattern: Diagonals of the quadrilaterals.
     """
-    build = partial(_mesh_body, (divisions[0], divisions[1]), width, height, pattern)
+    build = partial(_mesh_graded_body, (divisions[0], divisions[1]), width, height, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState.PLANE_STRESS)
     supports = [prescribe(body.space, i, _on_base) for i in range(2)]
@@ -126,16 +127,18 @@ def punch(
     )
 
 
-def _mesh_body(
+def _mesh_graded_body(
     divisions: tuple[int, int], width: float, height: float, pattern: DiagonalPattern, cell: str
 ) -> Mesh:
-    def grade(x: np.ndarray) -> np.ndarray:
+    def scale_and_grade_points(x: np.ndarray) -> np.ndarray:
         s = x[:, 0]
         stretched = (s + (GRADING - 1) * s**3) / GRADING
         return np.column_stack([width / 2 * stretched, height * x[:, 1], x[:, 2]])
 
     build = partial(triangles, pattern=pattern) if cell == "triangle" else quadrilaterals
-    return move_nodes(build(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), divisions), grade)
+    return move_nodes(
+        build(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), divisions), scale_and_grade_points
+    )
 
 
 def _marker_of_top(height: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -65,7 +65,7 @@ ELEMENTS_UNDER_HALF_PLATE = 4
 GROWTH = 1.4
 """Ratio of the sizes of successive elements away from the plate."""
 PATTERN: DiagonalPattern = "left_right"
-"""Pattern of the diagonals; with alternating ones the mesh is symmetric."""
+"""Pattern of the diagonals, which alternate in order that the mesh is symmetric."""
 INCREMENTS = 5
 
 # Method
@@ -85,9 +85,9 @@ def plate(
     pattern: DiagonalPattern = PATTERN,
     refined: int = 1,
 ) -> Result:
-    """Compute the contact forces below the plate, pressed by its force.
+    """Compute the contact forces below a rigid plate on which a normal force acts.
 
-    Further scalars: `translation`, the settlement of the plate, and `edge_force_left` and
+    Further scalars are `translation`, the settlement of the plate, and `edge_force_left` and
     `edge_force_right`, the normal forces of the nodes at its edges.
 
     Args:
@@ -100,7 +100,7 @@ def plate(
         pattern: Diagonals of the quadrilaterals.
         refined: Number of equal parts into which each side of a quadrilateral is divided.
     """
-    build = partial(_mesh_body, under_half, half_width, depth, pattern, refined)
+    build = partial(_mesh_body_below_plate, under_half, half_width, depth, pattern, refined)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState(state))
     on_sides_and_base = partial(_on_sides_and_base, half_width, depth)
@@ -126,7 +126,7 @@ def plate(
     )
 
 
-def _mesh_body(
+def _mesh_body_below_plate(
     under_half: int,
     half_width: float,
     depth: float,
@@ -252,8 +252,11 @@ DETAILS = r"""
 # Findings
 
 
-def edge_pressure_ratio(results: Results) -> float:
-    """Return the pressure of the new Q8 at x/b = 0.875, divided by that on the fine mesh."""
+def new_q8_to_fine_edge_pressure_ratio(results: Results) -> float:
+    """Return the pressure of pw-Q8 near the plate's edge over that of pw-T6 on the fine mesh.
+
+    Both are taken at x/b = 0.875, where b is the half width of the plate.
+    """
     coarse, fine = (
         curve_at(results, key=f"7.4/{case}", name="pressure", x=0.875)
         for case in ("pw-Q8", "pw-T6-fine")
@@ -308,7 +311,7 @@ CHECKS = [
         "74-edge",
         "Next to the plate's edge, at x/b = 0.875, the new 8-node element's pressure is below that "
         "on a mesh four times finer: their ratio, less one.",
-        lambda results: 100 * edge_pressure_ratio(results) - 100,
+        lambda results: 100 * new_q8_to_fine_edge_pressure_ratio(results) - 100,
         "=",
         -19.4,
         tolerance=0.1,

@@ -1,4 +1,4 @@
-"""Model of section 7.5's column: contact on four surfaces, and vibration."""
+"""Model of the stepped column in section 7.5: contact on four surfaces, and vibration."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -25,14 +25,19 @@ from pw_elements.meshes import DiagonalPattern
 from pw_elements.spaces import AssemblyRecord
 from study.model.contact_result import (
     CONTACT_QUANTITIES,
-    deformation_curves,
-    pair_scalars_and_curves,
-    solver_scalars,
+    compute_pair_scalars_and_curves,
+    mesh_and_displacement_curves,
+    summarise_solver_statistics,
 )
-from study.model.discretisation import Discretisation, discretise, is_symmetrised, mass_condensation
-from study.model.units import KN_M_UNITS, SI_UNITS, units_of
+from study.model.discretisation import (
+    Discretisation,
+    discretise,
+    is_symmetrised,
+    reduction_for_mass_condensation,
+)
+from study.model.units import KN_M_UNITS, SI_UNITS, assign_units_to_scalars
 from study.paper import s7_5_profiles
-from study.paper.s7_5_profiles import PROFILES, Profile
+from study.paper.s7_5_profiles import PROFILES, ColumnProfile
 from study.run.store import Result
 
 # Printed: E in kN/m², density in kg/m³. As they stand, these units give eigenvalues in 1000/s²,
@@ -41,7 +46,7 @@ YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 2.1e8, 0.3, 7856.0
 YOUNGS_MODULUS_SI = 2.1e11
 FRICTION = 0.3
 DESCENT = 1e-3
-"""Displacement of surface 4, in m."""
+"""Total downward displacement of the plane on surface 4, in m."""
 
 # Chosen
 GAPS = (1e-4, 2e-4)
@@ -51,7 +56,7 @@ INCREMENTS = 10
 MODES = 6
 MassKind = Literal["consistent", "lumped", "standard"]
 LeftReduction = Literal["transposed", "same"]
-"""Left matrix of the condensation: of the transposed problem, or equal to the right one."""
+"""Left matrix of the condensation: that of the transposed problem, or equal to the right one."""
 
 
 def stepped_column(
@@ -61,26 +66,30 @@ def stepped_column(
     section: str = "first",
     pattern: DiagonalPattern = "right",
 ) -> Result:
-    """Compute the contact forces on all surfaces after the last increment, and Table 1's eigenvalues.
+    """Compute the contact forces on all four surfaces, and the eigenvalues of Table 1.
 
-    Scalars and curves of surface k end in `_k`; those without a number are of surface 4.
+    Contact forces are those at the end of the last increment. Names of scalars and curves of
+    surface k end in `_k`; those without a number belong to surface 4.
 
     Args:
-        element: its name.
-        gaps: of surfaces 2 and 3, in m.
-        refined: factor of all divisions.
-        section: "first" or "second" synthetic column.
-        pattern: diagonals of the quadrilaterals.
+        element: Name of the element.
+        gaps: Initial gaps of surfaces 2 and 3, in m.
+        refined: Factor by which all numbers of divisions are multiplied.
+        section: Name of the synthetic column, "first" or "second".
+        pattern: Diagonals of the quadrilaterals.
     """
     profile = PROFILES[section]
     body = _discretise_column(element, profile, refined, pattern)
-    states = _solve_contact(body, profile, (gaps[0], gaps[1]))
-    scalars, curves = solver_scalars(states), deformation_curves(body, states[-1])
+    states = _press_column_on_supports(body, profile, (gaps[0], gaps[1]))
+    scalars, curves = (
+        summarise_solver_statistics(states),
+        mesh_and_displacement_curves(body, states[-1]),
+    )
     no_load = body.K.createVecLeft()
     for pair, face in enumerate(profile.faces):
         force = states[-1].pairs[pair].force_normal.sum()
         mean_pressure = force / (np.pi * (face.outer**2 - face.inner**2))
-        surface_scalars, surface_curves = pair_scalars_and_curves(
+        surface_scalars, surface_curves = compute_pair_scalars_and_curves(
             body, states[-1], pair, no_load, face.contains, mean_pressure
         )
         scalars |= {f"{name}_{pair + 1}": value for name, value in surface_scalars.items()}
@@ -89,8 +98,8 @@ def stepped_column(
     scalars |= {"initial_gap_2": gaps[0], "initial_gap_3": gaps[1], "descent": DESCENT}
     for k, (radius, height) in enumerate(zip(profile.radii, profile.heights, strict=True), 1):
         scalars |= {f"radius_{k}": radius, f"height_{k}": height}
-    modes = _compute_modes(body, profile)
-    scalars |= _mode_scalars(modes)
+    modes = _compute_vibration_modes(body, profile)
+    scalars |= _eigenvalue_scalars(modes)
     for i, shape in enumerate(modes.shapes, start=1):
         curves[f"shape_{i}"] = shape.array_r.reshape(-1, 2)
     return Result(scalars, _scalar_units(scalars), curves, dofs=body.K.getSize()[0])
@@ -106,34 +115,36 @@ def vibration(
     youngs_modulus: float = YOUNGS_MODULUS,
     section: str = "first",
 ) -> Result:
-    """Compute Table 1's eigenvalues alone, for a variant of an element.
+    """Compute the eigenvalues of Table 1 for a variant of an element, without contact.
 
     Args:
-        element: its name; a symmetrised one has symmetric parts of both matrices, after the
-            condensation.
-        mass: consistent, or its row sums, or the standard element's; condensed afterwards.
-        guyan: left matrix of the 8-node element's condensation.
-        pattern: diagonals of the quadrilaterals.
-        refined: factor of all divisions.
-        quadrature_degree: of both matrices on each sub-triangle; 1 is one point.
-        youngs_modulus: as printed or in SI.
-        section: "first" or "second" synthetic column.
+        element: Name of the element. Matrices of a symmetrised element ("pwsym-...") are replaced
+            by their symmetric parts after the condensation.
+        mass: "consistent", "lumped" (row sums) or "standard" (mass of the element with standard
+            weights). Inner nodes are condensed afterwards.
+        guyan: Left matrix of the condensation of 8-node elements, see `reduction_for_mass_condensation`.
+        pattern: Diagonals of the quadrilaterals.
+        refined: Factor by which all numbers of divisions are multiplied.
+        quadrature_degree: Degree for both matrices on each sub-triangle, where 1 means one point;
+            None for the default of the library.
+        youngs_modulus: Young's modulus, as printed (kN/m²) or in SI (N/m²).
+        section: Name of the synthetic column, "first" or "second".
     """
     profile = PROFILES[section]
     body = _discretise_column(element, profile, refined, pattern, quadrature_degree, youngs_modulus)
-    modes = _compute_modes(body, profile, mass, guyan)
-    scalars = _mode_scalars(modes)
+    modes = _compute_vibration_modes(body, profile, mass, guyan)
+    scalars = _eigenvalue_scalars(modes)
     return Result(scalars, _scalar_units(scalars, youngs_modulus), dofs=body.K.getSize()[0])
 
 
-def compute_eigenvalues(element: str, profile: Profile) -> npt.NDArray[np.float64]:
-    """Return the first six eigenvalues (6,) of a column, in 1000/s²."""
-    return _compute_modes(_discretise_column(element, profile), profile).eigenvalues
+def compute_column_eigenvalues(element: str, profile: ColumnProfile) -> npt.NDArray[np.float64]:
+    """Return the first six eigenvalues omega² (6,) of a column on its base, in 1000/s²."""
+    return _compute_vibration_modes(_discretise_column(element, profile), profile).eigenvalues
 
 
 def _discretise_column(
     element: str,
-    profile: Profile,
+    profile: ColumnProfile,
     refined: int = 1,
     pattern: DiagonalPattern = "right",
     quadrature_degree: int | None = None,
@@ -148,10 +159,16 @@ def _discretise_column(
     return Discretisation(element, elastic_body, assemble_matrix(elastic_body.stiffness()))
 
 
-def _solve_contact(
-    body: Discretisation, profile: Profile, gaps: tuple[float, float]
+def _press_column_on_supports(
+    body: Discretisation, profile: ColumnProfile, gaps: tuple[float, float]
 ) -> list[ContactState]:
-    """Press the column on its three supports: the plane on surface 4 moves down in equal steps."""
+    """Press the column onto its three supports in equal increments.
+
+    The plane on surface 4 moves down by `DESCENT` in total.
+
+    Returns:
+        Contact states at the ends of the increments.
+    """
     gap_by_face = (0.0, *gaps, 0.0)
     levels = [face.level - gap for face, gap in zip(profile.faces, gap_by_face, strict=True)]
     load_factors = np.arange(1, INCREMENTS + 1) / INCREMENTS
@@ -165,13 +182,13 @@ def _solve_contact(
     return solve_contact(body.K, no_load, supports, pairs, body.space)
 
 
-def _compute_modes(
+def _compute_vibration_modes(
     body: Discretisation,
-    profile: Profile,
+    profile: ColumnProfile,
     mass: MassKind = "consistent",
     guyan: LeftReduction = "transposed",
 ) -> VibrationModes:
-    """Return modes of the column standing on its base, on which it may slide."""
+    """Compute vibration modes of the column on its base, which supports it vertically only."""
     M = assemble_matrix(body.body.mass())
     if mass == "standard":  # without the record of its weights, which the solver would refuse
         standard_body = replace(body.body, spaces=Spaces(body.space, body.space))
@@ -185,11 +202,11 @@ def _compute_modes(
         ]
     )
     if len(body.inner_nodes()):
-        supports = mass_condensation(supports, guyan)
+        supports = reduction_for_mass_condensation(supports, guyan)
     return vibration_modes(body.K, M, supports, MODES, is_symmetrised(body.element))
 
 
-def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
+def _eigenvalue_scalars(modes: VibrationModes) -> dict[str, float]:
     scalars = {f"omega2_{i}": value for i, value in enumerate(modes.eigenvalues, start=1)}
     return scalars | {
         "mode_residual": float(modes.residuals.max()),
@@ -199,7 +216,10 @@ def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
 
 
 def _scalar_units(scalars: Iterable[str], youngs_modulus: float = YOUNGS_MODULUS) -> dict[str, str]:
-    """Return units; with the printed numbers, forces are in kN and eigenvalues in 1000/s²."""
+    """Return the units of scalars, which depend on the unit of Young's modulus.
+
+    With the printed data, forces are in kN and eigenvalues in 1000/s².
+    """
     is_si = youngs_modulus == YOUNGS_MODULUS_SI
     kinds = {
         **CONTACT_QUANTITIES,
@@ -212,4 +232,4 @@ def _scalar_units(scalars: Iterable[str], youngs_modulus: float = YOUNGS_MODULUS
         "imaginary": "1",
         "rigid": "1",
     }
-    return units_of(scalars, kinds, SI_UNITS if is_si else KN_M_UNITS)
+    return assign_units_to_scalars(scalars, kinds, SI_UNITS if is_si else KN_M_UNITS)

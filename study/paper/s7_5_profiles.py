@@ -33,13 +33,13 @@ _TRIANGLES_OF_EVEN_AND_ODD_CELLS = {
 
 
 @dataclass(frozen=True)
-class Face:
-    """A horizontal face that can touch a rigid surface.
+class ContactFace:
+    """Horizontal face of the column that can touch a rigid surface.
 
     Args:
-        inner: Smallest radius.
-        outer: Largest radius.
-        level: Height above the base.
+        inner: Smallest radius, in m.
+        outer: Largest radius, in m.
+        level: Height above the base, in m.
         outward: Vertical component of the outward normal: -1 or 1.
     """
 
@@ -49,14 +49,14 @@ class Face:
     outward: float
 
     def contains(self, x: Points) -> npt.NDArray[np.bool_]:
-        """Return whether points (3, n) lie on the face."""
+        """Return a mask (n,) of the points (3, n) that lie on the face."""
         is_within_radii = (x[0] > self.inner - 1e-9) & (x[0] < self.outer + 1e-9)
         return np.isclose(x[1], self.level) & is_within_radii
 
 
 @dataclass(frozen=True)
-class Profile:
-    """A column of stacked cylinders, and the divisions of its mesh.
+class ColumnProfile:
+    """Column of stacked cylinders with the divisions of its mesh.
 
     Args:
         radii: Radii of the cylinders from the base upwards, in m.
@@ -71,40 +71,45 @@ class Profile:
     height_divisions: tuple[int, ...] = (26, 17, 21, 5)
 
     @property
-    def levels(self) -> Points:
-        """Return the heights (5,) of the base, the steps and the top above the base."""
+    def levels_above_base(self) -> Points:
+        """Heights (5,) of the base, the three steps and the top above the base, in m."""
         return np.concatenate([[0.0], np.cumsum(self.heights)])
 
     @property
-    def faces(self) -> tuple[Face, ...]:
-        """Return the surfaces 1 to 4: the base, the two shoulders, and the top."""
-        radii, levels = self.radii, self.levels
+    def faces(self) -> tuple[ContactFace, ...]:
+        """Contact surfaces 1 to 4: the base, the two shoulders, and the top."""
+        radii, levels = self.radii, self.levels_above_base
         return (
-            Face(0.0, radii[0], levels[0], -1.0),
-            Face(radii[0], radii[1], levels[1], -1.0),
-            Face(radii[1], radii[2], levels[2], -1.0),
-            Face(0.0, radii[3], levels[4], 1.0),
+            ContactFace(0.0, radii[0], levels[0], -1.0),
+            ContactFace(radii[0], radii[1], levels[1], -1.0),
+            ContactFace(radii[1], radii[2], levels[2], -1.0),
+            ContactFace(0.0, radii[3], levels[4], 1.0),
         )
 
 
 PROFILES = {
-    "first": Profile((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
-    "second": Profile((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
+    "first": ColumnProfile(
+        (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
+    ),
+    "second": ColumnProfile(
+        (0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)
+    ),
 }
 """Columns fitted by `study.paper.table_1.fit`; the mesh of each has 759 quadrilaterals."""
 
 
 def on_axis(x: Points) -> npt.NDArray[np.bool_]:
-    """Return whether points (3, n) lie on the axis of rotation."""
+    """Return a mask (n,) of the points (3, n) that lie on the axis of rotation."""
     return np.isclose(x[0], 0.0)
 
 
 def mesh_column(
-    profile: Profile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right"
+    profile: ColumnProfile, cell: str, refined: int = 1, pattern: DiagonalPattern = "right"
 ) -> Mesh:
-    """Mesh a column by quadrilaterals, or by triangles (two or four for each quadrilateral).
+    """Mesh the cross-section of a column by quadrilaterals or triangles.
 
-    Mesh lines run through all steps; blocks outside the cross-section are left out.
+    Each quadrilateral is cut into two triangles, or four if the diagonals are "crossed". Mesh lines
+    run through all steps; blocks outside the cross-section are left out.
 
     Args:
         profile: Radii, heights and divisions.
@@ -112,10 +117,14 @@ def mesh_column(
         refined: Factor by which all numbers of divisions are multiplied.
         pattern: Pattern of the diagonals that cut quadrilaterals into triangles.
     """
-    r = _mesh_lines((0.0, *sorted(profile.radii)), profile.ring_divisions, refined)
-    z = _mesh_lines(profile.levels, profile.height_divisions, refined)
+    r = _divide_intervals_into_mesh_lines(
+        (0.0, *sorted(profile.radii)), profile.ring_divisions, refined
+    )
+    z = _divide_intervals_into_mesh_lines(
+        profile.levels_above_base, profile.height_divisions, refined
+    )
     r_centres, z_centres = (r[1:] + r[:-1]) / 2, (z[1:] + z[:-1]) / 2
-    cylinder_of_row = np.searchsorted(profile.levels[1:-1], z_centres)
+    cylinder_of_row = np.searchsorted(profile.levels_above_base[1:-1], z_centres)
     is_inside = r_centres[:, None] < np.array(profile.radii)[cylinder_of_row]
 
     grid_nodes = np.arange(len(r) * len(z)).reshape(len(r), len(z))
@@ -141,7 +150,9 @@ def mesh_column(
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, e=geometry)
 
 
-def _mesh_lines(borders: npt.ArrayLike, divisions: tuple[int, ...], refined: int) -> Points:
+def _divide_intervals_into_mesh_lines(
+    borders: npt.ArrayLike, divisions: tuple[int, ...], refined: int
+) -> Points:
     """Return mesh lines from the first border to the last.
 
     Interval i between successive borders is divided into refined * divisions[i] equal parts.

@@ -27,19 +27,19 @@ from pw_elements.meshes import DiagonalPattern, quadrilaterals, triangles
 from study.judge.checks import check
 from study.judge.measures.beam import (
     exact_stress_difference,
-    largest_odds,
+    largest_odds_of_best_models,
     stress_change_by_weights,
     stress_difference_misfit,
 )
 from study.judge.measures.uncertainty import share_within_index
 from study.model.discretisation import (
-    has_quadrilateral_mesh,
     is_symmetrised,
+    make_element_spaces,
     mesh_nodes_and_cells,
-    spaces,
+    requires_quadrilateral_cells,
 )
-from study.model.units import units_of
-from study.paper.s7_6_exact import Strip
+from study.model.units import assign_units_to_scalars
+from study.paper.s7_6_exact import CompressedStrip
 from study.paper.table_2.family import ModelsRecord
 from study.paper.table_2.inverse import MIN_ODDS, inverse_problem
 from study.run.cases import Case
@@ -100,18 +100,18 @@ SupportedPart = Literal["centre", "face"]
 
 
 def exact() -> Result:
-    """Evaluate beam theories and plane elasticity for the same strip under uniform stress."""
-    strip = Strip(YOUNGS_MODULUS, POISSONS_RATIO, LENGTH / HEIGHT)
+    """Evaluate critical stresses of a strip by beam theories and plane elasticity."""
+    strip = CompressedStrip(YOUNGS_MODULUS, POISSONS_RATIO, LENGTH / HEIGHT)
     scalars: dict[str, float] = {}
     for n in (1, 2):
         scalars |= {
-            f"euler_{n}": strip.euler(n),
-            f"engesser_{n}": strip.engesser(n),
-            f"haringx_{n}": strip.haringx(n),
-            f"G_{n}": strip.elasticity(n, "G"),
-            f"J_{n}": strip.elasticity(n, "J"),
-            f"deflection_{n}": strip.elasticity(n, "deflection"),
-            f"rayleigh_lamb_{n}": strip.rayleigh_lamb_modulus(n),
+            f"euler_{n}": strip.euler_stress(n),
+            f"engesser_{n}": strip.engesser_stress(n),
+            f"haringx_{n}": strip.haringx_stress(n),
+            f"G_{n}": strip.exact_critical_stress(n, "G"),
+            f"J_{n}": strip.exact_critical_stress(n, "J"),
+            f"deflection_{n}": strip.exact_critical_stress(n, "deflection"),
+            f"rayleigh_lamb_{n}": strip.critical_stress_by_rayleigh_lamb(n),
         }
     return Result(scalars, dict.fromkeys(scalars, "Pa"))
 
@@ -146,7 +146,7 @@ class HalfBeam:
     symmetrised: bool
 
     def supports(self, mode: int) -> Reduction:
-        """Return the supports of Fig. 24 (symmetric, mode 1) or of Fig. 25 (antisymmetric, mode 2)."""
+        """Return the supports of Fig. 24 (mode 1, symmetric) or Fig. 25 (mode 2, antisymmetric)."""
         U = self.body.spaces.trial
         conditions = [prescribe(U, 1, {"centre": _at_point_A, "face": _on_end_face}[self.end])]
         if mode == SYMMETRIC:
@@ -157,8 +157,8 @@ class HalfBeam:
             conditions.append(prescribe(U, 1, part))
         return Reduction.dirichlet(U, conditions)
 
-    def load_vector(self, mode: int) -> PETSc.Vec:
-        """Assemble the axial load of unit nominal stress P / (h t)."""
+    def assemble_load(self, mode: int) -> PETSc.Vec:
+        """Assemble the axial load for unit nominal stress P / (h t)."""
         mesh = self.body.spaces.mesh
         if self.load == "point":
             return nodal_load(self.body.spaces.trial, _at_point_A, (HEIGHT * THICKNESS, 0.0))
@@ -170,19 +170,26 @@ class HalfBeam:
         return load
 
     def stiffness(self) -> PETSc.Mat:
-        """Assemble K, or its symmetric part if the beam is symmetrised."""
+        """Assemble the stiffness matrix K, or its symmetric part if `symmetrised` is true."""
         K = assemble_matrix(self.body.stiffness())
         return symmetric_part(K) if self.symmetrised else K
 
     def solve_prestress(self, K: PETSc.Mat, mode: int) -> fem.Function:
-        """Return the displacements under unit nominal stress."""
-        a = solve(K, self.load_vector(mode), self.supports(mode))
+        """Return the displacements under unit nominal stress for the supports of a mode."""
+        a = solve(K, self.assemble_load(mode), self.supports(mode))
         return as_function(self.body.spaces.trial, a)
 
-    def solve_buckling(
+    def solve_for_critical_stress(
         self, K: PETSc.Mat, displacement: fem.Function, mode: int, form: Form
     ) -> BucklingModes:
-        """Return the lowest buckling factor of unit nominal stress, i.e. the critical stress."""
+        """Return the lowest buckling mode; its factor is the critical stress.
+
+        Args:
+            K: Stiffness matrix.
+            displacement: Displacements of the prestress under unit nominal stress.
+            mode: 1 (symmetric) or 2 (antisymmetric).
+            form: Form of the geometric stiffness.
+        """
         stress = self.body.stress(displacement)
         K_sigma = assemble_matrix(self.body.geometric_stiffness(stress, form))
         return buckling(K, K_sigma, self.supports(mode), symmetrised=self.symmetrised)
@@ -193,12 +200,12 @@ def _make_half_beam_body(
 ) -> Body:
     """Return the elastic body on a mesh of the half beam, 0 <= x <= L/2, -h/2 <= y <= h/2."""
     corners = (0.0, -HEIGHT / 2), (LENGTH / 2, HEIGHT / 2)
-    if has_quadrilateral_mesh(element):
+    if requires_quadrilateral_cells(element):
         mesh = quadrilaterals(MPI.COMM_SELF, *corners, divisions)
     else:
         mesh = triangles(MPI.COMM_SELF, *corners, divisions, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    return Body(spaces(element, mesh), material, StressState.PLANE_STRESS, THICKNESS)
+    return Body(make_element_spaces(element, mesh), material, StressState.PLANE_STRESS, THICKNESS)
 
 
 def beam(
@@ -211,7 +218,7 @@ def beam(
     middle: SupportedPart,
     prestress_symmetrised: bool = True,
 ) -> Result:
-    """Compute critical stress and shape of modes 1 and 2.
+    """Compute the critical stresses and shapes of buckling modes 1 and 2.
 
     Args:
         element: Name of the element.
@@ -233,13 +240,13 @@ def beam(
     curves = mesh_nodes_and_cells(body.spaces.trial)
     for mode in (SYMMETRIC, ANTISYMMETRIC):
         prestress = model.solve_prestress(K_static, mode)
-        modes = model.solve_buckling(K, prestress, mode, form)
+        modes = model.solve_for_critical_stress(K, prestress, mode, form)
         scalars[f"sigma_cr_{mode}"] = modes.factors[0]
         scalars[f"residual_{mode}"] = modes.residuals[0]
         scalars[f"imaginary_{mode}"] = modes.imaginary_ratio
         curves[f"shape_{mode}"] = modes.shapes[0].array_r.reshape(-1, 2)
     kinds = {"sigma_cr_*": "Pa", "residual_*": "1", "imaginary_*": "1"}
-    return Result(scalars, units_of(scalars, kinds), curves, dofs=K.getSize()[0])
+    return Result(scalars, assign_units_to_scalars(scalars, kinds), curves, dofs=K.getSize()[0])
 
 
 def _on_end_face(x: np.ndarray) -> np.ndarray:
@@ -277,21 +284,21 @@ FINEST_MESH = (128, 32)
 UNSYMMETRIC_PRESTRESS = {"prestress_symmetrised": False}
 
 
-def _beam_case(element: str, form: Form, suffix: str = "", **parameters: object) -> Case:
+def _make_beam_case(element: str, form: Form, suffix: str = "", **parameters: object) -> Case:
     form_suffix = "-J" if form == "J" else ""
     arguments = {"element": element, "form": form, **parameters}
     return Case("7.6", f"{element}{form_suffix}{suffix}", beam, arguments)
 
 
 strip_parameters = {"youngs_modulus": YOUNGS_MODULUS, "slenderness": LENGTH / HEIGHT}
-CASES = [Case("7.6", "exact", exact, implied=strip_parameters)]
+CASES = [Case("7.6", "exact", exact, implied_parameters=strip_parameters)]
 CASES += [
-    _beam_case(element, form, divisions=PAPER_DIVISIONS, **POINT_LOAD)
+    _make_beam_case(element, form, divisions=PAPER_DIVISIONS, **POINT_LOAD)
     for element in ELEMENTS
     for form in FORMS
 ]
 CASES += [
-    _beam_case(
+    _make_beam_case(
         "pwsym-T6",
         "G",
         "-static-unsymmetric",
@@ -301,19 +308,21 @@ CASES += [
     )
 ]
 CASES += [
-    _beam_case(element, form, f"-point-{nx}x{ny}", divisions=(nx, ny), **POINT_LOAD)
+    _make_beam_case(element, form, f"-point-{nx}x{ny}", divisions=(nx, ny), **POINT_LOAD)
     for element, form in POINT_SERIES
     for nx, ny in POINT_MESHES
 ]
 CASES += [
-    _beam_case(element, form, f"-uniform-{nx}x{ny}", divisions=(nx, ny), **UNIFORM_LOAD)
+    _make_beam_case(element, form, f"-uniform-{nx}x{ny}", divisions=(nx, ny), **UNIFORM_LOAD)
     for element in ELEMENTS
     for form in FORMS
     for nx, ny in UNIFORM_MESHES
 ]
-CASES += [_beam_case("pwsym-T6", "G", "-uniform-128x32", divisions=FINEST_MESH, **UNIFORM_LOAD)]
 CASES += [
-    _beam_case(
+    _make_beam_case("pwsym-T6", "G", "-uniform-128x32", divisions=FINEST_MESH, **UNIFORM_LOAD)
+]
+CASES += [
+    _make_beam_case(
         "pwsym-T6",
         "G",
         f"-static-unsymmetric-uniform-{nx}x{ny}",
@@ -484,7 +493,7 @@ CHECKS = [
         "76-table2-digits",
         "No model of the beam is singled out by Table 2: odds against chance of the nearest one, the "
         "largest of CPS6's row, the user element's and all four values.",
-        largest_odds,
+        largest_odds_of_best_models,
         "<",
         MIN_ODDS,
         tolerance_why="none: 20 to 1, set before the models were computed",

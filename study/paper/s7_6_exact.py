@@ -14,7 +14,7 @@ SHEAR_FACTOR = 5 / 6
 
 
 @dataclass(frozen=True)
-class Strip:
+class CompressedStrip:
     """Strip of length L and height h under uniform axial stress, with v = 0 and no shear at its ends.
 
     Args:
@@ -29,48 +29,64 @@ class Strip:
 
     @property
     def shear_modulus(self) -> float:
-        """Return the shear modulus E / (2 (1 + nu))."""
+        """Shear modulus E / (2 (1 + nu))."""
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
-    def euler(self, n: int) -> float:
-        """Return Euler's stress of mode n, Eq. (27)."""
+    def euler_stress(self, n: int) -> float:
+        """Return Euler's critical stress of mode n, Eq. (27)."""
         return (n * np.pi / self.slenderness) ** 2 * self.youngs_modulus / 12
 
-    def engesser(self, n: int) -> float:
-        """Return Engesser's stress, with the shear force normal to the deformed axis."""
-        return self.euler(n) / (1 + self.euler(n) / (SHEAR_FACTOR * self.shear_modulus))
+    def engesser_stress(self, n: int) -> float:
+        """Return Engesser's critical stress of mode n.
 
-    def haringx(self, n: int) -> float:
-        """Return Haringx' stress, with the shear force in the deformed cross-section."""
+        The shear force is normal to the deformed axis.
+        """
+        return self.euler_stress(n) / (
+            1 + self.euler_stress(n) / (SHEAR_FACTOR * self.shear_modulus)
+        )
+
+    def haringx_stress(self, n: int) -> float:
+        """Return Haringx' critical stress of mode n.
+
+        The shear force lies in the deformed cross-section.
+        """
         rigidity = SHEAR_FACTOR * self.shear_modulus
-        return rigidity / 2 * (np.sqrt(1 + 4 * self.euler(n) / rigidity) - 1)
+        return rigidity / 2 * (np.sqrt(1 + 4 * self.euler_stress(n) / rigidity) - 1)
 
-    def elasticity(self, n: int, form: Form) -> float:
-        """Return the exact plane-stress value: the smallest root of the free-surface determinant.
+    def exact_critical_stress(self, n: int, form: Form) -> float:
+        """Return the exact critical stress of plane elasticity for mode n.
+
+        It is the smallest root of the determinant of the conditions on the stress-free sides.
 
         Args:
-            n: Mode.
+            n: Number of half waves along the strip.
             form: Geometric stiffness of the continuum: "G" is the gradient form of Eq. (25) and
                 Eq. (26), "J" that of an objective stress rate; "deflection" has only the slope of
                 the deflection.
         """
-        return _find_smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
+        return _find_smallest_root(
+            lambda s: self._determinant(s, n, form), 1.2 * self.euler_stress(n)
+        )
 
-    def rayleigh_lamb_modulus(self, n: int) -> float:
-        """Return the "G" value by the Rayleigh-Lamb equation with rho omega² replaced by s k²."""
+    def critical_stress_by_rayleigh_lamb(self, n: int) -> float:
+        """Return the critical stress of form "G" for mode n by the Rayleigh-Lamb equation.
+
+        In that equation, rho omega² is replaced by s k², with the stress s and the wave number k.
+        """
         E, nu, G = self.youngs_modulus, self.poissons_ratio, self.shear_modulus
         k, b = n * np.pi / self.slenderness, 0.5
 
-        def residual(s: float) -> float:
+        def rayleigh_lamb_residual(s: float) -> float:
             p, q = k * np.sqrt(1 - s * (1 - nu**2) / E), k * np.sqrt(1 - s / G)
             return 4 * k**2 * p * q * np.tanh(q * b) - (k**2 + q**2) ** 2 * np.tanh(p * b)
 
-        return _find_smallest_root(residual, 1.2 * self.euler(n))
+        return _find_smallest_root(rayleigh_lamb_residual, 1.2 * self.euler_stress(n))
 
     def _determinant(self, s: float, n: int, form: Form) -> float:
-        """Return the free-surface determinant for u = U(y) cos kx, v = V(y) sin kx, U odd and V even.
+        """Return the determinant of the conditions on the stress-free sides at an axial stress s.
 
-        Energy: axial u_x² + lateral v_y² + 2 coupling u_x v_y + shear (u_y + v_x)² - s v_x².
+        The fields are u = U(y) cos kx and v = V(y) sin kx with odd U and even V. The energy density
+        is axial u_x² + lateral v_y² + 2 coupling u_x v_y + shear (u_y + v_x)² - s v_x².
         """
         E, nu = self.youngs_modulus, self.poissons_ratio
         lateral = E / (1 - nu**2)
@@ -91,15 +107,19 @@ class Strip:
         return float((determinant / (r[0] - r[1])).real)
 
 
-def _find_smallest_root(function: Callable[[float], float], upper: float) -> float:
-    """Return the first sign change above zero; at zero the function has a trivial root.
+def _find_smallest_root(function: Callable[[float], float], upper_bound: float) -> float:
+    """Return the smallest positive root of a function that also has a trivial root at zero.
+
+    Args:
+        function: Function that changes its sign at the root.
+        upper_bound: Upper bound of the root.
 
     Raises:
         ValueError: If there is no sign change below the upper bound.
     """
-    grid = np.linspace(upper / 500, upper, 500)
+    grid = np.linspace(upper_bound / 500, upper_bound, 500)
     values = [function(s) for s in grid]
     for low, high, low_value, high_value in zip(grid, grid[1:], values, values[1:], strict=False):
         if low_value * high_value < 0:
             return float(brentq(function, low, high, xtol=1e-12 * high, rtol=1e-14))
-    raise ValueError(f"no sign change between 0 and {upper:g}; raise the upper bound")
+    raise ValueError(f"no sign change between 0 and {upper_bound:g}; raise the upper bound")

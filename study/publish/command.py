@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, TextIO
 from study.run import runner
 from study.run.cases import SECTIONS, Case, Section, load_section
 from study.run.files import ForeignFileOrFolder
-from study.run.folder import ensure_writable
+from study.run.folder import create_writable_results_folder
 from study.run.pool import ignore_broken_pipe_signal
 from study.run.store import EXIT_CORRUPT, Results, StudyError, TrackedResults
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 CALLER_FOLDER = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
-"""Folder in which `./run study` was called, if it is not the project's folder."""
+"""Folder from which the user called `./run study`; empty if it is the project's own folder."""
 
 UNWRITABLE_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 MIN_OPEN_FILES = 64  # required by two processes, their pipes and the report
 MIN_ADDRESS_SPACE = 1 << 30
-"""Bytes of address space; with less, OpenBLAS tries forever to allocate a buffer."""
+"""Smallest accepted limit of the address space in bytes; below it, OpenBLAS hangs at start-up."""
 MAX_LISTED_NAMES = 5  # if there are more, only their number is printed
 
 USAGE = """\
@@ -51,28 +51,28 @@ what it says; 128 and its number if a signal ended it, as 130 after Ctrl-C
 """
 
 
-class FigureDrawing(NamedTuple):
-    """Functions that draw figures, which are passed in because the study does not import them.
+class FigureDrawingFunctions(NamedTuple):
+    """Functions that draw figures, passed as arguments because the study does not import them.
 
     Attributes:
-        list_needs: See `runner.ParallelTasks`.
-        draw: See `runner.ParallelTasks`.
-        draw_all: Function that draws all figures that are not up to date and returns whether it
-            succeeded. Its arguments are the folder of results, whether all results must exist, and
-            the number of processes.
+        list_needs: Function that lists the results needed by each figure, as "module:name".
+        draw: Function that draws one figure, as "module:name"; see `runner.WorkerTaskFunctions`.
+        draw_outdated_figures: Function that draws all figures that are not up to date and returns
+            whether it succeeded. Its arguments are the folder of the results, whether a missing
+            result is an error, and the number of processes.
     """
 
     list_needs: str
     draw: str
-    draw_all: Callable[[Path, bool, int], bool]
+    draw_outdated_figures: Callable[[Path, bool, int], bool]
 
 
-def main(arguments: list[str] | None = None, figures: FigureDrawing | None = None) -> int:
-    """Run the command line; return the exit status.
+def main(arguments: list[str] | None = None, figures: FigureDrawingFunctions | None = None) -> int:
+    """Parse the arguments of `./run study`, run the command, and return its exit status.
 
     Args:
-        arguments: Arguments of the command line; by default, those of this process.
-        figures: Functions that draw the figures. If None, the report contains the figures that were
+        arguments: Command-line arguments; by default, those of this process.
+        figures: Functions that draw the figures. If None, the report includes the figures that were
             drawn earlier.
     """
     parser = argparse.ArgumentParser(
@@ -86,7 +86,9 @@ def main(arguments: list[str] | None = None, figures: FigureDrawing | None = Non
     parser.add_argument("--all", action="store_true", help="compute also what is recorded")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     default_folder = ROOT / "results" if CALLER_FOLDER.is_absolute() else Path("results")
-    parser.add_argument("--out", type=_parse_folder, default=default_folder, metavar="DIR")
+    parser.add_argument(
+        "--out", type=_resolve_folder_from_caller, default=default_folder, metavar="DIR"
+    )
     options = parser.parse_intermixed_args(arguments)
     try:
         status = _run_command(options, figures)
@@ -102,14 +104,18 @@ def main(arguments: list[str] | None = None, figures: FigureDrawing | None = Non
         if error.errno not in UNWRITABLE_ERRNOS:
             raise
         unwritable_target = error.filename or (
-            "what it says" if _discard_unwritable_output() else options.out
+            "what it says" if _discard_output_if_unwritable() else options.out
         )
         print(f"study: {unwritable_target}: {error.strerror}", file=sys.stderr)
         return 2
 
 
-def _discard_unwritable_output() -> bool:
-    """Return whether buffered output cannot be written; if so, discard it."""
+def _discard_output_if_unwritable() -> bool:
+    """Flush stdout; if that fails, redirect stdout to the null device.
+
+    Returns:
+        Whether stdout could not be written.
+    """
     try:
         print(flush=True)
     except OSError:
@@ -123,20 +129,20 @@ def _redirect_to_devnull(*streams: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _parse_folder(name: str) -> Path:
+def _resolve_folder_from_caller(name: str) -> Path:
     if not name:
         raise argparse.ArgumentTypeError("the name of a folder is empty")
     return CALLER_FOLDER / name
 
 
-def _run_command(options: argparse.Namespace, figures: FigureDrawing | None) -> int:
+def _run_command(options: argparse.Namespace, figures: FigureDrawingFunctions | None) -> int:
     match options.what:
         case ["list"]:
-            return list_cases(options.out)
+            return print_cases_and_states(options.out)
         case ["check"]:
-            return check_claims(options.out)
+            return print_differing_verdicts(options.out)
         case ["report"]:
-            return rewrite_report(options.out, options.jobs, figures)
+            return rewrite_report_from_stored_results(options.out, options.jobs, figures)
         case selection:
             return run_study(
                 selection, options.out, options.jobs, options.force, options.all, figures=figures
@@ -144,126 +150,164 @@ def _run_command(options: argparse.Namespace, figures: FigureDrawing | None) -> 
 
 
 def run_study(
-    selection: list[str],
+    selected_sections_or_keys: list[str],
     out: Path,
     jobs: int,
     force: bool = False,
     recompute_recorded: bool = False,
     *,
-    figures: FigureDrawing | None = None,
+    figures: FigureDrawingFunctions | None = None,
 ) -> int:
-    """Compute the selected sections, then write claims, figures and report; return the exit status.
+    """Compute results; then judge claims, draw figures and write the report.
 
-    If the selection contains keys of cases, only the cases are computed.
+    If the selection contains keys of cases, the cases are computed and nothing else is done.
 
     Args:
-        selection: Sections or keys of cases; if empty, all sections are selected.
+        selected_sections_or_keys: Names of sections, such as "7.1", or keys of cases, such as
+            "7.1/pw-T6". If empty, all sections are computed.
         out: Folder of the results.
         jobs: Number of processes.
-        force: Whether to recompute valid stored results.
-        recompute_recorded: Whether to compute results that are otherwise read from records.
+        force: Whether to recompute results that are stored and valid.
+        recompute_recorded: Whether to compute results that are otherwise read from the records in
+            version control.
         figures: Functions that draw the figures.
+
+    Returns:
+        Exit status: that of `judge_and_report`, but at least 1 if a case has failed.
     """
-    for command in {"list", "check", "report"} & set(selection):
+    for command in {"list", "check", "report"} & set(selected_sections_or_keys):
         raise StudyError(f"{command} stands alone, without sections")
-    sections = list(dict.fromkeys(name.partition("/")[0] for name in selection)) or list(SECTIONS)
+    sections = list(
+        dict.fromkeys(name.partition("/")[0] for name in selected_sections_or_keys)
+    ) or list(SECTIONS)
     for unknown_section in (section for section in sections if section not in SECTIONS):
         raise StudyError(f"there is no section {unknown_section}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
     _check_open_files_limit()
     _check_memory_limit()
-    ensure_writable(out)
-    if any("/" in name for name in selection):
-        cases = _select_cases(selection, sections)
+    create_writable_results_folder(out)
+    if any("/" in name for name in selected_sections_or_keys):
+        cases = _select_cases(selected_sections_or_keys, sections)
         if recompute_recorded:
-            cases = _replace_recorded_cases(cases, out)
-        return int(bool(runner.run(cases, out, jobs, force)))
+            cases = _replace_recorded_and_remeasure_cost_cases(cases, out)
+        return int(bool(runner.run_cases_without_valid_result(cases, out, jobs, force)))
     from study.judge import claims  # not required for single cases
 
     all_claims = claims.load_claims()  # errors in claims are reported before computing
     loaded_sections = _load_sections(sections)
     for section in loaded_sections:
-        runner.discard_others(section, out)
+        runner.discard_results_without_case(section, out)
     cases = [case for section in loaded_sections for case in section.cases]
     if recompute_recorded:
-        cases = _replace_recorded_cases(cases, out)
-    failed_keys = runner.run(
-        cases, out, jobs, force, None if selection else _create_parallel_tasks(figures)
+        cases = _replace_recorded_and_remeasure_cost_cases(cases, out)
+    failed_keys = runner.run_cases_without_valid_result(
+        cases,
+        out,
+        jobs,
+        force,
+        None if selected_sections_or_keys else _create_parallel_tasks(figures),
     )
-    status = judge_and_report(out, all_claims, not selection, jobs, selection, figures=figures)
+    status = judge_and_report(
+        out,
+        all_claims,
+        not selected_sections_or_keys,
+        jobs,
+        selected_sections_or_keys,
+        figures=figures,
+    )
     return max(status, int(bool(failed_keys)))
 
 
-def _create_parallel_tasks(figures: FigureDrawing | None) -> runner.ParallelTasks:
-    return runner.ParallelTasks(
-        list_preparations="study.model.forms:list_forms_to_compile",
+def _create_parallel_tasks(figures: FigureDrawingFunctions | None) -> runner.WorkerTaskFunctions:
+    return runner.WorkerTaskFunctions(
+        list_preparations_path="study.model.forms:list_forms_to_compile",
         prepare="study.model.forms:compile_element_forms",
         list_needs=figures.list_needs if figures else "",
         draw=figures.draw if figures else "",
     )
 
 
-def _replace_recorded_cases(cases: list[Case], out: Path) -> list[Case]:
-    """Replace recorded cases by cases that compute the results; repeat section K's measurements."""
+def _replace_recorded_and_remeasure_cost_cases(cases: list[Case], out: Path) -> list[Case]:
+    """Replace cases that are read from records by cases that compute the same results.
+
+    If the list contains cases of section K, their times and memory are measured at once, one after
+    the other, and written to `<out>/cost.json`.
+    """
     from study.benchmarks.k_cost import measure, page
 
     cost_cases = {case.key: case for case in cases if case.section == "K"}
     if cost_cases:
         print("study: measuring times and memory of section K, one row at a time", file=sys.stderr)
         record_path = out / "cost.json"
-        measure.write_record(record_path, {case.name for case in cost_cases.values()})
-        cost_cases = {case.key: case for case in page.load_cases(record_path)}
-    return [cost_cases.get(case.key) or case.recomputed or case for case in cases]
+        measure.measure_cases_and_write_record(
+            record_path, {case.name for case in cost_cases.values()}
+        )
+        cost_cases = {case.key: case for case in page.load_cases_from_record(record_path)}
+    return [cost_cases.get(case.key) or case.computing_case or case for case in cases]
 
 
-def _select_cases(selection: list[str], sections: list[str]) -> list[Case]:
-    """Return the cases that are selected by key or by section."""
+def _select_cases(selected_sections_or_keys: list[str], sections: list[str]) -> list[Case]:
+    """Return the cases whose keys or sections are in the selection, in the order of the sections.
+
+    Raises:
+        StudyError: If the selection contains a key that belongs to no case.
+    """
     all_cases = [case for section in _load_sections(sections) for case in section.cases]
     keys = {case.key for case in all_cases}
-    for unknown_key in (name for name in selection if "/" in name and name not in keys):
+    for unknown_key in (
+        name for name in selected_sections_or_keys if "/" in name and name not in keys
+    ):
         raise StudyError(f"there is no case {unknown_key}: see ./run study list")
-    return [case for case in all_cases if not {case.key, case.section}.isdisjoint(selection)]
+    return [
+        case
+        for case in all_cases
+        if not {case.key, case.section}.isdisjoint(selected_sections_or_keys)
+    ]
 
 
-def rewrite_report(out: Path, jobs: int = 1, figures: FigureDrawing | None = None) -> int:
+def rewrite_report_from_stored_results(
+    out: Path, jobs: int = 1, figures: FigureDrawingFunctions | None = None
+) -> int:
     """Judge the claims, draw figures and write the report from stored results."""
     from study.judge import claims
 
     results = _open_stored_results(out)
-    ensure_writable(out)
-    _print_unusable_results(results)
+    create_writable_results_folder(out)
+    _print_outdated_missing_corrupt_results(results)
     return judge_and_report(
         out, claims.load_claims(), require_complete=False, jobs=jobs, figures=figures
     )
 
 
-def check_claims(out: Path) -> int:
-    """Print all claims whose verdicts differ from the pinned ones, and claims without a verdict.
+def print_differing_verdicts(out: Path) -> int:
+    """Judge all claims by the stored results, and print the claims with unexpected verdicts.
 
-    Outdated, missing and corrupt results are reported on stderr.
+    Claims that cannot be judged are printed, too. Outdated, missing and corrupt results are listed
+    on stderr.
 
     Returns:
-        Exit status: 3 if results are corrupt, 1 if a verdict differs, otherwise 0.
+        Exit status: 3 if results are corrupt, 1 if a verdict differs from the expected (pinned)
+        one, otherwise 0.
     """
     from study.judge import claims
 
     results = _open_stored_results(out)
-    _print_unusable_results(results)
-    verdicts = claims.judge(claims.load_claims(), results)
+    _print_outdated_missing_corrupt_results(results)
+    verdicts = claims.judge_claims(claims.load_claims(), results)
     differing_verdicts = [verdict for verdict in verdicts if verdict.differs]
     print(claims.format_verdict_table(differing_verdicts) + claims.summarise_verdicts(verdicts))
-    _print_unjudged_claims(verdicts)
+    _print_reasons_of_unjudged_claims(verdicts)
     return EXIT_CORRUPT if _has_corrupt_results(results) else int(bool(differing_verdicts))
 
 
-def list_cases(out: Path) -> int:
-    """Print all sections and cases, and the state of each stored result."""
+def print_cases_and_states(out: Path) -> int:
+    """Print all sections and cases, and whether each case has a valid stored result."""
     results = Results(out)
     lines = []
     for section in _load_sections(list(SECTIONS)):
         lines.append(f"{section.id}  {section.title}")
-        states = runner.states(section.cases, results)
+        states = runner.find_states_of_stored_results(section.cases, results)
         lines += [f"    {state:8}  {key}" for key, state in states.items()]
     print("\n".join(lines))
     return 0
@@ -276,17 +320,17 @@ def judge_and_report(
     jobs: int = 1,
     sections: Sequence[str] = (),
     *,
-    figures: FigureDrawing | None = None,
+    figures: FigureDrawingFunctions | None = None,
 ) -> int:
-    """Write claims, figures and report from stored results, and print verdicts.
+    """Judge the claims, write them to a file, draw figures, write the report and print verdicts.
 
     Args:
         out: Folder of the results.
-        all_claims: The claims.
+        all_claims: Claims to be judged.
         require_complete: Whether missing results are an error, as after a run of all sections.
         jobs: Number of processes that draw figures.
-        sections: Sections whose results must affect a verdict for it to be printed. If empty, all
-            verdicts are printed.
+        sections: Verdicts are printed only if results of one of these sections were read to judge
+            the claim. If empty, all verdicts are printed.
         figures: Functions that draw the figures.
 
     Returns:
@@ -302,7 +346,7 @@ def judge_and_report(
     facts.write_claims_with_facts(out, verdicts, results)
     if figures is None:
         print("study: figures are not drawn; ./run study draws them", file=sys.stderr)
-    figures_drawn = figures is None or figures.draw_all(out, require_complete, jobs)
+    figures_drawn = figures is None or figures.draw_outdated_figures(out, require_complete, jobs)
     missing_content = build_report(results, out)
     printed_verdicts = [
         verdict
@@ -318,7 +362,7 @@ def judge_and_report(
         claims.format_verdict_table(differing_verdicts)
         + claims.summarise_verdicts(printed_verdicts)
     )
-    _print_unjudged_claims(printed_verdicts)
+    _print_reasons_of_unjudged_claims(printed_verdicts)
     for gap in missing_content if require_complete else ():
         print(f"report: incomplete, {gap}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
@@ -332,12 +376,12 @@ def judge_and_report(
 
 
 def _judge_and_track_sections(claim: "Claim", results: Results) -> "tuple[Verdict, set[str]]":
-    """Return the verdict on a claim and the sections whose results affect it."""
+    """Judge one claim; return the verdict and the sections whose results were read for it."""
     from study.judge import claims
 
     tracked_results = TrackedResults(results)
-    (verdict,) = claims.judge([claim], tracked_results)
-    return verdict, tracked_results.sections
+    (verdict,) = claims.judge_claims([claim], tracked_results)
+    return verdict, tracked_results.sections_read
 
 
 def _load_sections(sections: list[str]) -> list[Section]:
@@ -374,11 +418,11 @@ def _open_stored_results(out: Path) -> Results:
 
 
 def _has_corrupt_results(results: Results) -> bool:
-    return any(results.corrupt_results(section) for section in SECTIONS)
+    return any(results.error_messages_of_corrupt_results(section) for section in SECTIONS)
 
 
-def _print_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
-    """Print the reasons why claims are not judged although their results exist."""
+def _print_reasons_of_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
+    """Print the claims whose results exist but cannot be used, grouped by the reason."""
     claims_by_reason: dict[str, list[str]] = {}
     for verdict in verdicts:
         if verdict.unreadable_reason:
@@ -389,19 +433,22 @@ def _print_unjudged_claims(verdicts: "Sequence[Verdict]") -> None:
 
 
 def _abbreviate_list(names: list[str]) -> str:
-    """Return a text with the first few names and the number of remaining names."""
+    """Join names by commas; after the first `MAX_LISTED_NAMES`, state only how many follow."""
     suffix = f" and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else ""
     return ", ".join(names[:MAX_LISTED_NAMES]) + suffix
 
 
-def _print_unusable_results(results: Results) -> None:
-    """Print which stored results are outdated, missing, corrupt, or belong to no case."""
+def _print_outdated_missing_corrupt_results(results: Results) -> None:
+    """Print which results are outdated, missing or corrupt, and files that belong to no case.
+
+    If the cases cannot be loaded, e.g. without the solver, only corrupt files are printed.
+    """
     try:
         cases = [case for section in _load_sections(list(SECTIONS)) for case in section.cases]
     except StudyError as error:  # judging does not require the solver
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
         cases = []
-    states = runner.states(cases, results)
+    states = runner.find_states_of_stored_results(cases, results)
     for bad_state in ("outdated", "missing", "corrupt") if cases else ():
         _print_state_and_remedy(
             bad_state, [key for key, state in states.items() if state == bad_state], len(cases)
@@ -409,7 +456,7 @@ def _print_unusable_results(results: Results) -> None:
     corrupt_results = {
         key: reason
         for section in SECTIONS
-        for key, reason in results.corrupt_results(section).items()
+        for key, reason in results.error_messages_of_corrupt_results(section).items()
     }
     for key in sorted(corrupt_results.keys() - states.keys()):
         stray_message = f"{results.folder / key}.json {runner.STRAY}"
@@ -417,7 +464,13 @@ def _print_unusable_results(results: Results) -> None:
 
 
 def _print_state_and_remedy(state: str, keys: list[str], n_cases: int) -> None:
-    """Print how many results are in a state, and which command recomputes them."""
+    """Print the number of results in a state such as "outdated", and how to recompute them.
+
+    Args:
+        state: Name of the state.
+        keys: Keys of the results in this state; if there are none, nothing is printed.
+        n_cases: Number of all cases.
+    """
     if not keys:
         return
     sections = list(dict.fromkeys(key.partition("/")[0] for key in keys))

@@ -1,8 +1,8 @@
 """Convert Markdown with formulas to HTML for the report and the site.
 
-Texts are written in CommonMark with tables, which markdown-it converts, and with LaTeX formulas
-between dollar signs, which the converter of Docutils turns into HTML. The PDF therefore requires
-neither scripts nor images of formulas.
+Texts are written in CommonMark with tables and with LaTeX formulas between dollar signs.
+markdown-it converts the text, and the LaTeX converter of Docutils converts the formulas to HTML.
+The PDF therefore requires neither scripts nor images of formulas.
 """
 
 import re
@@ -22,17 +22,20 @@ def render_markdown(text: str) -> Markup:
 
     The first column of a table contains row headers, and columns of numbers are right-aligned.
     """
-    converter = _create_converter()
+    converter = _create_markdown_converter()
     tokens = converter.parse(str(text))
-    _mark_table_heads(tokens)
+    _mark_table_headers_and_numbers(tokens)
     return Markup(converter.renderer.render(tokens, converter.options, {}))
 
 
-def render_table_rows(text: str) -> Markup:
-    """Convert a Markdown table to HTML; return its head and body without the `table` element.
+def render_table_head_and_body(text: str) -> Markup:
+    """Convert a Markdown table to HTML without the enclosing `table` element.
+
+    Returns:
+        The `thead` and `tbody` elements.
 
     Raises:
-        ValueError: if the text is not a single table.
+        ValueError: If the text is not a single table.
     """
     html = render_markdown(text).strip()
     match = re.fullmatch(r"<table>\n(.*)\n</table>", html, re.DOTALL)
@@ -42,29 +45,35 @@ def render_table_rows(text: str) -> Markup:
 
 
 @cache
-def _create_converter() -> MarkdownIt:
+def _create_markdown_converter() -> MarkdownIt:
     converter = MarkdownIt("commonmark", {"html": True}).enable("table")
-    converter.use(dollarmath_plugin, double_inline=False, renderer=_render_formula)
+    converter.use(dollarmath_plugin, double_inline=False, renderer=_render_formula_as_html)
     converter.add_render_rule(
-        "math_inline", lambda _, tokens, i, *__: _render_formula(tokens[i].content)
+        "math_inline", lambda _, tokens, i, *__: _render_formula_as_html(tokens[i].content)
     )
-    converter.add_render_rule("math_block", _render_display_formula)
+    converter.add_render_rule("math_block", _render_display_formula_as_paragraph)
     return converter
 
 
-def _render_display_formula(_: object, tokens: list[Token], i: int, *__: object) -> str:
-    return f'<p class="formula">{_render_formula(tokens[i].content)}</p>\n'
+def _render_display_formula_as_paragraph(
+    _: object, tokens: list[Token], i: int, *__: object
+) -> str:
+    return f'<p class="formula">{_render_formula_as_html(tokens[i].content)}</p>\n'
 
 
 @cache
-def _render_formula(latex: str, *_: object) -> str:
+def _render_formula_as_html(latex: str, *_: object) -> str:
     html = str(math2html(latex.strip())).strip()
     html = re.sub(r"\s?\N{FRACTION SLASH}\s?", "/", html)  # possibly surrounded by thin spaces
     return re.sub(r"(<su[pb][^>]*>)\s?\N{MINUS SIGN}\s?", "\\1\N{MINUS SIGN}", html)
 
 
-def _mark_table_heads(tokens: list[Token]) -> None:
-    """Mark column and row headers and numeric cells of tables by scope and class attributes."""
+def _mark_table_headers_and_numbers(tokens: list[Token]) -> None:
+    """Mark header cells by `<th scope>` and cells of numbers by the class "n", in place.
+
+    Headers are the cells of the first row and of the first column. A cell contains a number if its
+    column is right-aligned in Markdown.
+    """
     in_head, is_first_cell = False, False
     for token in tokens:
         if token.type in ("thead_open", "thead_close"):

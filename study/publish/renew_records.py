@@ -22,7 +22,7 @@ from time import perf_counter, process_time
 
 from study.run import compare_versions, records
 from study.run.cases import SECTIONS, Case, load_section
-from study.run.records import Row
+from study.run.records import RecordRow
 from study.run.store import Results, StudyError, save
 from study.solutions.calculix import calculix
 from study.solutions.calculix.output import CalculixError
@@ -32,7 +32,11 @@ from study.solutions.calculix.problems import PROBLEMS
 
 
 class RecordKind(ABC):
-    """A kind of recorded rows, which are stored in the same file."""
+    """A kind of recorded results, whose rows are stored in one file and computed in the same way.
+
+    Attributes:
+        title: Name of the kind in messages.
+    """
 
     title: str
 
@@ -43,35 +47,44 @@ class RecordKind(ABC):
 
     @abstractmethod
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key, or keys that match a pattern, can belong to this kind."""
+        """Return whether keys of this kind may match a shell-style pattern."""
 
     @abstractmethod
     def list_keys(self) -> list[str]:
-        """Return the keys of all rows in the order of the file."""
+        """Return the keys of all rows that the file should contain, in the order of the file."""
 
     @abstractmethod
-    def compute(self, key: str) -> Row:
-        """Compute the row of a key."""
+    def compute(self, key: str) -> RecordRow:
+        """Compute the row with the given key."""
 
-    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-        """Print differences of computed and recorded rows; return messages on excessive ones.
+    def compare_rows(
+        self, recorded: dict[str, RecordRow], computed: dict[str, RecordRow]
+    ) -> list[str]:
+        """Print differences between recorded and computed rows; return messages on excessive ones.
 
-        By default, scalars are compared with the tolerances for two versions of DOLFINx. Measured
-        times and memory are not compared, only counts and norms.
+        By default, scalars are compared with the tolerances for two versions of DOLFINx. Of
+        measured rows, only counts and norms are compared, not times and memory.
+
+        Args:
+            recorded: Rows from the file, by key.
+            computed: Recomputed rows, by key.
+
+        Returns:
+            Error messages; empty if no difference is too large.
         """
-        return _compare_scalars(recorded, computed)
+        return _print_and_check_scalar_differences(recorded, computed)
 
     def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
-        """Return whether the row of a key is computed by CalculiX."""
+        """Return whether computing the row of a key requires CalculiX."""
         return False
 
-    def is_worth_recording(self, row: Row) -> bool:  # noqa: ARG002
-        """Return whether a row should remain in the record."""
+    def is_worth_recording(self, row: RecordRow) -> bool:  # noqa: ARG002
+        """Return whether a row is written to the file, e.g. because its computation takes long."""
         return True
 
 
-class CostlyCases(RecordKind):
-    """Cases that their pages mark as costly."""
+class CostlyCaseRecords(RecordKind):
+    """Records of the cases of all sections that are marked as costly."""
 
     title = "costly cases"
 
@@ -84,7 +97,7 @@ class CostlyCases(RecordKind):
         return records.COSTLY_CASES
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key does not belong to the other kinds."""
+        """Return whether a key or pattern belongs neither to section K nor to CalculiX."""
         return not pattern.startswith(("K/", "calculix/"))
 
     def list_keys(self) -> list[str]:
@@ -92,8 +105,8 @@ class CostlyCases(RecordKind):
         self._cases_by_key = find_costly_cases()
         return list(self._cases_by_key)
 
-    def compute(self, key: str) -> Row:
-        """Run the case of a key."""
+    def compute(self, key: str) -> RecordRow:
+        """Run the costly case with the given key; return its row."""
         case = self._cases_by_key[key]
         start = process_time()
         result = case.run(**case.parameters)
@@ -104,15 +117,17 @@ class CostlyCases(RecordKind):
             "dofs": result.dofs,
             "seconds": round(process_time() - start, 1),
         }
-        return records.create_row(key, records.digest_input(case.stored_parameters), content)
+        return records.create_row_with_current_date(
+            key, records.digest_input(case.stored_parameters), content
+        )
 
-    def is_worth_recording(self, row: Row) -> bool:
-        """Return whether a case takes long enough to be recorded."""
-        return records.is_costly(row)
+    def is_worth_recording(self, row: RecordRow) -> bool:
+        """Return whether the recorded CPU time of a case exceeds the limit for recording."""
+        return records.takes_long_enough_to_record(row)
 
 
-class TimeAndMemory(RecordKind):
-    """Measurements of section K."""
+class TimeAndMemoryRecords(RecordKind):
+    """Records of the computing times and memory that section K measures."""
 
     title = "time and memory of section K"
 
@@ -122,7 +137,7 @@ class TimeAndMemory(RecordKind):
         return records.TIME_AND_MEMORY
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key belongs to section K."""
+        """Return whether a key or pattern belongs to section K."""
         return pattern.startswith("K/")
 
     def list_keys(self) -> list[str]:
@@ -131,20 +146,20 @@ class TimeAndMemory(RecordKind):
 
         return [measurement.key for measurement in list_measurements()]
 
-    def compute(self, key: str) -> Row:
-        """Measure time and memory."""
-        from study.benchmarks.k_cost.measure import list_measurements, measure
+    def compute(self, key: str) -> RecordRow:
+        """Measure time and memory for the problem with the given key; return the row."""
+        from study.benchmarks.k_cost.measure import list_measurements, measure_and_make_record_row
 
         (measurement,) = (candidate for candidate in list_measurements() if candidate.key == key)
-        return measure(measurement)
+        return measure_and_make_record_row(measurement)
 
     def needs_calculix(self, key: str) -> bool:
         """Return whether the measurement of a key runs CalculiX."""
         return key.endswith("-CalculiX")
 
 
-class CalculixAnswers(RecordKind):
-    """Results of CalculiX for the comparison problems."""
+class CalculixResultRecords(RecordKind):
+    """Records of the results that CalculiX computes for the comparison problems."""
 
     title = "answers of CalculiX"
 
@@ -154,26 +169,36 @@ class CalculixAnswers(RecordKind):
         return records.CALCULIX
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key belongs to a problem for CalculiX."""
+        """Return whether a key or pattern belongs to the problems for CalculiX."""
         return pattern.startswith("calculix/")
 
     def list_keys(self) -> list[str]:
         """Return the keys of all problems for CalculiX."""
-        return [calculix.row_key(name) for name in PROBLEMS]
+        return [calculix.record_row_key(name) for name in PROBLEMS]
 
-    def compute(self, key: str) -> Row:
-        """Run CalculiX for the problem of a key."""
+    def compute(self, key: str) -> RecordRow:
+        """Run CalculiX for the problem with the given key; return the row of its results.
+
+        Raises:
+            CalculixError: If CalculiX is not installed or fails.
+        """
         name, program = key.partition("/")[2], calculix.find_calculix()
         if program is None:
             raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
-        return calculix.create_row(name, calculix.compute_answer(name, program))
+        return calculix.make_record_row(name, calculix.run_calculix_on_problem(name, program))
 
     def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
         """Return true, because all rows of this kind are computed by CalculiX."""
         return True
 
-    def compare_rows(self, recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-        """Compare input decks by their digests, and numbers with the tolerance for CalculiX."""
+    def compare_rows(
+        self, recorded: dict[str, RecordRow], computed: dict[str, RecordRow]
+    ) -> list[str]:
+        """Compare recorded and computed results of CalculiX; return messages on rows that differ.
+
+        A row differs if the digests of the input decks differ, or if the largest difference of the
+        numbers exceeds the tolerance for CalculiX. The largest difference of all rows is printed.
+        """
         messages, max_difference = [], 0.0
         for key, row in computed.items():
             if key not in recorded:
@@ -183,9 +208,9 @@ class CalculixAnswers(RecordKind):
                 messages.append(f"{key}: the deck is not the one of the record")
                 continue
             computed_answer, recorded_answer = (
-                calculix.answer_of_row(answer_row) for answer_row in (row, recorded[key])
+                calculix.result_from_record_row(answer_row) for answer_row in (row, recorded[key])
             )
-            difference = calculix.largest_difference(computed_answer, recorded_answer)
+            difference = calculix.largest_relative_difference(computed_answer, recorded_answer)
             max_difference = max(max_difference, difference)
             if difference > calculix.TOLERANCE:
                 versions = (
@@ -200,7 +225,10 @@ class CalculixAnswers(RecordKind):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute rows, and write or compare them.
+    """Recompute records, and write them or compare them with the existing files.
+
+    Args:
+        arguments: Command-line arguments; by default, those of this process.
 
     Returns:
         Exit status: 1 if numbers differ, CalculiX fails, or all requested rows are skipped;
@@ -216,7 +244,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     messages: list[str] = []
     n_computed, n_skipped = 0, 0
-    for kind in (CalculixAnswers(), CostlyCases(), TimeAndMemory()):
+    for kind in (CalculixResultRecords(), CostlyCaseRecords(), TimeAndMemoryRecords()):
         patterns = [pattern for pattern in options.keys if kind.may_have_key(pattern)]
         if options.keys and not patterns:
             continue
@@ -236,7 +264,9 @@ def main(arguments: list[str] | None = None) -> int:
                 file=sys.stderr,
                 flush=True,
             )
-        computed, failures = _compute_rows(kind, computable_keys, all_keys, write=not options.check)
+        computed, failures = _compute_and_write_rows(
+            kind, computable_keys, all_keys, write=not options.check
+        )
         n_computed += len(computed)
         messages += failures
         if options.check and computed:
@@ -265,16 +295,23 @@ def select_keys(keys: Sequence[str], patterns: Sequence[str]) -> list[str]:
 def find_costly_cases() -> dict[str, Case]:
     """Return the costly cases of all sections, by key."""
     cases = [case for section in SECTIONS for case in load_section(section).cases]
-    recomputed_cases = [case.recomputed or case for case in cases]
+    recomputed_cases = [case.computing_case or case for case in cases]
     return {case.key: case for case in recomputed_cases if case.costly}
 
 
-def _compute_rows(
+def _compute_and_write_rows(
     kind: RecordKind, keys: Sequence[str], all_keys: Sequence[str], write: bool
-) -> tuple[dict[str, Row], list[str]]:
-    """Compute rows; return them and the error messages of CalculiX.
+) -> tuple[dict[str, RecordRow], list[str]]:
+    """Compute rows of one kind, and write the file after each row if `write` is true.
 
-    If `write` is true, the file is written after each row.
+    Args:
+        kind: Kind of the rows.
+        keys: Keys of the rows to be computed.
+        all_keys: Keys of all rows of this kind, in the order of the file.
+        write: Whether to write the file; rows that are not computed are kept.
+
+    Returns:
+        Computed rows by key, and the error messages of CalculiX.
     """
     rows, computed, failures = dict(records.read_rows(kind.path)), {}, []
     for key in keys:
@@ -293,8 +330,14 @@ def _compute_rows(
     return computed, failures
 
 
-def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list[str]:
-    """Print the largest difference of each kind; return a message if any is too large."""
+def _print_and_check_scalar_differences(
+    recorded: dict[str, RecordRow], computed: dict[str, RecordRow]
+) -> list[str]:
+    """Print the largest difference between recorded and computed scalars, for each kind of scalar.
+
+    Returns:
+        A message with the number of excessive differences; empty if there are none.
+    """
     kinds = (
         compare_versions.COUNTS_AND_TIMES,
         *compare_versions.RECORD_KINDS,
@@ -309,7 +352,7 @@ def _compare_scalars(recorded: dict[str, Row], computed: dict[str, Row]) -> list
                 scalars = content.get("scalars") or content["measured"]
                 result = records.recorded(scalars, content.get("units", {}), 0)
                 save(path, section, case, result, {"key": key}, {})
-        differences, unpaired = compare_versions.compare(
+        differences, unpaired = compare_versions.compare_scalars_of_folders(
             Results(old_folder), Results(new_folder), kinds
         )
     print(compare_versions.format_differences(differences, unpaired, kinds))

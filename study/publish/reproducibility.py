@@ -26,7 +26,7 @@ from study.run.cases import SECTIONS
 from study.run.store import Results, StoredResult
 
 MEASURED_SCALAR = re.compile(r"(seconds|megabytes|over_linear|over_bare|over_solutions)$")
-"""Pattern of names of measured times, memory and their ratios, which differ in each run."""
+"""Pattern for names of scalars that differ in each run: measured times, memory and ratios."""
 
 LIBRARY_NAMES = {
     "dolfinx": "DOLFINx",
@@ -44,13 +44,14 @@ _MUMPS_VERSION = re.compile(rb"(?<![\d.])[4-9]\.\d{1,2}\.\d{1,2}(?![\d.])")
 
 
 class ComputingTime(NamedTuple):
-    """Computing time of the results.
+    """Computing time of all results, divided into computed and recorded results.
 
     Attributes:
-        computed_seconds: Sum over all computed results of elapsed seconds times the number of
-            processes.
-        recorded_seconds: CPU seconds of the results that were read from tracked records.
-        n_results: Number of results.
+        computed_seconds: Elapsed seconds multiplied by the number of processes, summed over the
+            computed results.
+        recorded_seconds: CPU seconds, summed over the results that were read from the records in
+            version control.
+        n_results: Number of results of both types.
     """
 
     computed_seconds: float
@@ -59,9 +60,9 @@ class ComputingTime(NamedTuple):
 
 
 def read_stored_versions(results: Results) -> dict[str, list[str]]:
-    """Return, for each library, all versions with which results were computed."""
+    """Return, by library, the sorted versions with which the stored results were computed."""
     versions: dict[str, set[str]] = {}
-    for result in _readable_results(results):
+    for result in _list_all_readable_results(results):
         for package, version in result.provenance.get("versions", {}).items():
             versions.setdefault(LIBRARY_NAMES.get(package, package), set()).add(version)
     return {name: sorted(versions[name]) for name in LIBRARY_NAMES.values() if name in versions} | {
@@ -70,10 +71,10 @@ def read_stored_versions(results: Results) -> dict[str, list[str]]:
 
 
 @cache
-def read_environment_versions() -> dict[str, str]:
-    """Return the versions in the current environment that are not stored with results.
+def read_versions_not_stored_with_results() -> dict[str, str]:
+    """Return the versions of MUMPS, BLAS, SciPy and Python, which are not stored with results.
 
-    The versions of MUMPS and BLAS are those loaded with PETSc, NumPy and SciPy.
+    MUMPS and BLAS are identified from the shared libraries that PETSc, NumPy and SciPy load.
     """
     for module in ("scipy.linalg", "petsc4py.PETSc"):
         try:
@@ -84,14 +85,21 @@ def read_environment_versions() -> dict[str, str]:
     return {
         "MUMPS": read_mumps_version(libraries),
         "BLAS": read_blas_version(libraries),
-        "SciPy": _read_version("scipy"),
+        "SciPy": _read_distribution_version("scipy"),
         "Python": platform.python_version(),
     }
 
 
-def read_mumps_version(libraries: list[Path]) -> str:
-    """Return the version that is contained in the double-precision library of MUMPS."""
-    for library in libraries:
+def read_mumps_version(shared_libraries: list[Path]) -> str:
+    """Return the version number contained in the double-precision library of MUMPS.
+
+    Args:
+        shared_libraries: Shared libraries, e.g. those of `_list_loaded_libraries`.
+
+    Returns:
+        The version, or "not identified" if there is no such library or no unique version number.
+    """
+    for library in shared_libraries:
         if library.name.startswith("libdmumps"):
             versions = {match.decode() for match in _MUMPS_VERSION.findall(library.read_bytes())}
             if len(versions) == 1:
@@ -99,15 +107,21 @@ def read_mumps_version(libraries: list[Path]) -> str:
     return "not identified"
 
 
-def read_blas_version(libraries: list[Path]) -> str:
-    """Return the name and version of the loaded BLAS, or the file name if it is not OpenBLAS.
+def read_blas_version(shared_libraries: list[Path]) -> str:
+    """Return name and version of each loaded BLAS library, or its file name if it is not OpenBLAS.
 
-    Several libraries may be listed, because NumPy may use a different one than PETSc.
+    There may be several, because NumPy may use a different BLAS than PETSc.
+
+    Args:
+        shared_libraries: Shared libraries, e.g. those of `_list_loaded_libraries`.
+
+    Returns:
+        Names separated by commas, or "not identified".
     """
     names = set()
-    for library in libraries:
+    for library in shared_libraries:
         if "openblas" in library.name:
-            names.add(_read_openblas_configuration(library))
+            names.add(_read_openblas_version(library))
         elif re.match(r"lib(blis|mkl_rt|mkl_core|atlas)\b", library.name):
             names.add(library.name)
     return ", ".join(sorted(names)) or "not identified"
@@ -129,7 +143,7 @@ def sum_computing_time(results: Results) -> ComputingTime:
     rows = records.read_rows(records.COSTLY_CASES)
     computed = recorded = 0.0
     n_results = 0
-    for result in _readable_results(results):
+    for result in _list_all_readable_results(results):
         n_results += 1
         if not result.record:
             provenance = result.provenance
@@ -139,15 +153,15 @@ def sum_computing_time(results: Results) -> ComputingTime:
     return ComputingTime(computed, recorded, n_results)
 
 
-def digest_numbers(results: Results) -> str:
-    """Return the SHA-256 digest of all numbers of all readable results, in hexadecimal digits.
+def digest_scalars_and_curves(results: Results) -> str:
+    """Return the hexadecimal SHA-256 digest of all scalars and curves of all readable results.
 
-    The digest depends on sections, cases, and names and values of scalars and curves. It does not
-    depend on their order, on provenance, or on measured times and memory. Since it changes with
-    every bit, a processor with different round-off gives a different digest.
+    The digest covers keys of results, and names and values of scalars and curves, regardless of
+    their order. It excludes provenance and measured time and memory. Since every bit of a value
+    counts, processors with different round-off give different digests.
     """
     lines = []
-    for result in _readable_results(results):
+    for result in _list_all_readable_results(results):
         lines += [
             f"{result.key} {name} {value + 0.0!r}"  # -0.0 is 0.0
             for name, value in result.scalars.items()
@@ -160,11 +174,14 @@ def digest_numbers(results: Results) -> str:
 
 
 def list_commits(results: Results) -> list[str]:
-    """Return the commits with which results were computed, with "+" if files were modified."""
+    """Return the sorted, abbreviated commits with which the results were computed.
+
+    A commit ends in "+" if files had been modified.
+    """
     return sorted(
         {
             f"{commit[:10]}{'+' if result.provenance.get('dirty') else ''}"
-            for result in _readable_results(results)
+            for result in _list_all_readable_results(results)
             if (commit := result.provenance.get("commit"))
         }
     )
@@ -184,19 +201,19 @@ def read_citation() -> dict[str, str]:
 
 
 def summarize_reproducibility(results: Results) -> dict[str, Any]:
-    """Return all data for the report's box on reproducibility."""
+    """Collect the data for the box on reproducibility in the report: versions, time, digest etc."""
     return {
         "stored_versions": read_stored_versions(results),
-        "environment_versions": read_environment_versions(),
+        "environment_versions": read_versions_not_stored_with_results(),
         "processor": describe_processor(),
         "time": sum_computing_time(results),
-        "digest": digest_numbers(results),
+        "digest": digest_scalars_and_curves(results),
         "commits": list_commits(results),
         "citation": read_citation(),
     }
 
 
-def _readable_results(results: Results) -> list[StoredResult]:
+def _list_all_readable_results(results: Results) -> list[StoredResult]:
     return [result for section in SECTIONS for result in results.readable_results(section)]
 
 
@@ -212,7 +229,7 @@ def _digest_array(array: np.ndarray) -> str:
 
 
 def _list_loaded_libraries() -> list[Path]:
-    """Return the sorted shared libraries that this process has loaded; empty without /proc."""
+    """Return the sorted shared libraries loaded by this process; empty on systems without /proc."""
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -221,8 +238,8 @@ def _list_loaded_libraries() -> list[Path]:
     return [Path(path) for path in sorted(paths) if Path(path).is_file()]
 
 
-def _read_openblas_configuration(library: Path) -> str:
-    """Return "OpenBLAS" and the version that the library reports, or otherwise its file name."""
+def _read_openblas_version(library: Path) -> str:
+    """Return a text such as "OpenBLAS 0.3.26", or the file name if the library gives no version."""
     try:
         read_configuration = ctypes.CDLL(str(library)).openblas_get_config
     except (AttributeError, OSError):
@@ -233,7 +250,7 @@ def _read_openblas_configuration(library: Path) -> str:
     return match[0] if match else library.name
 
 
-def _read_version(distribution: str) -> str:
+def _read_distribution_version(distribution: str) -> str:
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -241,4 +258,4 @@ def _read_version(distribution: str) -> str:
 
 
 if __name__ == "__main__":
-    print(digest_numbers(Results(sys.argv[1] if len(sys.argv) > 1 else "results")))
+    print(digest_scalars_and_curves(Results(sys.argv[1] if len(sys.argv) > 1 else "results")))

@@ -20,15 +20,15 @@ from study.run.store import Results, StoredResult, StudyError
 
 @dataclass(frozen=True)
 class ScalarKind:
-    """Kind of scalars, and how scalars of this kind are compared.
+    """Kind of scalars that are compared with the same tolerance.
 
     Attributes:
         name: Name of the kind.
-        pattern: Regular expression that is searched for in "section/case scalar".
-        scale: Value by which differences are divided: "value" is the larger of the two values,
-            "case" the largest value of this kind in the case, and "one" the larger of the two
-            values but at least 1.
-        tolerance: Largest accepted scaled difference.
+        pattern: Regular expression for "section/case scalar"; matching scalars belong to the kind.
+        scale: Value by which differences are divided: "value" is the larger absolute value of the
+            two scalars, "case" is the largest absolute value of this kind in the case, and "one" is
+            like "value", but at least 1.
+        tolerance: Largest accepted difference after this division.
         why: Reason why the tolerance is not smaller.
     """
 
@@ -110,7 +110,7 @@ KINDS: tuple[ScalarKind, ...] = (
     ),
     ScalarKind("all others", "", "value", 1e-8, "conditioning of the systems times round-off"),
 )
-"""Kinds of scalars; a scalar belongs to the first kind whose pattern it matches."""
+"""Kinds of scalars; each scalar belongs to the first kind whose pattern it matches."""
 
 
 COUNTS_AND_TIMES = ScalarKind(
@@ -137,23 +137,35 @@ RECORD_KINDS: tuple[ScalarKind, ...] = (
         "the Krylov solver is exact to its tolerance; set before a value was seen",
     ),
 )
-"""Kinds of scalars in the record of section K (time and memory)."""
+"""Kinds of the scalars that section K measures."""
 
 
-def with_tolerance(tolerance: float) -> tuple[ScalarKind, ...]:
-    """Return the kinds with the same tolerance, for results of identical library versions."""
+def scalar_kinds_with_equal_tolerance(tolerance: float) -> tuple[ScalarKind, ...]:
+    """Return all kinds of scalars with one tolerance, for results of identical versions.
+
+    Numbers of iterations and computing times keep their infinite tolerance.
+    """
     return (COUNTS_AND_TIMES, *(replace(kind, tolerance=tolerance) for kind in KINDS))
 
 
 @dataclass(frozen=True)
-class Difference:
-    """Difference `size` of a scalar between two folders, divided by the scale of its kind."""
+class ScalarDifference:
+    """Difference of one scalar between two folders of results.
+
+    Attributes:
+        kind: Kind of the scalar.
+        key: Key of the case.
+        name: Name of the scalar.
+        first_value: Value in the first folder.
+        second_value: Value in the second folder.
+        size: Absolute difference, divided by the value that `ScalarKind.scale` defines.
+    """
 
     kind: ScalarKind
     key: str
     name: str
-    first: float
-    second: float
+    first_value: float
+    second_value: float
     size: float
 
     @property
@@ -162,50 +174,76 @@ class Difference:
         return not self.size <= self.kind.tolerance
 
 
-def compare(
-    first: Results, second: Results, kinds: tuple[ScalarKind, ...] = KINDS, subset: bool = False
-) -> tuple[list[Difference], list[str]]:
-    """Return the differences of all scalars, and the names of unpaired cases and scalars.
+def compare_scalars_of_folders(
+    first: Results,
+    second: Results,
+    kinds: tuple[ScalarKind, ...] = KINDS,
+    second_may_lack_cases: bool = False,
+) -> tuple[list[ScalarDifference], list[str]]:
+    """Compare all scalars of two folders of results.
 
-    If `subset` is true, cases that are missing from the second folder are ignored.
+    Args:
+        first: Results of the first folder.
+        second: Results of the second folder.
+        kinds: Kinds of scalars, with their tolerances.
+        second_may_lack_cases: Whether the second folder may lack cases of the first.
+
+    Returns:
+        Differences of all scalars that both folders contain, and names of cases and scalars that
+        only one folder contains.
     """
-    differences: list[Difference] = []
+    differences: list[ScalarDifference] = []
     unpaired: list[str] = []
     for section in SECTIONS:
         cases = [{case.key: case for case in one.section(section)} for one in (first, second)]
         unpaired += sorted(cases[1].keys() - cases[0].keys())
-        unpaired += [] if subset else sorted(cases[0].keys() - cases[1].keys())
+        unpaired += [] if second_may_lack_cases else sorted(cases[0].keys() - cases[1].keys())
         for key in sorted(cases[0].keys() & cases[1].keys()):
             one, other = cases[0][key], cases[1][key]
             unpaired += [
                 f"{key} {name}" for name in sorted(one.scalars.keys() ^ other.scalars.keys())
             ]
-            differences += _compare_case(one, other, kinds)
+            differences += _compare_scalars_of_case(one, other, kinds)
     return differences, unpaired
 
 
-def _compare_case(
-    one: StoredResult, other: StoredResult, all_kinds: tuple[ScalarKind, ...]
-) -> Iterator[Difference]:
-    common = [name for name in one.scalars if name in other.scalars]
-    kinds = {name: find_kind(f"{one.key} {name}", all_kinds) for name in common}
-    size = {name: max(abs(one.scalars[name]), abs(other.scalars[name])) for name in common}
+def _compare_scalars_of_case(
+    first_result: StoredResult, second_result: StoredResult, all_kinds: tuple[ScalarKind, ...]
+) -> Iterator[ScalarDifference]:
+    common = [name for name in first_result.scalars if name in second_result.scalars]
+    kinds = {name: find_kind_of_scalar(f"{first_result.key} {name}", all_kinds) for name in common}
+    size = {
+        name: max(abs(first_result.scalars[name]), abs(second_result.scalars[name]))
+        for name in common
+    }
     for name, kind in kinds.items():
         largest = max(size[like] for like in common if kinds[like] is kind)
         scale = {"value": size[name], "case": largest, "one": max(1.0, size[name])}[kind.scale]
-        a, b = one.scalars[name], other.scalars[name]
-        yield Difference(kind, one.key, name, a, b, abs(a - b) / scale if a != b else 0.0)
+        a, b = first_result.scalars[name], second_result.scalars[name]
+        yield ScalarDifference(
+            kind, first_result.key, name, a, b, abs(a - b) / scale if a != b else 0.0
+        )
 
 
-def find_kind(scalar: str, kinds: tuple[ScalarKind, ...] = KINDS) -> ScalarKind:
-    """Return the kind of a scalar, given as "section/case name"."""
-    return next(kind for kind in kinds if re.search(kind.pattern, scalar))
+def find_kind_of_scalar(
+    key_and_scalar_name: str, kinds: tuple[ScalarKind, ...] = KINDS
+) -> ScalarKind:
+    """Return the first kind whose pattern matches a scalar, given as "section/case name"."""
+    return next(kind for kind in kinds if re.search(kind.pattern, key_and_scalar_name))
 
 
 def format_differences(
-    differences: list[Difference], unpaired: list[str], kinds: tuple[ScalarKind, ...] = KINDS
+    differences: list[ScalarDifference],
+    unpaired_names: list[str],
+    kinds: tuple[ScalarKind, ...] = KINDS,
 ) -> str:
-    """Format the largest difference of each kind, all excessive differences and unpaired names."""
+    """Format the largest difference of each kind, all excessive differences, and unpaired names.
+
+    Args:
+        differences: Differences from `compare_scalars_of_folders`.
+        unpaired_names: Names of cases and scalars that only one folder contains.
+        kinds: Kinds of scalars, in the order of the text.
+    """
     lines = []
     for kind in kinds:
         of_kind = sorted((d for d in differences if d.kind is kind), key=lambda d: -d.size)
@@ -222,14 +260,22 @@ def format_differences(
             shown = [d for d in of_kind if d.too_large] or of_kind[:1]
             lines += [
                 f"{'  TOO LARGE' if d.too_large else '  largest'}: {d.key} {d.name} "
-                f"{d.first:.12g} and {d.second:.12g}"
+                f"{d.first_value:.12g} and {d.second_value:.12g}"
                 for d in shown
             ]
-    return "\n".join([*lines, *(f"in one folder only: {name}" for name in unpaired)])
+    return "\n".join([*lines, *(f"in one folder only: {name}" for name in unpaired_names)])
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare two folders of results; return the exit status."""
+    """Compare two folders of results, and print the differences.
+
+    Args:
+        arguments: Command-line arguments; by default, those of this process.
+
+    Returns:
+        Exit status: 0 if all scalars agree; 1 if a difference is too large, or if a case or scalar
+        is in one folder only; 2 if results cannot be read.
+    """
     parser = argparse.ArgumentParser(prog="study.run.compare_versions", description=__doc__)
     parser.add_argument("folders", nargs=2, type=Path, metavar="DIR")
     parser.add_argument(
@@ -240,12 +286,16 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     folders = options.folders
-    kinds = KINDS if options.tolerance is None else with_tolerance(options.tolerance)
+    kinds = (
+        KINDS if options.tolerance is None else scalar_kinds_with_equal_tolerance(options.tolerance)
+    )
     try:
         results = [Results(folder) for folder in folders]
         for folder, one in zip(folders, results, strict=True):
-            print(f"{folder}: {', '.join(_list_versions(one)) or 'nothing'}")
-        differences, unpaired = compare(results[0], results[1], kinds, options.subset)
+            print(f"{folder}: {', '.join(_list_dolfinx_and_petsc_versions(one)) or 'nothing'}")
+        differences, unpaired = compare_scalars_of_folders(
+            results[0], results[1], kinds, options.subset
+        )
     except StudyError as error:
         print(f"study.run.compare_versions: {error}", file=sys.stderr)
         return 2
@@ -257,8 +307,8 @@ def main(arguments: list[str] | None = None) -> int:
     return int(n_wrong > 0 or not differences)
 
 
-def _list_versions(results: Results) -> list[str]:
-    """Return the versions of DOLFINx and PETSc that computed the results of a folder."""
+def _list_dolfinx_and_petsc_versions(results: Results) -> list[str]:
+    """Return the versions of DOLFINx and PETSc with which the results were computed."""
     names = set()
     for section in SECTIONS:
         for case in results.section(section):

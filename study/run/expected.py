@@ -14,23 +14,29 @@ from study.run.store import Results
 
 TABLE_FILE = Path(__file__).with_name("expected_seconds.json")
 MIN_TABLE_SECONDS = 1.0
-"""Shortest time that the table contains; shorter cases run last, in any order."""
+"""Shortest time in the table; cases that take less are run last, in any order."""
 
 
-def expected_seconds(results: Results) -> dict[str, float]:
-    """Return the expected seconds of each case, from stored results or otherwise from the table."""
-    return read_expected_table() | stored_seconds(results)
+def expect_seconds_of_cases(results: Results) -> dict[str, float]:
+    """Return the expected computing time of each case in seconds, by key.
+
+    It is the time stored with an earlier result, or otherwise that of the table.
+    """
+    return read_table_of_expected_seconds() | read_seconds_of_stored_results(results)
 
 
 @cache
-def read_expected_table() -> dict[str, float]:
-    """Return the expected seconds of the cases that take longer than `MIN_TABLE_SECONDS`."""
+def read_table_of_expected_seconds() -> dict[str, float]:
+    """Read the table of expected computing times in seconds, by key of the case.
+
+    The table contains only cases that take at least `MIN_TABLE_SECONDS`.
+    """
     table: dict[str, float] = json.loads(TABLE_FILE.read_bytes())
     return table
 
 
-def stored_seconds(results: Results) -> dict[str, float]:
-    """Return the seconds that each stored result took, including outdated results."""
+def read_seconds_of_stored_results(results: Results) -> dict[str, float]:
+    """Read the computing time of each stored result in seconds, by key, even if outdated."""
     seconds = {}
     for path in results.folder.glob("*/*.json"):
         try:
@@ -42,7 +48,9 @@ def stored_seconds(results: Results) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    stored = stored_seconds(Results(sys.argv[1] if len(sys.argv) > 1 else "results"))
+    stored = read_seconds_of_stored_results(
+        Results(sys.argv[1] if len(sys.argv) > 1 else "results")
+    )
     rounded = {key: round(seconds, 1) for key, seconds in stored.items()}
     longest = sorted(
         (-seconds, key) for key, seconds in rounded.items() if seconds >= MIN_TABLE_SECONDS

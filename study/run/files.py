@@ -1,7 +1,7 @@
-"""Functions of `pw_elements.files` for modules of the study that must not import the solver.
+"""Import `pw_elements.files` without importing the solver.
 
 `import pw_elements` imports DOLFINx, which is not needed to read results. The module `files`, which
-uses only the standard library, is therefore loaded directly from its file, under its full name.
+uses the standard library only, is therefore loaded directly from its file, under its full name.
 """
 
 import sys
@@ -12,7 +12,7 @@ from types import ModuleType
 _MODULE_NAME = "pw_elements.files"
 
 
-def _load_library_files() -> ModuleType:
+def _load_files_module_without_solver() -> ModuleType:
     if _MODULE_NAME in sys.modules:
         return sys.modules[_MODULE_NAME]
     package = find_spec("pw_elements")
@@ -27,7 +27,7 @@ def _load_library_files() -> ModuleType:
     return module
 
 
-_files = _load_library_files()
+_files = _load_files_module_without_solver()
 ForeignFileOrFolder = _files.ForeignFileOrFolder
 check_file_replaceable = _files.check_file_replaceable
 create_or_claim_folder = _files.create_or_claim_folder

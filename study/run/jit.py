@@ -1,4 +1,4 @@
-"""Recover if another process that compiles the same form is slow or has been killed."""
+"""Recover from compilations of forms by other processes that are slow or were killed."""
 
 import re
 import time
@@ -7,16 +7,22 @@ from pathlib import Path
 _TIMED_OUT = re.compile(r"JIT compilation timed out.* remove (/.*\.c)\)")
 _FILE_EXISTS = re.compile(r"File exists: '(/.*\.c)\.cached'")
 STALE_SECONDS = 60.0
-"""Seconds without changes to the files after which a compilation is considered killed."""
+"""Time in seconds without changes to its files after which a compilation is taken as killed."""
 
 
 def recover_from_jit_conflict(error: Exception) -> bool:
-    """Return whether an exception was caused by another process compiling the same form.
+    """Return whether an error is due to another process that compiles the same form.
 
-    If so, the caller should try again. DOLFINx leaves a form to the process that has begun to
-    compile it, and fails after ten seconds of waiting; if that process was killed, every attempt
-    fails. In this case, or if two processes have compiled the same form, the form's files are
-    removed; otherwise the other process is given more time.
+    DOLFINx lets the first process compile a form, and other processes wait for it; they fail after
+    ten seconds. If the first process was killed, all attempts fail. The files of the form are
+    therefore removed if they have not changed for `STALE_SECONDS`, or if two processes have
+    compiled the form.
+
+    Args:
+        error: Exception that a computation raised.
+
+    Returns:
+        True if the computation should be tried again.
     """
     timed_out, file_exists = (p.search(str(error)) for p in (_TIMED_OUT, _FILE_EXISTS))
     match = timed_out or file_exists

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 STUDY = Path(__file__).parents[1]
 SECTION_LINE = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
 _SECTION_LETTERS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
-"""Letters of the sections, in the order of the report; the paper's sections have no letter."""
+"""First letters of section names, in the order of the report; sections of the paper have none."""
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """Figure that is drawn by a function on the page of its section.
+    """Definition of a figure on the page of a section.
 
     Attributes:
         name: Name of the figure's files, without extension.
-        draw: Function that draws the figure from stored results. The first line of its docstring
-            is the figure's title.
-        needs: Keys of the results that the figure needs.
+        draw: Function that draws the figure from stored results. The first line of its docstring is
+            the title of the figure.
+        needs: Keys of the results that the figure requires.
         caption: Caption, or a function that returns it for given results.
         alt: Description for readers who cannot see the figure, or a function that returns it for
             given results.
@@ -45,11 +45,14 @@ class PageFigure:
     alt: "str | Callable[[Results], str]"
 
 
-def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, str]:
-    """Return the module of each section, in the order of the report.
+def find_module_of_each_section(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, str]:
+    """Find the pages of the study by the constant `SECTION` in their source code.
 
     Args:
         folders: Subfolders of `study` to search.
+
+    Returns:
+        Full module name of each page, by name of section, in the order of the report.
     """
     modules = {}
     for folder in folders:
@@ -57,23 +60,26 @@ def find_pages(folders: Sequence[str] = ("paper", "benchmarks")) -> dict[str, st
             if match := SECTION_LINE.search(path.read_text(encoding="utf-8")):
                 parts = path.relative_to(STUDY.parent).with_suffix("").parts
                 modules[match[1]] = ".".join(parts)
-    return {section: modules[section] for section in sorted(modules, key=section_order)}
+    return {section: modules[section] for section in sorted(modules, key=section_sort_key)}
 
 
-def section_order(section: str) -> tuple[int, float, str]:
-    """Return the sorting key of a section; V9 comes before V10, and unknown letters come last."""
+def section_sort_key(section: str) -> tuple[int, float, str]:
+    """Return the sorting key of a section; V9 precedes V10, and unknown letters come last."""
     letter = section.rstrip("0123456789.")
     group = _SECTION_LETTERS.index(letter) if letter in _SECTION_LETTERS else len(_SECTION_LETTERS)
     return group, float(section.removeprefix(letter) or 0), section
 
 
-def read_constants(path: Path) -> Mapping[str, Any]:
-    """Return the values of all constants to which a module assigns literals, by name."""
-    return _read_constants(path.read_bytes())
+def read_literal_constants(path: Path) -> Mapping[str, Any]:
+    """Read the values of a module's constants, by name, without importing the module.
+
+    Only assignments of literals at the top level are read, not computed values.
+    """
+    return _parse_literal_constants(path.read_bytes())
 
 
 @cache
-def _read_constants(source: bytes) -> dict[str, Any]:
+def _parse_literal_constants(source: bytes) -> dict[str, Any]:
     constants = {}
     for node in ast.parse(source).body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
@@ -84,13 +90,13 @@ def _read_constants(source: bytes) -> dict[str, Any]:
     return constants
 
 
-def list_figures(path: Path) -> list[str]:
-    """Return the names of the figures in the list `FIGURES` of a page."""
-    return list(_list_figures(path.read_bytes()))
+def list_names_of_page_figures(path: Path) -> list[str]:
+    """Return the names of the figures in the constant `FIGURES` of a page, without importing it."""
+    return list(_parse_names_of_page_figures(path.read_bytes()))
 
 
 @cache
-def _list_figures(source: bytes) -> tuple[str, ...]:
+def _parse_names_of_page_figures(source: bytes) -> tuple[str, ...]:
     for node in ast.parse(source).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FIGURES":
             assert isinstance(node.value, ast.List)

@@ -1,4 +1,4 @@
-"""Run tasks in worker processes, such that a failed or killed task does not affect the others."""
+"""Run tasks in worker processes; a task that fails or is killed does not affect the others."""
 
 import heapq
 import importlib
@@ -21,19 +21,20 @@ Channel: TypeAlias = connection.Connection
 
 @dataclass(frozen=True)
 class Task:
-    """Function call to be executed by a worker process, which imports the function's module.
+    """Function call that a worker process executes.
 
     Attributes:
         name: Name of the task.
-        function: Function to call, or "module:name" if only the worker should import the module.
-        arguments: Arguments of the call.
-        cost: Expected seconds; the longest tasks start first.
+        function: Function to call, or its name as "module:name" if only the worker should import
+            it.
+        arguments: Positional arguments.
+        expected_seconds: Expected time in seconds; tasks that take longest start first.
     """
 
     name: str
     function: Callable[..., Any] | str
     arguments: tuple[Any, ...] = ()
-    cost: float = 0.0
+    expected_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class TaskFailure:
     """Outcome of a task that raised an exception.
 
     Attributes:
-        message: Description of the exception in one line.
+        message: One-line description of the exception.
     """
 
     message: str
@@ -49,21 +50,21 @@ class TaskFailure:
 
 @dataclass(frozen=True)
 class TaskKilled:
-    """Outcome of a task whose process was killed."""
+    """Outcome of a task whose worker process was killed, e.g. because it ran out of memory."""
 
 
 class Pool:
-    """Pool of worker processes; iteration yields each completed task with its outcome.
+    """Pool of worker processes; iterating over it yields each completed task and its outcome.
 
-    Tasks can be added during the iteration. Workers do not handle signals, and they exit when this
-    process does.
+    The outcome is the value that the function returns, a `TaskFailure` or a `TaskKilled`. Tasks can
+    be added during the iteration. Workers block signals, and exit when this process does.
 
     Args:
-        processes: Maximum number of processes, which are started on demand.
+        max_processes: Maximum number of worker processes, which are started on demand.
     """
 
-    def __init__(self, processes: int) -> None:
-        self._max_processes = processes
+    def __init__(self, max_processes: int) -> None:
+        self._max_processes = max_processes
         self._queue: list[tuple[float, int, Task]] = []
         self._n_submitted = 0
         self._idle_workers: list[_Worker] = []
@@ -71,8 +72,8 @@ class Pool:
         ignore_broken_pipe_signal()
 
     def submit(self, task: Task) -> None:
-        """Add a task to the queue."""
-        heapq.heappush(self._queue, (-task.cost, self._n_submitted, task))
+        """Add a task; it starts during the iteration, before tasks of smaller expected time."""
+        heapq.heappush(self._queue, (-task.expected_seconds, self._n_submitted, task))
         self._n_submitted += 1
 
     def __iter__(self) -> Iterator[tuple[Task, object]]:
@@ -110,13 +111,15 @@ class Pool:
 
 
 class _Worker:
-    """Worker process and the channel for communicating with it."""
+    """Worker process that executes one task at a time, and the pipe for communicating with it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
         self.channel: Channel
         self.channel, worker_channel = context.Pipe()
-        self._process = context.Process(target=_run_worker, args=(worker_channel,), daemon=True)
+        self._process = context.Process(
+            target=_run_tasks_until_channel_closes, args=(worker_channel,), daemon=True
+        )
         resource_tracker.ensure_running()  # otherwise start() does, and unblocks Ctrl-C
         try:
             with block_signals():  # the process inherits this
@@ -125,7 +128,7 @@ class _Worker:
             worker_channel.close()
 
     def assign(self, task: Task) -> bool:
-        """Send a task to the worker; return False if its process has ended."""
+        """Send a task to the worker; return False if the worker process has ended."""
         try:
             self.channel.send((task.function, task.arguments))
         except OSError:
@@ -133,27 +136,30 @@ class _Worker:
         return True
 
     def wait_for_outcome(self) -> object:
-        """Wait for the end of the task and return its outcome."""
+        """Wait for the end of the task; return its outcome, or `TaskKilled`."""
         try:
             return self.channel.recv()
         except (EOFError, OSError):
             return TaskKilled()
 
     def stop(self) -> None:
-        """Stop the worker process, which must be idle."""
+        """End an idle worker by closing its pipe; kill it if it has not ended in 10 seconds."""
         self.channel.close()
         self._process.join(10)
         self.kill()
 
     def kill(self) -> None:
-        """Kill the worker process; on any other signal, PETSc would print messages."""
+        """Kill the worker process by SIGKILL, because PETSc prints messages on other signals."""
         self.channel.close()
         self._process.kill()
         self._process.join()
 
 
 def ignore_broken_pipe_signal() -> None:
-    """Ignore SIGPIPE, which PETSc treats as a crash; writing to a closed pipe then fails."""
+    """Ignore the signal SIGPIPE, which PETSc treats as a crash.
+
+    Writing to a closed pipe then raises BrokenPipeError.
+    """
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
@@ -165,19 +171,23 @@ def format_error_line(error: BaseException) -> str:
     return f"{message} ({Path(frame.filename).name}, line {frame.lineno})"
 
 
-def _run_worker(channel: Channel) -> None:
-    """Run tasks until the main process closes the channel or ends."""
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+def _run_tasks_until_channel_closes(channel: Channel) -> None:
+    """Execute tasks in a worker process until the main process ends or closes the pipe.
+
+    Args:
+        channel: End of the pipe from which tasks are read and to which outcomes are written.
+    """
+    threading.Thread(target=_exit_when_parent_ends, daemon=True).start()
     while True:
         try:
-            outcome = _run_task(channel)
+            outcome = _receive_and_run_task(channel)
             ignore_broken_pipe_signal()  # again, as PETSc may have been imported
             channel.send(outcome)
         except (EOFError, OSError):
             return
 
 
-def _run_task(channel: Channel) -> object:
+def _receive_and_run_task(channel: Channel) -> object:
     data = channel.recv_bytes()
     try:
         function, arguments = pickle.loads(data)
@@ -189,7 +199,7 @@ def _run_task(channel: Channel) -> object:
         return TaskFailure(format_error_line(error))
 
 
-def _exit_with_parent() -> None:
+def _exit_when_parent_ends() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

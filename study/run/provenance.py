@@ -1,4 +1,4 @@
-"""Provenance of results: commit, package versions, computing time and problem size."""
+"""Collect the provenance of results: commit, package versions, computing time and problem size."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ PACKAGES = {
     "slepc": ("slepc4py", "slepc4py"),
     "numpy": ("numpy", "numpy"),
 }
-"""Distribution and module of each package.
+"""Name of the distribution and of the module of each package, by short name.
 
 The versions of petsc4py and slepc4py equal those of PETSc and SLEPc.
 """
@@ -25,7 +25,10 @@ The versions of petsc4py and slepc4py equal those of PETSc and SLEPc.
 
 @cache
 def package_versions() -> dict[str, str]:
-    """Return the version of each package; only packages without metadata are imported."""
+    """Return the version of each package in `PACKAGES`, or "absent", by short name.
+
+    Packages are imported only if they have no metadata.
+    """
     return {name: _read_version(*package) for name, package in PACKAGES.items()}
 
 
@@ -35,13 +38,14 @@ def create_provenance(
     """Return the provenance that is stored with a result.
 
     Args:
-        seconds: Wall time of the computation.
-        dofs: Degrees of freedom of the discrete problem.
-        processes: Number of MPI processes of the computation.
+        seconds: Elapsed time of the computation in seconds.
+        dofs: Number of degrees of freedom of the discrete problem.
+        processes: Number of MPI processes.
         fingerprint: Digest of everything that the result depends on.
-        record: Tracked file from which the result was read; empty if it was computed.
+        record: File from which the result was read, relative to the project's folder; empty if it
+            was computed.
     """
-    commit, dirty = _read_commit()
+    commit, dirty = _read_commit_and_whether_modified()
     return {
         "commit": commit,
         "dirty": dirty,
@@ -66,8 +70,11 @@ def _read_version(distribution: str, module: str) -> str:
         return "absent"
 
 
-def _read_commit() -> tuple[str, bool | None]:
-    """Return the commit and whether files differ from it, as set in the environment by ./run."""
+def _read_commit_and_whether_modified() -> tuple[str, bool | None]:
+    """Return the commit and whether files differ from it (None if unknown).
+
+    Both are read from the environment variables that ./run sets, or otherwise from git.
+    """
     commit = os.environ.get("PW_ELEMENTS_COMMIT")
     if commit:
         return commit, {"1": True, "0": False}.get(os.environ.get("PW_ELEMENTS_DIRTY", ""))

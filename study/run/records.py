@@ -30,25 +30,25 @@ TIME_AND_MEMORY = FOLDER / "time_and_memory.json"
 CALCULIX = FOLDER / "calculix.json"
 
 COSTLY_SECONDS = 3.0
-"""Minimum CPU seconds for a case to be recorded."""
+"""CPU seconds above which the result of a case is recorded."""
 SHARED_REFERENCES = ("W",)
-"""Sections whose cases share reference solutions on fine meshes, which take longer than that.
+"""Sections whose costly cases are all recorded, because they share reference solutions.
 
-The seconds of a row exclude the reference solutions if an earlier row of the same run has computed
-them.
+The reference solutions, on fine meshes, take longer than `COSTLY_SECONDS`. The time recorded for a
+case excludes them if another case of the same run has computed them before.
 """
 
 
 @dataclass(frozen=True)
-class Row:
-    """Recorded numbers of one computation or measurement.
+class RecordRow:
+    """Recorded result of one computation or measurement.
 
     Attributes:
         key: Name of the row, which is unique among all records.
-        versions: Versions of the programs that computed the numbers.
+        versions: Versions of the programs that computed the numbers, by name of program.
         date: Date of the computation, such as "2026-11-22".
         input_sha256: Digest of the input, see `digest_input`.
-        content: The numbers, and further entries that depend on the kind of record.
+        content: Numbers and further entries, which depend on the kind of record.
         machine: Cores, processor and memory; None if the numbers do not depend on them.
     """
 
@@ -63,44 +63,49 @@ class Row:
 _HEAD = ("key", "versions", "date", "machine", "input_sha256")
 
 
-def create_row(
+def create_row_with_current_date(
     key: str,
     input_sha256: str,
     content: dict[str, Any],
     versions: dict[str, str] | None = None,
     machine: str | None = None,
-) -> Row:
-    """Return a row of computed numbers, with the current date.
+) -> RecordRow:
+    """Create a row with the current date.
 
     Args:
         key: Name of the row.
         input_sha256: Digest of the input.
-        content: The numbers.
+        content: Numbers and further entries.
         versions: Versions of the programs; by default, those of the study's packages.
-        machine: Description of the machine if the numbers depend on it.
+        machine: Description of the machine, if the numbers depend on it.
     """
     if versions is None:
         versions = dict(package_versions())
     date = datetime.now(UTC).date().isoformat()
-    return Row(key, versions, date, input_sha256, content, machine)
+    return RecordRow(key, versions, date, input_sha256, content, machine)
 
 
 def digest_input(parameters: object) -> str:
-    """Return the digest of an input, which is a string or any other value that JSON supports."""
+    """Return the SHA-256 digest of the input of a computation.
+
+    Args:
+        parameters: Input file as text, or parameters that are representable in JSON.
+    """
     text = parameters if isinstance(parameters, str) else json.dumps(parameters, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def digest_answer(row: Row) -> str:
-    """Return the digest of the numbers, versions and input of a row, regardless of its date."""
+def digest_row_without_date(row: RecordRow) -> str:
+    """Return the SHA-256 digest of the numbers, versions and input of a row, excluding its date."""
     return digest_input([row.versions, row.input_sha256, row.content])
 
 
-def read_rows(path: Path) -> dict[str, Row]:
-    """Return the rows of a file by key; the result is empty if the file does not exist.
+def read_rows(path: Path) -> dict[str, RecordRow]:
+    """Read the rows of a record, by key; a file that does not exist has no rows.
 
     Raises:
-        StudyError: If a row's header is incomplete, or if two rows have the same key.
+        StudyError: If the file cannot be parsed, a row is incomplete, or two rows have the same
+            key.
     """
     if not path.is_file():
         return {}
@@ -111,19 +116,19 @@ def read_rows(path: Path) -> dict[str, Row]:
 
 
 @cache
-def _parse_rows(text: bytes) -> dict[str, Row]:
+def _parse_rows(text: bytes) -> dict[str, RecordRow]:
     rows = {}
     for entry in json.loads(text)["rows"]:
         head = {name: entry[name] for name in _HEAD if name != "machine"}
         content = {name: value for name, value in entry.items() if name not in _HEAD}
         if head["key"] in rows:
             raise ValueError(f"two rows of {head['key']}")
-        rows[head["key"]] = Row(**head, content=content, machine=entry.get("machine"))
+        rows[head["key"]] = RecordRow(**head, content=content, machine=entry.get("machine"))
     return rows
 
 
-def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write all rows to a file atomically; if the process is killed, the file is unchanged."""
+def write_rows(path: Path, rows: Iterable[RecordRow]) -> None:
+    """Write rows to a file atomically: if the process is killed, the old file is unchanged."""
     entries = []
     for row in rows:
         head = {name: getattr(row, name) for name in _HEAD if getattr(row, name) is not None}
@@ -131,8 +136,11 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
     write_json(path, {"rows": entries})
 
 
-def name_in_project(path: Path) -> str:
-    """Return the path of a file relative to the project's folder, or in full if it is outside."""
+def path_relative_to_project(path: Path) -> str:
+    """Return the path of a file relative to the project's folder.
+
+    For files outside that folder, it is the given path.
+    """
     project = Path(__file__).parents[2]
     return path.relative_to(project).as_posix() if path.is_relative_to(project) else str(path)
 
@@ -141,17 +149,20 @@ def name_in_project(path: Path) -> str:
 
 
 def recorded(measured: dict[str, float], units: dict[str, str], dofs: int) -> Result:
-    """Return the result of a costly case from the content of its row.
+    """Return the recorded result of a costly case.
 
     Args:
-        measured: Scalars of the case.
-        units: Units of the scalars that are not dimensionless.
-        dofs: Number of unknowns of the case.
+        measured: Scalars by name.
+        units: Units by name of scalar; scalars without an entry are dimensionless.
+        dofs: Number of unknowns.
     """
     return Result(dict(measured), dict.fromkeys(measured, "1") | units, {}, dofs=dofs)
 
 
-def is_costly(row: Row) -> bool:
-    """Return whether a case takes long enough to be recorded."""
+def takes_long_enough_to_record(row: RecordRow) -> bool:
+    """Return whether the result of a costly case is recorded.
+
+    It is if the case took more than `COSTLY_SECONDS` or belongs to `SHARED_REFERENCES`.
+    """
     section = row.key.partition("/")[0]
     return row.content["seconds"] > COSTLY_SECONDS or section in SHARED_REFERENCES

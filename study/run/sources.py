@@ -1,4 +1,4 @@
-"""Find and digest the source files of modules without importing the modules."""
+"""Find source files of modules, and compute digests of the code, without importing the modules."""
 
 import ast
 import hashlib
@@ -11,7 +11,7 @@ from typing import NamedTuple
 from study.run.pages import SECTION_LINE
 
 
-def find_source(module: str) -> Path | None:
+def find_source_file(module: str) -> Path | None:
     """Return the source file of a module or package, or None if there is none."""
     top, *rest = module.split(".")
     spec = find_spec(top)  # imports nothing, as the name is a top-level one
@@ -35,11 +35,11 @@ def list_package_sources(package: str) -> list[Path]:
 
 
 def list_imported_modules(module: str) -> frozenset[str]:
-    """Return the names of all modules that a module imports, also within functions.
+    """Return the names of all modules that a module imports, including imports within functions.
 
-    `from a import b` counts as `a` and `a.b`, because b may be a module.
+    `from a import b` gives `a` and `a.b`, because `b` may be a module.
     """
-    path = find_source(module)
+    path = find_source_file(module)
     if path is None:
         return frozenset()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
@@ -47,23 +47,26 @@ def list_imported_modules(module: str) -> frozenset[str]:
 
 
 def collect_imported_sources(
-    *modules: str, without: frozenset[str] = frozenset()
+    *modules: str, excluded_modules: frozenset[str] = frozenset()
 ) -> dict[str, Path]:
-    """Return the sources of modules and of all modules that they import from the same packages.
+    """Return the source files of modules and of all that they import from the same packages.
 
     Args:
         modules: Full names of the modules.
-        without: Modules to leave out.
+        excluded_modules: Names of modules to leave out, together with their imports.
+
+    Returns:
+        Source files by name of module, sorted.
     """
     tops = {module.split(".")[0] for module in modules}
     sources: dict[str, Path] = {}
-    queue, visited = [*modules], set(without)
+    queue, visited = [*modules], set(excluded_modules)
     while queue:
         name = queue.pop()
         if name in visited or name.split(".")[0] not in tops:
             continue
         visited.add(name)
-        path = find_source(name)
+        path = find_source_file(name)
         if path is not None:
             sources[name] = path
             queue += sorted(list_imported_modules(name))
@@ -71,26 +74,26 @@ def collect_imported_sources(
     return dict(sorted(sources.items()))
 
 
-def digest_reached_sources(
-    module: str, name: str, without: frozenset[str] = frozenset()
+def digest_code_used_by_definition(
+    module: str, definition: str, excluded_modules: frozenset[str] = frozenset()
 ) -> dict[str, str]:
     """Return digests of all code that a definition in a module uses, directly or indirectly.
 
-    From the module itself, and from pages whose definitions it imports, only the statements that
-    bind used names are included. Other imported modules of the same package are included in full.
+    Of the module itself, and of pages of the study from which it imports, only the statements that
+    define used names count. Other imported modules of the same top-level package count in full.
 
     Args:
         module: Full name of the module.
-        name: Name of the definition.
-        without: Modules to leave out.
+        definition: Name of the function, class or constant.
+        excluded_modules: Names of modules to leave out.
 
     Returns:
         Digests by name of module.
     """
-    path = find_source(module)
+    path = find_source_file(module)
     if path is None:
         return {}
-    statements = _reached_statements(path.read_bytes(), name)
+    statements = _statements_used_by_definition(path.read_bytes(), definition)
     digest = hashlib.sha256(
         "".join(statement.code for statement in statements).encode()
     ).hexdigest()
@@ -100,24 +103,39 @@ def digest_reached_sources(
     imported_names: set[str] = set()
     for node in (statement.node for statement in statements):
         origin = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-        if isinstance(node, ast.ImportFrom) and origin.startswith(top) and _is_page(origin):
+        if isinstance(node, ast.ImportFrom) and origin.startswith(top) and _is_section_page(origin):
             for alias in node.names:
-                lent = digest_reached_sources(origin, alias.name, without | {module})
+                lent = digest_code_used_by_definition(
+                    origin, alias.name, excluded_modules | {module}
+                )
                 digests |= {f"{lender}:{alias.name}": value for lender, value in lent.items()}
         elif isinstance(node, ast.Import | ast.ImportFrom):
             imported_names |= set(_iterate_imported_names(node, package))
-    names_in_package = sorted(name for name in imported_names if f"{name}.".startswith(top))
-    sources = collect_imported_sources(*names_in_package, without=without | {module})
-    return digests | {other: digest_code(file) for other, file in sources.items()}
+    names_in_package = sorted(
+        definition for definition in imported_names if f"{definition}.".startswith(top)
+    )
+    sources = collect_imported_sources(
+        *names_in_package, excluded_modules=excluded_modules | {module}
+    )
+    return digests | {
+        other: digest_code_without_docstrings(file) for other, file in sources.items()
+    }
 
 
-def _is_page(module: str) -> bool:
-    path = find_source(module)
+def _is_section_page(module: str) -> bool:
+    path = find_source_file(module)
     return path is not None and SECTION_LINE.search(path.read_text(encoding="utf-8")) is not None
 
 
 class _Statement(NamedTuple):
-    """Statement of a module, with the names that it binds or changes and the names that it uses."""
+    """Statement at the top level of a module.
+
+    Attributes:
+        node: Syntax tree of the statement.
+        code: Text that represents the statement without comments, docstrings and layout.
+        bound: Names that the statement defines or whose objects it changes.
+        used: Names that the statement reads.
+    """
 
     node: ast.stmt
     code: str
@@ -125,10 +143,15 @@ class _Statement(NamedTuple):
     used: set[str]
 
 
-def _reached_statements(source: bytes, name: str) -> list[_Statement]:
-    """Return the statements of a module that a definition uses, in the order of the source."""
+def _statements_used_by_definition(source: bytes, definition: str) -> list[_Statement]:
+    """Return the top-level statements that a definition uses, directly or indirectly.
+
+    Args:
+        source: Source code of the module.
+        definition: Name of the function, class or constant.
+    """
     remaining = _parse_statements(source)
-    names, reached = {name}, []
+    names, reached = {definition}, []
     while binding := [item for item in remaining if not item.bound.isdisjoint(names)]:
         reached += binding
         names.update(*(item.used for item in binding))
@@ -141,8 +164,8 @@ def _parse_statements(source: bytes) -> list[_Statement]:
     return [
         _Statement(
             node,
-            repr(_without_texts(node)),
-            _list_changed_names(node),
+            repr(_nest_syntax_tree_without_docstrings(node)),
+            _list_bound_and_changed_names(node),
             {
                 part.id
                 for part in ast.walk(node)
@@ -150,14 +173,16 @@ def _parse_statements(source: bytes) -> list[_Statement]:
             },
         )
         for node in ast.parse(source).body
-        if not _is_text_statement(node)
+        if not _is_docstring(node)
     ]
 
 
-def _list_changed_names(statement: ast.stmt) -> set[str]:
-    """Return the names that a statement binds, or whose items or attributes it assigns.
+def _list_bound_and_changed_names(statement: ast.stmt) -> set[str]:
+    """Return the names that a statement defines, and the names of objects that it changes.
 
-    Variables of comprehensions are excluded, because they are local to the comprehension.
+    An object is changed by assigning an item or attribute, or by a call such as
+    `CASES.append(...)`. Variables of comprehensions do not count, because they are local to the
+    comprehension.
     """
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {statement.name}
@@ -177,45 +202,49 @@ def _list_changed_names(statement: ast.stmt) -> set[str]:
         elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
             names.add(node.id)
         elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
-            names.add(_name_of_changed_object(node))
+            names.add(_name_at_root_of_expression(node))
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-        names.add(_name_of_changed_object(statement.value.func))
+        names.add(_name_at_root_of_expression(statement.value.func))
     return names
 
 
-def _name_of_changed_object(node: ast.expr) -> str:
+def _name_at_root_of_expression(node: ast.expr) -> str:
     while isinstance(node, ast.Attribute | ast.Subscript | ast.Call):
         node = node.func if isinstance(node, ast.Call) else node.value
     return node.id if isinstance(node, ast.Name) else ""
 
 
-def digest_code(path: Path) -> str:
-    """Return a digest of the code in a source file, ignoring comments, docstrings and layout."""
-    return _digest_code(path.read_bytes())
+def digest_code_without_docstrings(path: Path) -> str:
+    """Return a digest of the code in a source file that ignores comments, docstrings and layout."""
+    return _digest_source_without_docstrings(path.read_bytes())
 
 
 @cache
-def _digest_code(source: bytes) -> str:
-    return hashlib.sha256(repr(_without_texts(ast.parse(source))).encode()).hexdigest()
+def _digest_source_without_docstrings(source: bytes) -> str:
+    return hashlib.sha256(
+        repr(_nest_syntax_tree_without_docstrings(ast.parse(source))).encode()
+    ).hexdigest()
 
 
-def _without_texts(node: object) -> object:
+def _nest_syntax_tree_without_docstrings(node: object) -> object:
     """Return a syntax tree as nested lists, without line numbers and docstrings.
 
-    Compiled code cannot be used instead, because it contains the line numbers of classes.
+    Bytecode would not do, because it contains the line numbers of classes.
     """
     if isinstance(node, list):
-        return [_without_texts(item) for item in node if not _is_text_statement(item)]
+        return [
+            _nest_syntax_tree_without_docstrings(item) for item in node if not _is_docstring(item)
+        ]
     if not isinstance(node, ast.AST):
         return node
     return [
         type(node).__name__,
-        *[_without_texts(getattr(node, name, None)) for name in node._fields],
+        *[_nest_syntax_tree_without_docstrings(getattr(node, name, None)) for name in node._fields],
     ]
 
 
-def _is_text_statement(node: object) -> bool:
-    """Return whether a node is a string statement, i.e. the docstring of an object or attribute."""
+def _is_docstring(node: object) -> bool:
+    """Return whether a node is the docstring of a definition or attribute."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)

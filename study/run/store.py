@@ -1,4 +1,7 @@
-"""Store results, numbers in `<out>/<section>/<case>.json` and curves in `<case>.npz`."""
+"""Store and read the results of cases.
+
+Numbers are stored in `<out>/<section>/<case>.json`, and arrays (curves) in `<case>.npz` beside it.
+"""
 
 import hashlib
 import io
@@ -25,40 +28,40 @@ _ENTRIES_OF_FIRST_FORMAT = {"case", *_TABLES}  # the first format was not named
 
 
 class StudyError(Exception):
-    """Error that the user can correct; the command line prints it without a traceback."""
+    """Error that the user can correct; commands print its message without a traceback."""
 
 
 class MissingResult(StudyError):
-    """A result has not been computed."""
+    """Error: a result has not been computed."""
 
 
 class OutdatedResult(MissingResult):
-    """A result has the format of another version."""
+    """Error: a stored result has the file format of another version of the study."""
 
 
 class CorruptResult(StudyError):
-    """A stored file cannot be read, or was modified after the run."""
+    """Error: a stored file cannot be read, or was modified after it had been written."""
 
 
 class MissingScalar(StudyError):
-    """A stored result has no scalar with the given name."""
+    """Error: a stored result has no scalar with the requested name."""
 
 
 @dataclass(frozen=True)
 class Result:
     """Result that the function of a case returns.
 
-    Units are those in which the problem is stated: kN, kN/m² and m, or N, MPa and mm. If a problem
-    is stated without units, its units are "unit force", "unit length" and "unit stress", which
-    stand for any consistent units. Dimensionless quantities, ratios, counts and flags have the
-    unit "1". Forces on a plane body refer to a thickness of one unit length, and forces on an
-    axisymmetric body to the whole circumference.
+    Units are those of the problem: kN, kN/m² and m, or N, MPa and mm. For problems without units,
+    the units are "unit force", "unit length" and "unit stress", which stand for any consistent
+    units. Dimensionless quantities, ratios, counts and flags have the unit "1". Forces on a plane
+    body are per unit thickness, and forces on an axisymmetric body are totals over the
+    circumference.
 
     Attributes:
         scalars: Finite numbers by name.
-        units: Unit of each scalar.
-        curves: Arrays of any shape by name; NaN marks a gap.
-        dofs: Degrees of freedom of the discrete problem.
+        units: Unit of each scalar, by its name.
+        curves: Arrays of any shape by name, such as values along a line; NaN marks a gap.
+        dofs: Number of degrees of freedom of the discrete problem.
         processes: Number of MPI processes that took part.
     """
 
@@ -71,7 +74,17 @@ class Result:
 
 @dataclass(frozen=True)
 class StoredResult:
-    """Result that has been read from disk; its curves are unpacked when they are first used."""
+    """Result that was read from disk; its curves are decompressed on first use.
+
+    Attributes:
+        section: Name of the section.
+        case: Name of the case.
+        parameters: Parameters of the case, by name.
+        scalars: Numbers by name.
+        units: Unit of each scalar, by its name.
+        unpack: Function that decompresses and returns the curves.
+        provenance: Versions, times etc., see `study.run.provenance`.
+    """
 
     section: str
     case: str
@@ -83,44 +96,49 @@ class StoredResult:
 
     @cached_property
     def curves(self) -> dict[str, np.ndarray]:
-        """Arrays by name."""
+        """Arrays by name, such as values along a line."""
         return self.unpack()
 
     @property
     def key(self) -> str:
-        """Section and case, such as "7.1/pw-T6"."""
+        """Name of section and case, such as "7.1/pw-T6"."""
         return f"{self.section}/{self.case}"
 
     @property
     def record(self) -> str:
-        """Tracked file from which the result was read; empty if it was computed."""
+        """File in version control from which the result was read, relative to the project's folder.
+
+        It is empty if the result was computed.
+        """
         return str(self.provenance.get("record") or "")
 
     def has(self, /, **parameters: object) -> bool:
-        """Return whether each named parameter has the given value, or a value in the given list.
+        """Return whether the result has the given parameters.
 
-        A parameter that is itself a list, such as the divisions of a mesh, must equal the list.
+        Args:
+            parameters: Value of each parameter, or a list of accepted values. A parameter that is
+                itself a list, such as the divisions of a mesh, must equal the given list.
         """
         return all(
-            name in self.parameters and _has_value(self.parameters[name], value)
+            name in self.parameters and _equals_or_is_among(self.parameters[name], value)
             for name, value in parameters.items()
         )
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file atomically; create its folder if it does not exist."""
+    """Write a file such that it is either complete or unchanged; create its folder if necessary."""
     path.parent.mkdir(parents=True, exist_ok=True)
     files.replace_file_atomically(path, data)
 
 
 def remove_unfinished_files(out: Path) -> None:
-    """Remove unfinished files of killed processes from a folder and its subfolders."""
+    """Remove temporary files that killed processes have left in a folder and its subfolders."""
     for folder in (Path(out), *Path(out).glob("*/")):
         files.remove_files_of_killed_processes(folder)
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write a file of strict JSON atomically."""
+    """Write a JSON file atomically; NaN and infinity are errors."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 
@@ -133,20 +151,27 @@ def save(
     parameters: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> None:
-    """Store a result.
+    """Store the result of a case.
 
-    The file contains a digest of its content, which is the section, case, parameters, numbers and
-    provenance, including the fingerprint and the digest of the curves. Reading the file therefore
-    detects edited numbers, files of another section, a `.npz` file of another run, and mixed files
-    that a killed process has left.
+    The file contains a digest of its content, including the fingerprint of the case and the digest
+    of the curves. Reading it therefore detects edited numbers, a file copied from another section,
+    and a `.npz` file of another run, which a killed process may leave.
+
+    Args:
+        out: Folder of the results.
+        section: Name of the section.
+        case: Name of the case.
+        result: The result.
+        parameters: Parameters of the case, representable in JSON.
+        provenance: Provenance, see `study.run.provenance.create_provenance`.
 
     Raises:
         StudyError: If there are no parameters, if a scalar is not finite or has no unit, or if a
-            unit does not belong to any scalar.
+            unit belongs to no scalar.
     """
     scalars = {name: float(value) for name, value in result.scalars.items()}
     units = dict(result.units)
-    _check_complete(f"{section}/{case}", parameters, scalars, units)
+    _check_parameters_scalars_and_units(f"{section}/{case}", parameters, scalars, units)
     folder = Path(out) / section
     curves = folder / f"{case}.npz"
     digest = None
@@ -163,28 +188,30 @@ def save(
         "units": units,
         "provenance": {**provenance, "curves_sha256": digest},
     }
-    content["digest"] = _digest_content(content)
+    content["digest"] = _digest_entries_except_digest(content)
     write_json(folder / f"{case}.json", content)  # last, because it completes the result
     if digest is None:
         files.remove_file_if_present(curves)
 
 
-def discard(out: Path, section: str, case: str) -> None:
+def discard_result(out: Path, section: str, case: str) -> None:
     """Remove a stored result if it exists."""
     for suffix in (".json", ".npz"):
         files.remove_file_if_present(Path(out) / section / f"{case}{suffix}")
 
 
 def is_result_file(path: Path) -> bool:
-    """Return whether a file has the keys of a stored result in this or another format."""
+    """Return whether a JSON file has the entries of a stored result of this or another version."""
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(content, dict) and ({*content} == _ENTRIES or _is_other_version(content))
+    return isinstance(content, dict) and (
+        {*content} == _ENTRIES or _has_format_of_other_version(content)
+    )
 
 
-def _is_other_version(content: object) -> bool:
+def _has_format_of_other_version(content: object) -> bool:
     if not isinstance(content, dict):
         return False
     is_other_format = (
@@ -193,7 +220,7 @@ def _is_other_version(content: object) -> bool:
     return is_other_format or {*content} == _ENTRIES_OF_FIRST_FORMAT
 
 
-def _check_complete(
+def _check_parameters_scalars_and_units(
     key: str,
     parameters: Mapping[str, Any],
     scalars: Mapping[str, float],
@@ -214,14 +241,14 @@ def _check_complete(
         raise StudyError(f"{key} has units of no number: {', '.join(superfluous)}")
 
 
-def _digest_content(content: Mapping[str, Any]) -> str:
-    """Return the digest of all entries except the digest itself, regardless of order and layout."""
+def _digest_entries_except_digest(content: Mapping[str, Any]) -> str:
+    """Return the digest of all entries of a result file, except the entry "digest" itself."""
     entries = {name: part for name, part in content.items() if name != "digest"}
     text = json.dumps(entries, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _has_value(stored: object, expected: object) -> bool:
+def _equals_or_is_among(stored: object, expected: object) -> bool:
     if isinstance(expected, list | tuple):
         return stored == list(expected) if isinstance(stored, list) else stored in expected
     return stored == expected
@@ -238,9 +265,12 @@ def _pack_curves(curves: Mapping[str, np.ndarray]) -> bytes:
 
 
 class Results:
-    """Read access to a folder of results by keys such as "7.1/pw-T6".
+    """Results that are stored in a folder, read by keys such as "7.1/pw-T6".
 
-    Results and their names are cached; create a new object to see later changes.
+    Results and lists of names are cached; create a new object to see later changes.
+
+    Args:
+        folder: Folder of the results.
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -250,7 +280,7 @@ class Results:
         self._names: dict[str, list[str]] = {}
 
     def __contains__(self, key: str) -> bool:
-        return self._path(key).is_file()
+        return self._path_of_result(key).is_file()
 
     def __getitem__(self, key: str) -> StoredResult:
         if key in self._errors:
@@ -264,20 +294,32 @@ class Results:
         return self._stored[key]
 
     def scalar(self, key: str, name: str) -> float:
-        """Return one scalar of a result."""
+        """Return one scalar of a result.
+
+        Args:
+            key: Key of the result.
+            name: Name of the scalar.
+
+        Raises:
+            MissingScalar: If the result has no scalar of this name.
+            MissingResult: If the result is missing or outdated.
+            CorruptResult: If the file of the result cannot be read.
+        """
         scalars = self[key].scalars
         if name not in scalars:
             raise MissingScalar(
-                f"{self._path(key)} has no scalar {name!r} (but {', '.join(sorted(scalars))}): "
-                f"{_format_remedy(key)} --force"
+                f"{self._path_of_result(key)} has no scalar {name!r} "
+                f"(but {', '.join(sorted(scalars))}): "
+                f"{_format_command_that_recomputes(key)} --force"
             )
         return scalars[name]
 
     def curves(self, key: str) -> dict[str, np.ndarray]:
-        """Return the curves of a result.
+        """Return the curves of a result: arrays by name, such as values along a line.
 
         Raises:
-            StudyError: If the result was read from a tracked record, which has no curves.
+            StudyError: If the result was read from a record in version control, which has no
+                curves.
         """
         stored = self[key]
         if stored.record:
@@ -288,19 +330,23 @@ class Results:
         return stored.curves
 
     def section(self, section: str) -> list[StoredResult]:
-        """Return all results of a section, sorted by name of case."""
+        """Return all results of a section, sorted by name of case.
+
+        Raises:
+            StudyError: If one of them cannot be read; see `readable_results`.
+        """
         return [self[f"{section}/{case}"] for case in self.cases(section)]
 
     def readable_results(self, section: str) -> list[StoredResult]:
-        """Return the readable results of a section, sorted by name of case."""
+        """Return the results of a section that can be read, sorted by name of case."""
         results = []
         for case in self.cases(section):
             with suppress(MissingResult, CorruptResult):
                 results.append(self[f"{section}/{case}"])
         return results
 
-    def corrupt_results(self, section: str) -> dict[str, str]:
-        """Return the error messages of the unreadable results of a section, by key."""
+    def error_messages_of_corrupt_results(self, section: str) -> dict[str, str]:
+        """Return the error message of each corrupt result of a section, by key."""
         messages = {}
         for case in self.cases(section):
             try:
@@ -312,18 +358,29 @@ class Results:
         return messages
 
     def where(self, section: str, /, **parameters: object) -> list[StoredResult]:
-        """Return the results of a section whose parameters match; see `StoredResult.has`."""
+        """Return the results of a section that have the given parameters.
+
+        Args:
+            section: Name of the section.
+            parameters: Value of each parameter, or a list of accepted values; see
+                `StoredResult.has`.
+        """
         return [stored for stored in self.section(section) if stored.has(**parameters)]
 
     def cases(self, section: str) -> list[str]:
-        """Return the sorted names of all results of a section, including unreadable ones."""
+        """Return the sorted names of a section's cases with a file, which may be unreadable."""
         if section not in self._names:
             paths = (self.folder / section).glob("*.json")
             self._names[section] = sorted(p.stem for p in paths if not p.name.startswith("."))
         return self._names[section]
 
     def claims(self) -> list[dict[str, Any]]:
-        """Return the judged claims that `study.judge.claims` has written."""
+        """Read the judged claims from `claims.json` in the folder of results.
+
+        Raises:
+            MissingResult: If the file does not exist.
+            CorruptResult: If it cannot be read or is no list of claims.
+        """
         path = self.folder / "claims.json"
         remedy = "write it again with ./run study report"
         try:
@@ -336,26 +393,36 @@ class Results:
             raise CorruptResult(f"{path} is not a list of claims: {remedy}")
         return claims
 
-    def _path(self, key: str) -> Path:
+    def _path_of_result(self, key: str) -> Path:
         return self.folder / f"{key}.json"
 
     def _load(self, key: str) -> StoredResult:
-        path = self._path(key)
+        path = self._path_of_result(key)
         section, _, case = key.partition("/")
         try:
-            content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
-            if _is_other_version(content):
-                raise OutdatedResult(f"{path} is of another version: {_format_remedy(key)}")
-            _check_content(content, section, case)
+            content = json.loads(path.read_bytes(), parse_constant=_reject_nan_or_infinity)
+            if _has_format_of_other_version(content):
+                raise OutdatedResult(
+                    f"{path} is of another version: {_format_command_that_recomputes(key)}"
+                )
+            _check_content_of_result_file(content, section, case)
             digest = content["provenance"].get("curves_sha256")
-            data = _read_curves(path.with_suffix(".npz"), digest) if digest else b""
+            data = (
+                _read_and_check_packed_curves(path.with_suffix(".npz"), digest) if digest else b""
+            )
             scalars = _to_floats(content["scalars"])
         except FileNotFoundError as error:
             if error.filename == str(path):
-                raise MissingResult(f"there is no result {path}: {_format_remedy(key)}") from None
-            raise CorruptResult(f"{error.filename} is missing: {_format_remedy(key)}") from None
+                raise MissingResult(
+                    f"there is no result {path}: {_format_command_that_recomputes(key)}"
+                ) from None
+            raise CorruptResult(
+                f"{error.filename} is missing: {_format_command_that_recomputes(key)}"
+            ) from None
         except (OSError, ValueError, OverflowError, RecursionError) as error:
-            raise CorruptResult(f"{path} cannot be used ({error}): {_format_remedy(key)}") from None
+            raise CorruptResult(
+                f"{path} cannot be used ({error}): {_format_command_that_recomputes(key)}"
+            ) from None
         return StoredResult(
             section,
             case,
@@ -368,13 +435,13 @@ class Results:
 
 
 class TrackedResults(Results):
-    """View of stored results that keeps track of which results are read.
+    """View of stored results that records which results are read.
 
     Args:
         source: Results to read from, which are not modified.
 
     Attributes:
-        keys: Keys of results that have been read or looked up.
+        keys: Keys of the results that have been read or whose existence has been checked.
         listed: Sections whose cases have been listed.
     """
 
@@ -393,25 +460,25 @@ class TrackedResults(Results):
         return self._source[key]
 
     def cases(self, section: str) -> list[str]:
-        """Return the sorted names of all results of a section, including unreadable ones."""
+        """Return the sorted case names of a section, and record that they were listed."""
         self.listed.add(section)
         return self._source.cases(section)
 
     @property
-    def sections(self) -> set[str]:
-        """Sections of all results that have been read, looked up or listed."""
+    def sections_read(self) -> set[str]:
+        """Sections of which any result was read or checked, or whose cases were listed."""
         return self.listed | {key.partition("/")[0] for key in self.keys}
 
 
-def _format_remedy(key: str) -> str:
+def _format_command_that_recomputes(key: str) -> str:
     return f"run ./run study {key}"
 
 
-def _refuse_constant(constant: str) -> float:
+def _reject_nan_or_infinity(constant: str) -> float:
     raise ValueError(f"it contains {constant}")
 
 
-def _check_content(content: object, section: str, case: str) -> None:
+def _check_content_of_result_file(content: object, section: str, case: str) -> None:
     if not isinstance(content, dict) or {*content} != _ENTRIES:
         raise ValueError(f"its keys are not {', '.join(sorted(_ENTRIES))}")
     if content["format"] != FORMAT:
@@ -427,7 +494,7 @@ def _check_content(content: object, section: str, case: str) -> None:
     for name, unit in content["units"].items():
         if not isinstance(unit, str):
             raise ValueError(f"the unit of {name} is no text")
-    if content["digest"] != _digest_content(content):
+    if content["digest"] != _digest_entries_except_digest(content):
         raise ValueError("it has been edited since the run")
 
 
@@ -435,7 +502,7 @@ def _to_floats(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items()}
 
 
-def _read_curves(path: Path, digest: str) -> bytes:
+def _read_and_check_packed_curves(path: Path, digest: str) -> bytes:
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
         raise ValueError(f"{path.name} is not of the same run")

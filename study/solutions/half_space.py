@@ -1,12 +1,12 @@
-"""Elastic half planes and half spaces y < 0 under known contact pressures: exact fields.
+"""Exact pressures and displacements of elastic half planes and half spaces y < 0 in contact.
 
-Displacements are sums over sources on the surface, which converge fast away from the contact. The
-sources are point forces in the plane (Flamant) and points at imaginary depths in axisymmetry
-(Boussinesq). Pressures are those of K. L. Johnson, "Contact Mechanics" (1985).
+Displacements are sums of the fields of sources, which converge fast away from the contact. The
+sources are line forces on the surface in the plane (Flamant), and points at imaginary depths on the
+axis in axisymmetry (Boussinesq). Pressures are those of K. L. Johnson, "Contact Mechanics" (1985).
 
 Points are arrays (n, 2) of x (in axisymmetry r) and y; displacements have the same shape. In the
-plane they are determined up to a constant, which is chosen such that the term P log(distance) of v
-vanishes at distance one.
+plane, displacements are defined up to a rigid-body translation, which is chosen such that the term
+P log(distance) of the vertical displacement v vanishes at distance one.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ Array = npt.NDArray[np.floating[Any]]
 # round-off
 _N_SOURCES = 64
 # Range of the variable log((b + x)/(b - x)) of a bonded punch, for the same accuracy
-_MAX_STRETCHED_POSITION = 80.0
+_MAX_LOGARITHMIC_COORDINATE = 80.0
 
 
 @dataclass(frozen=True)
 class ElasticHalfSpace:
-    """An isotropic half plane in plane strain, or half space.
+    """Isotropic elastic half plane in plane strain, or isotropic elastic half space.
 
     Args:
         youngs_modulus: Young's modulus E.
@@ -42,7 +42,7 @@ class ElasticHalfSpace:
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
     @property
-    def plane_modulus(self) -> float:
+    def plane_strain_modulus(self) -> float:
         """Plane-strain modulus E* = E/(1 - nu²)."""
         return self.youngs_modulus / (1 - self.poissons_ratio**2)
 
@@ -58,9 +58,9 @@ class ElasticHalfSpace:
 
         Args:
             x: Points away from the forces.
-            force_positions: Positions (m,) of the forces on the surface.
-            normal_forces: Forces (m,) along -y, per length.
-            tangential_forces: Forces (m,) along +x, per length.
+            force_positions: Positions x (m,) of the forces on the surface.
+            normal_forces: Forces per length (m,) along -y.
+            tangential_forces: Forces per length (m,) along +x.
         """
         y = x[:, 1, None]
         z = x[:, 0, None] + 1j * y - force_positions
@@ -78,26 +78,27 @@ class ElasticHalfSpace:
         v -= (kappa - 1) / 2 * shear_integral.real + y * shear.imag
         return np.stack([u.sum(axis=1), v.sum(axis=1)], axis=1) / (2 * self.shear_modulus)
 
-    def line_approach(self, force: float, mean_logarithm: float) -> float:
-        """Return the depth to which a rigid indenter presses the surface of a half plane.
+    def approach_of_line_contact(self, force: float, mean_logarithm_of_distance: float) -> float:
+        """Return the indentation depth of a frictionless line contact on the half plane.
 
         Args:
-            force: Force per length.
-            mean_logarithm: Mean, weighted by the pressure, of the logarithm of the distance from
-                the middle.
+            force: Normal force per length.
+            mean_logarithm_of_distance: Mean of log(distance from the middle) over the contact,
+                weighted by the pressure.
         """
-        return float(-2 * force * mean_logarithm / (np.pi * self.plane_modulus))
+        return float(-2 * force * mean_logarithm_of_distance / (np.pi * self.plane_strain_modulus))
 
-    def displacement_by_axial_sources(
+    def displacement_by_imaginary_axial_sources(
         self, x: Array, imaginary_depths: Array, forces: Array
     ) -> Array:
-        """Return displacements (n, 2) of points (n, 2) by axisymmetric sources at imaginary depths.
+        """Return displacements (n, 2) of points (n, 2) due to axial sources at imaginary depths.
 
-        The potential is the sum of force / sqrt(r² + (z + i t)²) over the sources, with z = -y and
-        the imaginary depth t. For a pressure p(r) it equals the surface integral of p / distance.
+        The sources represent an axisymmetric pressure. Their potential is the sum of
+        force / sqrt(r² + (z + i t)²) with z = -y and the imaginary depth t; it equals the surface
+        integral of pressure / distance.
 
         Args:
-            x: Points away from the contact.
+            x: Points (r, y) away from the contact.
             imaginary_depths: Depths t (m,), in pairs of opposite signs with equal forces.
             forces: Forces (m,) of the sources.
         """
@@ -111,12 +112,12 @@ class ElasticHalfSpace:
         return u / (4 * np.pi * self.shear_modulus)
 
 
-class ExactContact(Protocol):
-    """A contact problem with a known solution."""
+class ExactIndentation(Protocol):
+    """Contact of a rigid indenter with a half plane or half space whose exact solution is known."""
 
     @property
     def body(self) -> ElasticHalfSpace:
-        """Elastic half plane or half space that is pressed."""
+        """Elastic half plane or half space that is indented."""
         ...
 
     @property
@@ -126,38 +127,40 @@ class ExactContact(Protocol):
 
     @property
     def force(self) -> float:
-        """Total normal force; in the plane per length."""
+        """Total normal force; in the plane, force per length."""
         ...
 
     @property
     def has_bounded_pressure(self) -> bool:
-        """Whether the pressure is finite at the edge of the contact; it is zero then."""
+        """Whether the pressure is zero, and not infinite, at the edge of the contact."""
         ...
 
     def pressure(self, x: Array) -> Array:
-        """Return the contact pressure (m,) at distances x >= 0 from the middle; 0 outside."""
+        """Return the contact pressure (m,) at distances x >= 0 (m,) from the middle."""
         ...
 
     def force_within(self, x: Array) -> Array:
-        """Return normal forces (m,): in the plane from 0 to x, in space on the disc of radius x."""
+        """Return the normal force (m,) between 0 and x in the plane, or on the disc r <= x."""
         ...
 
     def displacement(self, x: Array) -> Array:
-        """Return displacements (n, 2) of points at least twice the half width from the middle."""
+        """Return displacements (n, 2) of points (n, 2) at least two half widths from the middle."""
         ...
 
     @property
     def approach(self) -> float:
-        """Depth of the rigid surface's lowest point."""
+        """Indentation depth of the indenter's lowest point below the undeformed surface."""
         ...
 
 
-def displacement_in_space(contact: ExactContact, x: Array) -> npt.NDArray[np.float64]:
-    """Return displacements (n, 3) of points (n, 3) of the half space z < 0 in axisymmetric contact.
+def axisymmetric_displacement_in_space(
+    contact: ExactIndentation, x: Array
+) -> npt.NDArray[np.float64]:
+    """Return displacements (n, 3) of points of the half space z < 0 due to an axisymmetric contact.
 
     Args:
-        contact: Contact with the axis x = y = 0.
-        x: Points at least twice the contact radius away.
+        contact: Axisymmetric contact around the axis x = y = 0.
+        x: Points (n, 3) at least two contact radii from the middle of the contact.
     """
     r = np.hypot(x[:, 0], x[:, 1])
     u = contact.displacement(np.column_stack([r, x[:, 2]]))
@@ -177,7 +180,9 @@ class HertzLine:
     @property
     def half_width(self) -> float:
         """Half width a = sqrt(4 P R/(pi E*))."""
-        return float(np.sqrt(4 * self.force * self.radius / (np.pi * self.body.plane_modulus)))
+        return float(
+            np.sqrt(4 * self.force * self.radius / (np.pi * self.body.plane_strain_modulus))
+        )
 
     @property
     def peak_pressure(self) -> float:
@@ -202,8 +207,8 @@ class HertzLine:
 
     @property
     def approach(self) -> float:
-        """Approach; the pressure-weighted mean of the distance's logarithm is log(a/2) - 1/2."""
-        return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.5)
+        """Indentation depth; the pressure-weighted mean of log(distance) is log(a/2) - 1/2."""
+        return self.body.approach_of_line_contact(self.force, np.log(self.half_width / 2) - 0.5)
 
 
 @dataclass(frozen=True)
@@ -218,7 +223,7 @@ class HertzSphere:
     @property
     def half_width(self) -> float:
         """Radius a = (3 P R/(4 E*))^(1/3) of the contact."""
-        return float(np.cbrt(0.75 * self.force * self.radius / self.body.plane_modulus))
+        return float(np.cbrt(0.75 * self.force * self.radius / self.body.plane_strain_modulus))
 
     @property
     def peak_pressure(self) -> float:
@@ -235,14 +240,14 @@ class HertzSphere:
         return self.force * (1 - (1 - s**2) ** 1.5)
 
     def displacement(self, x: Array) -> Array:
-        """Return displacements due to sources of the density 3 P (a² - t²)/(4 a³)."""
+        """Return displacements due to axial sources of the density 3 P (a² - t²)/(4 a³) over t."""
         t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
         strength = self.force * 0.75 * (1 - t**2) * weight
-        return self.body.displacement_by_axial_sources(x, self.half_width * t, strength)
+        return self.body.displacement_by_imaginary_axial_sources(x, self.half_width * t, strength)
 
     @property
     def approach(self) -> float:
-        """Approach a²/R."""
+        """Indentation depth a²/R."""
         return self.half_width**2 / self.radius
 
 
@@ -272,8 +277,8 @@ class FlatLinePunch:
 
     @property
     def approach(self) -> float:
-        """Approach; the pressure-weighted mean of the distance's logarithm is log(b/2)."""
-        return self.body.line_approach(self.force, np.log(self.half_width / 2))
+        """Indentation depth; the pressure-weighted mean of log(distance) is log(b/2)."""
+        return self.body.approach_of_line_contact(self.force, np.log(self.half_width / 2))
 
 
 @dataclass(frozen=True)
@@ -297,24 +302,25 @@ class FlatRoundPunch:
         return self.force * (1 - np.sqrt(1 - s**2))
 
     def displacement(self, x: Array) -> Array:
-        """Return displacements due to sources of the uniform density P/(2 b)."""
+        """Return displacements due to axial sources of the uniform density P/(2 b)."""
         t, weight = np.polynomial.legendre.leggauss(_N_SOURCES)
-        return self.body.displacement_by_axial_sources(
+        return self.body.displacement_by_imaginary_axial_sources(
             x, self.half_width * t, self.force * weight / 2
         )
 
     @property
     def approach(self) -> float:
-        """Approach P/(2 E* b)."""
-        return self.force / (2 * self.body.plane_modulus * self.half_width)
+        """Indentation depth P/(2 E* b)."""
+        return self.force / (2 * self.body.plane_strain_modulus * self.half_width)
 
 
 @dataclass(frozen=True)
 class BondedLinePunch:
-    """Flat punch of half width b bonded to a half plane, pressed with P per length.
+    """Flat punch of half width b that is bonded to a half plane and pressed with P per length.
 
-    With eta = log(3 - 4 nu)/(2 pi) and s = log((b + x)/(b - x)), pressure and shear are the
-    frictionless pressure times cosh(pi eta) cos(eta s) and cosh(pi eta) sin(eta s).
+    Pressure and shear traction are the frictionless pressure P/(pi sqrt(b² - x²)) times
+    cosh(pi eta) cos(eta s) and cosh(pi eta) sin(eta s), respectively, with the oscillation exponent
+    eta = log(3 - 4 nu)/(2 pi) and the logarithmic coordinate s = log((b + x)/(b - x)).
     """
 
     body: ElasticHalfSpace
@@ -324,33 +330,35 @@ class BondedLinePunch:
 
     @property
     def oscillation_exponent(self) -> float:
-        """Exponent eta of the oscillation of the tractions at the edge."""
+        """Exponent eta = log(3 - 4 nu)/(2 pi) of the oscillation of the tractions at the edge."""
         return float(np.log(self.body.kolosov_constant) / (2 * np.pi))
 
     def pressure(self, x: Array) -> Array:
         """Return the pressure (m,) at distances x < b."""
-        return self._non_oscillating_traction(x) * np.cos(
-            self.oscillation_exponent * self._stretched_position(x)
+        return self._traction_without_oscillating_factor(x) * np.cos(
+            self.oscillation_exponent * self._logarithmic_coordinate(x)
         )
 
     def shear(self, x: Array) -> Array:
         """Return the shear traction on the body at x < b, positive away from the middle."""
-        return self._non_oscillating_traction(x) * np.sin(
-            self.oscillation_exponent * self._stretched_position(x)
+        return self._traction_without_oscillating_factor(x) * np.sin(
+            self.oscillation_exponent * self._logarithmic_coordinate(x)
         )
 
     def force_within(self, x: Array) -> Array:
         """Return the integral of the pressure from 0 to x."""
-        return self._integrate_traction(x, np.cos)
+        return self._integrate_traction_from_middle(x, np.cos)
 
-    def shear_within(self, x: Array) -> Array:
+    def shear_force_from_middle_to(self, x: Array) -> Array:
         """Return the integral of the shear traction from 0 to x."""
-        return self._integrate_traction(x, np.sin)
+        return self._integrate_traction_from_middle(x, np.sin)
 
     def displacement(self, x: Array) -> Array:
-        """Return displacements by the trapezoidal rule in s."""
-        s = np.linspace(-_MAX_STRETCHED_POSITION, _MAX_STRETCHED_POSITION, 16 * _N_SOURCES + 1)
-        forces = (s[1] - s[0]) * self._stretched_traction(s)
+        """Return displacements, integrated over the coordinate s by the trapezoidal rule."""
+        s = np.linspace(
+            -_MAX_LOGARITHMIC_COORDINATE, _MAX_LOGARITHMIC_COORDINATE, 16 * _N_SOURCES + 1
+        )
+        forces = (s[1] - s[0]) * self._traction_per_logarithmic_coordinate(s)
         pressing, pulling = (forces * f(self.oscillation_exponent * s) for f in (np.cos, np.sin))
         return self.body.displacement_by_line_forces(
             x, self.half_width * np.tanh(s / 2), pressing, pulling
@@ -358,51 +366,64 @@ class BondedLinePunch:
 
     @property
     def approach(self) -> float:
-        """Approach, computed by quadrature."""
+        """Indentation depth, computed by numerical quadrature."""
         from scipy.integrate import quad
 
         eta, kappa = self.oscillation_exponent, self.body.kolosov_constant
 
-        def logarithm(s: float) -> float:
-            depth = np.log(self.half_width * np.tanh(s / 2))
-            return float(2 * self._stretched_traction(s) * np.cos(eta * s) * depth)
+        def weighted_logarithm_of_distance(s: float) -> float:
+            logarithm_of_distance = np.log(self.half_width * np.tanh(s / 2))
+            return float(
+                2
+                * self._traction_per_logarithmic_coordinate(s)
+                * np.cos(eta * s)
+                * logarithm_of_distance
+            )
 
         pressing = quad(
-            logarithm, 0.0, _MAX_STRETCHED_POSITION, points=[1e-3, 0.1, 1.0], limit=200
+            weighted_logarithm_of_distance,
+            0.0,
+            _MAX_LOGARITHMIC_COORDINATE,
+            points=[1e-3, 0.1, 1.0],
+            limit=200,
         )[0]
-        pulling = float(self.shear_within(np.array([self.half_width]))[0])
+        pulling = float(self.shear_force_from_middle_to(np.array([self.half_width]))[0])
         v = (kappa + 1) / 2 * pressing / np.pi + (kappa - 1) / 2 * pulling
         return -v / (2 * self.body.shear_modulus)
 
-    def _non_oscillating_traction(self, x: Array) -> Array:
+    def _traction_without_oscillating_factor(self, x: Array) -> Array:
         amplitude = self.force * np.cosh(np.pi * self.oscillation_exponent)
         with np.errstate(divide="ignore"):
             return amplitude / (np.pi * np.sqrt(self.half_width**2 - x**2))
 
-    def _stretched_position(self, x: Array) -> Array:
+    def _logarithmic_coordinate(self, x: Array) -> Array:
         with np.errstate(divide="ignore"):
             return 2 * np.arctanh(x / self.half_width)
 
-    def _stretched_traction(self, s: Array | float) -> Array:
-        """Return the traction times dx/ds without its oscillating factors."""
+    def _traction_per_logarithmic_coordinate(self, s: Array | float) -> Array:
+        """Return the traction without its oscillating factor, times dx/ds, at coordinates s."""
         amplitude = self.force * np.cosh(np.pi * self.oscillation_exponent)
         return np.asarray(amplitude / (2 * np.pi * np.cosh(np.asarray(s) / 2)))
 
-    def _integrate_traction(self, x: Array, wave: np.ufunc) -> Array:
+    def _integrate_traction_from_middle(self, x: Array, oscillating_function: np.ufunc) -> Array:
         from scipy.integrate import quad
 
-        def traction(s: float) -> float:
-            return float(self._stretched_traction(s) * wave(self.oscillation_exponent * s))
+        def oscillating_traction(s: float) -> float:
+            return float(
+                self._traction_per_logarithmic_coordinate(s)
+                * oscillating_function(self.oscillation_exponent * s)
+            )
 
         ends = np.minimum(
-            self._stretched_position(np.minimum(x, self.half_width)), _MAX_STRETCHED_POSITION
+            self._logarithmic_coordinate(np.minimum(x, self.half_width)),
+            _MAX_LOGARITHMIC_COORDINATE,
         )
-        return np.array([quad(traction, 0.0, end, limit=200)[0] for end in ends])
+        return np.array([quad(oscillating_traction, 0.0, end, limit=200)[0] for end in ends])
 
 
 @dataclass(frozen=True)
-class _QuarticContact:
-    """Contact, of given half width, with a rigid indenter y = A x⁴ (in axisymmetry y = A r⁴).
+class _QuarticIndenter:
+    """Contact with a rigid quartic indenter y = A x⁴ (in axisymmetry y = A r⁴).
 
     Args:
         body: Half plane or half space.
@@ -416,20 +437,20 @@ class _QuarticContact:
     has_bounded_pressure: ClassVar[bool] = True
 
     def _pressure(self, x: Array, factor: float) -> Array:
-        """Return factor E* A (a² + 2 x²) sqrt(a² - x²) in the contact, and 0 outside of it."""
+        """Return factor E* A (a² + 2 x²) sqrt(a² - x²) within the contact, and 0 outside."""
         square = np.maximum(0.0, self.half_width**2 - x**2)
-        stiffness = factor * self.body.plane_modulus * self.coefficient
+        stiffness = factor * self.body.plane_strain_modulus * self.coefficient
         pressure: Array = stiffness * (self.half_width**2 + 2 * x**2) * np.sqrt(square)
         return pressure
 
 
-class QuarticLine(_QuarticContact):
-    """Quartic indenter on a half plane (I. Y. Shtaerman); forces are per length."""
+class QuarticIndenterOnHalfPlane(_QuarticIndenter):
+    """Contact of a quartic indenter with a half plane (I. Y. Shtaerman); forces are per length."""
 
     @property
     def force(self) -> float:
         """Force P = 3 pi/4 E* A a⁴ per length."""
-        stiffness = self.body.plane_modulus * self.coefficient
+        stiffness = self.body.plane_strain_modulus * self.coefficient
         return float(0.75 * np.pi * stiffness * self.half_width**4)
 
     def pressure(self, x: Array) -> Array:
@@ -455,35 +476,37 @@ class QuarticLine(_QuarticContact):
 
     @property
     def approach(self) -> float:
-        """Approach; the pressure-weighted mean of the distance's logarithm is log(a/2) - 1/4."""
-        return self.body.line_approach(self.force, np.log(self.half_width / 2) - 0.25)
+        """Indentation depth; the pressure-weighted mean of log(distance) is log(a/2) - 1/4."""
+        return self.body.approach_of_line_contact(self.force, np.log(self.half_width / 2) - 0.25)
 
 
-class QuarticRound(_QuarticContact):
-    """Quartic indenter on a half space (I. N. Sneddon, 1965)."""
+class QuarticIndenterOnHalfSpace(_QuarticIndenter):
+    """Contact of a quartic indenter with a half space (I. N. Sneddon, 1965)."""
 
     @property
     def force(self) -> float:
         """Force P = 64/15 E* A a⁵."""
-        return float(64 / 15 * self.body.plane_modulus * self.coefficient * self.half_width**5)
+        return float(
+            64 / 15 * self.body.plane_strain_modulus * self.coefficient * self.half_width**5
+        )
 
     def pressure(self, x: Array) -> Array:
         """Return the pressure 32/(9 pi) E* A (a² + 2 r²) sqrt(a² - r²)."""
         return self._pressure(x, 32 / (9 * np.pi))
 
     def force_within(self, x: Array) -> Array:
-        """Return the force on the disc of radius x."""
+        """Return the integral of the pressure over the disc of radius x."""
         cosine = np.sqrt(1 - np.clip(x / self.half_width, 0.0, 1.0) ** 2)
         force: Array = self.force * (1 - 5 / 3 * cosine**3 + 2 / 3 * cosine**5)
         return force
 
     def displacement(self, x: Array) -> Array:
-        """Return displacements by sources whose strength is proportional to a⁴ - t⁴."""
+        """Return displacements due to axial sources of a density proportional to a⁴ - t⁴."""
         t, weights = np.polynomial.legendre.leggauss(_N_SOURCES)
         strength = self.force * (1 - t**4) * weights / 1.6
-        return self.body.displacement_by_axial_sources(x, self.half_width * t, strength)
+        return self.body.displacement_by_imaginary_axial_sources(x, self.half_width * t, strength)
 
     @property
     def approach(self) -> float:
-        """Approach 8/3 A a⁴."""
+        """Indentation depth 8/3 A a⁴."""
         return 8 / 3 * self.coefficient * self.half_width**4

@@ -1,7 +1,7 @@
-"""Partial slip of two equal spheres (Mindlin), and displacements that their tractions cause.
+"""Exact partial slip of two equal spheres (Mindlin), with displacements away from the contact.
 
-R. D. Mindlin (1949), in K. L. Johnson, "Contact Mechanics" (1985). Tangential tractions along x
-alone are exact for nu = 0; otherwise the slip across x is neglected (Johnson, section 7.2).
+Source: R. D. Mindlin (1949), in K. L. Johnson, "Contact Mechanics" (1985). Shear tractions are
+along x; this is exact for nu = 0, otherwise slip along y is neglected (Johnson, section 7.2).
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ Array = npt.NDArray[np.float64]
 _N_RADIAL_FORCES, _N_ANGLES = 16, 48
 
 
-def force_of_unit_hertz_contact(body: ElasticHalfSpace, radius: float) -> float:
-    """Return the force on a rigid sphere of this radius whose contact radius is 1."""
-    return 4 / 3 * body.plane_modulus / radius
+def force_that_gives_contact_radius_1(body: ElasticHalfSpace, sphere_radius: float) -> float:
+    """Return the force on a rigid sphere of a given radius for which the contact radius is 1."""
+    return 4 / 3 * body.plane_strain_modulus / sphere_radius
 
 
 @dataclass(frozen=True)
 class MindlinSphere:
-    """Two equal spheres, pressed and then loaded along x by less than the limit of friction.
+    """Contact of two equal spheres that are pressed, then loaded along x below the friction limit.
 
     Args:
-        normal_contact: Contact of one of the bodies with a rigid sphere and the same pressure.
+        normal_contact: Frictionless contact of one sphere with a rigid one, with equal pressure.
         friction: Coefficient of friction mu.
-        friction_utilisation: Tangential force over its limit, Q/(mu P).
+        friction_utilisation: Tangential force divided by the friction limit, Q/(mu P).
     """
 
     normal_contact: HertzSphere
@@ -44,22 +44,22 @@ class MindlinSphere:
 
     @property
     def tangential_force(self) -> float:
-        """Tangential force Q."""
+        """Tangential force Q along x."""
         return self.friction_utilisation * self.friction * self.normal_contact.force
 
     @property
     def tangential_approach(self) -> float:
-        """Tangential displacement of a body's far part relative to the disc that sticks."""
+        """Tangential displacement of a sphere's distant points relative to the sticking disc."""
         body, a = self.normal_contact.body, self.normal_contact.half_width
         whole = 3 * self.friction * self.normal_contact.force * (2 - body.poissons_ratio)
         return float(whole / (16 * body.shear_modulus * a) * (1 - (self.stick_radius / a) ** 2))
 
     def pressure(self, r: Array) -> Array:
-        """Return Hertz' pressure."""
+        """Return Hertz' contact pressure (m,) at distances r (m,) from the middle."""
         return np.asarray(self.normal_contact.pressure(r))
 
     def shear(self, r: Array) -> Array:
-        """Return the shear mu p, reduced by mu p0 c/a sqrt(1 - r²/c²) where the contact sticks."""
+        """Return the shear traction mu p, reduced by mu p0 c/a sqrt(1 - r²/c²) for r < c."""
         c = self.stick_radius
         held = c / self.normal_contact.half_width * np.sqrt(np.maximum(0.0, 1 - (r / c) ** 2))
         return np.asarray(
@@ -67,38 +67,58 @@ class MindlinSphere:
             * (self.normal_contact.pressure(r) - self.normal_contact.peak_pressure * held)
         )
 
-    def displacement(self, x: Array, is_sheared: bool) -> Array:
-        """Return displacements (n, 3) of points (n, 3) in z < 0, away from the contact."""
+    def displacement(self, x: Array, includes_shear: bool) -> Array:
+        """Return displacements (n, 3) of one body due to the contact tractions.
+
+        Args:
+            x: Points (n, 3) in z < 0, at least two contact radii from the middle of the contact.
+            includes_shear: Whether shear tractions act besides the pressure.
+        """
         r = np.hypot(x[:, 0], x[:, 1])
         normal_contact, c = self.normal_contact, self.stick_radius
         radial_and_axial = normal_contact.displacement(np.column_stack([r, x[:, 2]]))
         direction = x[:, :2] / np.maximum(r, 1e-12)[:, None]
         u = np.column_stack([radial_and_axial[:, :1] * direction, radial_and_axial[:, 1]])
-        if is_sheared:
+        if includes_shear:
             body, a = normal_contact.body, normal_contact.half_width
             limit, ratio = self.friction * normal_contact.force, c / a
-            u += _displacement_by_shear(body, x, a, limit)
-            u -= _displacement_by_shear(body, x, c, limit * ratio**3)
+            u += _displacement_by_elliptic_shear_traction(body, x, a, limit)
+            u -= _displacement_by_elliptic_shear_traction(body, x, c, limit * ratio**3)
         return u
 
 
-def _displacement_by_shear(body: ElasticHalfSpace, x: Array, radius: float, force: float) -> Array:
-    """Return displacements (n, 3) by a traction along x proportional to sqrt(1 - r²/radius²)."""
+def _displacement_by_elliptic_shear_traction(
+    body: ElasticHalfSpace, x: Array, radius: float, force: float
+) -> Array:
+    """Return displacements (n, 3) due to a shear traction proportional to sqrt(1 - r²/radius²).
+
+    Args:
+        body: Half space z < 0.
+        x: Points (n, 3) away from the loaded disc.
+        radius: Radius of the disc on which the traction acts along x.
+        force: Integral of the traction.
+    """
     s, weight = np.polynomial.legendre.leggauss(_N_RADIAL_FORCES)
     height = (1 + s) / 2  # sqrt(1 - r²/radius²)
     angle = 2 * np.pi * np.arange(_N_ANGLES) / _N_ANGLES
     distance = radius * np.sqrt(1 - height**2)
     positions = np.stack([np.outer(distance, np.cos(angle)), np.outer(distance, np.sin(angle))], 2)
     forces = np.repeat(3 * force * height**2 * weight / 2 / _N_ANGLES, _N_ANGLES)
-    return _cerruti_displacement(body, x, positions.reshape(-1, 2), forces)
+    return _displacement_by_tangential_point_forces(body, x, positions.reshape(-1, 2), forces)
 
 
-def _cerruti_displacement(
+def _displacement_by_tangential_point_forces(
     body: ElasticHalfSpace, x: Array, force_positions: Array, forces: Array
 ) -> Array:
-    """Return displacements (n, 3) in z < 0 due to forces (m,) along x at points (m, 2) of z = 0.
+    """Return displacements (n, 3) of the half space z < 0 due to point forces along x.
 
-    This is V. Cerruti's solution (1882), Johnson's (3.76) to (3.78), whose z points into the body.
+    Source: V. Cerruti (1882); Johnson, equations (3.76) to (3.78), where z points into the body.
+
+    Args:
+        body: Half space.
+        x: Points (n, 3).
+        force_positions: Points (m, 2) of the surface z = 0 at which the forces act.
+        forces: Forces (m,) along x.
     """
     s, t = (x[:, axis, None] - force_positions[:, axis] for axis in (0, 1))
     z = -x[:, 2, None]

@@ -1,9 +1,9 @@
-"""Hertz' problem for any method: a rigid parabola (paraboloid) on a half plane (half space).
+"""Hertz' problem for any contact method: a rigid parabola or paraboloid on an elastic body.
 
-The body is below y = 0 (in space z = 0), frictionless contact is possible up to the distance
-`zone`, and Hertz' exact displacements are prescribed on the far sides. Lengths are relative to the
-half width of the contact, stresses to Young's modulus. `study.benchmarks.q_rivals` solves it by
-many methods.
+The body is part of the half plane y < 0 or half space z < 0. Frictionless contact is possible up to
+the distance `contact_zone_size` from the middle, and Hertz' exact displacements are prescribed on
+the far sides. Lengths are relative to the half width of the contact, stresses to Young's modulus.
+`study.benchmarks.q_rivals` solves this problem by many methods.
 """
 
 from collections.abc import Callable
@@ -23,10 +23,10 @@ from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
 
 from pw_elements import Spaces, assemble_vector
 from study.meshes import mesh_lines
-from study.meshes.solid_meshes import mesh_box
+from study.meshes.solid_meshes import mesh_box_along_lines
 from study.model.elements import p1_iso_p2_weight_spaces
 from study.solutions.half_space import ElasticHalfSpace, HertzLine, HertzSphere
-from study.solutions.half_space_shear import force_of_unit_hertz_contact
+from study.solutions.half_space_shear import force_that_gives_contact_radius_1
 from study.solutions.indentation import BODY_SIZE, mesh_graded_square
 
 Array = npt.NDArray[np.float64]
@@ -36,34 +36,34 @@ Form = Any  # UFL expressions, for which UFL provides no types
 
 E, NU = 1.0, 0.3
 RADIUS = 1e3
-"""Radius of the parabola, large enough for small slopes."""
+"""Radius of curvature of the parabola, large enough for small slopes."""
 CONTACT_ZONE_SIZE = 1.3
-"""Nodes up to this distance from the middle may touch."""
+"""Smallest distance from the middle up to which nodes may come into contact."""
 NEWTON_TOLERANCE = 1e-12
-"""Largest entry of the last correction, relative to the largest unknown."""
+"""Largest entry of the last Newton correction, relative to the largest unknown."""
 MAX_SOLVES = 60
-"""Largest number of linear systems in one solution."""
+"""Largest number of linear systems that one nonlinear solution may solve."""
 
 
 class NoSolution(Exception):
-    """Raised if a method does not converge."""
+    """Raised if a contact method does not converge."""
 
 
 class Solution(NamedTuple):
-    """Solution of a problem by a method.
+    """Solution of Hertz' problem by a contact method.
 
     Args:
         u: Displacements.
-        pressure: UFL expression on the surface, positive in compression.
-        unknowns: Number of displacements and multipliers that are solved for.
-        factorisations: Number of matrices of that size that are factorised.
-        test_space: Space of the test functions that define nodal forces.
+        pressure: Contact pressure as a UFL expression on the surface, positive in compression.
+        unknowns: Number of unknown displacements and multipliers.
+        factorisations: Number of factorised matrices.
+        test_space: Space of the test functions with which nodal forces are defined.
     """
 
     u: fem.Function
     pressure: Form
-    unknowns: int
-    factorisations: int
+    n_unknowns: int
+    n_factorisations: int
     test_space: fem.FunctionSpace
 
 
@@ -73,21 +73,21 @@ class Problem:
 
     Args:
         mesh: Mesh of triangles or tetrahedra.
-        size: Length of the edges in the zone that may touch.
-        zone: Distance up to which nodes may touch.
-        body_size: Distance of the far sides.
-        exact: Hertz' solution.
+        edge_length: Length of the element edges in the zone that may touch.
+        contact_zone_size: Distance from the middle up to which nodes may come into contact.
+        body_size: Distance of the far sides from the middle.
+        exact: Hertz' exact solution.
     """
 
     mesh: Mesh
-    size: float
-    zone: float
+    edge_length: float
+    contact_zone_size: float
     body_size: float
     exact: HertzLine | HertzSphere
 
     @property
     def normal_axis(self) -> int:
-        """Number of the axis normal to the surface."""
+        """Index of the axis normal to the surface: 1 in the plane, 2 in space."""
         return int(self.mesh.geometry.dim) - 1
 
     @property
@@ -98,12 +98,12 @@ class Problem:
 
     @property
     def gap(self) -> Form:
-        """Gap, the upper bound of the upward displacement, as a UFL expression."""
+        """Initial gap, the upper bound of the upward displacement, as a UFL expression."""
         return self.distance_from_middle**2 / (2 * RADIUS) - self.exact.approach
 
     @cached_property
     def contact_measure(self) -> ufl.Measure:
-        """Measure of the surface that may touch."""
+        """UFL measure of the part of the surface that may come into contact."""
         tags = meshtags(
             self.mesh, self.normal_axis, self.contact_facets, np.ones_like(self.contact_facets)
         )
@@ -112,28 +112,33 @@ class Problem:
 
     @cached_property
     def contact_facets(self) -> Indices:
-        """Facets that may touch."""
+        """Indices of the boundary facets that may come into contact."""
         facets: Indices = locate_entities_boundary(self.mesh, self.normal_axis, self.may_touch)
         return facets
 
     def may_touch(self, x: Array) -> Mask:
-        """Return whether points, columns of x, may touch."""
-        inside = np.max(x[: self.normal_axis], axis=0) < self.zone + 1e-9
+        """Return a mask (n,) of the points x (3, n) that may come into contact."""
+        inside = np.max(x[: self.normal_axis], axis=0) < self.contact_zone_size + 1e-9
         return np.asarray(np.isclose(x[self.normal_axis], 0.0) & inside)
 
     def stress(self, u: Form) -> Form:
-        """Return Hooke's stress in plane strain or space."""
+        """Return the linear elastic stress of a displacement, in plane strain or in space."""
         lame, shear = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
         return lame * ufl.div(u) * ufl.Identity(self.normal_axis + 1) + 2 * shear * ufl.sym(
             ufl.grad(u)
         )
 
     def virtual_work(self, u: Form, v: Form) -> Form:
-        """Return the internal virtual work of displacements u and v."""
+        """Return the internal virtual work of a displacement u and a virtual displacement v."""
         return ufl.inner(self.stress(u), ufl.grad(v)) * ufl.dx
 
     def make_space(self, degree: int = 2, multiplier_degree: int = 0) -> fem.FunctionSpace:
-        """Return a space of displacements, mixed with multipliers if their degree is not 0."""
+        """Create a displacement space, or a mixed space of displacements and scalar multipliers.
+
+        Args:
+            degree: Degree of the displacements.
+            multiplier_degree: Degree of the multipliers; 0 for displacements alone.
+        """
         cell = self.mesh.basix_cell()
         vector = basix.ufl.element("Lagrange", cell, degree, shape=(self.normal_axis + 1,))
         if not multiplier_degree:
@@ -142,26 +147,35 @@ class Problem:
         return fem.functionspace(self.mesh, basix.ufl.mixed_element([vector, scalar]))
 
     def far_field_supports(self, displacement: fem.FunctionSpace) -> list[fem.DirichletBC]:
-        """Return supports: symmetry conditions, and exact displacements on the far sides."""
+        """Return symmetry conditions, and conditions of exact displacements on the far sides.
+
+        Args:
+            displacement: Displacement space, or the displacement subspace of a mixed space.
+        """
         return [
-            self._prescribe_component(displacement.sub(axis), axis)
+            self._prescribe_component_of_exact_field(displacement.sub(axis), axis)
             for axis in range(self.normal_axis + 1)
         ]
 
-    def _prescribe_component(self, sub: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
+    def _prescribe_component_of_exact_field(
+        self, sub: fem.FunctionSpace, axis: int
+    ) -> fem.DirichletBC:
         part, _ = sub.collapse()
 
-        def is_prescribed(x: Array) -> Mask:
+        def is_on_far_side_or_symmetry_plane(x: Array) -> Mask:
             is_far = np.isclose(np.abs(x[: self.normal_axis + 1]).max(axis=0), self.body_size)
             return np.asarray(is_far | (np.isclose(x[axis], 0.0) & (axis < self.normal_axis)))
 
-        dofs, value = fem.locate_dofs_geometrical((sub, part), is_prescribed), fem.Function(part)
+        dofs, value = (
+            fem.locate_dofs_geometrical((sub, part), is_on_far_side_or_symmetry_plane),
+            fem.Function(part),
+        )
         x = part.tabulate_dof_coordinates()[dofs[1]]
         value.x.array[dofs[1]] = self.exact_displacement(x)[:, axis]
         return fem.dirichletbc(value, dofs, sub)
 
     def exact_displacement(self, x: Array) -> Array:
-        """Return exact displacements (n, dim) at points (n, 3) far from the contact."""
+        """Return Hertz' exact displacements (n, dim) at points (n, 3) far from the contact."""
         if self.normal_axis == 1:
             field = self.exact.displacement(x[:, :2])
             return np.where(np.isclose(x[:, :2] * [1, 0] + [0, 1], 0.0), 0.0, field)
@@ -170,30 +184,34 @@ class Problem:
         return np.column_stack([u[:, :1] * x[:, :2] / np.maximum(r, 1e-12)[:, None], u[:, 1]])
 
     def zero_multipliers_outside(self, multiplier: fem.FunctionSpace) -> fem.DirichletBC:
-        """Return the condition that multipliers (a subspace) vanish outside the contact zone."""
+        """Return the condition that multipliers are zero outside the zone that may touch.
+
+        Args:
+            multiplier: Multiplier subspace of a mixed space.
+        """
         part, _ = multiplier.collapse()
         dofs = fem.locate_dofs_geometrical((multiplier, part), lambda x: ~self.may_touch(x))
         return fem.dirichletbc(fem.Function(part), dofs, multiplier)
 
-    def normal_dofs(self, space: fem.FunctionSpace) -> Indices:
-        """Return the dofs of the normal displacement of nodes that may touch."""
+    def normal_dofs_that_may_touch(self, space: fem.FunctionSpace) -> Indices:
+        """Return the dofs of the normal displacements of nodes that may come into contact."""
         nodes = fem.locate_dofs_geometrical(space, self.may_touch)
         return np.asarray(nodes * (self.normal_axis + 1) + self.normal_axis, dtype=np.int32)
 
     def gap_at(self, x: Array) -> Array:
-        """Return the gap of points (n, 3)."""
+        """Return the initial gaps (n,) at points (n, 3)."""
         squares = (x[:, : self.normal_axis] ** 2).sum(axis=1)
         return np.asarray(squares / (2 * RADIUS) - self.exact.approach)
 
     def make_solution(
         self, w: fem.Function, factorisations: int, pressure: Form | None = None
     ) -> Solution:
-        """Make the solution from a mixed function of displacements and multipliers.
+        """Create the `Solution` from a mixed function of displacements and multipliers.
 
         Args:
             w: Displacements and multipliers.
-            factorisations: Number of factorisations.
-            pressure: Pressure; the multipliers by default.
+            factorisations: Number of factorised matrices.
+            pressure: Contact pressure; by default the multipliers.
         """
         u, multiplier = fem.Function(self.make_space()), w.sub(1).collapse()
         u.interpolate(w.sub(0))
@@ -204,12 +222,17 @@ class Problem:
         return Solution(u, pressure, unknowns, factorisations, u.function_space)
 
     def nodal_forces(self, u: fem.Function, test_space: fem.FunctionSpace) -> Array:
-        """Return nodal forces (n, dim) that the body exerts, defined by given test functions."""
+        """Return nodal forces (n, dim) of the body on its surroundings for given test functions."""
         vector = assemble_vector(self.virtual_work(u, ufl.TestFunction(test_space)))
         return np.array(-vector.array.reshape(-1, self.normal_axis + 1))
 
-    def divide_by_weights(self, forces: Array, test_space: fem.FunctionSpace) -> Array:
-        """Divide forces (n,) by the integrals of their test functions; return 0 if these vanish."""
+    def divide_by_test_function_integrals(
+        self, forces: Array, test_space: fem.FunctionSpace
+    ) -> Array:
+        """Divide nodal forces (n,) by the integrals of their test functions over the surface.
+
+        The result is 0 where the integral is 0.
+        """
         areas = assemble_vector(
             ufl.TestFunction(test_space)[self.normal_axis] * self.contact_measure
         ).array
@@ -217,13 +240,22 @@ class Problem:
         has_weight = weights > 1e-9 * weights.max()
         return np.divide(forces, weights, out=np.zeros_like(forces), where=has_weight)
 
-    def nodal_pressure(self, u: fem.Function, test_space: fem.FunctionSpace) -> fem.Function:
-        """Return nodal forces of quadratic displacements over their test functions' integrals."""
-        forces = self.nodal_forces(u, test_space)[:, self.normal_axis]
-        return self.interpolate_linearly(self.divide_by_weights(forces, test_space))
+    def pressure_from_nodal_forces(
+        self, u: fem.Function, test_space: fem.FunctionSpace
+    ) -> fem.Function:
+        """Return the pressure whose nodal values are forces over integrals of test functions.
 
-    def interpolate_linearly(self, values: Array) -> fem.Function:
-        """Interpolate values (n,) at quadratic nodes linearly on the sub-cells of each facet."""
+        Args:
+            u: Quadratic displacements.
+            test_space: Space of the test functions.
+        """
+        forces = self.nodal_forces(u, test_space)[:, self.normal_axis]
+        return self.interpolate_on_sub_cells(
+            self.divide_by_test_function_integrals(forces, test_space)
+        )
+
+    def interpolate_on_sub_cells(self, values: Array) -> fem.Function:
+        """Interpolate values (n,) at the nodes of quadratic elements linearly on sub-cells."""
         spaces = (
             p1_iso_p2_weight_spaces(self.mesh, ())
             if self.normal_axis == 2
@@ -233,36 +265,38 @@ class Problem:
 
 
 def line_contact_problem(edges: int, offset: float) -> Problem:
-    """Return the problem on the half plane, meshed where x >= 0.
+    """Create Hertz' line contact problem, with a mesh of triangles for the half x >= 0.
 
     Args:
-        edges: Number of triangle edges over the half width of the contact.
-        offset: Position of the contact's end within the next edge, over the edge's length.
+        edges: Number of whole element edges over the half width of the contact.
+        offset: Position of the end of the contact within the next edge, as a fraction of the edge.
     """
     body, size = ElasticHalfSpace(E, NU), 1 / (edges + offset)
-    exact = HertzLine(body, RADIUS, np.pi * body.plane_modulus / (4 * RADIUS))
+    exact = HertzLine(body, RADIUS, np.pi * body.plane_strain_modulus / (4 * RADIUS))
     lines = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
     return Problem(
         mesh_graded_square(lines, BODY_SIZE, "triangle"), size, lines[-1], BODY_SIZE, exact
     )
 
 
-def sphere_contact_problem(edges: int, offset: float) -> Problem:
-    """Return the problem on a quarter of the half space, meshed with tetrahedra.
+def make_quarter_sphere_contact_problem(edges: int, offset: float) -> Problem:
+    """Create Hertz' problem of a sphere, with a mesh of tetrahedra for a quarter of the body.
 
-    Arguments are those of `line_contact_problem`.
+    The arguments are those of `line_contact_problem`, along the contact radius.
     """
     body, lines = (
         ElasticHalfSpace(E, NU),
-        mesh_lines.graded_body_lines(edges + offset - mesh_lines.CONTACT_EDGE_POSITION),
+        mesh_lines.mesh_lines_of_body_under_sphere(
+            edges + offset - mesh_lines.CONTACT_EDGE_POSITION
+        ),
     )
-    exact = HertzSphere(body, RADIUS, force_of_unit_hertz_contact(body, RADIUS))
-    mesh = mesh_box("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
+    exact = HertzSphere(body, RADIUS, force_that_gives_contact_radius_1(body, RADIUS))
+    mesh = mesh_box_along_lines("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
     return Problem(mesh, 1 / (edges + offset), lines.contact_zone_size, mesh_lines.BODY_SIZE, exact)
 
 
 def make_function(space: fem.FunctionSpace, values: Array) -> fem.Function:
-    """Return the function of a space with given coefficients (n,)."""
+    """Create a function in a space from its coefficients (n,) or a constant coefficient."""
     f = fem.Function(space)
     f.x.array[:] = values
     return f
@@ -271,8 +305,13 @@ def make_function(space: fem.FunctionSpace, values: Array) -> fem.Function:
 def solve_newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
     """Solve form(w) = 0 by Newton's method and return the number of factorisations.
 
+    Args:
+        form: Residual as a UFL form that depends on `w`.
+        w: Unknown function, which is overwritten by the solution; its value is the first iterate.
+        supports: Prescribed values.
+
     Raises:
-        NoSolution: If it does not converge.
+        NoSolution: If the iteration does not converge in `MAX_SOLVES` steps.
     """
     return prepare_newton(form, w, supports)()
 
@@ -280,15 +319,18 @@ def solve_newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -
 def prepare_newton(
     form: Form, w: fem.Function, supports: list[fem.DirichletBC]
 ) -> Callable[[], int]:
-    """Return `solve_newton` as a function without arguments, for repeated solutions."""
+    """Compile a residual and its tangent once; return a function that solves as `solve_newton`.
+
+    The returned function has no arguments and can be called repeatedly.
+    """
     residual, tangent = fem.form(form), fem.form(ufl.derivative(form, w))
     prescribed = np.concatenate([bc.dof_indices()[0] for bc in supports])
     K, ksp = petsc.create_matrix(tangent), PETSc.KSP().create(w.function_space.mesh.comm)
     ksp.setOperators(K)
-    use_lu(ksp)
+    use_mumps_lu(ksp)
     correction, right = K.createVecs()
 
-    def solve() -> int:
+    def solve_and_count_factorisations() -> int:
         for bc in supports:
             bc.set(w.x.array)
         for count in range(1, MAX_SOLVES + 1):
@@ -306,24 +348,24 @@ def prepare_newton(
                 return count
         raise NoSolution
 
-    return solve
+    return solve_and_count_factorisations
 
 
 def solve_lu(matrix: Any, right: Array) -> Array:  # noqa: ANN401
-    """Solve a linear system with a sparse matrix of SciPy by MUMPS."""
+    """Solve a linear system with a sparse SciPy matrix by LU factorisation (MUMPS)."""
     csr = matrix.tocsr()
     K = PETSc.Mat().createAIJ(csr.shape, csr=(csr.indptr, csr.indices, csr.data))
     ksp = PETSc.KSP().create(K.comm)
     ksp.setOperators(K)
-    use_lu(ksp)
+    use_mumps_lu(ksp)
     x, b = K.createVecs()
     b.array[:] = right
     ksp.solve(b, x)
     return np.array(x.array_r)
 
 
-def use_lu(ksp: PETSc.KSP) -> None:
-    """Set up a solver to factorise its matrix by MUMPS."""
+def use_mumps_lu(ksp: PETSc.KSP) -> None:
+    """Set the options of a PETSc solver for an LU factorisation by MUMPS."""
     ksp.setType("preonly")
     ksp.pc.setType("lu")
     ksp.pc.setFactorSolverType("mumps")

@@ -1,4 +1,4 @@
-"""Contact of rigid indenters with half planes and half spaces: errors of pressures and forces."""
+"""Indentation of half planes and half spaces: errors of computed contact pressures and forces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from pw_elements.elasticity import StressState
 from study.meshes.line_mesh import mesh_along_lines
 from study.model.contact_result import CONTACT_QUANTITIES
 from study.model.discretisation import (
+    collapsed_displacement_space,
     discretise,
-    displacement_space,
     mesh_nodes_and_cells,
-    prescribe_nodes,
+    prescribe_node_displacements,
 )
-from study.model.reading import with_transferred_weights
-from study.model.units import UNSTATED_UNITS, Units, units_of
+from study.model.reading import multiply_nodal_weights_by_T
+from study.model.units import UNSTATED_UNITS, Units, assign_units_to_scalars
 from study.run.store import Result
-from study.solutions.half_space import BondedLinePunch, ExactContact
+from study.solutions.half_space import BondedLinePunch, ExactIndentation
 
 Array = npt.NDArray[Any]
 
@@ -55,49 +55,52 @@ ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-
 
 @dataclass(frozen=True)
 class Indenter:
-    """Rigid surface with an exact solution of its contact with a half plane or half space.
+    """Rigid indenter whose contact with a half plane or half space has an exact solution.
 
     Args:
-        exact_contact: Exact solution.
-        surface: Rigid surface, its lowest point at the origin.
+        exact_contact: Exact solution of the contact.
+        surface: Rigid surface, whose lowest point is at the origin.
         state: Plane strain or axisymmetric.
         units: Units of force, length and stress.
     """
 
-    exact_contact: ExactContact
+    exact_contact: ExactIndentation
     surface: Surface
     state: StressState
     units: Units = UNSTATED_UNITS
 
 
-def solve_refinement_series(
+def solve_indentation_on_refined_meshes(
     element: str,
     indenter: Indenter,
     mesh_lines_by_level: Mapping[int, Sequence[Array]],
     body_size: float = BODY_SIZE,
-    far_field: bool = True,
+    prescribes_exact_far_field: bool = True,
 ) -> Result:
-    """Solve an indentation on a series of increasingly fine meshes; evaluate errors and orders.
-
-    The exact displacements of the half space are prescribed on the far sides, and the finite size
-    of the body causes no error then; otherwise these sides are fixed.
+    """Solve an indentation on increasingly fine meshes; return errors and orders of convergence.
 
     Args:
         element: Name of the element.
         indenter: Rigid surface and exact solution.
-        mesh_lines_by_level: Meshes by the number of elements over the half width. Each is given by
-            its lines x >= 0 where nodes may touch. If a number has several meshes, the root mean
-            square of their errors is taken.
-        body_size: Side of the body over the half width of the contact.
-        far_field: Whether the exact displacements are prescribed on the far sides.
+        mesh_lines_by_level: Meshes of each refinement level, by the number of elements over the
+            half width of the contact. A mesh is given by the positions x >= 0 of its mesh lines in
+            the zone that may touch. The error of a level with several meshes is their root mean
+            square.
+        body_size: Side length of the square body, relative to the half width of the contact.
+        prescribes_exact_far_field: Whether the exact displacements are prescribed on the far sides,
+            so that the finite size of the body causes no error; otherwise these sides are fixed.
 
     Returns:
-        Errors as curves over `elements`, errors of the finest level as scalars, and the orders
-        `order_…` observed over the last two doublings; curves along the surface of the second
-        level.
+        Errors as curves over `elements`, errors of the finest level and observed orders `order_*`
+        (over the last two doublings) as scalars, and curves along the surface of the second level.
     """
     levels = [
-        [solve_indentation(element, indenter, lines, body_size, far_field) for lines in of_level]
+        [
+            solve_indentation_on_one_mesh(
+                element, indenter, lines, body_size, prescribes_exact_far_field
+            )
+            for lines in of_level
+        ]
         for of_level in mesh_lines_by_level.values()
     ]
     names = [name for name in levels[0][0].scalars if name.startswith("error")]
@@ -120,27 +123,42 @@ def solve_refinement_series(
         scalars[name] = max(r.scalars[name] for r in all_results)
     curves = dict(levels[min(1, len(levels) - 1)][0].curves)
     curves |= {"elements": np.array([float(n) for n in mesh_lines_by_level])} | errors
-    scalar_units = units_of(scalars, INDENTATION_QUANTITIES, indenter.units)
+    scalar_units = assign_units_to_scalars(scalars, INDENTATION_QUANTITIES, indenter.units)
     return Result(scalars, scalar_units, curves, dofs=finest[0].dofs)
 
 
-def solve_indentation(
+def solve_indentation_on_one_mesh(
     element: str,
     indenter: Indenter,
-    lines: Array,
+    contact_lines: Array,
     body_size: float = BODY_SIZE,
-    far_field: bool = True,
+    prescribes_exact_far_field: bool = True,
 ) -> Result:
-    """Solve the indentation on one mesh, whose lines x >= 0 are given; one half is modelled."""
+    """Solve an indentation on one mesh of the half x >= 0 of the body.
+
+    Args:
+        element: Name of the element.
+        indenter: Rigid surface and exact solution.
+        contact_lines: Positions x >= 0 of the mesh lines in the zone that may touch.
+        body_size: Side length of the square body, relative to the half width of the contact.
+        prescribes_exact_far_field: Whether the exact displacements are prescribed on the far sides.
+
+    Returns:
+        Errors and other scalars, and curves along the surface.
+    """
     exact = indenter.exact_contact
-    side, zone = body_size * exact.half_width, lines[-1]
+    side, zone = body_size * exact.half_width, contact_lines[-1]
     material = Material(exact.body.youngs_modulus, exact.body.poissons_ratio)
-    body = discretise(element, partial(mesh_graded_square, lines, side), material, indenter.state)
+    body = discretise(
+        element, partial(mesh_graded_square, contact_lines, side), material, indenter.state
+    )
 
     def may_touch(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[1], 0.0, atol=1e-9 * zone) & (x[0] < zone * (1 + 1e-9))
 
-    conditions = _prescribe_far_sides(body.space, exact if far_field else None, side)
+    conditions = _prescribe_exact_or_zero_on_far_sides(
+        body.space, exact if prescribes_exact_far_field else None, side
+    )
     conditions.append(prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
     force_factor = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # half the plane body
     down = Motion((0.0, None), (0.0, -force_factor * exact.force))
@@ -150,20 +168,23 @@ def solve_indentation(
     (state,) = solve_contact(body.K, no_load, body.supports(conditions), [pair], body.space)
 
     surface = SurfaceNodes.from_body(body.body, may_touch)
-    curves = _surface_curves(state, exact, surface) | mesh_nodes_and_cells(body.space)
+    curves = _contact_curves_along_surface(state, exact, surface) | mesh_nodes_and_cells(body.space)
     if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
         T, r = force_transfer(body.space), reactions(body.K, state.displacement, no_load)
         curves["force_n_T"] = -forces_along(body.space, T * r, may_touch).force[:, 1]
-        weighted = with_transferred_weights(surface, T)
+        weighted = multiply_nodal_weights_by_T(surface, T)
         curves["pressure_T"] = weighted.pressure(curves["force_n_T"])
-    scalars = _force_and_pressure_errors(curves, surface, exact)
-    scalars |= _contact_scalars(state, exact, surface)
-    scalar_units = units_of(scalars, INDENTATION_QUANTITIES, indenter.units)
+    scalars = _relative_errors_of_forces_and_pressures(curves, surface, exact)
+    scalars |= _force_residual_and_radius_scalars(state, exact, surface)
+    scalar_units = assign_units_to_scalars(scalars, INDENTATION_QUANTITIES, indenter.units)
     return Result(scalars, scalar_units, curves, dofs=body.K.getSize()[0])
 
 
-def growing_lines_from_size(first_size: float, length: float) -> Array:
-    """Return mesh lines from 0 to a length; sizes grow from the first one by at most `GROWTH`."""
+def mesh_line_positions_growing_from_size(first_size: float, length: float) -> Array:
+    """Return positions of mesh lines from 0 to `length`, at geometrically growing distances.
+
+    The first distance is at most `first_size`, the ratio of successive ones at most `GROWTH`.
+    """
     count = int(np.ceil(np.log1p(length / first_size * (GROWTH - 1)) / np.log(GROWTH)))
     if count <= length / first_size:
         powers = np.arange(count)
@@ -172,38 +193,54 @@ def growing_lines_from_size(first_size: float, length: float) -> Array:
     return np.linspace(0.0, length, count + 1)
 
 
-def mesh_graded_square(contact_lines: Array, side: float, cell: str) -> Mesh:
-    """Mesh the square 0 <= x <= side, -side <= y <= 0, finest at the contact lines."""
+def mesh_graded_square(contact_lines: Array, side_length: float, cell: str) -> Mesh:
+    """Mesh the square 0 <= x <= side, -side <= y <= 0, with the finest cells in the contact zone.
+
+    Args:
+        contact_lines: Positions x of the mesh lines in the zone that may touch, from 0.
+        side_length: Side length of the square.
+        cell: Name of the cell type, "triangle" or "quadrilateral".
+    """
     sizes = np.diff(contact_lines)
     x_lines = np.concatenate(
         [
             contact_lines,
-            contact_lines[-1] + growing_lines_from_size(sizes[-1], side - contact_lines[-1])[1:],
+            contact_lines[-1]
+            + mesh_line_positions_growing_from_size(sizes[-1], side_length - contact_lines[-1])[1:],
         ]
     )
-    y_lines = -growing_lines_from_size(sizes.min(), side)[::-1]
+    y_lines = -mesh_line_positions_growing_from_size(sizes.min(), side_length)[::-1]
     return mesh_along_lines(MPI.COMM_SELF, x_lines, y_lines, cell)
 
 
-def _prescribe_far_sides(
-    space: fem.FunctionSpace, exact_contact: ExactContact | None, side: float
+def _prescribe_exact_or_zero_on_far_sides(
+    space: fem.FunctionSpace, exact_contact: ExactIndentation | None, side_length: float
 ) -> list[fem.DirichletBC]:
-    """Prescribe exact or, for None, zero displacements on the sides x = side and y = -side."""
+    """Prescribe displacements on the sides x = side and y = -side.
 
-    def on_far_sides(x: Array) -> npt.NDArray[np.bool_]:
-        return np.isclose(x[0], side) | np.isclose(x[1], -side)
+    Args:
+        space: Displacement space.
+        exact_contact: Solution whose displacements are prescribed; None for zero displacements.
+        side_length: Side length of the body.
+    """
+
+    def is_on_far_sides(x: Array) -> npt.NDArray[np.bool_]:
+        return np.isclose(x[0], side_length) | np.isclose(x[1], -side_length)
 
     if exact_contact is None:
-        return [prescribe(space, i, on_far_sides) for i in (0, 1)]
-    x = displacement_space(space).tabulate_dof_coordinates()
-    nodes = np.flatnonzero(on_far_sides(x.T)).astype(np.int32)
-    return [prescribe_nodes(space, nodes, exact_contact.displacement(x[nodes, :2]))]
+        return [prescribe(space, i, is_on_far_sides) for i in (0, 1)]
+    x = collapsed_displacement_space(space).tabulate_dof_coordinates()
+    nodes = np.flatnonzero(is_on_far_sides(x.T)).astype(np.int32)
+    return [prescribe_node_displacements(space, nodes, exact_contact.displacement(x[nodes, :2]))]
 
 
-def _surface_curves(
-    state: ContactState, exact_contact: ExactContact, surface: SurfaceNodes
+def _contact_curves_along_surface(
+    state: ContactState, exact_contact: ExactIndentation, surface: SurfaceNodes
 ) -> dict[str, Array]:
-    """Return curves along the surface; the exact pressure is NaN where it is infinite."""
+    """Return computed and exact forces, pressures and status of the nodes along the surface.
+
+    From the edge of the contact outwards, the exact pressure is 0 if it is bounded, else NaN.
+    """
     (contact,) = state.pairs
     x = contact.position[:, 0]
     inside = x < exact_contact.half_width * (1 - 1e-9)
@@ -219,22 +256,22 @@ def _surface_curves(
         "gap": contact.gap,
         "status": contact.status,
         "exact_pressure": exact,
-        "exact_force": np.diff(exact_contact.force_within(tributary_ends(x))),
+        "exact_force": np.diff(exact_contact.force_within(ends_of_tributary_lengths(x))),
     }
 
 
-def _force_and_pressure_errors(
-    curves: Mapping[str, Array], surface: SurfaceNodes, exact_contact: ExactContact
+def _relative_errors_of_forces_and_pressures(
+    curves: Mapping[str, Array], surface: SurfaceNodes, exact_contact: ExactIndentation
 ) -> dict[str, float]:
-    """Return errors of forces and pressures over the whole contact, and over its inner part.
+    """Return relative errors of nodal forces and pressures over the contact and its inner part.
 
-    Forces: the sum of |r_i - exact force on the node's tributary length|, over the sum of the exact
-    forces. Pressures: the root mean square of the difference from the exact pressure at the nodes,
-    over the root mean square of the exact pressure, both weighted with tributary areas. If the
-    exact pressure is unbounded, errors of pressures are given for the inner part only. Nodes
-    without weight have no own-function pressure. Pressures based on tributary areas, which
-    node-to-surface codes print, are compared with bounded pressures only; unbounded ones would give
-    no further information.
+    The error of forces is the sum of |nodal force - exact force on the node's tributary length|,
+    divided by the sum of the exact forces. The error of pressures is the root mean square of the
+    difference from the exact pressure at the nodes, divided by the root mean square of the exact
+    pressure, both weighted with tributary areas. If the exact pressure is unbounded, errors of
+    pressures are computed for the inner part only. Nodes whose test function has integral zero
+    have no pressure and are omitted. Pressures from tributary areas, which node-to-surface codes
+    print, are compared with bounded exact pressures only.
     """
     errors = {}
     inner = curves["x"] < INNER_PART * exact_contact.half_width
@@ -262,14 +299,16 @@ def _force_and_pressure_errors(
     return errors
 
 
-def _contact_scalars(
-    state: ContactState, exact_contact: ExactContact, surface: SurfaceNodes
+def _force_residual_and_radius_scalars(
+    state: ContactState, exact_contact: ExactIndentation, surface: SurfaceNodes
 ) -> dict[str, float]:
-    """Return all scalars of the contact other than errors of pressures and forces.
+    """Return total forces, residuals, contact radius and other scalars of a contact state.
 
-    `residual` is the largest residual of forces; `penetration` is relative to the half width. The
-    contact radius is midway between the last closed and the first open node; `off_edge` is its
-    error over the distance of these nodes, at most 1/2 if they enclose the exact radius.
+    `residual` is the largest residual of forces, `penetration` the largest penetration relative to
+    the half width, and `error_approach` the relative error of the indentation depth. The contact
+    radius is midway between the last closed and the first open node; `off_edge` is its error
+    divided by the distance of these nodes, at most 1/2 if they enclose the exact radius. For
+    unbounded pressures the radius is the position of the last closed node.
     """
     (contact,), residuals = state.pairs, state.residuals
     x, closed = contact.position[:, 0], contact.status != OPEN
@@ -303,8 +342,8 @@ def _contact_scalars(
     return scalars
 
 
-def tributary_ends(x: Array) -> Array:
-    """Return the ends (m + 1,) of the tributary lengths of nodes (m,) on a line."""
+def ends_of_tributary_lengths(x: Array) -> Array:
+    """Return the ends (m + 1,) of the tributary lengths of nodes at increasing positions x (m,)."""
     return np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
 
 

@@ -1,4 +1,4 @@
-"""Neo-Hookean bodies at large strains, loaded by rigid tools that move."""
+"""Neo-Hookean bodies at large strains that are deformed by moving rigid tools."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,32 +14,35 @@ from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
 from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
 from pw_elements.spaces import SubSpace, cell_measure
-from study.model.discretisation import spaces
+from study.model.discretisation import make_element_spaces
 from study.solutions.calculix.cylinder import BULK_MODULUS
 
 Array = npt.NDArray[np.float64]
 
 POISSONS_RATIO, HYBRID_POISSONS_RATIO = 0.3, 0.4999
 MAX_ITERATIONS = 40
-"""Largest number of iterations of an increment. One increment of the standard element takes 25,
-which is the library's default limit: round-off would decide whether it is cut, and thus change the
-dissipation by friction."""
+"""Largest number of Newton iterations of an increment.
+
+One increment of the standard element takes 25 iterations, which is the library's default limit:
+round-off would decide whether the increment is halved, which changes the frictional dissipation."""
 
 
-def lame_over_shear(poissons_ratio: float) -> float:
-    """Return Lamé's first constant over the shear modulus."""
+def first_lame_constant_over_shear_modulus(poissons_ratio: float) -> float:
+    """Return Lamé's first constant lambda divided by the shear modulus."""
     return 2 * poissons_ratio / (1 - 2 * poissons_ratio)
 
 
-class RubberBody:
-    """Neo-Hookean body of shear modulus 1 on one element; plane bodies are in plane strain.
+class NeoHookeanBody:
+    """Neo-Hookean body of shear modulus 1, discretised with one kind of element.
+
+    Two-dimensional bodies are in plane strain.
 
     Attributes:
         element: Name of the element.
-        dim: Dimension of space.
-        solution: Function of all unknowns.
-        residual: Weak form without contact forces.
-        displacements: Subspace of displacements.
+        dim: Spatial dimension, 2 or 3.
+        solution: Function of all unknowns (displacements and, in hybrid elements, pressures).
+        residual: Weak form of equilibrium without contact forces.
+        displacements: Subspace of the displacements.
         x: Undeformed positions (n, dim) of the nodes.
         is_vertex: Mask (n,) of the nodes that are vertices.
     """
@@ -52,11 +55,11 @@ class RubberBody:
         Args:
             element: Name of the element; Poisson's ratio is 0.4999 for hybrid ones, else 0.3.
             mesh: Mesh of one or several bodies.
-            degree: Degree of quadrature.
-            calculix_energy: Whether the energy is that of CalculiX (plane strain), instead of
+            degree: Quadrature degree.
+            calculix_energy: Whether to use CalculiX' strain energy (in plane strain) instead of
                 (|F|^2 - dim) / 2 - ln J + lambda / 2 ln(J)^2.
         """
-        pair = spaces(element, mesh)
+        pair = make_element_spaces(element, mesh)
         self.element, self.dim = element, mesh.geometry.dim
         self.solution = fem.Function(pair.trial)
         self.displacements = SubSpace.displacements(pair.trial)
@@ -67,7 +70,9 @@ class RubberBody:
         test = ufl.TestFunction(pair.test)
         dx = cell_measure(pair.displacements.test, degree)
         is_hybrid = "hybrid" in element
-        lame = lame_over_shear(HYBRID_POISSONS_RATIO if is_hybrid else POISSONS_RATIO)
+        lame = first_lame_constant_over_shear_modulus(
+            HYBRID_POISSONS_RATIO if is_hybrid else POISSONS_RATIO
+        )
         u = ufl.split(self.solution)[0] if is_hybrid else self.solution
         F = ufl.Identity(self.dim) + ufl.grad(u)
         J, inverse = ufl.det(F), ufl.inv(F).T
@@ -90,49 +95,62 @@ class RubberBody:
 
     @property
     def displacement(self) -> Array:
-        """Displacements of the nodes, (n, dim)."""
+        """Present displacements (n, dim) of the nodes."""
         return np.asarray(self.solution.x.array[self.displacements.unknowns])
 
     def strain_energy(self) -> float:
-        """Return the energy stored at the present displacements."""
+        """Return the strain energy at the present displacements."""
         return assemble_scalar(self._energy)
 
     def nodal_forces(self) -> Array:
-        """Return the forces of supports and tools on the nodes, (n, dim)."""
+        """Return the forces (n, dim) of supports and tools on the nodes, i.e. the residual."""
         return np.asarray(assemble_vector(self.residual).array_r[self.displacements.unknowns])
 
-    def weight_areas(self, nodes: npt.NDArray[np.int64]) -> tuple[Array, Array]:
-        """Integrate weights of upper nodes (m,) over the undeformed and the deformed upper side."""
+    def undeformed_and_deformed_weight_integrals(
+        self, upper_nodes: npt.NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Integrate nodes' test functions over the undeformed and over the deformed upper side.
+
+        Args:
+            upper_nodes: Nodes (m,) on the upper side.
+
+        Returns:
+            The two integrals (m,) of each node's test function.
+        """
         mesh, axis, top = self.solution.function_space.mesh, self.dim - 1, self.x[:, -1].max()
         make_spaces = Spaces.petrov_galerkin if self.element.startswith("pw") else Spaces.galerkin
         scalar_spaces = make_spaces(mesh, 0)
 
-        def integrate(stretch: float | ufl.core.expr.Expr) -> Array:
+        def integrate_weights_over_upper_side(area_stretch: float | ufl.core.expr.Expr) -> Array:
             surface = SurfaceNodes.from_scalar_spaces(
-                scalar_spaces, lambda x: np.isclose(x[axis], top), stretch
+                scalar_spaces, lambda x: np.isclose(x[axis], top), area_stretch
             )
             order = np.argsort(surface.node)
-            return surface.weight_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
+            return surface.weight_area[
+                order[np.searchsorted(surface.node, upper_nodes, sorter=order)]
+            ]
 
-        return integrate(1.0), integrate(SurfaceNodes.area_stretch(self.solution))
+        return integrate_weights_over_upper_side(1.0), integrate_weights_over_upper_side(
+            SurfaceNodes.area_stretch(self.solution)
+        )
 
 
 @dataclass(frozen=True)
 class LoadHistory:
-    """States at the ends of increments, the undeformed one first, with energies and forces.
+    """Contact states at the ends of increments, with strain energies and support forces.
 
     Args:
-        states: States of the contact problem.
+        states: States, beginning with the undeformed one.
         strain_energy: Strain energy of each state.
-        base_force: Total force (dim,) of the supports at the base in each state.
+        base_force: Total force (dim,) of the supports on the base in each state.
     """
 
     states: list[ContactState]
     strain_energy: list[float]
     base_force: list[Array]
 
-    def contact_work(self) -> float:
-        """Return the work that contact forces do on the nodes, by the trapezoidal rule."""
+    def work_of_contact_forces_on_nodes(self) -> float:
+        """Return the work of the contact forces on the nodes' displacements (trapezoidal rule)."""
         work = 0.0
         for start, end in zip(self.states, self.states[1:], strict=False):
             for old, new in zip(start.pairs, end.pairs, strict=True):
@@ -140,8 +158,8 @@ class LoadHistory:
                 work += float(np.sum((old.force_vector + new.force_vector) * motion) / 2)
         return work
 
-    def tool_work(self) -> float:
-        """Return the work of the tools' forces in the tools' motions, by the trapezoidal rule."""
+    def work_of_tool_forces(self) -> float:
+        """Return the work of the tools' forces on the tools' translations (trapezoidal rule)."""
         work = 0.0
         for start, end in zip(self.states, self.states[1:], strict=False):
             for old, new in zip(start.pairs, end.pairs, strict=True):
@@ -149,8 +167,14 @@ class LoadHistory:
                 work += float((old.force + new.force) @ motion / 2)
         return work
 
-    def max_relative_imbalance(self, components: Sequence[int] = (0, 1)) -> float:
-        """Return the largest |tool force + base force| of all states, over the last tool force."""
+    def max_force_imbalance_over_last_tool_force(self, components: Sequence[int] = (0, 1)) -> float:
+        """Return the largest force imbalance of all states, relative to the last tool force.
+
+        The imbalance is the sum of the forces of tools and base on the body.
+
+        Args:
+            components: Force components in which the imbalance is evaluated.
+        """
         sums = [
             sum(pair.force for pair in state.pairs) + base_force
             for state, base_force in zip(self.states, self.base_force, strict=True)
@@ -159,32 +183,36 @@ class LoadHistory:
         return float(np.abs(np.array(sums)[:, components]).max() / np.linalg.norm(last))
 
 
-def solve_tool_motions(
-    rubber: RubberBody,
+def solve_increments_of_tool_motion(
+    rubber: NeoHookeanBody,
     pair: ContactPair,
     supports: list[fem.DirichletBC],
     motions: Sequence[Motion],
-    is_base: npt.NDArray[np.bool_],
-    set_supports: Callable[[int, float], None] | None = None,
+    is_base_node: npt.NDArray[np.bool_],
+    set_prescribed_displacements: Callable[[int, float], None] | None = None,
 ) -> LoadHistory:
-    """Solve one increment for each motion of a tool.
+    """Solve a contact problem for a sequence of tool motions, with one increment per motion.
 
     Args:
-        rubber: Body.
-        pair: Surface of the body and the tool.
-        supports: Prescribed displacements.
-        motions: Motions of the tool at the ends of the increments.
-        is_base: Mask (n,) of the nodes whose support forces are summed.
-        set_supports: Function that sets the prescribed displacements for an increment's number
-            and load factor.
+        rubber: Deformable body.
+        pair: Contact pair of the body's surface and the rigid tool.
+        supports: Prescribed displacements of the body.
+        motions: Total motions of the tool at the ends of the increments.
+        is_base_node: Mask (n,) of the nodes of the base, whose support forces are summed.
+        set_prescribed_displacements: Function (increment number, load factor) that updates the
+            prescribed displacements; None if they are constant.
     """
     problem = ContactProblem.of_residual(
         rubber.residual, rubber.solution, supports, pair, max_iterations=MAX_ITERATIONS
     )
     history = LoadHistory([problem.undeformed], [0.0], [np.zeros(rubber.dim)])
     for k, motion in enumerate(motions):
-        load = None if set_supports is None else partial(set_supports, k)
+        load = (
+            None
+            if set_prescribed_displacements is None
+            else partial(set_prescribed_displacements, k)
+        )
         history.states.append(problem.step(history.states[-1], load, motion))
         history.strain_energy.append(rubber.strain_energy())
-        history.base_force.append(rubber.nodal_forces()[is_base].sum(axis=0))
+        history.base_force.append(rubber.nodal_forces()[is_base_node].sum(axis=0))
     return history

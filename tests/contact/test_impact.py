@@ -22,7 +22,10 @@ from pw_elements.contact import (
 from pw_elements.contact.model import FrictionCone, MatchingNodes
 from pw_elements.contact.steps.impact import solve_nodal_contact_of_step
 from pw_elements.meshes import move_nodes, triangles
-from study.benchmarks.v12_impact.page import integrate_for_any_stiffness, integrate_with_library
+from study.benchmarks.v12_impact.page import (
+    integrate_impact_for_any_stiffness,
+    integrate_impact_with_library,
+)
 from study.benchmarks.v12_impact.schemes import StiffnessMassPair
 from study.meshes.mesh_families import on_strip
 from study.model.matrices import to_dense_array
@@ -139,11 +142,11 @@ def test_a_bar_moves_as_in_the_time_loop_of_the_study(scheme):
     V12 (study/benchmarks/v12_impact) uses for its scheme `pw`. This loop does not use the library's
     `solve_impact`.
     """
-    bar = StiffnessMassPair.from_name(scheme, on_strip("", 0.25))
-    supports = bar.make_wall_supports([1.0])
+    bar = StiffnessMassPair.from_scheme_name(scheme, on_strip("", 0.25))
+    supports = bar.make_smooth_wall_supports([1.0])
     library, own_scheme = (
-        integrate_with_library(bar, supports),
-        integrate_for_any_stiffness(bar, supports),
+        integrate_impact_with_library(bar, supports),
+        integrate_impact_for_any_stiffness(bar, supports),
     )
     assert library.critical_step == pytest.approx(own_scheme.critical_step, rel=1e-8)
     assert library.relative_energy_at_end == pytest.approx(

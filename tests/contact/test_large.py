@@ -50,7 +50,7 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
-from study.benchmarks.k_cost.measure import Measurement, measure_in_new_processes
+from study.benchmarks.k_cost.measure import Measurement, measure_one_run_in_new_processes
 from study.model.matrices import to_dense_array
 from tests.contact.cases import (
     make_finite_strain_unknown_and_residual,
@@ -328,7 +328,8 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
     if not request.config.getoption("--nightly"):
         pytest.skip("takes a quarter of an hour, with --nightly")
     small, large = (
-        measure_in_new_processes(Measurement("sliding", "pw-T10", n, "Iterative")) for n in (8, 17)
+        measure_one_run_in_new_processes(Measurement("sliding", "pw-T10", n, "Iterative"))
+        for n in (8, 17)
     )
     assert round(large["dofs"], -3) == 500_000
     assert large["megabytes"] * 2**20 < 4e9

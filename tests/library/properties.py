@@ -22,7 +22,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import move_nodes
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from study.model.matrices import to_dense_array
 from tests.library.random_meshes import AffinePlacement, Grid
 
@@ -34,7 +34,8 @@ def make_distorted_unit_mesh(cell_type, cells_per_side):
     dim = 2 if cell_type.name in ("triangle", "quadrilateral") else 3
     build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
     return move_nodes(
-        build(MPI.COMM_SELF, corners, [cells_per_side] * dim, cell_type), smooth_distortion
+        build(MPI.COMM_SELF, corners, [cells_per_side] * dim, cell_type),
+        distort_unit_domain_smoothly,
     )
 
 

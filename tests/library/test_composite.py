@@ -15,14 +15,14 @@ from dolfinx import fem
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.meshes import move_nodes, triangles
 from pw_elements.spaces import piecewise_linear_sub_cell_element
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from study.model.elements import composite_spaces
 from study.model.matrices import to_dense_array
 from tests.contact.cases import ElasticBody
 
 E, NU = 2.0, 0.3
 DISTORTED_MESH = move_nodes(
-    triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), smooth_distortion
+    triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distort_unit_domain_smoothly
 )
 
 

@@ -8,7 +8,7 @@ from dolfinx.mesh import create_mesh
 from pw_elements import Material, Reduction, Spaces, assemble_vector, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from study.meshes.inner_nodes import centre_nodes, mid_diagonal_nodes
 from study.model.discretisation import discretise
 from study.model.matrices import to_dense_array
@@ -21,11 +21,12 @@ ELASTIC_MATERIAL = Material(7.0, 0.3)
 def make_distorted_square(cell, divisions=(3, 2), diagonal_pattern="right"):
     if cell == "quadrilateral":
         return move_nodes(
-            quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), smooth_distortion
+            quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions),
+            distort_unit_domain_smoothly,
         )
     return move_nodes(
         triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, diagonal_pattern),
-        smooth_distortion,
+        distort_unit_domain_smoothly,
     )
 
 

@@ -28,11 +28,11 @@ from pw_elements import (
 from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals, triangles
-from study.meshes.distortion import smooth_distortion
-from study.model.discretisation import discretise, mass_condensation
+from study.meshes.distortion import distort_unit_domain_smoothly
+from study.model.discretisation import discretise, reduction_for_mass_condensation
 from study.model.elements import serendipity_spaces
 from study.model.matrices import to_dense_array
-from study.paper.s7_6_exact import Strip
+from study.paper.s7_6_exact import CompressedStrip
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 
 COMM, STRIP_LENGTH, E = MPI.COMM_SELF, 4.0, 3.0
@@ -55,7 +55,7 @@ def assemble_strip_under_axial_stress(method, stress=-1.0, divisions=(16, 4)):
 @pytest.mark.parametrize("method", STANDARD_AND_NEW_SPACE_MAKERS)
 def test_first_three_buckling_factors_of_a_strip_are_exact(method):
     modes = buckling(*assemble_strip_under_axial_stress(method), count=3)
-    exact = [Strip(E, 0.2, STRIP_LENGTH).elasticity(n, "G") for n in (1, 2, 3)]
+    exact = [CompressedStrip(E, 0.2, STRIP_LENGTH).exact_critical_stress(n, "G") for n in (1, 2, 3)]
     assert modes.factors == pytest.approx(exact, rel=2e-3)
     assert np.all(modes.factors > exact[0] * (1 - 1e-9))
     assert modes.imaginary_ratio == 0
@@ -132,7 +132,8 @@ def test_prestress_ratio_is_that_of_the_part_that_buckles():
 
 def make_distorted_square(cells_per_side=6):
     return move_nodes(
-        triangles(COMM, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side)), smooth_distortion
+        triangles(COMM, (0.0, 0.0), (1.0, 1.0), (cells_per_side, cells_per_side)),
+        distort_unit_domain_smoothly,
     )
 
 
@@ -143,7 +144,7 @@ def make_tetrahedral_box():
 FREE_BODY_SETTINGS = {
     "2-D": (make_distorted_square, "plane stress", 3),
     "2-D curved": (
-        lambda: curved_mesh(make_distorted_square(4), smooth_distortion),
+        lambda: curved_mesh(make_distorted_square(4), distort_unit_domain_smoothly),
         "plane strain",
         3,
     ),
@@ -186,7 +187,7 @@ def test_free_bodies_have_the_exact_number_of_rigid_modes(setting, method, symme
 def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(element):
     def make_distorted_mesh(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), smooth_distortion)
+        return move_nodes(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), distort_unit_domain_smoothly)
 
     body = discretise(element, make_distorted_mesh, Material(2.0, 0.3), StressState.PLANE_STRESS)
     K, M, eigenvalues = body.K, assemble_matrix(body.body.mass()), {}
@@ -196,7 +197,7 @@ def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(elemen
         K, M, Reduction.dirichlet(body.space, conditions), 4
     ).eigenvalues
     for name in ("transposed", "same"):
-        reduction = mass_condensation(condensed, name)
+        reduction = reduction_for_mass_condensation(condensed, name)
         modes = vibration_modes(K, M, reduction, 4)
         L, R = to_dense_array(reduction.left), to_dense_array(reduction.right)
         A, B = (L.T @ to_dense_array(matrix) @ R for matrix in (K, M))
@@ -206,7 +207,7 @@ def test_guyan_reduction_with_either_left_matrix_equals_dense_eigenvalues(elemen
         assert 1e-6 < np.abs(modes.eigenvalues / full_eigenvalues - 1).max() < 0.05
         eigenvalues[name] = modes.eigenvalues
         # the reduction preserves translations, which therefore have the mass of the body
-        reduced = mass_condensation(body.supports([]), name)
+        reduced = reduction_for_mass_condensation(body.supports([]), name)
         shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
         mass = shift @ to_dense_array(reduced.matrix(M)) @ shift
         assert mass == pytest.approx(to_dense_array(M)[::2, ::2].sum(), rel=1e-12)

@@ -16,7 +16,7 @@ from dolfinx.mesh import (
 
 from pw_elements import Body, Material, assemble_matrix, assemble_scalar, solve
 from pw_elements.meshes import move_nodes, triangles
-from study.meshes.distortion import smooth_distortion
+from study.meshes.distortion import distort_unit_domain_smoothly
 from tests.contact.cases import GALERKIN, PETROV_GALERKIN, ElasticBody, on_plane
 
 ELASTIC_MATERIAL = Material(10.0, 0.3, density=2.0)
@@ -88,7 +88,10 @@ def test_quadrature_is_exact_with_no_more_points_than_needed(make_mesh, state, m
 
 
 def test_quadrature_degree_is_higher_on_cells_that_are_no_parallelograms():
-    meshes = make_quadrilateral_square(), move_nodes(make_quadrilateral_square(), smooth_distortion)
+    meshes = (
+        make_quadrilateral_square(),
+        move_nodes(make_quadrilateral_square(), distort_unit_domain_smoothly),
+    )
     bodies = [Body(PETROV_GALERKIN(mesh), ELASTIC_MATERIAL, "plane strain") for mesh in meshes]
     degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in bodies]
     assert degrees == [3, 5]

@@ -36,11 +36,11 @@ from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.solvers import automatic
 from study.benchmarks.v15_incompressible.fields import (
-    largest_layer_displacement_error,
-    make_layered_mesh,
+    largest_displacement_error_of_two_layers,
+    make_distorted_two_layer_mesh,
 )
-from study.meshes.distortion import smooth_distortion
-from study.model.discretisation import discretise, mass_condensation
+from study.meshes.distortion import distort_unit_domain_smoothly
+from study.model.discretisation import discretise, reduction_for_mass_condensation
 from tests.contact.cases import (
     GALERKIN,
     PETROV_GALERKIN,
@@ -114,7 +114,7 @@ def assert_parallel_identities(comm):
     The stiffness of the new element is the force transfer matrix T times the standard stiffness.
     The solution of a body in two layers with separate pressures is exact.
     """
-    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), smooth_distortion)
+    mesh = move_nodes(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distort_unit_domain_smoothly)
     galerkin, pw = (
         ElasticBody(mesh, method, "plane stress") for method in (GALERKIN, PETROV_GALERKIN)
     )
@@ -122,8 +122,8 @@ def assert_parallel_identities(comm):
     assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
     for cell in (CellType.triangle, CellType.tetrahedron):
         assert (
-            largest_layer_displacement_error(
-                Spaces.hybrid, make_layered_mesh(comm, cell), has_split_pressure=True
+            largest_displacement_error_of_two_layers(
+                Spaces.hybrid, make_distorted_two_layer_mesh(comm, cell), has_pressure_jump=True
             )
             < 1e-12
         )
@@ -133,7 +133,7 @@ def assert_parallel_identities(comm):
 def compute_condensed_element_numbers(comm, element_name):
     def make_distorted_mesh(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), smooth_distortion)
+        return move_nodes(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distort_unit_domain_smoothly)
 
     body = discretise(
         element_name, make_distorted_mesh, Material(1.0, 0.3), StressState.PLANE_STRESS
@@ -147,7 +147,9 @@ def compute_condensed_element_numbers(comm, element_name):
     (state,) = solve_contact(K, pushed, body.supports([]), [wall], U)
     M = assemble_matrix(body.body.mass())
     numbers = {
-        f"guyan {left}": vibration_modes(K, M, mass_condensation(supports, left), 3).eigenvalues
+        f"guyan {left}": vibration_modes(
+            K, M, reduction_for_mass_condensation(supports, left), 3
+        ).eigenvalues
         for left in ("transposed", "same")
     }
     if element_name == "pw-Q8":
@@ -184,7 +186,11 @@ def compute_rubber_numbers(comm):
 
 def compute_hybrid_body_numbers(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
-    mesh = make_box_mesh(comm) if state == "solid" else move_nodes(square, smooth_distortion)
+    mesh = (
+        make_box_mesh(comm)
+        if state == "solid"
+        else move_nodes(square, distort_unit_domain_smoothly)
+    )
     body = ElasticBody(mesh, Spaces.hybrid, state, 2e9, 0.5)
     f = body.body_force_load([3e6] * body.dim)
     f.axpy(1.0, nodal_load(body.space, on_plane(0, 0.0), [2e6] * body.dim))

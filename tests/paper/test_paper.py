@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pw_elements.contact import OPEN, SLIP, STICK
 from study.model import discretisation, vocabulary
-from study.paper.items import ITEMS, TABLE_1, TABLE_2, section_table
+from study.paper.items import ITEMS, TABLE_1, TABLE_2, format_section_table
 from study.publish.texts import BLOCK_OF_CONSTANT
 from study.run.cases import SECTIONS
 
@@ -71,7 +71,7 @@ def test_figures_belong_to_the_sections_of_their_items():
 
 
 def test_study_map_is_the_section_table_and_its_files_exist():
-    table = section_table()
+    table = format_section_table()
     assert table in STUDY_MAP_FILE.read_text(), "python3 -m study.paper.items"
     named_files = re.findall(r"`([\w/]+\.py)`", table)
     assert len(named_files) > 40

@@ -27,7 +27,13 @@ from study.paper.table_1.family import (
     UserElements,
     condensation,
 )
-from study.paper.table_1.inverse import MIN_COLUMNS, MIN_ODDS, Mechanisms, judge_row, printed_shifts
+from study.paper.table_1.inverse import (
+    MIN_COLUMNS,
+    MIN_ODDS,
+    TreatmentShiftBands,
+    compare_row_with_shift_bands,
+    printed_shifts_and_rounding,
+)
 from study.run.store import Result
 from tests.oracle.contact import NodesAndSurface, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to_shift, guyan_reduction
@@ -48,7 +54,7 @@ from tests.oracle.test_sections import oracle_points_per_direction, patch_librar
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE_PROFILE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
+COARSE_PROFILE = s7_5_profiles.ColumnProfile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 
 def make_oracle_column(result, element, linear_weights):
@@ -258,15 +264,17 @@ def test_condensation_is_guyans_and_transposition_swaps_its_factors():
 def make_mechanisms_with_bands_about(medians, half_width):
     medians = np.array(medians)
     place = np.zeros((len(medians), 2), dtype=int)
-    return Mechanisms(medians - half_width, medians + half_width, medians, place)
+    return TreatmentShiftBands(medians - half_width, medians + half_width, medians, place)
 
 
 def test_odds_single_out_only_a_mechanism_that_gives_the_printed_shifts():
-    printed, rounding = printed_shifts("six")
+    printed, rounding = printed_shifts_and_rounding("six")
     scattered_medians = np.random.default_rng(0).normal(0, 0.05, (200, 6))
-    row = judge_row(make_mechanisms_with_bands_about(scattered_medians, 0.002), printed, rounding)
+    row = compare_row_with_shift_bands(
+        make_mechanisms_with_bands_about(scattered_medians, 0.002), printed, rounding
+    )
     assert row["distance"] > 0
-    row = judge_row(
+    row = compare_row_with_shift_bands(
         make_mechanisms_with_bands_about([*scattered_medians, printed], 0.002), printed, rounding
     )
     assert row["distance"] == 0
@@ -276,10 +284,10 @@ def test_odds_single_out_only_a_mechanism_that_gives_the_printed_shifts():
 
 
 def test_distance_from_a_band_is_zero_inside_and_the_excess_outside():
-    printed, rounding = printed_shifts("six")
+    printed, rounding = printed_shifts_and_rounding("six")
     low, high = np.full((1, 6), -np.inf), np.full((1, 6), np.inf)
     high[0, 0] = 0.0  # half of the rows, whatever their scatter; the print lies within
-    mechanisms = Mechanisms(low, high, np.array([printed]), np.zeros((1, 2), dtype=int))
+    mechanisms = TreatmentShiftBands(low, high, np.array([printed]), np.zeros((1, 2), dtype=int))
     distances = mechanisms.distances(np.array([printed, -printed]), 0 * rounding)
     assert distances.tolist() == [0.0, pytest.approx(-printed[0])]
 
@@ -300,7 +308,7 @@ def test_table_1_claims_are_explained_only_with_zero_distance_and_sufficient_odd
 
 def test_the_standard_mass_gives_the_signs_of_all_printed_shifts(results):
     for row in TREATMENTS:
-        printed, _ = printed_shifts(row)
+        printed, _ = printed_shifts_and_rounding(row)
         medians = [results.scalar("7.5/blind", f"{row}_mass_median_{mode}") for mode in range(1, 7)]
         assert np.array_equal(np.sign(medians), np.sign(printed))
 

@@ -10,7 +10,7 @@ import pytest
 
 from study.judge.claims import load_claims
 from study.paper.items import TABLE_2
-from study.paper.s7_6_exact import Strip
+from study.paper.s7_6_exact import CompressedStrip
 from study.paper.table_2.family import (
     MESHES,
     MODE_1_SET_UPS,
@@ -26,10 +26,10 @@ from study.paper.table_2.family import (
 from study.paper.table_2.inverse import (
     MIN_ODDS,
     Models,
-    distinct,
-    estimate_chance,
-    judge_row,
+    compare_row_with_models,
     likelihood_shares,
+    remove_duplicate_models,
+    simulate_nearest_model_distances,
 )
 from tests.oracle.eigen import eigenvalues_nearest_to_shift
 from tests.oracle.problem import (
@@ -115,7 +115,7 @@ def test_eulers_stress_follows_from_eq_27(results):
         assert stress == pytest.approx(TABLE_2["Euler"][mode - 1], rel=2e-4)
 
 
-BEAM_STRIP = Strip(2.07e11, 0.0, 8.0)
+BEAM_STRIP = CompressedStrip(2.07e11, 0.0, 8.0)
 
 # Values that were published or computed independently of this code
 REFERENCE_STRESSES_BY_FORM = {
@@ -128,20 +128,28 @@ REFERENCE_STRESSES_BY_FORM = {
 @pytest.mark.parametrize("form", REFERENCE_STRESSES_BY_FORM)
 def test_critical_stresses_of_the_beam_agree_with_references(form):
     for n, value in enumerate(REFERENCE_STRESSES_BY_FORM[form], start=1):
-        assert BEAM_STRIP.elasticity(n, form) == pytest.approx(value, rel=5e-7)
+        assert BEAM_STRIP.exact_critical_stress(n, form) == pytest.approx(value, rel=5e-7)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.2, 0.45])
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_determinant_and_rayleigh_lamb_have_the_same_root(n, nu):
-    strip = Strip(3.0, nu, 6.0)
-    assert strip.elasticity(n, "G") == pytest.approx(strip.rayleigh_lamb_modulus(n), rel=1e-10)
+    strip = CompressedStrip(3.0, nu, 6.0)
+    assert strip.exact_critical_stress(n, "G") == pytest.approx(
+        strip.critical_stress_by_rayleigh_lamb(n), rel=1e-10
+    )
 
 
 def test_stresses_of_slender_strips_tend_to_eulers():
-    for theory in (Strip.engesser, Strip.haringx, lambda strip, n: strip.elasticity(n, "J")):
+    for theory in (
+        CompressedStrip.engesser_stress,
+        CompressedStrip.haringx_stress,
+        lambda strip, n: strip.exact_critical_stress(n, "J"),
+    ):
         errors = [
-            theory(Strip(1.0, 0.0, slenderness), 1) / Strip(1.0, 0.0, slenderness).euler(1) - 1
+            theory(CompressedStrip(1.0, 0.0, slenderness), 1)
+            / CompressedStrip(1.0, 0.0, slenderness).euler_stress(1)
+            - 1
             for slenderness in (20, 40)
         ]
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
@@ -152,11 +160,13 @@ def test_haringx_and_engesser_have_the_same_shear_stiffness():
     # both solve 1 / s = 1 / euler + c / (kappa G), Engesser with c = 1, Haringx with c = s / euler
     rigidity = 5 / 6 * BEAM_STRIP.shear_modulus
     for n in (1, 2):
-        euler = BEAM_STRIP.euler(n)
-        assert 1 / BEAM_STRIP.engesser(n) == pytest.approx(1 / euler + 1 / rigidity, rel=1e-13)
-        s = BEAM_STRIP.haringx(n)
+        euler = BEAM_STRIP.euler_stress(n)
+        assert 1 / BEAM_STRIP.engesser_stress(n) == pytest.approx(
+            1 / euler + 1 / rigidity, rel=1e-13
+        )
+        s = BEAM_STRIP.haringx_stress(n)
         assert s * (1 + s / rigidity) == pytest.approx(euler, rel=1e-12)
-    assert np.isclose(BEAM_STRIP.euler(2), 4 * BEAM_STRIP.euler(1))
+    assert np.isclose(BEAM_STRIP.euler_stress(2), 4 * BEAM_STRIP.euler_stress(1))
 
 
 # Which models of the family reproduce Table 2?
@@ -255,23 +265,25 @@ def test_chance_is_the_area_near_few_models_times_their_density():
     """
     deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
     models = Models(np.array(deviation), None)
-    chance = estimate_chance(models)
+    chance = simulate_nearest_model_distances(models)
     scatter = np.sqrt(np.diag(chance.covariance))
     np.testing.assert_allclose(scatter, 3.0)
     density = np.exp(-((models.deviation / scatter) ** 2).sum(axis=1) / 2)
     density /= 2 * np.pi * scatter.prod()
-    assert chance.within(0.3) == pytest.approx(0.6**2 * density.sum(), rel=0.15)
+    assert chance.fraction_of_random_rows_within(0.3) == pytest.approx(
+        0.6**2 * density.sum(), rel=0.15
+    )
 
 
 def test_odds_single_out_only_a_model_that_gives_the_printed_values():
     rounding, uncertainty = np.array([0.002, 0.002]), np.array([0.5, 0.5])
     scattered_models = _make_scattered_models(500)
-    row_values, _ = judge_row(scattered_models, uncertainty, rounding)
+    row_values, _ = compare_row_with_models(scattered_models, uncertainty, rounding)
     assert row_values["odds"] < MIN_ODDS
     assert row_values["within_rounding"] == 0
     deviation = np.vstack([scattered_models.deviation, [[0.001, -0.001]]])
     models_with_exact_one = Models(deviation, np.zeros((501, 3), dtype=int))
-    row_values, _ = judge_row(models_with_exact_one, uncertainty, rounding)
+    row_values, _ = compare_row_with_models(models_with_exact_one, uncertainty, rounding)
     assert row_values["odds"] > MIN_ODDS
     assert row_values["within_rounding"] == 1
 
@@ -284,7 +296,7 @@ def test_likelihood_shares_are_normal_densities_that_sum_to_one():
 
 def test_models_with_the_same_values_count_once():
     models = Models(np.array([[1.0, 2.0], [1.0, 2.0], [3.0, 4.0]]), np.arange(9).reshape(3, 3))
-    assert distinct(models).place.tolist() == [[0, 1, 2], [6, 7, 8]]
+    assert remove_duplicate_models(models).place.tolist() == [[0, 1, 2], [6, 7, 8]]
 
 
 def test_table_2_claims_are_explained_only_with_sufficient_odds(results):

@@ -8,10 +8,10 @@ import pytest
 
 from study.judge.claims import load_paper_claims
 from study.judge.sentences import (
+    compare_entries_with_paper_text,
     digest_sentence,
-    find_disagreements,
-    find_incomplete_entries,
-    first_words,
+    find_faulty_entries,
+    identifying_first_words,
     load_sentences,
     main,
     split_sentences,
@@ -23,7 +23,7 @@ PAPER_TEXT_FILE = Path(os.environ.get("PW_ELEMENTS_PAPER", ""))  # a file with t
 
 
 def test_every_sentence_has_statements_or_a_reason_and_every_statement_a_sentence():
-    assert find_incomplete_entries(LISTED_SENTENCES, PAPER_CLAIMS) == []
+    assert find_faulty_entries(LISTED_SENTENCES, PAPER_CLAIMS) == []
 
 
 @pytest.mark.skipif(
@@ -59,7 +59,7 @@ def test_split_ends_sentences_before_capitals_and_keeps_headings_and_captions():
     ],
 )
 def test_incomplete_entries_are_reported(changes, message):
-    messages = find_incomplete_entries(
+    messages = find_faulty_entries(
         [replace(LISTED_SENTENCES[0], **changes), *LISTED_SENTENCES[1:]], PAPER_CLAIMS
     )
     assert [reported_line for reported_line in messages if message in reported_line]
@@ -70,18 +70,20 @@ def test_changed_text_and_wrong_quote_are_reported():
     sentence = f"He said that {claim.quote}, or so."
     listed_sentence = replace(
         LISTED_SENTENCES[0],
-        begins=first_words(sentence),
+        begins=identifying_first_words(sentence),
         digest=digest_sentence(sentence),
         claims=(claim.id,),
     )
-    assert find_disagreements([listed_sentence], [sentence], [claim]) == []
-    (changed_text_message,) = find_disagreements([listed_sentence], [sentence + " Not."], [claim])
+    assert compare_entries_with_paper_text([listed_sentence], [sentence], [claim]) == []
+    (changed_text_message,) = compare_entries_with_paper_text(
+        [listed_sentence], [sentence + " Not."], [claim]
+    )
     assert "sentence 1 begins" in changed_text_message
-    (wrong_quote_message,) = find_disagreements(
+    (wrong_quote_message,) = compare_entries_with_paper_text(
         [listed_sentence], [sentence], [replace(claim, quote="five times")]
     )
     assert "71-four quotes what is not in its sentences" in wrong_quote_message
     assert (
         "1 sentences are known"
-        in find_disagreements([listed_sentence], [sentence, sentence], [claim])[0]
+        in compare_entries_with_paper_text([listed_sentence], [sentence, sentence], [claim])[0]
     )

@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.judge.claims import GRADES, PAPER_KINDS, judge, load_claims
+from study.judge.claims import GRADES, PAPER_KINDS, judge_claims, load_claims
 from study.judge.facts import (
     MISPRINT_MUTATIONS,
     RESULT_MUTATIONS,
-    assign_facts,
-    fact_mutations,
-    find_turning_mutations,
+    assign_facts_to_paper_statements,
+    find_mutations_that_reverse_verdicts,
     load_facts,
-    misread_digits,
-    own_number_mutation,
+    misprints_of_second_digit,
+    mutations_that_identify_fact,
+    name_of_own_number_misprint,
 )
 from study.paper.s7_5_profiles import PROFILES
 from study.run.store import Results, write_json
@@ -83,17 +83,22 @@ def turning_mutations_by_claim(results, request):
             for claim in PAPER_STATEMENTS + FINDINGS_ON_PRINTED_NUMBERS
             if not (is_quick and SLOW_CLAIM_ID_PATTERN.match(claim.id))
         ]
-        write_json(path, find_turning_mutations(judge(judged_statements, results), results))
+        write_json(
+            path,
+            find_mutations_that_reverse_verdicts(judge_claims(judged_statements, results), results),
+        )
     return json.loads(path.read_text())
 
 
 @pytest.fixture(scope="session")
 def fact_ids_by_statement(turning_mutations_by_claim):
-    return assign_facts(PAPER_STATEMENTS, turning_mutations_by_claim, LISTED_FACTS)
+    return assign_facts_to_paper_statements(
+        PAPER_STATEMENTS, turning_mutations_by_claim, LISTED_FACTS
+    )
 
 
 def judge_claim(claim, results):
-    (judged_claim,) = judge([claim], results)
+    (judged_claim,) = judge_claims([claim], results)
     return judged_claim
 
 
@@ -126,9 +131,10 @@ def test_a_misprint_of_any_printed_number_turns_a_statement(turning_mutations_by
     assert {mutation.name for mutation in MISPRINT_MUTATIONS} <= turning_mutations
     for claim in (statement for statement in PAPER_STATEMENTS if statement.printed):
         is_computed = claim.grade == "reproduced"  # e.g. "around half"
-        assert is_computed or own_number_mutation(claim) in turning_mutations_by_claim[claim.id], (
-            claim.id
-        )
+        assert (
+            is_computed
+            or name_of_own_number_misprint(claim) in turning_mutations_by_claim[claim.id]
+        ), claim.id
 
 
 def test_statements_share_a_fact_if_the_same_mutations_turn_them(
@@ -136,7 +142,7 @@ def test_statements_share_a_fact_if_the_same_mutations_turn_them(
 ):
     assert fact_ids_by_statement.keys() == {claim.id for claim in PAPER_STATEMENTS}
     signatures = {
-        claim.id: fact_mutations(claim, turning_mutations_by_claim.get(claim.id, ()))
+        claim.id: mutations_that_identify_fact(claim, turning_mutations_by_claim.get(claim.id, ()))
         for claim in PAPER_STATEMENTS
     }
     for statement_id in signatures:
@@ -164,7 +170,7 @@ def test_each_fact_supports_a_statement_and_names_an_existing_test(fact_ids_by_s
     [(0.3, (0.2, 0.4)), (76.0, (75.0, 77.0)), (9.6683e9, (9.5683e9, 9.7683e9)), (4.0, (3.0, 5.0))],
 )
 def test_misread_digits_change_the_second_digit_or_the_only_one(number, expected):
-    assert misread_digits(number) == pytest.approx(expected)
+    assert misprints_of_second_digit(number) == pytest.approx(expected)
 
 
 @parametrize_graded_statements("reproduced")

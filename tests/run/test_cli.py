@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import study.publish.report
-from figures.__main__ import draw_all
+from figures.__main__ import draw_outdated_figures
 from study.publish.command import main
 from study.run import runner
 from study.run.cases import load_section
@@ -422,10 +422,10 @@ def test_an_error_in_the_claims_is_found_before_any_computation(run_study, toy_s
 @pytest.mark.usefixtures("real_report")
 def test_failing_figures_give_status_1_but_do_not_prevent_the_report(results_folder):
     def fail_to_draw(folder, complete, jobs):
-        return not EMPTY_FIGURE_DRAWING.draw_all(folder, complete, jobs)
+        return not EMPTY_FIGURE_DRAWING.draw_outdated_figures(folder, complete, jobs)
 
     arguments = ["1", "--jobs", "1", "--out", str(results_folder)]
-    assert main(arguments, EMPTY_FIGURE_DRAWING._replace(draw_all=fail_to_draw)) == 1
+    assert main(arguments, EMPTY_FIGURE_DRAWING._replace(draw_outdated_figures=fail_to_draw)) == 1
     assert (results_folder / "report.html").exists()
     assert main(arguments, EMPTY_FIGURE_DRAWING) == 0
 
@@ -442,14 +442,14 @@ def test_parallel_tasks_that_fail_are_reported(toy_study, results_folder, capsys
     """Cases are computed all the same: the tasks only save time."""
     assert toy_study.exists()
     toy_cases = [case for section in ("1", "2") for case in load_section(section).cases]
-    tasks = runner.ParallelTasks("json:no_such_function", "json:dumps")
-    assert runner.run(toy_cases, results_folder, 2, False, tasks) == []
+    tasks = runner.WorkerTaskFunctions("json:no_such_function", "json:dumps")
+    assert runner.run_cases_without_valid_result(toy_cases, results_folder, 2, False, tasks) == []
     assert "preparations of parallel tasks: AttributeError" in capsys.readouterr().err
 
 
 def test_figures_are_drawn_in_the_results_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert draw_all(Path("some/results"), complete=False)
+    assert draw_outdated_figures(Path("some/results"), require_all_results=False)
     assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
 
 
@@ -557,8 +557,9 @@ def test_an_interrupt_during_imports_gives_one_line(tmp_path):
     slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
     (tmp_path / "toy" / "__init__.py").write_text(slow)
     code = "import sys; from study.run.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
-    code += "from study.run.supervisor import supervise; from study.publish.command import main\n"
-    code += "sys.exit(supervise(lambda: main(['1', '--out', 'OUT']), 'study'))"
+    code += "from study.run.supervisor import run_in_supervised_process\n"
+    code += "from study.publish.command import main\n"
+    code += "sys.exit(run_in_supervised_process(lambda: main(['1', '--out', 'OUT']), 'study'))"
     code = code.replace("OUT", str(tmp_path / "results"))
     command, path = [sys.executable, "-c", code], f"{ROOT}:{tmp_path}"
     with SpawnedCommand(command, tmp_path / "messages", PYTHONPATH=path) as process:

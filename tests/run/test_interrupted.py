@@ -15,7 +15,7 @@ import pytest
 
 from study.publish.command import main
 from study.run.jit import recover_from_jit_conflict
-from study.run.pool import _run_worker
+from study.run.pool import _run_tasks_until_channel_closes
 from study.run.store import Results, remove_unfinished_files
 from tests.run.processes import TERMINATION_SIGNALS, SpawnedCommand, read_command_line
 from tests.study.toystudy import install_toy_study
@@ -225,7 +225,7 @@ def test_a_worker_without_its_main_process_prints_nothing():
     main_end, worker_end = multiprocessing.Pipe()
     main_end.send(("math:sqrt", (4.0,)))
     main_end.close()
-    _run_worker(worker_end)  # no process receives the result
+    _run_tasks_until_channel_closes(worker_end)  # no process receives the result
 
 
 def test_unfinished_files_of_killed_writers_are_removed_from_results_folders(tmp_path):

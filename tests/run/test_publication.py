@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from study.publish.site import copy_guide
+from study.publish.site import copy_guide_without_drafts
 from study.publish.texts import REFERENCES
 
 ROOT = Path(__file__).parents[2]
@@ -108,7 +108,7 @@ def test_only_names_and_addresses_are_left_to_be_filled():
 
 
 def test_the_site_leaves_the_drafts_out(tmp_path):
-    copy_guide(tmp_path / "source")
+    copy_guide_without_drafts(tmp_path / "source")
     assert (tmp_path / "source" / "how-to" / "index.md").is_file()
     assert not (tmp_path / "source" / "publication").exists()
 

@@ -35,7 +35,7 @@ N_FAMILY_PROCESSES = 9
 def start_supervised_program(
     folder,
     body=PROCESS_FAMILY_SOURCE,
-    exit_expression="supervise(command, 'study')",
+    exit_expression="run_in_supervised_process(command, 'study')",
     sibling_command="",
     **options,
 ):
@@ -50,7 +50,8 @@ def start_supervised_program(
     """
     script = folder / "program.py"
     script.write_text(
-        f"{body}\nfrom study.run.supervisor import supervise\nsys.exit({exit_expression})\n"
+        f"{body}\nfrom study.run.supervisor import run_in_supervised_process\n"
+        f"sys.exit({exit_expression})\n"
     )
     temporary = folder / "temporary"
     temporary.mkdir(exist_ok=True)
@@ -172,9 +173,13 @@ import subprocess, sys
 def command():
     return subprocess.run([sys.executable, "family.py"], cwd=sys.path[0]).returncode
 """
-    text = f"{PROCESS_FAMILY_SOURCE}\nfrom study.run.supervisor import supervise\n"
-    (tmp_path / "family.py").write_text(f"{text}sys.exit(supervise(command, 'study'))\n")
-    with start_supervised_program(tmp_path, nested, "supervise(command, 'figures')") as outer:
+    text = f"{PROCESS_FAMILY_SOURCE}\nfrom study.run.supervisor import run_in_supervised_process\n"
+    (tmp_path / "family.py").write_text(
+        f"{text}sys.exit(run_in_supervised_process(command, 'study'))\n"
+    )
+    with start_supervised_program(
+        tmp_path, nested, "run_in_supervised_process(command, 'figures')"
+    ) as outer:
         outer.read_output_until("begun")
         outer.send_signal(signal.SIGINT, to_group=True)
         assert outer.wait() == 128 + signal.SIGINT

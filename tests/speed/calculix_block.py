@@ -17,8 +17,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from study.benchmarks.k_cost.measure import measure_calculix, rough_block
-from study.solutions.calculix.calculix import find_calculix, read_version
+from study.benchmarks.k_cost.measure import make_calculix_block_on_rough_plane, measure_calculix_run
+from study.solutions.calculix.calculix import ask_calculix_for_its_version, find_calculix
 
 
 def main() -> int:
@@ -29,16 +29,18 @@ def main() -> int:
     options = parser.parse_args()
     if options.deck:
         for cells in options.cells:
-            (options.deck / f"block-{cells}.inp").write_text(rough_block(cells).deck())
+            (options.deck / f"block-{cells}.inp").write_text(
+                make_calculix_block_on_rough_plane(cells).deck()
+            )
         return 0
     calculix = find_calculix()
     if calculix is None:
         print("calculix_block: ccx (Debian's calculix-ccx) is not installed", file=sys.stderr)
         return 1
-    print(f"CalculiX {read_version(calculix)}, C3D10\n")
+    print(f"CalculiX {ask_calculix_for_its_version(calculix)}, C3D10\n")
     print("| unknowns | CPU s | wall s | MB | iterations |\n|---:|---:|---:|---:|---:|")
     for cells in options.cells:
-        cost = measure_calculix(calculix, rough_block(cells))
+        cost = measure_calculix_run(calculix, make_calculix_block_on_rough_plane(cells))
         print(
             f"| {cost['dofs']} | {cost['whole_seconds']:.1f} | {cost['wall_seconds']:.1f} | "
             f"{cost['megabytes']:.0f} | {cost['iterations']} |",

@@ -16,15 +16,15 @@ import tempfile
 import time
 from pathlib import Path
 
-from study.solutions.calculix.calculix import find_calculix, read_version
-from study.solutions.calculix.decks import BlockWithPrintedContactPressure, TrianglePairs
+from study.solutions.calculix.calculix import ask_calculix_for_its_version, find_calculix
+from study.solutions.calculix.decks import BlockWithPrintedContactPressure, RectangleOfTrianglePairs
 
 
 def measure(ccx: str, divisions: int, runs: int) -> list[float]:
     """Return the wall times of whole runs in seconds, without writing the deck."""
 
     class Fine(BlockWithPrintedContactPressure):
-        mesh = TrianglePairs((0.0, 0.0), (4.0, 2.0), (divisions, divisions // 2))
+        mesh = RectangleOfTrianglePairs((0.0, 0.0), (4.0, 2.0), (divisions, divisions // 2))
 
     seconds = []
     with tempfile.TemporaryDirectory() as folder:
@@ -52,7 +52,7 @@ def main() -> int:
     if ccx is None:
         print("calculix_speed: ccx (Debian's calculix-ccx) is not installed", file=sys.stderr)
         return 1
-    print(f"| triangles | CalculiX {read_version(ccx)} |\n| ---: | ---: |")
+    print(f"| triangles | CalculiX {ask_calculix_for_its_version(ccx)} |\n| ---: | ---: |")
     for divisions in options.divisions:
         seconds = measure(ccx, divisions, options.runs)
         middle, low, high = statistics.median(seconds), min(seconds), max(seconds)

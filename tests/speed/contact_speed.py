@@ -38,7 +38,7 @@ def measure(divisions: int, runs: int) -> dict[str, list[float]]:
     }
     for name, loads in _loads(body).items():
         arguments = (body, loads, s7_2_block.FRICTION, True)
-        parts[name] = partial(s7_2_block.solve_on_foundation, *arguments)
+        parts[name] = partial(s7_2_block.solve_contact_on_foundation, *arguments)
     times: dict[str, list[float]] = {}
     for _ in range(runs):
         for name, part in parts.items():
@@ -85,7 +85,7 @@ def _block(divisions: int) -> Discretisation:
 
 
 def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
-    both = s7_2_block.assemble_load_history(body, s7_2_block.PULL)
+    both = s7_2_block.assemble_loads_of_increments(body, s7_2_block.PULL)
     return {"contact": [both[-1]], "history": [both[0], both[-1]]}
 
 

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from study.judge.measures.paper_statements import _test_functions
-from study.paper.bands import OTHER_DIAGONALS, UNPRINTED_DATA, envelope, list_case_family
+from study.judge.measures.paper_statements import _evaluate_test_functions_on_line
+from study.paper.bands import (
+    OTHER_DIAGONALS,
+    UNPRINTED_DATA,
+    envelope_of_lines,
+    list_keys_of_case_and_variants,
+)
 from study.run.cases import load_section
 
 
@@ -12,7 +17,9 @@ from study.run.cases import load_section
 def test_variants_differ_from_their_base_in_the_varied_parameters_only(section):
     cases = {case.key: case.stored_parameters for case in load_section(section).cases}
     for variants in (UNPRINTED_DATA, OTHER_DIAGONALS):
-        complete = [key for key in cases if set(list_case_family(key, variants)) <= set(cases)]
+        complete = [
+            key for key in cases if set(list_keys_of_case_and_variants(key, variants)) <= set(cases)
+        ]
         element = "pw-Q9" if variants is UNPRINTED_DATA and section == "7.3" else "pw-T6"
         assert f"{section}/{element}" in complete
         for key in complete:
@@ -40,7 +47,7 @@ def test_envelope_spans_the_first_curves_range_and_encloses_all_curves():
         x[[0, -1]] = -1 - rng.uniform(), 1 + rng.uniform()
         lines.append((x, rng.normal(size=count)))
     lines[1][1][3] = np.nan  # no pressure at a node whose weight vanishes
-    x, low, high = envelope(lines)
+    x, low, high = envelope_of_lines(lines)
     assert (x[0], x[-1]) == (lines[0][0][0], lines[0][0][-1])
     for positions, values in lines:
         is_number = ~np.isnan(values)
@@ -64,7 +71,7 @@ def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(
     """
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)
-    functions = _test_functions(nodes, x, is_standard)
+    functions = _evaluate_test_functions_on_line(nodes, x, is_standard)
     assert functions.sum(axis=0) == pytest.approx(1.0)
     assert functions[np.arange(5), np.searchsorted(x, nodes)] == pytest.approx(1.0)
     integrals = np.trapezoid(functions, x, axis=1)

@@ -139,7 +139,7 @@ def test_fingerprint_depends_on_parameters_name_library_and_versions_not_on_orde
         compute_fingerprint(replace(case, parameters=case.parameters | {"value": 1.5}))
     )
     fingerprints.add(compute_fingerprint(replace(case, name="c")))
-    fingerprints.add(compute_fingerprint(replace(case, implied={"state": "solid"})))
+    fingerprints.add(compute_fingerprint(replace(case, implied_parameters={"state": "solid"})))
     append_text(library)
     fingerprints.add(compute_fingerprint(case))
     monkeypatch.setattr(cases, "package_versions", lambda: {"dolfinx": "99"})

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from study.judge import checks, pins
-from study.judge.claims import PAPER_KINDS, judge, load_claims
+from study.judge.claims import PAPER_KINDS, judge_claims, load_claims
 from study.judge.measures.general import largest
 from study.run import runner
-from study.run.expected import read_expected_table
+from study.run.expected import read_table_of_expected_seconds
 from study.run.store import Results, StudyError
 from tests.study.computed_results import ComputedResults, load_cases_by_key
 
@@ -36,15 +36,17 @@ def load_stored_results_and_states():
     The state is "stored" if the result was computed with the current code.
     """
     results = Results(STORED_RESULTS_FOLDER)
-    slow_cases = [case for key, case in load_cases_by_key().items() if key in read_expected_table()]
-    return results, runner.states(slow_cases, results)
+    slow_cases = [
+        case for key, case in load_cases_by_key().items() if key in read_table_of_expected_seconds()
+    ]
+    return results, runner.find_states_of_stored_results(slow_cases, results)
 
 
 class QuickOrStoredResults(ComputedResults):
     """Results that are computed if this takes less than a CPU second, and otherwise read."""
 
     def __getitem__(self, key):
-        if key not in read_expected_table() or load_cases_by_key()[key].record:
+        if key not in read_table_of_expected_seconds() or load_cases_by_key()[key].record:
             return super().__getitem__(key)
         results, states = load_stored_results_and_states()
         if states[key] == "stored":
@@ -62,7 +64,7 @@ def quick_or_stored_results(results):
 
 @pytest.mark.parametrize("claim", FINDINGS_AND_PINS, ids=_claim_id)
 def test_finding_or_pin_has_its_expected_verdict(claim, quick_or_stored_results):
-    (verdict,) = judge([claim], quick_or_stored_results)
+    (verdict,) = judge_claims([claim], quick_or_stored_results)
     assert not verdict.differs, (
         f"{claim.statement} {verdict.verdict} with {verdict.measured}, not "
         f"{verdict.expected_verdict}"
@@ -97,5 +99,5 @@ def test_number_beyond_its_bound_changes_the_verdict(claim):
     altered_claim = replace(
         claim, judgement=replace(judgement, function=lambda *_, **__: wrong_number)
     )
-    (verdict,) = judge([altered_claim], Results(STORED_RESULTS_FOLDER))
+    (verdict,) = judge_claims([altered_claim], Results(STORED_RESULTS_FOLDER))
     assert verdict.differs

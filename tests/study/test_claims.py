@@ -9,7 +9,7 @@ from study.judge.claims import (
     SCHEMA_FILE,
     claims_from_pins,
     format_verdict_table,
-    judge,
+    judge_claims,
     load_claims,
     read_claims,
     summarise_verdicts,
@@ -57,7 +57,7 @@ def read_toml_claims(tmp_path):
 
 
 def judge_changed_claim(read_toml_claims, results, **changes):
-    (judged_claim,) = judge(read_toml_claims(make_claim_toml(**changes)), results)
+    (judged_claim,) = judge_claims(read_toml_claims(make_claim_toml(**changes)), results)
     return judged_claim
 
 
@@ -200,7 +200,7 @@ def test_only_statements_of_the_paper_have_grades(read_toml_claims):
 
 
 def test_untestable_statement_has_no_measure_and_never_differs(read_toml_claims, results):
-    (judged_claim,) = judge(
+    (judged_claim,) = judge_claims(
         read_toml_claims(make_claim_toml(**NOT_TESTABLE_CLAIM_CHANGES)), results
     )
     assert (judged_claim.verdict, judged_claim.measured, judged_claim.differs) == (
@@ -229,7 +229,7 @@ def test_error_names_a_failing_measure_and_its_claim(read_toml_claims, results, 
 
 
 def test_claims_are_written_with_verdict_fact_and_turning_mutations(read_toml_claims, results):
-    judged_claims = judge(
+    judged_claims = judge_claims(
         read_toml_claims(
             make_claim_toml(), make_claim_toml(id='"other"', args='{ key = "7/no", name = "y" }')
         ),
@@ -253,7 +253,7 @@ def test_claims_are_written_with_verdict_fact_and_turning_mutations(read_toml_cl
 
 
 def test_summary_counts_verdicts_and_table_lists_differing_claims(read_toml_claims, results):
-    judged_claims = judge(
+    judged_claims = judge_claims(
         read_toml_claims(
             make_claim_toml(),
             make_claim_toml(id='"wrong"', value=4.0),

@@ -1,7 +1,13 @@
 import pytest
 
 from study.run import compare_versions
-from study.run.compare_versions import KINDS, compare, find_kind, format_differences, main
+from study.run.compare_versions import (
+    KINDS,
+    compare_scalars_of_folders,
+    find_kind_of_scalar,
+    format_differences,
+    main,
+)
 from study.run.store import Result, Results, save
 
 DEFAULT_SCALARS = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
@@ -27,7 +33,7 @@ def store_scalars(tmp_path, monkeypatch):
 
 
 def compare_folders(*folders):
-    return compare(*map(Results, folders))
+    return compare_scalars_of_folders(*map(Results, folders))
 
 
 def test_equal_results_do_not_differ_and_missing_results_are_no_agreement(
@@ -98,7 +104,7 @@ def test_scalars_and_cases_in_one_folder_only_are_reported(store_scalars):
     ],
 )
 def test_scalar_has_the_kind_that_its_case_and_name_say(case_and_scalar_name, kind):
-    assert find_kind(case_and_scalar_name).name == kind
+    assert find_kind_of_scalar(case_and_scalar_name).name == kind
     assert len({listed_kind.name for listed_kind in KINDS}) == len(KINDS)
 
 

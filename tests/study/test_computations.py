@@ -18,7 +18,7 @@ def store_v1_case_and_describe(tmp_path):
         provenance = {"record": record} | ({} if dofs is None else {"dofs": dofs})
         result = Result({"y": 1.0}, {"y": "1"}, curves or {})
         save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
-        return computations.describe_computation(Results(tmp_path), "V1")
+        return computations.describe_computation_of_section(Results(tmp_path), "V1")
 
     return store_case_and_summarise
 
@@ -45,7 +45,7 @@ def test_computed_and_recorded_results_are_counted_separately(store_v1_case_and_
     store_v1_case_and_describe({}, dofs=1)
     store_v1_case_and_describe({}, dofs=1)
     store_v1_case_and_describe({}, dofs=1, record="study/run/records.json")
-    assert computations.count_computed_and_recorded(Results(tmp_path)) == (2, 1)
+    assert computations.count_computed_and_recorded_results(Results(tmp_path)) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,10 @@ def test_mesh_sizes_are_read_from_parameters_and_curves(
 def test_listed_quadrature_degrees_are_the_degree_constants_of_the_modules(section, module):
     degree = import_module(module).DEGREE if module else {}
     expected = {*degree.values()} if isinstance(degree, dict) else {degree}
-    assert computations._quadrature_degrees(computations.SECTIONS[section]) == expected
+    assert (
+        computations._find_quadrature_degrees_set_by_section(computations.SECTIONS[section])
+        == expected
+    )
 
 
 def test_degree_for_non_polynomials_is_that_of_the_library():

@@ -13,9 +13,9 @@ from scipy.special import j1
 
 from pw_elements._compat import cell_geometry_nodes
 from study.benchmarks.c_convergence import eigenvalues
-from study.benchmarks.c_convergence.statics import SETTINGS, compute_errors
+from study.benchmarks.c_convergence.statics import SETTINGS, solve_and_compute_relative_errors
 from study.meshes.mesh_families import (
-    convergence_order,
+    fit_convergence_order,
     mean_cell_size,
     on_cube,
     on_hollow_ball,
@@ -24,11 +24,13 @@ from study.meshes.mesh_families import (
 
 
 def measure_orders_and_finest_errors(element, setting, *cell_sides):
-    errors_by_mesh = [compute_errors(element, SETTINGS[setting], side) for side in cell_sides]
+    errors_by_mesh = [
+        solve_and_compute_relative_errors(element, SETTINGS[setting], side) for side in cell_sides
+    ]
     h = np.array([errors["h"] for errors in errors_by_mesh])
     error_names = [name for name in errors_by_mesh[0] if name.startswith("error_")]
     return {
-        name: convergence_order(h, np.array([row[name] for row in errors_by_mesh]))
+        name: fit_convergence_order(h, np.array([row[name] for row in errors_by_mesh]))
         for name in error_names
     }, errors_by_mesh[-1]
 
@@ -67,7 +69,7 @@ def test_all_errors_of_a_linear_field_are_round_off_for_every_plane_element():
 
     linear_setting = replace(SETTINGS["plane-strain"], field=linear_field)
     for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
-        errors = compute_errors(element, linear_setting, 1 / 4)
+        errors = solve_and_compute_relative_errors(element, linear_setting, 1 / 4)
         assert max(errors[name] for name in errors if name.startswith("error_")) < 1e-11
 
 
@@ -91,17 +93,17 @@ def test_gmsh_meshes_are_reproducible_and_follow_curved_outlines():
 
 def test_order_is_the_slope_through_the_finest_three_meshes():
     h = np.array([1.0, 0.5, 0.25, 0.125])
-    assert convergence_order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
+    assert fit_convergence_order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
 
 
 def test_exact_eigenvalues_of_square_cube_cylinder_and_ring_match_formulas():
-    square = eigenvalues.square_eigenvalues()
-    cube = eigenvalues.cube_eigenvalues()
-    cylinder = eigenvalues.cylinder_eigenvalues()
+    square = eigenvalues.exact_eigenvalues_of_walled_square()
+    cube = eigenvalues.exact_eigenvalues_of_walled_cube()
+    cylinder = eigenvalues.exact_eigenvalues_of_walled_cylinder()
     shear = 1 / 2.6
     assert square[0] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[:3] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[3] == pytest.approx(3 * np.pi**2 * shear)
     assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
-    (breathing,) = eigenvalues.ring_eigenvalue()
+    (breathing,) = eigenvalues.exact_breathing_eigenvalue_of_ring()
     assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # of a thin ring: E / (rho R^2)

@@ -6,7 +6,7 @@ import pytest
 
 import study.publish.command
 from study.benchmarks.k_cost import measure
-from study.benchmarks.k_cost.measure import CALCULIX, list_measurements, measurement_of_row
+from study.benchmarks.k_cost.measure import CALCULIX, list_measurements, measurement_from_record_row
 from study.benchmarks.k_cost.tasks import TASKS, Measurement
 from study.run import records
 from study.run.cases import load_section
@@ -31,7 +31,7 @@ SMALL_MEASUREMENTS = [
 def read_recorded_numbers_by_measurement():
     """Return a dictionary from each recorded measurement to its numbers."""
     rows = records.read_rows(records.TIME_AND_MEMORY).values()
-    return {measurement_of_row(row): row.content["measured"] for row in rows}
+    return {measurement_from_record_row(row): row.content["measured"] for row in rows}
 
 
 @pytest.mark.parametrize("measurement", SMALL_MEASUREMENTS, ids=lambda one: one.name)
@@ -79,7 +79,9 @@ def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_pat
 
     monkeypatch.setattr(measure, "measure", measure_with_doubled_time)
     recorded_cases = load_section("K").cases
-    remeasured = study.publish.command._replace_recorded_cases(recorded_cases, tmp_path)
+    remeasured = study.publish.command._replace_recorded_and_remeasure_cost_cases(
+        recorded_cases, tmp_path
+    )
     assert [case.name for case in remeasured] == [case.name for case in recorded_cases]
     assert len(measured_keys) == len({*measured_keys}) == len(rows) - 2
     for case, recorded_case in zip(remeasured, recorded_cases, strict=True):

@@ -13,11 +13,11 @@ from pw_elements import SurfaceNodes, assemble_vector, boundary_measure, solve
 from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
 from study.benchmarks.w_engineering import page, pressures, sliding
-from study.benchmarks.w_engineering.pressures import pressure_matrix
+from study.benchmarks.w_engineering.pressures import nodal_force_to_pressure_matrix
 from study.judge.measures import engineering
-from study.meshes.solid_meshes import mesh_box
-from study.model.discretisation import spaces
-from study.model.units import dimensionless
+from study.meshes.solid_meshes import mesh_box_along_lines
+from study.model.discretisation import make_element_spaces
+from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result, Results, save
 from tests.contact.cases import ElasticBody, on_plane
 
@@ -32,10 +32,14 @@ def make_elastic_block(element, cells_per_side=3):
         if is_plane
         else None
     )
-    mesh = mesh or mesh_box("tetrahedron", mesh_lines, mesh_lines, mesh_lines)
+    mesh = mesh or mesh_box_along_lines("tetrahedron", mesh_lines, mesh_lines, mesh_lines)
     state = "plane strain" if is_plane else "solid"
     return ElasticBody(
-        mesh, partial(spaces, element), state, sliding.PUNCH_MODULUS, sliding.PUNCH_POISSONS_RATIO
+        mesh,
+        partial(make_element_spaces, element),
+        state,
+        sliding.PUNCH_MODULUS,
+        sliding.PUNCH_POISSONS_RATIO,
     )
 
 
@@ -59,25 +63,32 @@ def test_pressure_matrix_recovers_pressure_from_nodal_forces(element):
         return assemble_vector(load).array[vertical_axis :: vertical_axis + 1][surface.node]
 
     linear_pressure = 1 + 2 * surface.position[:, 0]
-    assert pressure_matrix("projected", surface) @ nodal_forces(1 + 2 * x[0]) == pytest.approx(
-        linear_pressure
-    )
+    assert nodal_force_to_pressure_matrix("projected", surface) @ nodal_forces(
+        1 + 2 * x[0]
+    ) == pytest.approx(linear_pressure)
     has_no_weight = surface.weight_area < 1e-9
     even_forces = nodal_forces(1.0 + 0 * x[0])
     if has_no_weight.any():
         with pytest.raises(ValueError, match="own weight vanishes"):
-            pressure_matrix("own", surface)
-        assert pressure_matrix("skip", surface) @ even_forces == pytest.approx(~has_no_weight * 1.0)
-        assert pressure_matrix("neighbours", surface) @ even_forces == pytest.approx(1.0)
+            nodal_force_to_pressure_matrix("own", surface)
+        assert nodal_force_to_pressure_matrix("skip", surface) @ even_forces == pytest.approx(
+            ~has_no_weight * 1.0
+        )
+        assert nodal_force_to_pressure_matrix("neighbours", surface) @ even_forces == pytest.approx(
+            1.0
+        )
     else:
-        assert pressure_matrix("own", surface) @ even_forces == pytest.approx(1.0)
-    is_uneven = np.ptp(pressure_matrix("tributary", surface) @ even_forces) > 0.1
+        assert nodal_force_to_pressure_matrix("own", surface) @ even_forces == pytest.approx(1.0)
+    is_uneven = np.ptp(nodal_force_to_pressure_matrix("tributary", surface) @ even_forces) > 0.1
     assert is_uneven == element.startswith("galerkin")
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_an_unworn_punch_has_the_librarys_contact_forces(element):
-    punch, body = sliding.Punch.make(element, 4), make_elastic_block(element, 4)
+    punch, body = (
+        sliding.CondensedElasticPunch.from_element_and_mesh_size(element, 4),
+        make_elastic_block(element, 4),
+    )
     vertical_axis = body.dim - 1
 
     def is_loaded(x):
@@ -136,10 +147,13 @@ def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
 
 
 def test_wear_step_beyond_the_stability_bound_is_refused_and_below_it_is_stable():
-    min_stable_steps = solve_worn_punch("pw-T6").step_over_bound * 200
+    min_stable_steps = solve_worn_punch("pw-T6").step_over_stability_limit * 200
     with pytest.raises(ValueError, match="not stable"):
         sliding.wear_punch("pw-T6", "own", 4, int(min_stable_steps))
-    assert sliding.wear_punch("pw-T6", "own", 4, int(min_stable_steps) + 2).end_error < 0.05
+    assert (
+        sliding.wear_punch("pw-T6", "own", 4, int(min_stable_steps) + 2).final_pressure_deviation
+        < 0.05
+    )
 
 
 @cache
@@ -180,17 +194,17 @@ def test_heat_through_a_weak_joint_is_proportional_to_the_contact_force(element,
     """
     monkeypatch.setattr(pressures, "CONDUCTANCE", 1e-9)
     contact = pressures.HertzContact.solve(element, 4)
-    heat = pressures.conduct_heat(element, "own", 4, exponent=1.0).heat
+    heat = pressures.conduct_heat_through_joint(element, "own", 4, conductance_exponent=1.0).heat
     peak = contact.problem.exact.peak_pressure
     assert heat == pytest.approx(1e-9 * contact.force.sum() / peak, rel=1e-6)
 
 
 @pytest.mark.parametrize("element", ["galerkin-T6", "sibling-T6"])
 def test_impulse_is_the_change_of_momentum_and_energy_balances(element):
-    impact = sliding.throw_block(element, 4)
+    impact = sliding.throw_block_at_rough_dome(element, 4)
     step, mass = impact.time[1], 2.0
     assert step * impact.force[:, 1].sum() == pytest.approx(
-        mass * sliding.SPEED_DOWN * (1 + impact.rebound)
+        mass * sliding.SPEED_DOWN * (1 + impact.rebound_speed_ratio)
     )
     assert impact.imbalance < 1e-12
     assert impact.force[-1] == pytest.approx(0.0)
@@ -207,15 +221,15 @@ def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
         0, 1, 0, 2 * np.pi,
     )[0]  # fmt: skip
     at_point = np.array([r])
-    assert pressures.exact_stress(1, at_point, z)[0] == pytest.approx(
+    assert pressures.exact_normal_stress_below_contact(1, at_point, z)[0] == pytest.approx(
         2 * z**3 / np.pi * plane_integral
     )
-    exact = pressures.exact_stress(2, at_point, z)[0]
+    exact = pressures.exact_normal_stress_below_contact(2, at_point, z)[0]
     assert exact == pytest.approx(3 * z**3 / (2 * np.pi) * space_integral, rel=1e-6)
 
 
 def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
-    submodel = pressures.solve_submodel("pw-T6", "exact", 8)
+    submodel = pressures.solve_stress_in_refined_submodel("pw-T6", "exact", 8)
     assert submodel.stress == pytest.approx(submodel.exact, abs=2e-3)
 
 
@@ -226,7 +240,7 @@ def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
     The punch's nodal forces still sum to the load and its weights to the area of the face. The
     force of the Hertz contact, whose end moves within an edge, agrees with the exact one to 3 %.
     """
-    punch = sliding.Punch.make("pw-T6", 4, offset)
+    punch = sliding.CondensedElasticPunch.from_element_and_mesh_size("pw-T6", 4, offset)
     force, _ = punch.forces(
         np.zeros(len(punch.load_displacement)), np.ones(len(punch.load_displacement), dtype=bool)
     )
@@ -245,13 +259,16 @@ def test_quadrilaterals_agree_with_triangles_on_a_fine_mesh():
     This shows that the reference solutions solve the same problems: wear, partial slip and impact.
     """
     depth = {
-        element: sliding.wear_punch(element, "own", 16, 400).half_depth[0]
+        element: sliding.wear_punch(element, "own", 16, 400).depth_at_half_path[0]
         for element in ("galerkin-Q9", "pw-T6")
     }
     assert depth["galerkin-Q9"] == pytest.approx(depth["pw-T6"], rel=1e-3)
     slips = [sliding.solve_partial_slip(e, "own", 16) for e in ("galerkin-Q9", "pw-T6")]
     assert slips[0].force == pytest.approx(slips[1].force, rel=1e-3)
-    rebounds = [sliding.throw_block(e, 16).rebound for e in ("galerkin-Q9", "sibling-T6")]
+    rebounds = [
+        sliding.throw_block_at_rough_dome(e, 16).rebound_speed_ratio
+        for e in ("galerkin-Q9", "sibling-T6")
+    ]
     assert rebounds[0] == pytest.approx(rebounds[1], rel=5e-3)
 
 
@@ -263,7 +280,7 @@ def store_wear_answers(folder, standard_answers, new_answers, reference_uncertai
     """
 
     def save_result(name, parameters, scalars):
-        result = Result(scalars, dimensionless(scalars), {}, dofs=1)
+        result = Result(scalars, assign_unit_one_to_scalars(scalars), {}, dofs=1)
         save(folder, "W", name, result, parameters, {})
 
     scalars = {"answer": 1.0, "answer_uncertainty": reference_uncertainty}
@@ -286,11 +303,17 @@ def store_wear_answers(folder, standard_answers, new_answers, reference_uncertai
 def test_answer_band_is_the_middle_of_shifted_answers_plus_minus_their_range(tmp_path):
     results = store_wear_answers(tmp_path, (1.02, 1.03, 1.04), (1.0, 1.001, 0.999))
     wear_arguments = (results, "wear", "T6", "")
-    assert engineering.answer_band(*wear_arguments, False, 0) == pytest.approx((1.01, 1.05))
-    assert engineering.error_band(*wear_arguments, False, 0) == pytest.approx((0.009, 0.051))
-    assert engineering.error_band(*wear_arguments, True, 0) == pytest.approx((0.0, 0.003))
+    assert engineering.answer_band_of_shifted_meshes(*wear_arguments, False, 0) == pytest.approx(
+        (1.01, 1.05)
+    )
+    assert engineering.error_range_of_answer_band(*wear_arguments, False, 0) == pytest.approx(
+        (0.009, 0.051)
+    )
+    assert engineering.error_range_of_answer_band(*wear_arguments, True, 0) == pytest.approx(
+        (0.0, 0.003)
+    )
     assert engineering.answer_changes(*wear_arguments, 0)
-    assert engineering.is_resolved(*wear_arguments, 0)
+    assert engineering.is_error_ratio_resolved(*wear_arguments, 0)
     assert engineering.n_changed_answers(results, 2) == 1
 
 
@@ -309,7 +332,7 @@ def test_error_ratio_is_not_resolved_with_an_uncertain_reference(tmp_path):
         tmp_path, (1.02, 1.021, 1.019), (1.0, 1.001, 0.999), reference_uncertainty=0.02
     )
     assert engineering.answer_changes(results, "wear", "T6", "", 0)
-    assert not engineering.is_resolved(results, "wear", "T6", "", 0)
+    assert not engineering.is_error_ratio_resolved(results, "wear", "T6", "", 0)
 
 
 def test_cases_have_three_meshes_and_shifted_ones_of_each_best_reading():
@@ -317,8 +340,8 @@ def test_cases_have_three_meshes_and_shifted_ones_of_each_best_reading():
     for problem, meshes_by_cell in page.MESHES.items():
         for cell, mesh_sizes in meshes_by_cell.items():
             assert len(mesh_sizes) == 3
-            for element in page.elements_compared(problem, cell):
-                for reading in page.best_readings(problem, element):
+            for element in page.standard_and_new_element(problem, cell):
+                for reading in page.candidate_best_pressure_rules(problem, element):
                     for mesh in mesh_sizes:
                         key = f"{problem}-{element}-{mesh}-{reading}"
                         assert {key, f"shifted-{key}"} <= names

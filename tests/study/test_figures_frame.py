@@ -13,10 +13,21 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import figures
-from figures.__main__ import cited_figures, draw_all, list_figure_names, main, normalise_name
-from figures.drawing import list_scripts, load_script
+from figures.__main__ import (
+    cited_figures,
+    draw_outdated_figures,
+    list_script_and_description_by_figure,
+    main,
+    normalise_figure_name,
+)
+from figures.drawing import list_names_of_all_figures, load_figure_script
 from study.judge.claims import PAPER_CLAIMS_FILE, Claim, read_claims
-from study.publish.plots.style import COLUMN_WIDTH, ELEMENT_LOOK, plot_mesh, study_style
+from study.publish.plots.style import (
+    COLUMN_WIDTH,
+    ELEMENT_LOOK,
+    draw_quadratic_mesh_with_nodes,
+    study_style,
+)
 from study.run.cases import SECTIONS
 from study.run.store import Result, save
 
@@ -69,7 +80,7 @@ def add_figure_script(tmp_path, monkeypatch):
     folder = tmp_path / "scripts"
     folder.mkdir()
     monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(folder)])
-    monkeypatch.setattr("figures.__main__.list_scripts", lambda: sorted(added_names))
+    monkeypatch.setattr("figures.__main__.list_names_of_all_figures", lambda: sorted(added_names))
     added_names = []
 
     def add(name, replaced="", replacement=""):
@@ -99,7 +110,7 @@ def draw_and_list_redrawn_figures(results_folder, *names):
     paths_by_name = {name: results_folder / "figures" / f"{name}.svg" for name in names}
     for path in paths_by_name.values():
         path.write_text("")
-    assert draw_all(results_folder, complete=False)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     return [name for name, picture in paths_by_name.items() if picture.stat().st_size > 0]
 
 
@@ -111,7 +122,7 @@ def test_figures_are_redrawn_only_if_their_script_or_results_change(
     add_figure_script("toy_one")
     add_figure_script("toy_two", '"1/a"', '"1/b"')
     add_figure_script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
-    assert draw_all(results_folder, complete=True)
+    assert draw_outdated_figures(results_folder, require_all_results=True)
     assert draw_and_list_redrawn_figures(results_folder, *toy_names) == []
     add_figure_script("toy_one", "A parabola", "The parabola")
     assert draw_and_list_redrawn_figures(results_folder, *toy_names) == ["toy_one"]
@@ -124,8 +135,8 @@ def test_figures_are_redrawn_only_if_their_script_or_results_change(
     assert draw_and_list_redrawn_figures(results_folder, *toy_names) == []
     assert {*read_indexed_figure_names(results_folder)} == {*toy_names}
     result_path.unlink()  # is an error only if the results are stated to be complete
-    assert not draw_all(results_folder, complete=True)
-    assert draw_all(results_folder, complete=False)
+    assert not draw_outdated_figures(results_folder, require_all_results=True)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     assert "toy_two" not in read_indexed_figure_names(results_folder)
 
 
@@ -159,7 +170,7 @@ def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
     )
     add_figure_script("toy_late", "def caption(results):", late_storing_source)
     for _ in range(2):  # the first drawing must not count as up to date
-        assert draw_all(results_folder, complete=False)
+        assert draw_outdated_figures(results_folder, require_all_results=False)
     (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["caption"] == "It is 3.5."
 
@@ -198,7 +209,10 @@ def test_results_go_beside_the_figure_if_the_project_is_read_only(
 
 def test_svg_ids_do_not_depend_on_the_hash_seed():
     use_elements = "".join(f'<use href="#p{name}"/>' for name in "abcdefgh")
-    code = f"from figures.drawing import _strip_svg; print(_strip_svg('<svg>{use_elements}</svg>'))"
+    code = (
+        "from figures.drawing import _remove_redundant_svg_parts as clean; "
+        f"print(clean('<svg>{use_elements}</svg>'))"
+    )
 
     def strip_in_process(seed):
         environment = os.environ | {"PYTHONHASHSEED": seed}
@@ -214,7 +228,7 @@ def test_figure_is_indexed_and_its_svg_is_reproducible_without_unused_ids(
     add_figure_script("toy_same")
     drawings = []
     for _ in range(2):
-        assert draw_all(results_folder, complete=False)
+        assert draw_outdated_figures(results_folder, require_all_results=False)
         assert plt.get_fignums() == []
         suffixes = ("json", "narrow.svg", "svg")
         files = ["index.json", *(f"toy_same.{kind}" for kind in suffixes)]
@@ -256,7 +270,7 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(
     legend_entries = "2 * ax.lines[:1], [20 * 'm', 20 * 'n']"
     legend = f"figure.legend({legend_entries}, loc='outside lower center', ncols=2)"
     path.write_text(text.replace("ax.legend()", f"other.set(xlabel='place'); {legend}"))
-    assert draw_all(results_folder, complete=False)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     (entry,) = json.loads((results_folder / "figures" / "index.json").read_text())
     assert entry["width"] == 672
     width, height = entry["narrow"]
@@ -278,12 +292,12 @@ def test_figures_without_their_results_are_skipped_and_reported(
 ):
     add_figure_script("toy_ready")
     add_figure_script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
-    assert draw_all(results_folder, complete=False)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     assert capsys.readouterr().err == "figures: toy_wants: not drawn, for want of 7.5/x\n"
     assert read_indexed_figure_names(results_folder) == ["toy_ready"]
     for number in range(2, 6):
         add_figure_script(f"toy_many{number}", '"1/a"', f'"{number}/a"')
-    assert draw_all(results_folder, complete=False)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     message = "figures: 5 not drawn, for want of results of sections 2, 3, 4, 5, 7.5\n"
     assert capsys.readouterr().err == message
 
@@ -302,7 +316,7 @@ def test_failing_script_does_not_prevent_other_figures(
     name = f"toy_bad{len(expected_error)}"
     add_figure_script(name, replaced_code, faulty_code)
     add_figure_script("toy_z_good")
-    assert not draw_all(results_folder, complete=False)
+    assert not draw_outdated_figures(results_folder, require_all_results=False)
     errors = capsys.readouterr().err
     assert errors.startswith(f"figures: {name}: ")
     assert expected_error in errors
@@ -312,9 +326,9 @@ def test_failing_script_does_not_prevent_other_figures(
 
 def test_each_figure_and_table_of_the_paper_has_a_name_and_a_script():
     paper_names = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
-    assert list(list_figure_names())[:27] == paper_names
+    assert list(list_script_and_description_by_figure())[:27] == paper_names
     for name in paper_names:
-        script_name, _ = list_figure_names()[name]
+        script_name, _ = list_script_and_description_by_figure()[name]
         first_number, *last_numbers = (int(part) for part in re.findall(r"\d+", script_name))
         assert first_number <= int(name[3:]) <= (last_numbers or [first_number])[0], (
             name,
@@ -335,8 +349,8 @@ def test_each_figure_and_table_of_the_paper_has_a_name_and_a_script():
     ],
 )
 def test_name_of_figure_may_be_typed_as_the_paper_cites_it(typed_name, name):
-    assert normalise_name(typed_name) == name
-    assert name in list_figure_names()
+    assert normalise_figure_name(typed_name) == name
+    assert name in list_script_and_description_by_figure()
 
 
 def test_unknown_figure_name_gets_a_suggestion(capfd):
@@ -410,13 +424,13 @@ def test_figure_with_a_corrupt_result_is_skipped_like_one_with_a_missing_result(
 ):
     add_figure_script("toy_corrupt")
     (results_folder / "1" / "a.json").write_text("{")
-    assert draw_all(results_folder, complete=False)
+    assert draw_outdated_figures(results_folder, require_all_results=False)
     assert capsys.readouterr().err == "figures: toy_corrupt: not drawn, for want of 1/a\n"
 
 
 def test_every_figure_script_defines_title_results_section_and_functions():
-    for name in list_scripts():
-        loaded_script = load_script(name)
+    for name in list_names_of_all_figures():
+        loaded_script = load_figure_script(name)
         assert loaded_script.title != name
         assert loaded_script.needs, name
         assert loaded_script.section in SECTIONS
@@ -438,7 +452,7 @@ def test_looks_of_elements_are_distinct_and_contrast_with_white():
 def plot_mesh_and_list_sides_and_nodes(node_positions, cells):
     with study_style():
         figure, ax = plt.subplots(figsize=(COLUMN_WIDTH, 2))
-        plot_mesh(ax, np.array(node_positions), np.array(cells))
+        draw_quadratic_mesh_with_nodes(ax, np.array(node_positions), np.array(cells))
         sides = [segment.round(9) for segment in ax.collections[0].get_segments()]
         nodes = [np.column_stack(line.get_data()).round(9) for line in ax.lines]
         plt.close(figure)

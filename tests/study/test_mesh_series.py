@@ -17,7 +17,7 @@ from study.paper.s7_4_rigid_plate import (
     HALF_BODY_WIDTH,
     HALF_PLATE_WIDTH,
     PATTERN,
-    _mesh_body,
+    _mesh_body_below_plate,
 )
 from study.publish.texts import TextRenderer
 from study.run.cases import load_section
@@ -86,7 +86,7 @@ def test_refinement_preserves_the_triangle_counts_at_the_plate_edges(suffix):
 def count_triangles_at_both_plate_edges(parameters):
     """Return the numbers of triangles that meet at the left and at the right edge of the plate."""
     pattern, refined = parameters.get("pattern", PATTERN), parameters.get("refined", 1)
-    mesh = _mesh_body(
+    mesh = _mesh_body_below_plate(
         ELEMENTS_UNDER_HALF_PLATE, HALF_BODY_WIDTH, BODY_DEPTH, pattern, refined, "triangle"
     )
     nodes, x = mesh.geometry.dofmap, mesh.geometry.x
@@ -131,7 +131,7 @@ def test_a_quantity_is_estimated_from_scalars_or_curves_in_its_unit(name, positi
         "1", "force", name, NEW_ELEMENT_KEYS, STANDARD_ELEMENT_KEYS, (1, 2, 4), 2.0, position
     )
     new, standard = (
-        quantity.estimate(PowerLawResults(), element) for element in ("new", "standard")
+        quantity.estimate_convergence(PowerLawResults(), element) for element in ("new", "standard")
     )
     assert new.values[0] == pytest.approx(4 * limit)
     assert standard.values[0] == pytest.approx(0)
@@ -168,7 +168,8 @@ def test_table_of_uncertainties_has_a_row_for_each_quantity():
     for row, quantity in zip(rows, QUANTITIES, strict=True):
         assert f">{quantity.section}</th>" in row
         n_estimates = sum(
-            not quantity.estimate(results, element).reason for element in ("new", "standard")
+            not quantity.estimate_convergence(results, element).reason
+            for element in ("new", "standard")
         )
         assert row.count("not asymptotic") == 2 - n_estimates
     assert "not validation" in renderer.render_text("vocabulary")

@@ -13,13 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.benchmarks.k_cost.measure import measure_calculix, rough_block
+from study.benchmarks.k_cost.measure import make_calculix_block_on_rough_plane, measure_calculix_run
 from study.publish import renew_records
 from study.run import records
 from study.solutions.calculix import calculix
-from study.solutions.calculix.output import CalculixError, read_node_values, read_tables
+from study.solutions.calculix.output import (
+    CalculixError,
+    read_nodal_values_by_block,
+    read_tables_below_heading,
+)
 from study.solutions.calculix.problems import PROBLEMS
-from study.solutions.calculix.standard_decks import SPECIMENS, RoughBlock
+from study.solutions.calculix.standard_decks import SPECIMENS, BlockOnRoughRigidPlane
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,7 +36,7 @@ needs_calculix = pytest.mark.skipif(
 @pytest.mark.parametrize("case", PROBLEMS)
 def test_recorded_answer_has_the_digest_of_its_deck(case):
     deck_digest = records.digest_input(PROBLEMS[case].deck())
-    assert calculix.load_answer(case).deck_sha256 == deck_digest
+    assert calculix.load_recorded_result(case).deck_sha256 == deck_digest
 
 
 def test_recorded_calculix_rows_have_only_its_version_and_numbers():
@@ -68,16 +72,20 @@ def test_a_deck_that_calculix_refuses_is_an_error(monkeypatch):
     deck = problem.deck().replace("*ELASTIC", "*PLASTIC", 1)
     monkeypatch.setattr(type(problem), "deck", lambda _: deck)
     with pytest.raises(CalculixError, match="two-triangles: CalculiX failed"):
-        calculix.compute_answer("two-triangles", calculix.find_calculix())
+        calculix.run_calculix_on_problem("two-triangles", calculix.find_calculix())
 
 
 def test_largest_difference_is_relative_and_infinite_for_other_shapes():
-    answer = calculix.CalculixAnswer("1", "", {"a": np.array([1.0, 2.0])})
-    assert calculix.largest_difference(answer, answer) == 0.0
+    answer = calculix.CalculixResult("1", "", {"a": np.array([1.0, 2.0])})
+    assert calculix.largest_relative_difference(answer, answer) == 0.0
     changed_answer = replace(answer, numbers={"a": np.array([1.0, 2.0 + 1e-3])})
-    assert calculix.largest_difference(changed_answer, answer) == pytest.approx(1e-3 / 2.001)
+    assert calculix.largest_relative_difference(changed_answer, answer) == pytest.approx(
+        1e-3 / 2.001
+    )
     assert (
-        calculix.largest_difference(replace(answer, numbers={"a": np.array([1.0])}), answer)
+        calculix.largest_relative_difference(
+            replace(answer, numbers={"a": np.array([1.0])}), answer
+        )
         == np.inf
     )
 
@@ -97,34 +105,37 @@ def test_tables_of_calculix_output_are_read_below_their_headings():
 
         12  0.0E+00  3.0E+00  0.0E+00
 """
-    first, second = read_tables(output, "forces")
+    first, second = read_tables_below_heading(output, "forces")
     assert first.tolist() == [[12, -5.5e-16, 0.16, 0], [13, 1e-16, 0.66, 0]]
     assert second.tolist() == [[12, 0, 3, 0]]
 
 
 def test_no_number_of_a_deck_is_longer_than_calculix_reads():
-    for problem in (*SPECIMENS.values(), rough_block(8)):
+    for problem in (*SPECIMENS.values(), make_calculix_block_on_rough_plane(8)):
         data_lines = (line for line in problem.deck().splitlines() if not line.startswith("*"))
         assert max(len(number) for line in data_lines for number in line.split(",")) <= 20
 
 
 def test_benchmark_blocks_have_the_documented_sizes_and_decks(tmp_path):
-    assert [3 * len(rough_block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
+    assert [3 * len(make_calculix_block_on_rough_plane(n).grid.nodes) for n in (8, 11)] == [
+        28_611,
+        71_415,
+    ]
     command = [sys.executable, "-m", "tests.speed.calculix_block", "--cells", "2"]
     subprocess.run([*command, "--deck", str(tmp_path)], cwd=ROOT, check=True)
-    assert (tmp_path / "block-2.inp").read_text() == rough_block(2).deck()
+    assert (tmp_path / "block-2.inp").read_text() == make_calculix_block_on_rough_plane(2).deck()
 
 
 @needs_calculix
 def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
-    cost = measure_calculix(calculix.find_calculix(), rough_block(2))
-    assert cost["dofs"] == 3 * len(rough_block(2).grid.nodes)
+    cost = measure_calculix_run(calculix.find_calculix(), make_calculix_block_on_rough_plane(2))
+    assert cost["dofs"] == 3 * len(make_calculix_block_on_rough_plane(2).grid.nodes)
     assert cost["iterations"] > 1
     assert cost["whole_seconds"] > 0
     assert cost["megabytes"] > 5
-    monkeypatch.setattr(RoughBlock, "deck", lambda _: "*NODE\n*PLASTIC\n")
+    monkeypatch.setattr(BlockOnRoughRigidPlane, "deck", lambda _: "*NODE\n*PLASTIC\n")
     with pytest.raises(CalculixError, match="CalculiX failed"):
-        measure_calculix(calculix.find_calculix(), rough_block(2))
+        measure_calculix_run(calculix.find_calculix(), make_calculix_block_on_rough_plane(2))
 
 
 def test_renewal_of_records_imports_no_dolfinx():
@@ -149,7 +160,7 @@ def test_node_values_are_read_from_a_file_of_results():
         " -1         9 4.00000E+00\n"
         " -3\n"
     )
-    assert read_node_values(file_text) == {
+    assert read_nodal_values_by_block(file_text) == {
         "DISP": {442: [-1.09849e-6, 0.0, 197.729], 7: [1.0, -2.0, 3.0]},
         "CONTACT": {9: [4.0]},
     }

@@ -20,7 +20,7 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.model.reading import error_norms_on_common_and_other_nodes, with_transferred_weights
+from study.model.reading import error_norms_on_common_and_other_nodes, multiply_nodal_weights_by_T
 
 
 def on_lower_side(x):
@@ -56,7 +56,7 @@ def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
     for transfer, force in ((None, standard_load), (force_transfer(space), sibling_load)):
         surface = SurfaceNodes.from_body(body, on_face)
         if transfer is not None:
-            surface = with_transferred_weights(surface, transfer)
+            surface = multiply_nodal_weights_by_T(surface, transfer)
         nodal_force = force.array_r.reshape(-1, len(vertical))[surface.node, -1]
         pressure = surface.pressure(nodal_force)
         has_reading = ~np.isnan(pressure)
@@ -77,7 +77,9 @@ def test_siblings_weights_are_integrals_of_its_basis():
     """
     body, on_face = make_solid_body_and_face_marker()
     space = body.spaces.trial
-    surface = with_transferred_weights(SurfaceNodes.from_body(body, on_face), force_transfer(space))
+    surface = multiply_nodal_weights_by_T(
+        SurfaceNodes.from_body(body, on_face), force_transfer(space)
+    )
     basis, basis_function = Sibling.from_space(space).basis, fem.Function(space)
     ds = boundary_measure(space.mesh, on_face)
     for row in (0, 1, len(surface.node) // 2):

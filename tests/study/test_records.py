@@ -20,9 +20,9 @@ from study.solutions.calculix import calculix
 QUICK_CASE_KEY, TIMED_CASE_KEY = "V13/square-own-64", "Q/seconds-penalty-16"
 COSTLY_CASES_BY_KEY = renew_records.find_costly_cases()
 RECORD_CLASSES = (
-    renew_records.CostlyCases,
-    renew_records.TimeAndMemory,
-    renew_records.CalculixAnswers,
+    renew_records.CostlyCaseRecords,
+    renew_records.TimeAndMemoryRecords,
+    renew_records.CalculixResultRecords,
 )
 
 
@@ -34,14 +34,16 @@ def read_rows_of_costly_cases():
 def test_rows_of_a_record_have_complete_headers_and_known_keys(record_class):
     rows = records.read_rows(record_class().path)
     assert rows.keys() <= set(record_class().list_keys())
-    if record_class is not renew_records.CostlyCases:  # costly cases without a row are computed
+    if (
+        record_class is not renew_records.CostlyCaseRecords
+    ):  # costly cases without a row are computed
         assert rows.keys() == set(record_class().list_keys())
     for key, row in rows.items():
         assert record_class().may_have_key(key)
         assert row.versions
         assert date(2026, 11, 1) <= date.fromisoformat(row.date)
         assert re.fullmatch("[0-9a-f]{64}", row.input_sha256)
-        assert (row.machine is not None) is (record_class is renew_records.TimeAndMemory)
+        assert (row.machine is not None) is (record_class is renew_records.TimeAndMemoryRecords)
 
 
 def test_rows_of_costly_cases_have_their_parameters_and_digest():
@@ -52,19 +54,21 @@ def test_rows_of_costly_cases_have_their_parameters_and_digest():
 
 def test_measured_rows_have_the_digest_of_their_measurement():
     for row in records.read_rows(records.TIME_AND_MEMORY).values():
-        assert row.key == measure.measurement_of_row(row).key
+        assert row.key == measure.measurement_from_record_row(row).key
         assert row.input_sha256 == records.digest_input(row.content["row"])
 
 
 def test_only_costly_cases_are_recorded():
-    assert all(map(records.is_costly, read_rows_of_costly_cases().values()))
+    assert all(map(records.takes_long_enough_to_record, read_rows_of_costly_cases().values()))
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):
     path = tmp_path / "record.json"
     rows = [
-        records.create_row("V1/a", "0" * 64, {"scalars": {"y": 0.1 + 0.2}}),
-        records.create_row("K/b", "1" * 64, {}, {"calculix": "2.20"}, "a machine"),
+        records.create_row_with_current_date("V1/a", "0" * 64, {"scalars": {"y": 0.1 + 0.2}}),
+        records.create_row_with_current_date(
+            "K/b", "1" * 64, {}, {"calculix": "2.20"}, "a machine"
+        ),
     ]
     assert records.read_rows(path) == {}
     records.write_rows(path, rows)
@@ -80,7 +84,9 @@ def test_a_file_of_another_format_is_refused_with_its_name(tmp_path, text):
 
 
 def test_two_rows_of_one_key_are_refused(tmp_path):
-    records.write_rows(tmp_path / "record.json", 2 * [records.create_row("V1/a", "", {})])
+    records.write_rows(
+        tmp_path / "record.json", 2 * [records.create_row_with_current_date("V1/a", "", {})]
+    )
     with pytest.raises(StudyError, match="two rows of V1/a"):
         records.read_rows(tmp_path / "record.json")
 
@@ -92,7 +98,7 @@ def test_sections_read_costly_cases_from_the_record(section):
         if costly_case.section == section and key in read_rows_of_costly_cases():
             case = section_cases[key]
             assert case.record == "study/run/recorded/costly_cases.json"
-            assert case.recomputed == costly_case
+            assert case.computing_case == costly_case
             assert costly_case.stored_parameters.items() <= case.stored_parameters.items()
             assert case.run(**case.parameters).dofs > 0
 
@@ -185,7 +191,7 @@ def test_docs_and_usage_give_the_recorded_computing_times():
     run_seconds = [
         row.content["measured"]["whole_seconds"]
         for row in records.read_rows(records.TIME_AND_MEMORY).values()
-        if measure.measurement_of_row(row).method != measure.CALCULIX
+        if measure.measurement_from_record_row(row).method != measure.CALCULIX
     ]
     n_runs = [
         1 if seconds > measure.LONG_RUN_SECONDS else measure.N_RUNS for seconds in run_seconds

@@ -8,8 +8,8 @@ import pytest
 from pypdf import PdfReader
 
 from study.publish import report, texts
-from study.publish.report import build_report, render_report
-from study.publish.site.evidence import write_evidence
+from study.publish.report import build_report, render_report_page
+from study.publish.site.evidence import write_evidence_pages
 from study.publish.texts import numbers, statements
 from study.publish.texts.statements import source_names_section
 from study.run.store import MissingResult, Results, StudyError
@@ -37,7 +37,7 @@ def render_fragment(tmp_path):
         folder.mkdir(exist_ok=True)
         for name, *_ in report.PARTS:
             (folder / f"{name}.html").write_text(fragment if name == "answer" else "")
-        return render_report(Results(toy_results_folder), folder).html
+        return render_report_page(Results(toy_results_folder), folder).html
 
     return render_page
 
@@ -155,14 +155,14 @@ def test_missing_results_and_figures_are_listed(toy_results_folder, render_fragm
     html = render_fragment('{{ figure("fig77") }}{{ s("1/never", "y") }}', toy_results_folder)
     assert "This part is incomplete: " in html
     assert "run ./run study 1/never." in html
-    figure_message, part_message = render_report(
+    figure_message, part_message = render_report_page(
         Results(toy_results_folder), tmp_path / "templates"
     ).missing_content
     assert figure_message == "figure fig77 has not been drawn"
     assert part_message.startswith("answer: ")
     assert any(
         line.startswith("7.2: ")
-        for line in render_report(Results(toy_results_folder)).missing_content
+        for line in render_report_page(Results(toy_results_folder)).missing_content
     )
     for damaged_content, message in (("", "has no scalar"), ("{", "cannot be used")):
         path = toy_results_folder / "1" / "a.json"
@@ -173,7 +173,7 @@ def test_missing_results_and_figures_are_listed(toy_results_folder, render_fragm
     assert 'id="fig77"' in html
     (toy_results_folder / "figures" / "fig05.svg").unlink()
     with pytest.raises(MissingResult, match=r"fig05\.svg: draw them again with"):
-        render_report(Results(toy_results_folder))
+        render_report_page(Results(toy_results_folder))
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_claim_belongs_to_the_sections_that_its_source_names(
         assert source_names_section(source, section)
     for section in other_sections.split():
         assert not source_names_section(source, section)
-    assert home_section is None or statements.section_of_source(source) == home_section
+    assert home_section is None or statements.first_section_named_by_source(source) == home_section
 
 
 @pytest.fixture(params=["toy", "study"])
@@ -328,7 +328,7 @@ def study_results_and_html():
         or not (RESULTS_FOLDER / "figures" / "index.json").exists()
     ):
         pytest.skip("there are no results: ./run study computes them")
-    rendered = render_report(Results(RESULTS_FOLDER))
+    rendered = render_report_page(Results(RESULTS_FOLDER))
     if rendered.missing_content:
         pytest.skip(f"results are incomplete: {rendered.missing_content[0]}")
     return Results(RESULTS_FOLDER), rendered.html
@@ -337,7 +337,7 @@ def study_results_and_html():
 @pytest.fixture(scope="module")
 def pdf_document(study_results_and_html):
     """The PDF as a document of WeasyPrint."""
-    return report.lay_out_pages(study_results_and_html[1])
+    return report.lay_out_pdf_pages(study_results_and_html[1])
 
 
 def test_report_is_short_and_small_and_no_page_is_a_quarter_blank_but_the_last(
@@ -398,7 +398,7 @@ def test_claims_page_grades_every_statement_and_report_counts_grades(
     """The report counts the grades; the site's page of claims shows each statement with its own."""
     results, html = study_results_and_html
     (tmp_path / "which-way.md").write_text("")
-    write_evidence(results, tmp_path)
+    write_evidence_pages(results, tmp_path)
     claims_page = (tmp_path / "evidence" / "claims.md").read_text()
     statement_rows = [row for row in results.claims() if row["kind"] in ("paper", "implied")]
     assert len(statement_rows) > 80
@@ -420,7 +420,7 @@ def test_each_benchmark_has_a_row_in_the_table_of_verification(study_results_and
     )
     sections_with_rows = set(re.findall(r"<tr>\s*<th[^>]*>(\w[\w.]*)</th>", table))
     benchmarks = {
-        section: texts.read_constants(texts.find_page_source(section)).get("VERIFICATION")
+        section: texts.read_literal_constants(texts.find_page_source(section)).get("VERIFICATION")
         for section in texts.SECTIONS
         if "benchmarks" in texts.find_page_source(section).parts
     }

@@ -11,13 +11,13 @@ from study.publish import reproducibility
 from study.publish.report import _ReportRenderer
 from study.publish.reproducibility import (
     ComputingTime,
-    digest_numbers,
+    digest_scalars_and_curves,
     list_commits,
     read_blas_version,
     read_citation,
-    read_environment_versions,
     read_mumps_version,
     read_stored_versions,
+    read_versions_not_stored_with_results,
     sum_computing_time,
 )
 from study.publish.texts import TEXTS_FOLDER
@@ -49,7 +49,7 @@ def save_and_digest_result(tmp_path, monkeypatch):
             arrays = {key: np.array(curve) for key, curve in result_curves.items()}
             result = Result(result_scalars, units, arrays)
             save(folder, "1", name, result, TOY_PARAMETERS, TOY_PROVENANCE | provenance)
-        return digest_numbers(Results(folder))
+        return digest_scalars_and_curves(Results(folder))
 
     return save_and_digest
 
@@ -96,7 +96,7 @@ def test_versions_commits_and_time_are_those_of_the_results(tmp_path, monkeypatc
 
 def test_versions_of_the_environment_are_identified():
     pytest.importorskip("petsc4py", reason="PETSc is not installed")
-    versions = read_environment_versions()
+    versions = read_versions_not_stored_with_results()
     assert list(versions) == ["MUMPS", "BLAS", "SciPy", "Python"]
     for name in ("MUMPS", "SciPy", "Python"):
         assert re.match(r"\d+\.\d+\.\d+|not identified", versions[name]), (name, versions[name])
@@ -137,9 +137,9 @@ def test_reproducibility_box_shows_command_commits_versions_digest_and_licence(
         "./run study",
         "0123456789, 0123456789+ (+: with changes)",
         "DOLFINx 0.10.0 and 0.9.0, NumPy 2.2.4",
-        *(f"{name} {version}" for name, version in read_environment_versions().items()),
+        *(f"{name} {version}" for name, version in read_versions_not_stored_with_results().items()),
         "Some Processor, 2 cores",
-        digest_numbers(results),
+        digest_scalars_and_curves(results),
         "under the MIT licence",
         "CC BY 4.0: that is a decision of the authors",
         "How to cite.",
@@ -150,7 +150,9 @@ def test_reproducibility_box_shows_command_commits_versions_digest_and_licence(
 
 @pytest.mark.skipif(not RESULTS_FOLDER.is_dir(), reason="there are no results")
 def test_stored_and_environment_versions_cover_all_libraries():
-    versions = read_stored_versions(Results(RESULTS_FOLDER)) | read_environment_versions()
+    versions = (
+        read_stored_versions(Results(RESULTS_FOLDER)) | read_versions_not_stored_with_results()
+    )
     assert list(versions) == [
         *("DOLFINx", "Basix", "UFL", "FFCx", "PETSc", "SLEPc", "NumPy"),
         *("MUMPS", "BLAS", "SciPy", "Python"),

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from figures.drawing import list_scripts, load_script
+from figures.drawing import list_names_of_all_figures, load_figure_script
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
-from study.judge.measures.stored_cases import find_variant, select_results
+from study.judge.measures.stored_cases import find_result_with_changed_parameters, select_results
 from study.model.units import DIMENSIONLESS_UNITS, KN_M_UNITS, N_MM_UNITS, SI_UNITS, UNSTATED_UNITS
 from study.model.vocabulary import ELEMENTS
 from study.publish import texts
 from study.publish.texts import BLOCK_OF_CONSTANT
 from study.run.cases import SECTIONS, find_page_source, load_section
-from study.run.expected import read_expected_table
-from study.run.pages import read_constants
+from study.run.expected import read_table_of_expected_seconds
+from study.run.pages import read_literal_constants
 from study.run.store import StoredResult
 
 CASES_BY_KEY = {case.key: case for section in SECTIONS for case in load_section(section).cases}
@@ -28,12 +28,14 @@ def find_quickest_case_key_of_each_problem():
     for key, case in CASES_BY_KEY.items():
         if not case.record:
             by_problem.setdefault((case.section, case.run.__name__), []).append(key)
-    seconds = read_expected_table()
+    seconds = read_table_of_expected_seconds()
     return [min(keys, key=lambda key: seconds.get(key, 0.0)) for keys in by_problem.values()]
 
 
 QUICKEST_CASE_KEYS_WITH_MARKS = [
-    pytest.param(key, marks=[pytest.mark.slow] * (read_expected_table().get(key, 0.0) > 3.0))
+    pytest.param(
+        key, marks=[pytest.mark.slow] * (read_table_of_expected_seconds().get(key, 0.0) > 3.0)
+    )
     for key in find_quickest_case_key_of_each_problem()
 ]
 UNIT_SYSTEMS = (UNSTATED_UNITS, DIMENSIONLESS_UNITS, N_MM_UNITS, KN_M_UNITS, SI_UNITS)
@@ -64,7 +66,7 @@ def test_every_case_states_its_element_compared_elements_or_method(section):
     for case in cases:
         parameters = case.stored_parameters
         assert parameters["problem"], case.key
-        assert {*case.parameters, *case.implied} <= set(parameters), case.key
+        assert {*case.parameters, *case.implied_parameters} <= set(parameters), case.key
         if "element" in parameters:
             assert is_element_of_this_study(parameters["element"]), case.key
         elif "compared" in parameters:
@@ -128,12 +130,16 @@ def test_measures_select_by_parameters_or_by_names(results):
     selected_results = select_results(results, "7.1", {"element": "pw-T6", "squares": 1})
     (result_by_name,) = select_results(results, "7.1", "pw-T6")
     assert result_by_name.case in [selected_result.case for selected_result in selected_results]
-    assert find_variant(results, result_by_name, element="galerkin-T6").case == "galerkin-T6"
+    assert (
+        find_result_with_changed_parameters(results, result_by_name, element="galerkin-T6").case
+        == "galerkin-T6"
+    )
     (recorded_result,) = select_results(
         results, "C", {"element": "pw-T10", "problem": "statics", "setting": "ball"}
     )
     assert (
-        find_variant(results, recorded_result, element="galerkin-T10").case == "galerkin-T10-ball"
+        find_result_with_changed_parameters(results, recorded_result, element="galerkin-T10").case
+        == "galerkin-T10-ball"
     )
     largest_by_name = largest(results, "7.1", "pw-T6.*", "sum")
     assert (
@@ -146,23 +152,23 @@ TEXT_AND_PAGE_FILES += [find_page_source(section) for section in SECTIONS]
 CASE_KEY_PATTERN = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"{{}}]*)"( *~)?')
 
 
-@pytest.mark.parametrize("name", list_scripts())
+@pytest.mark.parametrize("name", list_names_of_all_figures())
 def test_figures_need_existing_cases_only(name):
-    assert set(load_script(name).needs) <= set(CASES_BY_KEY)
+    assert set(load_figure_script(name).needs) <= set(CASES_BY_KEY)
 
 
 def _read_html_or_page_texts(path):
     """Return the content of a text file, or all text constants of a section's Python page."""
     if path.suffix != ".py":
         return path.read_text(encoding="utf-8")
-    constants = read_constants(path)
+    constants = read_literal_constants(path)
     return "\n".join(constants.get(name, "") for name in ("MACROS", *BLOCK_OF_CONSTANT))
 
 
 @pytest.mark.parametrize("path", TEXT_AND_PAGE_FILES, ids=lambda path: path.stem)
 def test_texts_refer_to_existing_cases_and_figures_only(path):
     content = _read_html_or_page_texts(path)
-    assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(list_scripts())
+    assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(list_names_of_all_figures())
     for key, is_beginning in CASE_KEY_PATTERN.findall(content):
         assert key in CASES_BY_KEY or (
             is_beginning and any(case.startswith(key) for case in CASES_BY_KEY)

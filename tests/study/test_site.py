@@ -14,7 +14,7 @@ import pw_elements
 import pw_elements.contact
 from study.publish.site import evidence, gallery, reference
 from study.publish.site.__main__ import main as site
-from study.publish.texts import section_facts
+from study.publish.texts import read_problem_data_of_section
 from study.run.cases import SECTIONS
 from study.run.store import Results
 from tests.study import toystudy
@@ -44,12 +44,14 @@ def import_object(qualified_name):
 
 
 def test_reference_lists_every_public_name_once():
-    pages = {name.rpartition(".")[2] for name in reference.list_public_names()}
+    pages = {name.rpartition(".")[2] for name in reference.list_names_with_reference_page()}
     assert {name.rpartition(".")[2] for name in PUBLIC_NAMES} - NAMES_WITHOUT_PAGE <= pages
-    assert len(reference.list_public_names()) == len({*reference.list_public_names()})
+    assert len(reference.list_names_with_reference_page()) == len(
+        {*reference.list_names_with_reference_page()}
+    )
 
 
-@pytest.mark.parametrize("qualified_name", reference.list_public_names())
+@pytest.mark.parametrize("qualified_name", reference.list_names_with_reference_page())
 def test_every_public_object_documents_itself_and_the_parameters_of_its_methods(qualified_name):
     public_object = import_object(qualified_name)
     assert (inspect.getdoc(public_object) or "").split("\n\n")[0].endswith((".", ":"))
@@ -87,7 +89,7 @@ def test_main_public_names_have_an_example(qualified_name):
 
 def test_every_section_has_facts_and_one_group():
     for section in SECTIONS:
-        assert section_facts(section).keys() == {*evidence.FACT_NAMES}, section
+        assert read_problem_data_of_section(section).keys() == {*evidence.FACT_NAMES}, section
     grouped_sections = [
         section for group_sections in evidence.SECTION_GROUPS.values() for section in group_sections
     ]
@@ -187,16 +189,16 @@ def test_corrupt_results_are_left_out_of_the_site_and_give_a_status(
     not (RESULTS_FOLDER / "claims.json").exists(), reason="./run study makes results"
 )
 def test_evidence_pages_render_without_missing_content_and_have_verdicts():
-    first_sheets = evidence._SheetRenderer(Results(RESULTS_FOLDER), {}, strict=False)
-    first_sheets.render_pages([*SECTIONS])
-    sheets = evidence._SheetRenderer(
+    first_sheets = evidence._SitePageRenderer(Results(RESULTS_FOLDER), {}, strict=False)
+    first_sheets.render_section_sheets_and_paper_page([*SECTIONS])
+    sheets = evidence._SitePageRenderer(
         Results(RESULTS_FOLDER), first_sheets.link_targets, strict=not first_sheets.missing_content
     )
-    pages = [*sheets.render_pages([*SECTIONS]).values()]
+    pages = [*sheets.render_section_sheets_and_paper_page([*SECTIONS]).values()]
     if sheets.missing_content:
         pytest.skip(f"results are incomplete: {sheets.missing_content[0]}")
     assert all("\n## Verdicts\n" in page for page in pages[:-1])
-    assert "What to use, by purpose" in sheets.render_decision_table()
+    assert "What to use, by purpose" in sheets.render_table_of_recommended_methods()
 
 
 def test_mathematics_of_statements_is_typeset():
@@ -207,10 +209,12 @@ def test_mathematics_of_statements_is_typeset():
 
 
 def test_sections_that_a_text_names_are_links():
-    assert evidence._link_sections("see sections V1, 7.2 and C; section 8", "C") == (
+    assert evidence._link_section_names("see sections V1, 7.2 and C; section 8", "C") == (
         'see sections <a href="V1.html">V1</a>, <a href="7.2.html">7.2</a> and C; section 8'
     )
-    assert evidence._link_sections('<a href="x">section V1</a>') == '<a href="x">section V1</a>'
+    assert (
+        evidence._link_section_names('<a href="x">section V1</a>') == '<a href="x">section V1</a>'
+    )
 
 
 def relative_luminance(colour):

@@ -294,7 +294,7 @@ def test_result_in_another_format_version_exists_but_is_outdated(folder_with_sto
             Results(folder_with_stored_result)[STORED_KEY]
         assert (
             Results(folder_with_stored_result).readable_results("7.1"),
-            Results(folder_with_stored_result).corrupt_results("7.1"),
+            Results(folder_with_stored_result).error_messages_of_corrupt_results("7.1"),
         ) == ([], {})
     path.write_text('{"case": "pw-T6"}')
     assert not is_result_file(path)
@@ -314,8 +314,10 @@ def test_section_separates_readable_and_corrupt_results(folder_with_stored_resul
     assert [readable_result.case for readable_result in results.readable_results("7.1")] == [
         "galerkin-T6"
     ]
-    assert {*results.corrupt_results("7.1")} == {STORED_KEY}
-    assert results.corrupt_results("7.1")[STORED_KEY].endswith("run ./run study 7.1/pw-T6")
+    assert {*results.error_messages_of_corrupt_results("7.1")} == {STORED_KEY}
+    assert results.error_messages_of_corrupt_results("7.1")[STORED_KEY].endswith(
+        "run ./run study 7.1/pw-T6"
+    )
     with pytest.raises(CorruptResult):
         results.section("7.1")
 

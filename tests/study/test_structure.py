@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from study.run.cases import SECTIONS, find_page_source
-from study.run.pages import find_pages, read_constants
+from study.run.pages import find_module_of_each_section, read_literal_constants
 from study.run.sources import list_imported_modules
 
 ROOT = Path(__file__).parents[2]
@@ -63,7 +63,7 @@ def test_section_page_is_short_and_its_folder_has_few_files(section):
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_page_has_title_facts_and_text(section):
-    constants = read_constants(find_page_source(section))
+    constants = read_literal_constants(find_page_source(section))
     assert constants["TITLE"]
     assert {"geometry", "reference", "uncertainty"} <= constants["FACTS"].keys()
     assert {"RESULT", "DETAILS", "FINDINGS"} & constants.keys()
@@ -79,7 +79,7 @@ def test_files_beside_a_page_are_no_longer_than_pages():
 
 
 def test_each_section_has_one_page():
-    assert list(SECTIONS) == list(find_pages())
+    assert list(SECTIONS) == list(find_module_of_each_section())
 
 
 def test_modules_have_no_circular_imports():

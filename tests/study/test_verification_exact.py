@@ -9,10 +9,13 @@ from scipy.integrate import quad
 from pw_elements import Material
 from pw_elements.elasticity import StressState
 from study.benchmarks import v4_spence
-from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, squared_wave_speeds
+from study.benchmarks.v8_vibration.exact_eigenvalues import (
+    AxisymmetricRodBetweenWalls,
+    squared_dilatational_and_shear_wave_speeds,
+)
 from study.benchmarks.v10_space import partial_slip
-from study.meshes.mesh_lines import graded_body_lines
-from study.meshes.solid_meshes import mesh_box, mesh_quarter_cylinder, with_mirror_image
+from study.meshes.mesh_lines import mesh_lines_of_body_under_sphere
+from study.meshes.solid_meshes import add_mirrored_body, mesh_box_along_lines, mesh_quarter_cylinder
 from study.solutions.half_space import (
     BondedLinePunch,
     ElasticHalfSpace,
@@ -23,10 +26,10 @@ from study.solutions.half_space import (
 )
 from study.solutions.half_space_shear import (
     MindlinSphere,
-    _cerruti_displacement,
-    force_of_unit_hertz_contact,
+    _displacement_by_tangential_point_forces,
+    force_that_gives_contact_radius_1,
 )
-from study.solutions.stick_slip import Cattaneo
+from study.solutions.stick_slip import CattaneoPartialSlip
 
 STIFF_HALF_SPACE = ElasticHalfSpace(1000.0, 0.3)
 EXACT_SOLUTIONS = [
@@ -164,9 +167,9 @@ def stress_and_its_divergence(field, x, h=1e-3):
 
 
 def cerruti_displacement(x):
-    return _cerruti_displacement(SOFT_HALF_SPACE, x[None], np.array([[0.0, 0.0]]), np.array([1.0]))[
-        0
-    ]
+    return _displacement_by_tangential_point_forces(
+        SOFT_HALF_SPACE, x[None], np.array([[0.0, 0.0]]), np.array([1.0])
+    )[0]
 
 
 def test_cerruti_field_is_in_equilibrium_with_a_traction_free_surface():
@@ -195,7 +198,9 @@ def test_cerruti_tractions_on_a_half_ball_balance_the_unit_force():
 def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius():
     mindlin = MindlinSphere(
         HertzSphere(
-            ElasticHalfSpace(1.0, 0.0), 10.0, force_of_unit_hertz_contact(SOFT_HALF_SPACE, 10.0)
+            ElasticHalfSpace(1.0, 0.0),
+            10.0,
+            force_that_gives_contact_radius_1(SOFT_HALF_SPACE, 10.0),
         ),
         0.4,
         0.5,
@@ -216,25 +221,27 @@ def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius()
 
 def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
     """Fit the radius to the exact tractions at random nodes, some of which have no traction."""
-    sphere = HertzSphere(SOFT_HALF_SPACE, 1e3, force_of_unit_hertz_contact(SOFT_HALF_SPACE, 1e3))
+    sphere = HertzSphere(
+        SOFT_HALF_SPACE, 1e3, force_that_gives_contact_radius_1(SOFT_HALF_SPACE, 1e3)
+    )
     exact = MindlinSphere(sphere, partial_slip.FRICTION, partial_slip.FRICTION_FRACTION)
     r = np.random.default_rng(3).uniform(0, 1, 200)
     tractions = np.column_stack([exact.shear(r), 0 * r, exact.pressure(r)])
     tractions[::7] = np.nan
-    radius = partial_slip.fit_stick_radius(r, tractions, r < exact.stick_radius)
+    radius = partial_slip.fit_stick_radius_to_unused_friction(r, tractions, r < exact.stick_radius)
     assert radius == pytest.approx(exact.stick_radius, rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_solid_meshes_have_the_exact_volume_and_nodes_on_the_contact_edge(cell):
-    lines = graded_body_lines(3)
-    mesh = mesh_box(cell, lines.horizontal, lines.horizontal, lines.vertical)
+    lines = mesh_lines_of_body_under_sphere(3)
+    mesh = mesh_box_along_lines(cell, lines.horizontal, lines.horizontal, lines.vertical)
     assert mesh_volume(mesh) == pytest.approx(2.5**3)
     mesh = mesh_quarter_cylinder(cell, 2, np.array([1.5, 2.0]), np.array([-1.0, -0.4, 0.0]))
     assert mesh_volume(mesh) == pytest.approx(np.sin(np.pi / 8) / (np.pi / 8) * np.pi, rel=1e-12)
     r = np.hypot(*mesh.geometry.x[:, :2].T)
     assert np.isclose(r, 1.0).sum() == 3 * 5
-    mirrored_pair = with_mirror_image(mesh, 1.0)
+    mirrored_pair = add_mirrored_body(mesh, 1.0)
     assert mesh_volume(mirrored_pair) == pytest.approx(2 * mesh_volume(mesh))
 
 
@@ -243,7 +250,9 @@ def mesh_volume(mesh):
 
 
 def test_cattaneo_tractions_balance_the_forces_and_obey_the_friction_law():
-    cattaneo = Cattaneo(half_width=2.0, force=3.0, friction=0.3, friction_utilisation=0.6)
+    cattaneo = CattaneoPartialSlip(
+        half_width=2.0, force=3.0, friction=0.3, friction_utilisation=0.6
+    )
     x = np.linspace(-2, 2, 200_001)
     assert np.trapezoid(cattaneo.pressure(x), x) == pytest.approx(3.0, rel=1e-6)
     assert np.trapezoid(cattaneo.shear(x), x) == pytest.approx(0.6 * 0.3 * 3.0, rel=1e-6)
@@ -266,7 +275,9 @@ MATERIAL = Material(1.0, 0.3)
 
 def test_rod_eigenvalues_agree_with_published_ones():
     published = [8.32708524, 18.69438659, 21.0458481, 24.33204579, 32.8373545, 41.46258448]
-    assert Rod(MATERIAL, 0.5, 1.0).eigenvalues(6) == pytest.approx(published, rel=2e-9)
+    assert AxisymmetricRodBetweenWalls(MATERIAL, 0.5, 1.0).eigenvalues(6) == pytest.approx(
+        published, rel=2e-9
+    )
 
 
 def test_thin_rod_eigenvalues_are_those_of_a_bar_with_rayleighs_correction():
@@ -274,7 +285,7 @@ def test_thin_rod_eigenvalues_are_those_of_a_bar_with_rayleighs_correction():
     material, radius, length = Material(7.0, 0.3, density=2.0), 0.02, 3.0
     wavenumbers = np.pi * np.arange(1, 4) / length
     bar_eigenvalues = 7.0 / 2.0 * wavenumbers**2
-    rod_eigenvalues = np.array(Rod(material, radius, length).eigenvalues(3))
+    rod_eigenvalues = np.array(AxisymmetricRodBetweenWalls(material, radius, length).eigenvalues(3))
     assert rod_eigenvalues == pytest.approx(
         bar_eigenvalues * (1 - (0.3 * wavenumbers * radius) ** 2 / 2), rel=1e-6
     )
@@ -282,8 +293,12 @@ def test_thin_rod_eigenvalues_are_those_of_a_bar_with_rayleighs_correction():
 
 
 def test_squared_wave_speeds_in_plane_states_agree_with_theory():
-    solid_pressure_wave, solid_shear_wave = squared_wave_speeds(MATERIAL, StressState.PLANE_STRAIN)
-    plate_pressure_wave, plate_shear_wave = squared_wave_speeds(MATERIAL, StressState.PLANE_STRESS)
+    solid_pressure_wave, solid_shear_wave = squared_dilatational_and_shear_wave_speeds(
+        MATERIAL, StressState.PLANE_STRAIN
+    )
+    plate_pressure_wave, plate_shear_wave = squared_dilatational_and_shear_wave_speeds(
+        MATERIAL, StressState.PLANE_STRESS
+    )
     assert solid_shear_wave == plate_shear_wave == pytest.approx(1 / 2.6)
     assert plate_pressure_wave / solid_shear_wave == pytest.approx(2 / (1 - 0.3))
     assert solid_pressure_wave / solid_shear_wave == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))

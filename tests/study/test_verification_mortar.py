@@ -5,8 +5,8 @@ import pytest
 
 from pw_elements.contact.interface import OverlapQuadrature, gather_boundary_facets
 from study.benchmarks.v11_two_bodies.methods import (
-    dual_quadratic_functions,
-    integrate_multiplier_coupling,
+    evaluate_dual_quadratic_functions,
+    integrate_mortar_coupling_of_multipliers,
 )
 from study.benchmarks.v11_two_bodies.problems import hertz
 from tests.contact.two_bodies import StackedBlocks
@@ -25,7 +25,7 @@ def test_dual_quadratic_functions_are_biorthogonal(cell):
     )
     overlap = OverlapQuadrature.from_slave_and_master(slave, master, slave.nodes, revolved=False)
     node, N = overlap.functions[0]
-    psi = dual_quadratic_functions(node, N, overlap.measure, slave.space_dim)
+    psi = evaluate_dual_quadratic_functions(node, N, overlap.measure, slave.space_dim)
     assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
     biorthogonal_functions = N.copy()
     if slave.space_dim == 3:
@@ -51,7 +51,9 @@ def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
     slave, master = (
         gather_boundary_facets(stack.space, stack.sides[side]) for side in ("upper", "lower")
     )
-    coupling = integrate_multiplier_coupling("pw-dual-gap", slave, master, len(stack.x), 1.0)
+    coupling = integrate_mortar_coupling_of_multipliers(
+        "pw-dual-gap", slave, master, len(stack.x), 1.0
+    )
     forces = coupling.forces.toarray()
     assert forces[:, slave.nodes] == pytest.approx(np.diag(coupling.weight), abs=1e-12)
     assert coupling.weight.sum() == pytest.approx(1.0)

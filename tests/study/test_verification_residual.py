@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from study.benchmarks.v13_fluxes.graded_conduction import GradedWall, SourcedSquare
-from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_error
-from study.benchmarks.v14_rubber.moments import moments_about_origin, triangle_moment_contributions
+from study.benchmarks.v13_fluxes.graded_conduction import (
+    GradedSquareWithHeatSource,
+    GradedWallWithInsulatedSides,
+)
+from study.benchmarks.v13_fluxes.trefftz import (
+    TrefftzSolution,
+    chebyshev_interpolation_error_of_unknown,
+)
+from study.benchmarks.v14_rubber.moments import (
+    moment_contributions_of_triangles,
+    moments_about_origin,
+)
 from study.benchmarks.v14_rubber.page import DEGREE, RubberBlock
 
 CONDUCTIVITY_RATIO = 20.0
@@ -18,7 +27,11 @@ def fourth_order_central_difference(f, x, axis, h=1e-4):
 
 
 @pytest.mark.parametrize(
-    "problem", [GradedWall(CONDUCTIVITY_RATIO), SourcedSquare(CONDUCTIVITY_RATIO)]
+    "problem",
+    [
+        GradedWallWithInsulatedSides(CONDUCTIVITY_RATIO),
+        GradedSquareWithHeatSource(CONDUCTIVITY_RATIO),
+    ],
 )
 def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem):
     x = np.random.default_rng(0).uniform(0.05, 0.95, (2, 20))
@@ -44,10 +57,10 @@ def test_exact_temperatures_satisfy_the_equation_and_have_the_exact_flux(problem
 @pytest.mark.parametrize(
     ("problem", "degree", "transformed", "max_temperature_error"),
     [
-        (GradedWall, 10, True, 1e-10),
-        (SourcedSquare, 10, True, 1e-10),
-        (GradedWall, 14, False, 1e-7),
-        (SourcedSquare, 8, False, 1e-11),
+        (GradedWallWithInsulatedSides, 10, True, 1e-10),
+        (GradedSquareWithHeatSource, 10, True, 1e-10),
+        (GradedWallWithInsulatedSides, 14, False, 1e-7),
+        (GradedSquareWithHeatSource, 8, False, 1e-11),
     ],
 )
 def test_trefftz_is_accurate_with_exact_temperatures_on_the_boundary_only(
@@ -75,7 +88,7 @@ def test_trefftz_is_accurate_with_exact_temperatures_on_the_boundary_only(
 @pytest.mark.parametrize("transformed", [True, False])
 def test_trefftz_raises_if_its_iteration_does_not_converge(transformed):
     with pytest.raises(ArithmeticError, match="iteration has not converged"):
-        TrefftzSolution(GradedWall(1e4), 10, transformed)
+        TrefftzSolution(GradedWallWithInsulatedSides(1e4), 10, transformed)
 
 
 def test_trefftz_iteration_count_follows_from_the_smallest_laplacian_eigenvalue():
@@ -85,24 +98,24 @@ def test_trefftz_iteration_count_follows_from_the_smallest_laplacian_eigenvalue(
     """
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2
-    assert TrefftzSolution(GradedWall(ratio), 10).n_iterations == pytest.approx(
+    assert TrefftzSolution(GradedWallWithInsulatedSides(ratio), 10).n_iterations == pytest.approx(
         np.log(1e-12) / np.log(rate), abs=3
     )
 
 
 def test_interpolation_error_vanishes_for_polynomials_of_sufficient_degree_only():
-    class Cubic(SourcedSquare):
+    class Cubic(GradedSquareWithHeatSource):
         def temperature(self, x, y):
             return x**3 * y
 
-    assert interpolation_error(Cubic(1.0), 3, transformed=False) < 1e-14
-    assert interpolation_error(Cubic(1.0), 2, transformed=False) > 1e-3
+    assert chebyshev_interpolation_error_of_unknown(Cubic(1.0), 3, transformed=False) < 1e-14
+    assert chebyshev_interpolation_error_of_unknown(Cubic(1.0), 2, transformed=False) > 1e-3
 
 
 def test_moment_of_nodal_forces_is_the_sum_of_triangle_contributions():
     block = RubberBlock("pw-T6", 6)
-    forces = block.solve_punch_travel().reactions().array_r.reshape(-1, 2)
-    contributions = triangle_moment_contributions(block.u, DEGREE[2]).sum()
+    forces = block.move_punch_and_solve().reactions().array_r.reshape(-1, 2)
+    contributions = moment_contributions_of_triangles(block.u, DEGREE[2]).sum()
     total = moments_about_origin(block.x + block.displacement, forces)[:, 2].sum()
     assert total == pytest.approx(contributions, abs=1e-14)
     assert abs(contributions) > 1e-5

@@ -12,17 +12,17 @@ from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
 from study.benchmarks.v15_incompressible import contact
 from study.benchmarks.v15_incompressible.fields import infsup
-from study.meshes.distorted_meshes import mesh_distorted_grid
-from study.model.discretisation import spaces
+from study.meshes.distorted_meshes import mesh_distorted_unit_grid
+from study.model.discretisation import make_element_spaces
 from study.model.matrices import to_dense_array
 from tests.contact.cases import ElasticBody, on_plane
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
 def test_inf_sup_constant_is_the_smallest_singular_value_between_norms(element):
-    mesh = mesh_distorted_grid(element, 2)
+    mesh = mesh_distorted_unit_grid(element, 2)
     dim = mesh.geometry.dim
-    hybrid_spaces = spaces(element, mesh)
+    hybrid_spaces = make_element_spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
     # the shear modulus differs from the page's, because the constant does not depend on it
     body, mu = ElasticBody(mesh, lambda _: hybrid_spaces, state, 12.0, 0.5), 4.0
@@ -43,11 +43,11 @@ def test_inf_sup_constant_is_the_smallest_singular_value_between_norms(element):
 def test_seal_at_a_small_squeeze_has_the_force_of_small_displacement_contact():
     squeeze = 0.004
     ring = contact.ORing("pw-hybrid-T6", 6)
-    ring.press_to_height(1 - squeeze)
+    ring.squeeze_to_half_height(1 - squeeze)
     large_strain_force = -ring.nodal_forces()[ring.is_held_by_upper_plate, 1].sum()
 
     mesh = ring.space.mesh
-    body = ElasticBody(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
+    body = ElasticBody(mesh, partial(make_element_spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
 
     def is_on_outer_side(x, side):
         return (np.hypot(x[0] - contact.RING_RADIUS, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)

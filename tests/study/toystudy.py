@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from study.judge import claims, facts
-from study.publish.command import FigureDrawing
+from study.publish.command import FigureDrawingFunctions
 from study.publish.report import build_report
 from study.run.cases import SECTIONS
 from study.run.store import Result, Results, save, write_json
@@ -167,7 +167,7 @@ def write_toy_results(folder, monkeypatch):
     )
     results = Results(results_folder)
     facts.write_claims_with_facts(
-        results_folder, claims.judge(claims.load_claims(), results), results
+        results_folder, claims.judge_claims(claims.load_claims(), results), results
     )
     write_toy_figures(results_folder, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
     return results_folder
@@ -198,8 +198,10 @@ def _write_empty_figure_index(out, *_):
     return True
 
 
-EMPTY_FIGURE_DRAWING = FigureDrawing(list_needs="", draw="", draw_all=_write_empty_figure_index)
-"""Drawing functions of the toy study, which has no figures: `draw_all` writes an empty index."""
+EMPTY_FIGURE_DRAWING = FigureDrawingFunctions(
+    list_needs="", draw="", draw_outdated_figures=_write_empty_figure_index
+)
+"""Drawing functions of the toy study, which has no figures: the index of figures is empty."""
 
 
 if __name__ == "__main__":

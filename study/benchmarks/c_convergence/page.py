@@ -3,11 +3,11 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from study.benchmarks.c_convergence.eigenvalues import VIBRATIONS, Vibration, modes
+from study.benchmarks.c_convergence.eigenvalues import VIBRATIONS, VibrationBetweenWalls, modes
 from study.benchmarks.c_convergence.statics import (
     SCANNED_SETTINGS,
     SETTINGS,
-    Setting,
+    ManufacturedProblem,
     scan,
     statics,
 )
@@ -74,7 +74,7 @@ Orders are slopes through the results of the three finest meshes.
 # Cases
 
 
-def _implied_scan_parameters(setting: Setting) -> dict[str, object]:
+def _names_of_state_field_and_mesh(setting: ManufacturedProblem) -> dict[str, object]:
     return {
         "state": setting.state.value,
         "field": setting.field.__name__,
@@ -82,15 +82,15 @@ def _implied_scan_parameters(setting: Setting) -> dict[str, object]:
     }
 
 
-def _implied_statics_parameters(setting: Setting) -> dict[str, object]:
+def _state_field_mesh_ratio_and_cell_sides(setting: ManufacturedProblem) -> dict[str, object]:
     return {
-        **_implied_scan_parameters(setting),
+        **_names_of_state_field_and_mesh(setting),
         "poissons_ratio": setting.poissons_ratio,
         "sides": setting.cell_sides,
     }
 
 
-def _implied_modes_parameters(vibration: Vibration) -> dict[str, object]:
+def _state_mesh_and_cell_sides_of_vibration(vibration: VibrationBetweenWalls) -> dict[str, object]:
     return {
         "state": vibration.state.value,
         "mesh": vibration.mesh.__name__,
@@ -104,7 +104,7 @@ CASES = [
         f"{element}-{name}",
         statics,
         {"element": element, "setting": name},
-        _implied_statics_parameters(setting),
+        _state_field_mesh_ratio_and_cell_sides(setting),
     )
     for name, setting in SETTINGS.items()
     for element in setting.elements
@@ -115,7 +115,7 @@ CASES += [
         f"{element}-nu-{name}",
         scan,
         {"element": element, "setting": name},
-        _implied_scan_parameters(setting),
+        _names_of_state_field_and_mesh(setting),
     )
     for name, setting in SCANNED_SETTINGS.items()
     for element in setting.elements
@@ -126,7 +126,7 @@ CASES += [
         f"{element}-modes-{name}",
         modes,
         {"element": element, "vibration": name},
-        _implied_modes_parameters(vibration),
+        _state_mesh_and_cell_sides_of_vibration(vibration),
     )
     for name, vibration in VIBRATIONS.items()
     for element in vibration.elements
@@ -137,7 +137,7 @@ CASES += [
         f"{element}-modes-square-same",
         modes,
         {"element": element, "vibration": "square", "left": "same"},
-        _implied_modes_parameters(VIBRATIONS["square"]),
+        _state_mesh_and_cell_sides_of_vibration(VIBRATIONS["square"]),
     )
     for element in ("pw-Q8", "pw-Q9")
 ]
@@ -234,15 +234,15 @@ ERROR_PANELS = (
     ("nodal forces on the held side", "plane-stress", "force", ((1, 4e-3), (2, 1.3e-5))),
     ("lowest four eigenvalues", "modes-square", "eigenvalue", ((2, 3e-4), (4, 5e-7))),
 )
-"""Title, setting, error name, and slopes: each an order and the error at the fine end."""
+"""Title, setting, name of the error, and slope lines (order, error at the fine end)."""
 SLOPE_LINE_RANGE = (0.014, 0.03)
-"""Range of sizes over which slopes are drawn."""
+"""Range of element sizes over which the slope lines are drawn."""
 
 
-def draw_orders(results: Results) -> Figure:
-    """Orders of convergence: displacements, nodal forces, eigenvalues.
+def draw_errors_over_element_size(results: Results) -> Figure:
+    """Draw relative errors of displacements, nodal forces and eigenvalues over the element size.
 
-    Relative error over the element size, one panel for each kind of error.
+    Each panel shows one kind of error for several elements, with lines of the expected slopes.
     """
     fig, axes = plt.subplots(2, 2, figsize=(PAGE_WIDTH, 3.1), sharex=True, layout="constrained")
     fine, coarse = SLOPE_LINE_RANGE
@@ -281,8 +281,8 @@ def draw_orders(results: Results) -> Figure:
     return fig
 
 
-def caption_orders(results: Results) -> str:
-    """Return the caption, with the ratios of errors of eigenvalues."""
+def caption_errors_over_element_size(results: Results) -> str:
+    """Return the caption of `draw_errors_over_element_size`, with ratios of eigenvalue errors of two elements."""
     pw, galerkin, pairs, standard = (
         results.scalar(f"C/{element}-modes-square", "error_eigenvalue")
         for element in ("pw-T6", "galerkin-T6", "pw-Q8", "galerkin-Q8")
@@ -305,13 +305,14 @@ PLOTTED_SCANS = (
     ("curved-ring", "ring, all sides curved", "#6A4C93", "P", "T6"),
     ("solid", "cube of tetrahedra", "#B0568C", "v", "T10"),
 )
-"""Key in `SCANNED_SETTINGS`, label, colour, marker, and node count of the element."""
+"""Key in `SCANNED_SETTINGS`, label, colour, marker, and suffix of the elements' names."""
 
 
-def draw_near_incompressibility(results: Results) -> Figure:
-    """Near incompressibility: from where on the new element is worse than the standard one.
+def draw_errors_near_incompressibility(results: Results) -> Figure:
+    """Draw H1 errors of the new and the standard element near incompressibility.
 
-    Panels: ratio of the errors over Poisson's ratio; both errors over h at 0.4999.
+    The left panel shows the ratio of the two errors over Poisson's ratio; the right panel shows
+    both errors over the cell size h at Poisson's ratio 0.4999.
     """
     fig, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.4), layout="constrained")
     for name, label, color, marker, nodes in PLOTTED_SCANS:
@@ -322,7 +323,9 @@ def draw_near_incompressibility(results: Results) -> Figure:
         ratio = pw["error_H1"] / galerkin["error_H1"]
         left.loglog(0.5 - pw["nu"], ratio, label=label, **look)
         for element, line in (("pw", "-"), ("galerkin", ":")):
-            curves = results.curves(f"C/{element}-{nodes}-{_incompressible_setting_name(name)}")
+            curves = results.curves(
+                f"C/{element}-{nodes}-{_key_of_setting_at_poissons_ratio_04999(name)}"
+            )
             marker_face = {} if element == "pw" else {"markerfacecolor": "none"}
             right.loglog(curves["h"], curves["error_H1"], linestyle=line, **look, **marker_face)
     nu = results.curves("C/pw-T6-nu-pressure")["nu"]
@@ -344,13 +347,13 @@ def draw_near_incompressibility(results: Results) -> Figure:
     return fig
 
 
-def _incompressible_setting_name(scanned_setting: str) -> str:
-    """Return the key in `SETTINGS` of a scanned setting at Poisson's ratio 0.4999."""
+def _key_of_setting_at_poissons_ratio_04999(scanned_setting: str) -> str:
+    """Return the key in `SETTINGS` for a key of `SCANNED_SETTINGS` at Poisson's ratio 0.4999."""
     return f"incompressible-{scanned_setting}".removesuffix("-plane-strain")
 
 
-def caption_near_incompressibility(results: Results) -> str:
-    """Return the caption, with ratios of errors at two values of Poisson's ratio."""
+def caption_errors_near_incompressibility(results: Results) -> str:
+    """Return the caption of `draw_errors_near_incompressibility`, with error ratios at two nu."""
     scans = [name for name, *_ in PLOTTED_SCANS if name not in ("plane-strain", "pressure")]
     settings = "|".join(scans)
     worst = ratio_at_poissons_ratio(results, settings, "error_H1", 0.4999)
@@ -371,13 +374,13 @@ def caption_near_incompressibility(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "c_orders_norms",
-        draw_orders,
+        draw_errors_over_element_size,
         needs=[
             f"C/{element}-{setting}"
             for setting in ("plane-stress", "modes-square")
             for element in PLOTTED_ELEMENTS
         ],
-        caption=caption_orders,
+        caption=caption_errors_over_element_size,
         alt="Four log-log plots of errors over the elements' size. Displacements: all quadratic "
         "elements fall with slopes two and three, the composite triangle with one and two. Nodal "
         "forces: slope two, the composite triangle one. Eigenvalues: slope four, but two for both "
@@ -385,14 +388,14 @@ FIGURES = [
     ),
     PageFigure(
         "c_orders_incompressible",
-        draw_near_incompressibility,
+        draw_errors_near_incompressibility,
         needs=[
             f"C/{element}-{nodes}-{case}"
             for name, _, _, _, nodes in PLOTTED_SCANS
             for element in ("galerkin", "pw")
-            for case in (f"nu-{name}", _incompressible_setting_name(name))
+            for case in (f"nu-{name}", _key_of_setting_at_poissons_ratio_04999(name))
         ],
-        caption=caption_near_incompressibility,
+        caption=caption_errors_near_incompressibility,
         alt="Six curves of the ratio of errors over Poisson's ratio, all near one up to 0.49, "
         "five of them rising steeply towards one half; and errors over h of both elements; the "
         "new element's curves lie above the standard one's, up to an error of one and more.",

@@ -1,4 +1,4 @@
-"""Manufactured solutions on several bodies, and the errors of an element against them."""
+"""Manufactured solutions on several bodies, and errors of elements relative to these solutions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker, piecewise_linear_sub_cell_element
 from study.meshes.mesh_families import (
     INNER_RADIUS,
-    convergence_order,
+    fit_convergence_order,
     mean_cell_size,
     on_cube,
     on_curved_ring,
@@ -35,8 +35,8 @@ from study.meshes.mesh_families import (
     on_ring,
     on_square,
 )
-from study.model.discretisation import Discretisation, spaces
-from study.model.units import dimensionless
+from study.model.discretisation import Discretisation, make_element_spaces
+from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result
 from study.solutions import manufactured
 from study.solutions.manufactured import DisplacementField
@@ -50,15 +50,15 @@ DEGREE = 6
 
 @dataclass(frozen=True)
 class ManufacturedSolution:
-    """An exact displacement field on a body.
+    """Prescribed displacement field on a body, with the loads that make it the exact solution.
 
     Args:
         body: Body with its mesh, material and stress state.
-        field: Function that returns the components of the displacement.
+        displacement_components: Function (m, x, compliance) that returns the components of the displacement.
     """
 
     body: Body
-    field: DisplacementField
+    displacement_components: DisplacementField
 
     @property
     def mesh(self) -> Mesh:
@@ -69,22 +69,24 @@ class ManufacturedSolution:
     def displacement(self) -> Expr:
         """Exact displacement as a UFL expression."""
         compliance = fem.Constant(self.mesh, default_scalar_type(self._inverse_lame_lambda()))
-        return ufl.as_vector(self.field(ufl, ufl.SpatialCoordinate(self.mesh), compliance))
+        return ufl.as_vector(
+            self.displacement_components(ufl, ufl.SpatialCoordinate(self.mesh), compliance)
+        )
 
-    def evaluate_at_nodes(self, space: fem.FunctionSpace) -> Array:
-        """Return the exact displacements (n_nodes, n_components) at the nodes of a space."""
+    def evaluate_displacement_at_nodes(self, space: fem.FunctionSpace) -> Array:
+        """Evaluate the exact displacement at the nodes of a space, (n_nodes, n_components)."""
         x = space.tabulate_dof_coordinates().T
-        return np.column_stack(self.field(np, x, self._inverse_lame_lambda()))
+        return np.column_stack(self.displacement_components(np, x, self._inverse_lame_lambda()))
 
-    def assemble_load(self, boundary: Marker) -> PETSc.Vec:
-        """Assemble the load vector of the body force and of the tractions on a boundary."""
+    def assemble_body_force_and_traction(self, traction_boundary: Marker) -> PETSc.Vec:
+        """Assemble the load vector of the exact body force and of exact boundary tractions."""
         body = self.body
         loaded_body = Body(body.spaces, body.material, body.state, quadrature_degree=DEGREE)
         body_force = assemble_vector(loaded_body.body_load(-self._divergence_of_stress()))
-        return body_force + self.assemble_traction_load(boundary)
+        return body_force + self.assemble_exact_traction(traction_boundary)
 
-    def assemble_traction_load(self, boundary: Marker) -> PETSc.Vec:
-        """Assemble integrals of the exact traction times the element's test functions."""
+    def assemble_exact_traction(self, boundary: Marker) -> PETSc.Vec:
+        """Assemble the load vector of the exact tractions on a part of the boundary."""
         axes = (
             [0, 1] if self.body.state is StressState.AXISYMMETRIC else range(len(self.displacement))
         )
@@ -93,16 +95,22 @@ class ManufacturedSolution:
         surface = boundary_measure(self.mesh, boundary, DEGREE)
         return assemble_vector(self.body.surface_load(traction, surface))
 
-    def compute_errors(self, u: fem.Function, gradient_of: fem.Function) -> dict[str, float]:
-        """Return relative errors in the H1 seminorm, in L2, and in L2 of the stress.
+    def compute_relative_error_norms(
+        self, u: fem.Function, function_for_gradient: fem.Function
+    ) -> dict[str, float]:
+        """Compute relative errors of displacement (H1 seminorm, L2 norm) and stress (L2 norm).
 
         Args:
-            u: Computed displacement; the stress is computed from it, too.
-            gradient_of: Function whose gradient is compared with the exact one in the H1 seminorm.
+            u: Computed displacement, from which the stress is also computed.
+            function_for_gradient: Function whose gradient is compared with the exact gradient for the H1
+                seminorm; differs from `u` if the element assumes another gradient.
+
+        Returns:
+            Relative errors "H1", "L2" and "stress".
         """
         exact = self.displacement
         pairs = {
-            "H1": (self._gradient(gradient_of), self._gradient(exact)),
+            "H1": (self._gradient(function_for_gradient), self._gradient(exact)),
             "L2": (u, exact),
             "stress": (self.body.stress(u), self.body.stress(exact)),
         }
@@ -127,7 +135,7 @@ class ManufacturedSolution:
         return float((1 + nu) * (1 - 2 * nu) / (E * nu))
 
     def _gradient(self, u: Expr) -> Expr:
-        """Return the gradient; in axisymmetry it is 3 x 3, with the hoop component u_r / r."""
+        """Return the displacement gradient; in axisymmetry it is 3 x 3 and includes u_r / r."""
         grad = ufl.grad(u)
         if self.body.state is not StressState.AXISYMMETRIC:
             return grad
@@ -149,7 +157,7 @@ class ManufacturedSolution:
         )
 
     def _thickness_or_circumference(self) -> Expr | float:
-        """Return the circumference 2 pi r in axisymmetry, else the thickness 1."""
+        """Return the factor of area integrals: 2 pi r in axisymmetry, otherwise the thickness 1."""
         return 2 * np.pi * self._radius() if self.body.state is StressState.AXISYMMETRIC else 1.0
 
     def _radius(self) -> Expr:
@@ -161,7 +169,7 @@ class ManufacturedSolution:
 YOUNGS_MODULUS = 1.0
 ERROR_NORMS = ("H1", "L2", "stress", "force")
 SURFACE_TOLERANCE = 1e-6
-"""Distance up to which a node counts as on a surface; the bodies' widths are 1 to 2."""
+"""Distance up to which a node counts as on a surface; the bodies are 1 to 2 wide."""
 
 
 def _is_anywhere(x: Array) -> Mask:
@@ -184,25 +192,26 @@ def _is_on_axis(x: Array) -> Mask:
     return np.asarray(np.abs(x[0]) < SURFACE_TOLERANCE)
 
 
-def _is_on_sides_off_axis(x: Array) -> Mask:
-    """Return whether points are on the three sides of the square that are not on the axis."""
+def _is_on_right_bottom_or_top(x: Array) -> Mask:
+    """Return a mask (n,) of points (3, n) on the right, lower or upper side of the square."""
     is_on_right = np.abs(x[0] - 1) < SURFACE_TOLERANCE
     is_on_bottom_or_top = np.abs(x[1] - 0.5) > 0.5 - SURFACE_TOLERANCE
     return np.asarray(is_on_right | is_on_bottom_or_top)
 
 
 @dataclass(frozen=True)
-class Setting:
-    """A body with a prescribed exact displacement.
+class ManufacturedProblem:
+    """Static problem with a manufactured solution, solved on a series of meshes.
 
     Args:
         state: Plane stress, plane strain, axisymmetric or solid.
         poissons_ratio: Poisson's ratio of the material.
-        field: Exact displacement.
-        mesh: Function that makes a mesh for an element and a length of the cells' sides.
-        support: Side with prescribed displacements, whose nodal forces are compared.
-        cell_sides: Lengths of the cells' sides, coarse to fine.
-        elements: Elements that are compared.
+        field: Function (m, x, compliance) that returns the exact displacement's components.
+        mesh: Function of an element's name and a cell side length that returns a mesh.
+        support: Marker of the side on which displacements are prescribed and nodal forces are
+            compared.
+        cell_sides: Side lengths of the cells, from coarse to fine.
+        elements: Names of the elements that are compared.
     """
 
     state: StressState
@@ -217,19 +226,19 @@ class Setting:
 TRIANGULAR_ELEMENTS = ("galerkin-T6", "pw-T6")
 QUADRILATERAL_ELEMENTS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
 TETRAHEDRAL_ELEMENTS = ("galerkin-T10", "pw-T10")
-PLANE_ELEMENTS = (*Setting.elements, *QUADRILATERAL_ELEMENTS)
+PLANE_ELEMENTS = (*ManufacturedProblem.elements, *QUADRILATERAL_ELEMENTS)
 FINER_CELL_SIDES = (1 / 8, 1 / 16, 1 / 32, 1 / 64)
 
-PLANE_STRESS_SETTING = Setting(StressState.PLANE_STRESS, elements=PLANE_ELEMENTS)
-PLANE_STRAIN_SETTING = Setting(StressState.PLANE_STRAIN, elements=PLANE_ELEMENTS)
-AXISYMMETRIC_SETTING = Setting(
+PLANE_STRESS_SETTING = ManufacturedProblem(StressState.PLANE_STRESS, elements=PLANE_ELEMENTS)
+PLANE_STRAIN_SETTING = ManufacturedProblem(StressState.PLANE_STRAIN, elements=PLANE_ELEMENTS)
+AXISYMMETRIC_SETTING = ManufacturedProblem(
     StressState.AXISYMMETRIC, field=manufactured.round_about, elements=PLANE_ELEMENTS
 )
-RING_SETTING = Setting(StressState.PLANE_STRESS, mesh=on_ring, support=_is_on_inner_arc)
+RING_SETTING = ManufacturedProblem(StressState.PLANE_STRESS, mesh=on_ring, support=_is_on_inner_arc)
 CURVED_RING_SETTING = replace(
     RING_SETTING, mesh=on_curved_ring, elements=PLANE_ELEMENTS, cell_sides=FINER_CELL_SIDES
 )
-CUBE_SETTING = Setting(
+CUBE_SETTING = ManufacturedProblem(
     StressState.SOLID,
     field=manufactured.solid,
     mesh=on_cube,
@@ -280,32 +289,40 @@ SCANNED_SETTINGS = {
     "curved-ring": PLANE_STRAIN_CURVED_RING_SETTING,
     "solid": CUBE_SETTING,
 }
-"""Settings in which Poisson's ratio is varied, on the second finest mesh."""
+"""Settings in which Poisson's ratio is varied on the second finest mesh."""
 
 
 def statics(element: str, setting: str) -> Result:
-    """Return errors of an element on all meshes of a setting, and their orders.
+    """Compute the errors of an element on all meshes of a setting, and their orders.
 
-    Curves have one number per mesh: `h`, the diameter that cells would have if they were cubes,
-    `dofs`, and `error_*` in each norm. Scalars are orders and the errors on the finest mesh.
+    Curves have one entry per mesh: the mean cell size `h` (mean volume to the power 1/dim), the
+    number of unknowns `dofs`, and the relative errors `error_*` for each of `ERROR_NORMS`. Scalars
+    are the observed orders of convergence `order_*` and the errors on the finest mesh.
 
     Args:
         element: Name of the element.
         setting: A key of `SETTINGS`.
     """
     problem = SETTINGS[setting]
-    rows = [compute_errors(element, problem, side) for side in problem.cell_sides]
+    rows = [
+        solve_and_compute_relative_errors(element, problem, side) for side in problem.cell_sides
+    ]
     curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     scalars = {
-        f"order_{norm}": convergence_order(curves["h"], curves[f"error_{norm}"])
+        f"order_{norm}": fit_convergence_order(curves["h"], curves[f"error_{norm}"])
         for norm in ERROR_NORMS
     }
     scalars |= {f"error_{norm}": float(curves[f"error_{norm}"][-1]) for norm in ERROR_NORMS}
-    return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
+    return Result(
+        scalars, assign_unit_one_to_scalars(scalars), curves, dofs=int(curves["dofs"][-1])
+    )
 
 
 def scan(element: str, setting: str) -> Result:
-    """Return errors of an element over Poisson's ratio, as curves `nu` and `error_*`.
+    """Compute the errors of an element for several Poisson's ratios on one mesh.
+
+    Curves are Poisson's ratio `nu` and the relative errors `error_*`; scalars are the errors at the
+    last Poisson's ratio.
 
     Args:
         element: Name of the element.
@@ -313,7 +330,9 @@ def scan(element: str, setting: str) -> Result:
     """
     problem = SCANNED_SETTINGS[setting]
     rows = [
-        compute_errors(element, replace(problem, poissons_ratio=nu), problem.cell_sides[-2])
+        solve_and_compute_relative_errors(
+            element, replace(problem, poissons_ratio=nu), problem.cell_sides[-2]
+        )
         for nu in SCANNED_POISSONS_RATIOS
     ]
     curves = {
@@ -321,27 +340,29 @@ def scan(element: str, setting: str) -> Result:
     }
     curves["nu"] = np.array(SCANNED_POISSONS_RATIOS)
     scalars = {f"error_{norm}": float(curves[f"error_{norm}"][-1]) for norm in ERROR_NORMS}
-    return Result(scalars, dimensionless(scalars), curves, dofs=int(rows[0]["dofs"]))
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=int(rows[0]["dofs"]))
 
 
-def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str, float]:
-    """Return relative errors `error_*` on one mesh, with its cell size `h` and its `dofs`."""
+def solve_and_compute_relative_errors(
+    element: str, setting: ManufacturedProblem, cell_side: float
+) -> dict[str, float]:
+    """Solve on one mesh; return errors `error_*`, cell size `h` and number of unknowns `dofs`."""
     mesh = setting.mesh(element, cell_side)
     material = Material(YOUNGS_MODULUS, setting.poissons_ratio)
-    body = Body(spaces(element, mesh), material, setting.state)
+    body = Body(make_element_spaces(element, mesh), material, setting.state)
     discretisation = Discretisation(element, body, assemble_matrix(body.stiffness()))
     solution = ManufacturedSolution(body, setting.field)
     K, U = discretisation.K, discretisation.space
 
     exact = fem.Function(U)
-    exact.x.array[:] = solution.evaluate_at_nodes(U).ravel()
+    exact.x.array[:] = solution.evaluate_displacement_at_nodes(U).ravel()
     support_nodes = fem.locate_dofs_geometrical(U, setting.support)
     conditions = [fem.dirichletbc(exact, support_nodes)]
     is_loaded = _is_anywhere
     if setting.state is StressState.AXISYMMETRIC:
         conditions.append(prescribe(U, 0, _is_on_axis))
-        is_loaded = _is_on_sides_off_axis
-    f = solution.assemble_load(is_loaded)
+        is_loaded = _is_on_right_bottom_or_top
+    f = solution.assemble_body_force_and_traction(is_loaded)
     supports = discretisation.supports(conditions)
     a = solve(K, f, supports)
 
@@ -351,12 +372,12 @@ def compute_errors(element: str, setting: Setting, cell_side: float) -> dict[str
         piecewise_linear = as_function(
             fem.functionspace(mesh, piecewise_linear_sub_cell_element("triangle", (2,))), a
         )
-    errors = solution.compute_errors(u, piecewise_linear)
+    errors = solution.compute_relative_error_norms(u, piecewise_linear)
 
     # f includes the traction on the support: reactions are compared with its integrals times test
     # functions
     dofs = (support_nodes[:, None] * len(exact) + np.arange(len(exact))).ravel()
-    exact_forces = solution.assemble_traction_load(setting.support).array[dofs]
+    exact_forces = solution.assemble_exact_traction(setting.support).array[dofs]
     force_error = np.linalg.norm((K * a - f).array[dofs]) / np.linalg.norm(exact_forces)
     errors["force"] = float(force_error)
     return {f"error_{norm}": error for norm, error in errors.items()} | {

@@ -1,10 +1,10 @@
-"""Measure the times and memory of section K, each measurement in separate processes.
+"""Measure CPU time and memory for section K, each measurement in separate processes.
 
-`./run python3 -m study.publish.renew_records 'K/*'` performs all of them and writes the record.
-Seconds are CPU time of all processes, with the median of three runs if a run takes less than ten
-seconds. Megabytes are the sum of the processes' largest resident sizes, imports included. Other
-work on the machine changes CPU time and memory little, but wall time much; rows that were measured
-on a busy machine say so.
+`./run python3 -m study.publish.renew_records 'K/*'` performs all measurements and writes the
+record. Times are CPU seconds summed over all processes: the median of three runs, or a single run
+if it takes more than ten seconds. Memory in megabytes is the sum of the processes' largest resident
+sizes, including imports. Other work on the machine affects CPU time and memory little, but wall
+time much; the record notes if the machine was busy.
 """
 
 import json
@@ -23,27 +23,27 @@ from study.benchmarks.k_cost.tasks import TASKS, Measurement
 from study.run import records
 from study.solutions.calculix.calculix import (
     CalculixError,
-    check_finished,
+    ask_calculix_for_its_version,
+    check_calculix_finished,
     find_calculix,
-    read_version,
 )
 from study.solutions.calculix.grids import Grid
-from study.solutions.calculix.standard_decks import RoughBlock
+from study.solutions.calculix.standard_decks import BlockOnRoughRigidPlane
 
 CALCULIX = "CalculiX"
-"""Method name of measurements of CalculiX."""
+"""Value of `Measurement.method` for measurements of CalculiX."""
 N_RUNS = 3
 LONG_RUN_SECONDS = 10.0
-"""CPU seconds above which one run is enough."""
+"""CPU seconds above which a measurement is not repeated."""
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
-"""One thread per process: with several, CPU time would not be comparable."""
+"""Environment of measured processes: one thread each, so that CPU times are comparable."""
 
 
 # Measurements
 
 
 def list_measurements() -> Iterator[Measurement]:
-    """Yield all measurements, in the order of the record."""
+    """Yield all measurements of section K in the order of the record's rows."""
     plane = [(element, n) for element in ("galerkin-T6", "pw-T6") for n in (32, 64, 128, 256)]
     solid = [(element, n) for element in ("galerkin-T10", "pw-T10") for n in (5, 8, 11)]
     for element, n in (*plane, *solid):
@@ -88,40 +88,49 @@ def list_measurements() -> Iterator[Measurement]:
 # Record
 
 
-def measurement_of_row(row: records.Row) -> Measurement:
-    """Return the measurement whose numbers a row of the record contains."""
+def measurement_from_record_row(row: records.RecordRow) -> Measurement:
+    """Return the measurement (task, element, size, method) that a row of the record describes."""
     return Measurement(**row.content["row"])
 
 
-def write_record(path: Path, names: Iterable[str]) -> None:
-    """Measure the given names, and write a copy of the tracked record with the new rows.
+def measure_cases_and_write_record(path: Path, measured_case_names: Iterable[str]) -> None:
+    """Repeat measurements, and write a copy of the tracked record with the new rows.
 
-    CalculiX' rows are not changed.
+    Rows of CalculiX are copied unchanged.
+
+    Args:
+        path: File to write; it is updated after each measurement.
+        measured_case_names: Names of the measurements to repeat.
     """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     for measurement in list_measurements():
-        if measurement.name in names and measurement.method != CALCULIX:
-            row = rows[measurement.key] = measure(measurement)
+        if measurement.name in measured_case_names and measurement.method != CALCULIX:
+            row = rows[measurement.key] = measure_and_make_record_row(measurement)
             print(row.key, row.content["measured"], file=sys.stderr, flush=True)
             records.write_rows(path, rows.values())
 
 
-def measure(measurement: Measurement) -> records.Row:
-    """Measure time and memory, and return the row of the record."""
-    machine = describe_machine()
+def measure_and_make_record_row(measurement: Measurement) -> records.RecordRow:
+    """Measure time and memory, and return a row of the record with the numbers and the machine."""
+    machine = describe_machine_and_load()
     versions = None
     if measurement.method == CALCULIX:
         calculix = find_calculix()
         if calculix is None:
             raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
-        versions = {"calculix": read_version(calculix)}
-    content = {"row": asdict(measurement), "measured": measure_median(measurement)}
+        versions = {"calculix": ask_calculix_for_its_version(calculix)}
+    content = {
+        "row": asdict(measurement),
+        "measured": measure_medians_of_repeated_runs(measurement),
+    }
     input_sha256 = records.digest_input(asdict(measurement))
-    return records.create_row(measurement.key, input_sha256, content, versions, machine)
+    return records.create_row_with_current_date(
+        measurement.key, input_sha256, content, versions, machine
+    )
 
 
-def describe_machine() -> str:
-    """Describe cores, processor and memory, with "busy" if the load exceeds the number of cores."""
+def describe_machine_and_load() -> str:
+    """Describe cores, processor and memory; add "busy" if the load exceeds the number of cores."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     model = next((line.split(":")[1].strip() for line in lines if "model name" in line), "?")
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
@@ -130,18 +139,18 @@ def describe_machine() -> str:
     return f"{machine}, busy (load {load:.0f})" if load > (os.cpu_count() or 1) else machine
 
 
-def measure_median(measurement: Measurement) -> dict[str, float]:
-    """Return the medians of several runs, or the numbers of a single long one."""
+def measure_medians_of_repeated_runs(measurement: Measurement) -> dict[str, float]:
+    """Return the median of each measured quantity over `N_RUNS` runs, or one long run's values."""
     runs: list[dict[str, float]] = []
     for _ in range(N_RUNS):
-        runs.append(measure_in_new_processes(measurement))
+        runs.append(measure_one_run_in_new_processes(measurement))
         if runs[-1]["whole_seconds"] > LONG_RUN_SECONDS:
             break
     return {name: statistics.median(run[name] for run in runs) for name in runs[0]}
 
 
-def measure_in_new_processes(measurement: Measurement) -> dict[str, float]:
-    """Return the numbers of one run in new processes."""
+def measure_one_run_in_new_processes(measurement: Measurement) -> dict[str, float]:
+    """Run a measurement once in new processes, and return the measured quantities by name."""
     module = "study.benchmarks.k_cost.measure"
     command = [sys.executable, "-m", module, json.dumps(asdict(measurement))]
     if measurement.processes > 1:
@@ -152,12 +161,18 @@ def measure_in_new_processes(measurement: Measurement) -> dict[str, float]:
     return numbers
 
 
-def _measure_in_this_process(measurement: Measurement) -> None:
-    """Measure in this process, and print the numbers."""
+def _measure_in_this_process_and_print(measurement: Measurement) -> None:
+    """Measure in this process, and print the measured quantities as one line of JSON."""
     if measurement.method == CALCULIX:
         calculix = find_calculix()
         assert calculix is not None
-        print(json.dumps(measure_calculix(calculix, rough_block(measurement.cells))))
+        print(
+            json.dumps(
+                measure_calculix_run(
+                    calculix, make_calculix_block_on_rough_plane(measurement.cells)
+                )
+            )
+        )
         return
     from mpi4py import MPI
 
@@ -165,15 +180,15 @@ def _measure_in_this_process(measurement: Measurement) -> None:
     numbers = TASKS[measurement.task](measurement)
     numbers["wall_seconds"] = comm.allreduce(time.perf_counter() - start, MPI.MAX)
     numbers["whole_seconds"] = comm.allreduce(time.process_time())
-    numbers["megabytes"] = comm.allreduce(read_peak_memory())
+    numbers["megabytes"] = comm.allreduce(read_peak_memory_in_megabytes())
     if comm.rank == 0:
         print(json.dumps(numbers))
 
 
-def read_peak_memory() -> float:
-    """Return the largest resident size of this process, in megabytes.
+def read_peak_memory_in_megabytes() -> float:
+    """Return the largest resident size of this process so far, in megabytes.
 
-    Unlike `ru_maxrss`, the value does not include the peak memory of the parent process.
+    Unlike `ru_maxrss`, this value excludes the peak memory of the parent process.
     """
     status = Path("/proc/self/status").read_text()
     (kilobytes,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
@@ -183,16 +198,29 @@ def read_peak_memory() -> float:
 # CalculiX on the block that stands on a rough plane
 
 
-def rough_block(cells: int) -> RoughBlock:
-    """Return CalculiX' problem of the block with a given number of cubes along its height."""
-    grid = Grid("T10", (0.0,) * 3, (2.0, 1.0, 1.0), (2 * cells, cells, cells))
-    return RoughBlock("C3D10", grid)
+def make_calculix_block_on_rough_plane(cells_along_height: int) -> BlockOnRoughRigidPlane:
+    """Return the CalculiX problem of the block on a rough plane.
+
+    Args:
+        cells_along_height: Number of cubes (of six tetrahedra) along the height of the block.
+    """
+    grid = Grid(
+        "T10",
+        (0.0,) * 3,
+        (2.0, 1.0, 1.0),
+        (2 * cells_along_height, cells_along_height, cells_along_height),
+    )
+    return BlockOnRoughRigidPlane("C3D10", grid)
 
 
-def measure_calculix(calculix: str, problem: RoughBlock) -> dict[str, float]:
-    """Return unknowns, contact iterations, megabytes and seconds of one run on one thread.
+def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) -> dict[str, float]:
+    """Run CalculiX once on one thread; return unknowns, iterations, megabytes and seconds.
 
-    The megabytes cannot be less than the size of this process, which therefore has to be small.
+    The measured memory is at least that of this process, which should therefore be small.
+
+    Args:
+        calculix_path: Path of CalculiX.
+        problem: Problem to solve.
 
     Raises:
         CalculixError: If CalculiX fails.
@@ -203,11 +231,11 @@ def measure_calculix(calculix: str, problem: RoughBlock) -> dict[str, float]:
         output_path = Path(folder, "output")
         flags = os.O_WRONLY | os.O_CREAT
         redirection = [(os.POSIX_SPAWN_OPEN, 1, str(output_path), flags, 0o600)]
-        command = ["env", "-C", folder, "OMP_NUM_THREADS=1", calculix, "job"]
+        command = ["env", "-C", folder, "OMP_NUM_THREADS=1", calculix_path, "job"]
         process = os.posix_spawnp("env", command, os.environ, file_actions=redirection)
         _, status, usage = os.wait4(process, 0)
         wall_seconds = time.perf_counter() - start
-        check_finished(status, output_path.read_text())
+        check_calculix_finished(status, output_path.read_text())
         increments = Path(folder, "job.sta").read_text().splitlines()[2:]
         iterations = sum(int(line.split()[3]) for line in increments)
     return {
@@ -220,4 +248,4 @@ def measure_calculix(calculix: str, problem: RoughBlock) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    _measure_in_this_process(Measurement(**json.loads(sys.argv[1])))
+    _measure_in_this_process_and_print(Measurement(**json.loads(sys.argv[1])))

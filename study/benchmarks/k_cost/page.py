@@ -1,6 +1,6 @@
-"""Cost of the elements and solvers.
+"""CPU time and memory of the elements and solvers.
 
-Each case is a row of the record `time_and_memory.json`; nothing is measured when the report is
+Each case reads one row of the record `time_and_memory.json`; nothing is measured when the report is
 built.
 """
 
@@ -14,12 +14,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.benchmarks.k_cost.measure import CALCULIX, measurement_of_row
+from study.benchmarks.k_cost.measure import CALCULIX, measurement_from_record_row
 from study.benchmarks.k_cost.tasks import EXACT_DIGITS, FORCING, Measurement
 from study.judge.checks import check
 from study.judge.measures.general import ratio
-from study.model.units import units_of
-from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, set_plain_ticks
+from study.model.units import assign_units_to_scalars
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, label_log_y_axis_with_plain_numbers
 from study.run import records
 from study.run.cases import Case
 from study.run.pages import PageFigure
@@ -90,7 +90,10 @@ def recorded(
     machine: str,
     measured: dict[str, float],
 ) -> Result:
-    """Return a row of the record: CPU seconds (median), of the task and of the whole process.
+    """Return one row of the record as a result: CPU seconds, memory and counts.
+
+    Scalars `seconds` are CPU times of the task and `whole_seconds` of the whole process; both are
+    medians of several runs.
 
     Args:
         task: Name of the task.
@@ -98,12 +101,12 @@ def recorded(
         cells: Number of cells along the height of the block.
         method: Method for the linear systems.
         processes: Number of MPI processes.
-        machine: Machine, as `describe_machine` returns it.
-        measured: The numbers.
+        machine: Description of the machine by `describe_machine_and_load`.
+        measured: Measured quantities by name.
     """
     del task, element, cells, method
     scalars = {**measured, "processes": float(processes)}
-    return Result(scalars, units_of(scalars, UNITS), {}, dofs=int(measured["dofs"]))
+    return Result(scalars, assign_units_to_scalars(scalars, UNITS), {}, dofs=int(measured["dofs"]))
 
 
 def recorded_of_calculix(
@@ -115,13 +118,27 @@ def recorded_of_calculix(
     machine: str,
     measured: dict[str, float],
 ) -> Result:
-    """Return a row of CalculiX, with its element `peer_element`; otherwise as `recorded`."""
+    """Return one row of the record that was measured with CalculiX.
+
+    Args:
+        task: Name of the task.
+        peer_element: Name of the element in CalculiX.
+        cells: Number of cells along the height of the block.
+        method: "CalculiX".
+        processes: Number of processes.
+        machine: Description of the machine by `describe_machine_and_load`.
+        measured: Measured quantities by name.
+    """
     return recorded(task, peer_element, cells, method, processes, machine, measured)
 
 
-def load_cases(path: Path = records.TIME_AND_MEMORY) -> list[Case]:
-    """Return a case for each row of a record: the tracked one, or one that is measured now."""
-    rows = {measurement_of_row(row): row for row in records.read_rows(path).values()}
+def load_cases_from_record(path: Path = records.TIME_AND_MEMORY) -> list[Case]:
+    """Return a case for each row of a record.
+
+    Args:
+        path: The tracked record, or a newly measured copy of it.
+    """
+    rows = {measurement_from_record_row(row): row for row in records.read_rows(path).values()}
     measured_numbers = {key: row.content["measured"] for key, row in rows.items()}
     cases = []
     for measurement, measured in measured_numbers.items():
@@ -129,27 +146,37 @@ def load_cases(path: Path = records.TIME_AND_MEMORY) -> list[Case]:
         parameters = {**asdict(measurement), "machine": rows[measurement].machine}
         if measurement.method == CALCULIX:
             problem, parameters["peer_element"] = recorded_of_calculix, parameters.pop("element")
-        parameters["measured"] = measured | _contact_over_parts(measurement, measured_numbers)
+        parameters["measured"] = measured | _time_ratios_of_contact_to_its_parts(
+            measurement, measured_numbers
+        )
         is_tracked = path == records.TIME_AND_MEMORY or measurement.method == CALCULIX
-        record = records.name_in_project(records.TIME_AND_MEMORY) if is_tracked else ""
+        record = records.path_relative_to_project(records.TIME_AND_MEMORY) if is_tracked else ""
         cases.append(Case("K", measurement.name, problem, parameters, record=record))
     return cases
 
 
-def _contact_over_parts(
+def _time_ratios_of_contact_to_its_parts(
     contact: Measurement, measured_numbers: dict[Measurement, dict[str, float]]
 ) -> dict[str, float]:
-    """Return the CPU time of a whole run with contact, divided by that of its parts.
+    """Return ratios of the CPU time of a whole contact analysis to that of its linear parts.
 
-    Measurements of the task "linear" give the times of assembly, of one set-up of the multigrid
-    levels, and of plain solutions with the clamped stiffness K to two accuracies. The denominator
-    of `over_bare` consists of assembly, one set-up, and a plain solution for each Newton step. The
-    time of such a solution is interpolated between the two accuracies for the reduction of the
-    residual that the step required (`digits` is the sum of these reductions' decimal logarithms).
-    The set-up counts because a solution from scratch needs levels, but only once, although contact
-    renews parts of them; imports, mesh, and contact's set-up and checks do not count. The
-    denominator of `over_solutions` is a lower bound: assembly, and one plain solution to `FORCING`
-    per step, without levels and without an exact last step.
+    The measurement of the task "linear" for the same block provides the times of assembly, of one
+    set-up of the multigrid levels, and of linear solutions with the clamped stiffness K to two
+    accuracies. The denominator of the ratio `over_bare` is the time of assembly, one set-up, and
+    one linear solution per Newton step. The time of such a solution is interpolated between the
+    two accuracies according to the residual reduction required in the step (`digits` is the sum of
+    the decimal logarithms of these reductions). The set-up is counted once, although contact
+    renews parts of the levels; imports, meshing, and the set-up and checks of contact are not
+    counted. The denominator of `over_solutions` is a lower bound: assembly, and one linear solution
+    to the relative residual `FORCING` per step, without set-up and without an exact last step.
+
+    Args:
+        contact: Measurement whose ratios are computed.
+        measured_numbers: Measured quantities of all measurements, by name.
+
+    Returns:
+        The two ratios; empty unless `contact` is an iterative contact solution for which a "linear"
+        measurement exists.
     """
     linear_measurement = replace(contact, task="linear")
     is_iterative_contact = contact.task == "contact" and contact.method == "Iterative"
@@ -168,7 +195,7 @@ def _contact_over_parts(
     return {"over_bare": whole / parts, "over_solutions": whole / solutions}
 
 
-CASES = load_cases()
+CASES = load_cases_from_record()
 
 # Results
 
@@ -257,20 +284,20 @@ COST_PANELS = {
 }
 COST_ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 CALCULIX_ELEMENTS = {"galerkin-T10": "C3D10"}
-"""CalculiX's elements on the same meshes."""
+"""Names of the corresponding CalculiX elements."""
 LINE_STYLES = {"Direct": "-", "Iterative": "--", "CalculiX": "-."}
 
 
-def draw_cost(results: Results) -> Figure:
-    """Cost over the number of unknowns: factors, frequencies, contact.
+def draw_time_and_memory_over_unknowns(results: Results) -> Figure:
+    """Draw CPU time (upper row) and memory (lower row) over the number of unknowns.
 
-    Upper row: CPU time of three tasks; below: memory of the same.
+    The columns are factorisation, six frequencies, and contact with friction.
     """
     fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 3.6), sharex="col")
     for column, (task, title) in zip(axes.T, COST_PANELS.items(), strict=True):
         for element in COST_ELEMENTS:
             for method in LINE_STYLES:
-                _draw_series(column, results, task, element, method)
+                _draw_time_and_memory_of_one_task(column, results, task, element, method)
         column[0].set_title(title)
         column[1].set_xlabel("unknowns")
     axes[0, 0].set_ylabel("CPU time / s")
@@ -278,7 +305,7 @@ def draw_cost(results: Results) -> Figure:
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
     for ax in axes[1]:
-        set_plain_ticks(ax)
+        label_log_y_axis_with_plain_numbers(ax)
     labels = {"Direct": "direct", "Iterative": "Krylov", "CalculiX": "CalculiX"}
     handles = [Line2D([], [], **ELEMENT_LOOK[element]) for element in COST_ELEMENTS]
     handles += [
@@ -289,10 +316,18 @@ def draw_cost(results: Results) -> Figure:
     return fig
 
 
-def _draw_series(
-    column: list[Axes], results: Results, task: str, element: str, method: str
+def _draw_time_and_memory_of_one_task(
+    time_and_memory_axes: list[Axes], results: Results, task: str, element: str, method: str
 ) -> None:
-    """Draw CPU time and memory of a task on one process over the number of unknowns."""
+    """Draw CPU time and memory of a task on one process over the number of unknowns.
+
+    Args:
+        time_and_memory_axes: The axes for time and for memory.
+        results: All results.
+        task: Name of the task.
+        element: Name of the study's element; for CalculiX its own element is used instead.
+        method: Name of the method.
+    """
     name = CALCULIX_ELEMENTS.get(element, element) if method == "CalculiX" else element
     rows = [
         results[f"K/{case}"].scalars
@@ -304,12 +339,12 @@ def _draw_series(
     rows.sort(key=lambda row: row["dofs"])
     look = ELEMENT_LOOK[element] | {"linestyle": LINE_STYLES[method]}
     seconds = "whole_seconds" if task == "contact" else "seconds"
-    for ax, quantity in zip(column, (seconds, "megabytes"), strict=True):
+    for ax, quantity in zip(time_and_memory_axes, (seconds, "megabytes"), strict=True):
         ax.plot([row["dofs"] for row in rows], [row[quantity] for row in rows], **look)
 
 
-def caption_cost(results: Results) -> str:
-    """Return the caption, with the machine."""
+def caption_time_and_memory_over_unknowns(results: Results) -> str:
+    """Return the caption of `draw_time_and_memory_over_unknowns`, which names the machine."""
     machine = results["K/factors-pw-T10-8-Direct"].parameters["machine"]
     return (
         "CPU time and largest resident memory of the process for a block 2 × 1 (× 1): "
@@ -328,17 +363,18 @@ GROWTH_SERIES = {
     "with a pressure, ν = 1/2": ("contact-pw-hybrid-T10", (8, 11, 16, 22), "#009E73", "^"),
     "loose pieces": ("pieces-pw-T10", (10, 25, 50, 100), "#444444", "D"),
 }
-"""Task and element, sizes, colour and marker by label; the looks differ from those of elements."""
+"""Task with element, mesh sizes, colour and marker of each curve, by label."""
 GROWTH_KEYS = {
     label: [f"K/{task}-{size}-Iterative" for size in sizes]
     for label, (task, sizes, *_) in GROWTH_SERIES.items()
 }
 
 
-def draw_growth(results: Results) -> Figure:
-    """Growth of contact's cost with the unknowns: rigid surface, two bodies, rubber, loose pieces.
+def draw_contact_cost_per_unknown(results: Results) -> Figure:
+    """Draw the CPU time and the memory of contact analyses per unknown over the number of unknowns.
 
-    Panels: CPU time per unknown, memory per unknown; flat is proportional.
+    The curves are contact with a rigid surface, contact of two bodies, an incompressible body, and
+    loose pieces. A horizontal curve means that the cost is proportional to the number of unknowns.
     """
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5))
     panels = (
@@ -352,14 +388,14 @@ def draw_growth(results: Results) -> Figure:
             per_unknown = [unit * row[name] / row["dofs"] for row in rows]
             ax.plot(dofs, per_unknown, color=colour, marker=marker, label=label)
         ax.set(xscale="log", yscale="log", xlabel="unknowns", ylabel=axis_label)
-        set_plain_ticks(ax)
+        label_log_y_axis_with_plain_numbers(ax)
     handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
 
-def caption_growth(results: Results) -> str:
-    """Return the caption, with the machine."""
+def caption_contact_cost_per_unknown(results: Results) -> str:
+    """Return the caption of `draw_contact_cost_per_unknown`, which names the machine."""
     machine = results["K/bodies-pw-T10-20-Iterative"].parameters["machine"]
     return (
         "Contact with friction in space by the Krylov solver on one process, new T10: CPU time of "
@@ -373,21 +409,21 @@ def caption_growth(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "k_cost",
-        draw_cost,
+        draw_time_and_memory_over_unknowns,
         needs=[
             "K/factors-pw-T10-8-Direct",
             "K/contact-pw-T10-8-Direct",
             "K/contact-pw-T10-8-Iterative",
         ],
-        caption=caption_cost,
+        caption=caption_time_and_memory_over_unknowns,
         alt="Six plots with logarithmic axes; time and memory grow with the number of unknowns, by "
         "factors in space much faster than by Krylov's method, whose time is nearly proportional.",
     ),
     PageFigure(
         "k_growth",
-        draw_growth,
+        draw_contact_cost_per_unknown,
         needs=[key for keys in GROWTH_KEYS.values() for key in keys],
-        caption=caption_growth,
+        caption=caption_contact_cost_per_unknown,
         alt="Two plots with logarithmic axes; lines of CPU time per unknown are nearly level, a "
         "little rising, and those of memory per unknown fall towards a level.",
     ),

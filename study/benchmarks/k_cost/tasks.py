@@ -1,8 +1,8 @@
 """Tasks whose time and memory section K measures.
 
 Each task returns the number of unknowns `dofs`, the CPU seconds of the task and, if applicable,
-counts and norms of the solution. Tasks import the modules that they need, because imports are part
-of the measured memory and time of a process.
+iteration counts and norms of the solution. Each task imports only the modules that it needs,
+because imports contribute to the measured time and memory of a process.
 """
 
 import math
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Mask = npt.NDArray[np.bool_]
 IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
-"""Function of a dimension and entities (m,) that returns which of these are in the upper block."""
+"""Function (dim, entities (m,)) that returns a mask (m,) of the entities in the upper block."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """A task whose time and memory are measured, with its problem, method and number of processes.
+    """Task, problem size, method and number of processes for which time and memory are measured.
 
     Args:
         task: Name of the task: "assembly", "factors" (factorisation) or "frequencies" of the
@@ -44,7 +44,7 @@ class Measurement:
             along it, at large strains); "incompressible" (the clamped block with a pressure field);
             "linear" (the clamped block by the solver of contact problems).
         element: Element of the study or of CalculiX.
-        cells: Number of cells along the height of the (lower) block; for "pieces", of cubes.
+        cells: Number of cells along the height of the (lower) block; for "pieces", number of cubes.
         method: "Direct", "Iterative", "compared" (both, to compute their difference) or "CalculiX".
         processes: Number of MPI processes.
     """
@@ -57,13 +57,13 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """Name of the case of section K."""
+        """Name of the case in section K, such as "contact-pw-T10-8-Iterative"."""
         parallel = f"-{self.processes}" if self.processes > 1 else ""
         return f"{self.task}-{self.element}-{self.cells}-{self.method}{parallel}"
 
     @property
     def key(self) -> str:
-        """Section and name."""
+        """Key of the case and of the record's row, such as "K/contact-pw-T10-8-Iterative"."""
         return f"K/{self.name}"
 
 
@@ -76,7 +76,7 @@ N_MODES = 6
 
 # Two blocks: the lower one is a unit cube
 STIFFNESS_RATIO, CELL_RATIO = 3.0, 0.8
-"""Ratios of the moduli and of the numbers of cells, upper to lower block."""
+"""Ratios upper / lower block of Young's moduli and of the numbers of cells along an edge."""
 UPPER_ENDS = (0.13, 0.83)
 """Horizontal coordinates at which the upper block begins and ends."""
 FRICTION_BETWEEN = 0.2
@@ -87,13 +87,13 @@ BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
 """Translations of a ball of radius 1 that is pressed into a block 2 x 2 x 1 and moved along it."""
 
 FORCING = 0.02
-"""Residual of a linear solution at an iterate of contact, relative to the right-hand side."""
+"""Relative residual to which the linear system of one contact iteration is solved."""
 EXACT_DIGITS = 11
 """Decimal digits by which `Iterative` reduces the residual of a linear problem."""
 
 
 def time_cpu(work: Callable[[], T]) -> tuple[T, float]:
-    """Return a function's result, and the CPU seconds that it takes on all processes."""
+    """Call a function; return its result and the CPU seconds, summed over all MPI processes."""
     from mpi4py import MPI
 
     start = time.process_time()
@@ -110,8 +110,8 @@ def _create_solver(method: str) -> "Direct | Iterative":
 # The clamped block
 
 
-def measure_assembly(measurement: Measurement) -> dict[str, float]:
-    """Measure the assembly of the stiffness."""
+def measure_stiffness_assembly(measurement: Measurement) -> dict[str, float]:
+    """Measure the assembly of the stiffness matrix of the block."""
     from pw_elements import assemble_matrix
 
     form = _create_block(measurement.element, measurement.cells).stiffness()
@@ -120,8 +120,11 @@ def measure_assembly(measurement: Measurement) -> dict[str, float]:
     return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
 
 
-def measure_factors(measurement: Measurement) -> dict[str, float]:
-    """Measure MUMPS' factorisation: LDL^T of the standard element, LU of the new one."""
+def measure_factorisation(measurement: Measurement) -> dict[str, float]:
+    """Measure the factorisation by MUMPS of the clamped block's stiffness matrix.
+
+    It is LDL^T for the standard element, and LU for the new element, whose matrix is unsymmetric.
+    """
     from pw_elements import assemble_matrix
     from pw_elements.algebra import factorise
 
@@ -135,7 +138,7 @@ def measure_factors(measurement: Measurement) -> dict[str, float]:
 
 
 def measure_frequencies(measurement: Measurement) -> dict[str, float]:
-    """Measure the computation of the lowest frequencies."""
+    """Measure the computation of the `N_MODES` lowest frequencies of the clamped block."""
     from pw_elements import assemble_matrix, vibration_modes
 
     body, supports = _create_clamped_block(measurement)
@@ -144,8 +147,8 @@ def measure_frequencies(measurement: Measurement) -> dict[str, float]:
     return {"dofs": K.getSize()[0], "seconds": seconds}
 
 
-def measure_incompressible(measurement: Measurement) -> dict[str, float]:
-    """Measure a solution of the block at nu = 1/2, pressed and pushed from above."""
+def measure_clamped_incompressible_block(measurement: Measurement) -> dict[str, float]:
+    """Measure the solution of the clamped block at nu = 1/2 under pressure and shear on top."""
     from pw_elements import assemble_matrix, assemble_vector, boundary_measure, solve, split
 
     body, supports = _create_clamped_block(measurement)
@@ -165,25 +168,25 @@ def measure_incompressible(measurement: Measurement) -> dict[str, float]:
     }
 
 
-def measure_linear(measurement: Measurement) -> dict[str, float]:
-    """Measure assembly, set-up of the multigrid levels, and two solutions.
+def measure_multigrid_set_up_and_solutions(measurement: Measurement) -> dict[str, float]:
+    """Measure assembly, set-up of the multigrid levels, and two iterative solutions of the block.
 
-    The residual is reduced to `FORCING` times the load in one solution, and by `EXACT_DIGITS`
-    digits in the other.
+    The first solution reduces the residual to `FORCING` times the load, the second one by
+    `EXACT_DIGITS` decimal digits.
     """
     from pw_elements import Iterative, assemble_matrix
     from pw_elements.algebra import full_size_masking_reduction
 
     body, supports = _create_clamped_block(measurement)
     K, assembly = time_cpu(lambda: assemble_matrix(body.stiffness(), blocked=True))
-    load = full_size_masking_reduction(supports).load(K, _load_block(body))
+    load = full_size_masking_reduction(supports).load(K, _assemble_pressure_and_push(body))
 
-    def set_up_levels() -> Any:  # noqa: ANN401
+    def set_up_multigrid_levels() -> Any:  # noqa: ANN401
         prepared = Iterative().prepare(K, supports=supports.supports)
         prepared.set_up()
         return prepared
 
-    prepared, set_up = time_cpu(set_up_levels)
+    prepared, set_up = time_cpu(set_up_multigrid_levels)
     solution, exact_tolerance = load.duplicate(), prepared.ksp.getTolerances()[0]
     prepared.ksp.setTolerances(rtol=FORCING)
     _, seconds = time_cpu(lambda: prepared.ksp.solve(load, solution))
@@ -202,14 +205,14 @@ def measure_linear(measurement: Measurement) -> dict[str, float]:
 
 
 def _create_block(element: str, cells: int) -> "Body":
-    """Return the block; nothing is assembled yet."""
+    """Create the block 2 x 1 (x 1) with its mesh, element spaces and material."""
     from mpi4py import MPI
 
     from dolfinx.mesh import CellType, create_box, create_rectangle
 
     from pw_elements import Body, Material
     from pw_elements.elasticity import StressState
-    from study.model.discretisation import spaces
+    from study.model.discretisation import make_element_spaces
 
     comm = MPI.COMM_WORLD
     if element.endswith("T10"):
@@ -220,11 +223,11 @@ def _create_block(element: str, cells: int) -> "Body":
         mesh = create_rectangle(comm, [(0.0, 0.0), (2.0, 1.0)], (2 * cells, cells))
         state = StressState.PLANE_STRAIN
     material = Material(YOUNGS_MODULUS, 0.5 if "hybrid" in element else POISSONS_RATIO)
-    return Body(spaces(element, mesh), material, state)
+    return Body(make_element_spaces(element, mesh), material, state)
 
 
 def _create_clamped_block(measurement: Measurement) -> "tuple[Body, Reduction]":
-    """Return the block, and the supports of its base."""
+    """Create the block and the reduction that fixes its base."""
     from pw_elements import Reduction, prescribe
 
     body = _create_block(measurement.element, measurement.cells)
@@ -233,8 +236,8 @@ def _create_clamped_block(measurement: Measurement) -> "tuple[Body, Reduction]":
     return body, Reduction.dirichlet(space, base)
 
 
-def _load_block(body: "Body") -> "PETSc.Vec":
-    """Return the load of a pressure from above and a push at one side."""
+def _assemble_pressure_and_push(body: "Body") -> "PETSc.Vec":
+    """Assemble the load vector of a pressure on top and a tangential push on the side x = 0."""
     from pw_elements import assemble_vector, boundary_measure
 
     mesh = body.spaces.mesh
@@ -248,14 +251,16 @@ def _load_block(body: "Body") -> "PETSc.Vec":
 # The block on a rough plane
 
 
-def measure_contact(measurement: Measurement) -> dict[str, float]:
-    """Measure the block on a rough plane, pressed and pushed, held by contact alone."""
+def measure_block_on_rough_plane(measurement: Measurement) -> dict[str, float]:
+    """Measure contact of the block with a rough plane; only contact holds the block."""
     from pw_elements import Direct
 
     digits: list[float] = []
-    solver = Direct() if measurement.method == "Direct" else _create_digit_counter(digits)
+    solver = (
+        Direct() if measurement.method == "Direct" else _create_solver_that_records_digits(digits)
+    )
     state, seconds = time_cpu(
-        lambda: _solve_block_on_plane(measurement.element, measurement.cells, solver)
+        lambda: _solve_contact_of_block_on_plane(measurement.element, measurement.cells, solver)
     )
     (pair,) = state.pairs
     return ({} if measurement.method == "Direct" else {"digits": sum(digits)}) | {
@@ -269,61 +274,68 @@ def measure_contact(measurement: Measurement) -> dict[str, float]:
     }
 
 
-def _solve_block_on_plane(element: str, cells: int, solver: "Direct | Iterative") -> "ContactState":
-    """Assemble and solve."""
+def _solve_contact_of_block_on_plane(
+    element: str, cells: int, solver: "Direct | Iterative"
+) -> "ContactState":
+    """Assemble the block and its loads, and solve its contact with a rough plane."""
     from pw_elements import Iterative, Reduction, assemble_matrix
     from pw_elements.contact import ContactPair, Plane, solve_contact
 
     body = _create_block(element, cells)
     space = body.spaces.trial
     K = assemble_matrix(body.stiffness(), blocked=isinstance(solver, Iterative))
-    load = _load_block(body)
+    load = _assemble_pressure_and_push(body)
     floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
     no_supports = Reduction.dirichlet(space, [])
     (state,) = solve_contact(K, load, no_supports, floor, space, solver=solver)
     return state
 
 
-def _create_digit_counter(digits: list[float]) -> "Iterative":
-    """Return an `Iterative` that records by how many digits each linear residual is reduced.
+def _create_solver_that_records_digits(digits: list[float]) -> "Iterative":
+    """Create an `Iterative` solver that records the required residual reduction of each solution.
 
     Args:
-        digits: List to which the decimal logarithm of each reduction is appended.
+        digits: List to which the decimal logarithm of initial residual / tolerance is appended.
     """
     from pw_elements import Iterative
 
-    def record(ksp: "PETSc.KSP", iteration: int, residual: float) -> None:
+    def append_digits_of_initial_residual(
+        ksp: "PETSc.KSP", iteration: int, residual: float
+    ) -> None:
         if iteration == 0:
             digits.append(math.log10(residual / ksp.getTolerances()[1]))
 
-    class DigitCounter(Iterative):
+    class DigitRecordingSolver(Iterative):
         def prepare(self, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
             prepared: Any = super().prepare(*arguments, **options)
             create_ksp = prepared.create_flexible_ksp
 
             def create_monitored_ksp(*arguments: Any) -> "PETSc.KSP":  # noqa: ANN401
                 ksp = create_ksp(*arguments)
-                ksp.setMonitor(record)
+                ksp.setMonitor(append_digits_of_initial_residual)
                 return ksp
 
             prepared.create_flexible_ksp = create_monitored_ksp
             return prepared
 
-    return DigitCounter()
+    return DigitRecordingSolver()
 
 
 # Two blocks
 
 
-def measure_bodies(measurement: Measurement) -> dict[str, float]:
-    """Measure a block pressed and pushed on a coarser one, held by frictional contact alone."""
+def measure_contact_of_two_blocks(measurement: Measurement) -> dict[str, float]:
+    """Measure frictional contact of a block that is pressed and pushed on a larger block."""
     from petsc4py import PETSc
 
     from pw_elements import Direct, Iterative
 
     if measurement.method == "compared":
         states, seconds = time_cpu(
-            lambda: [_solve_two_blocks(measurement, solver) for solver in (Direct(), Iterative())]
+            lambda: [
+                _solve_contact_of_two_blocks(measurement, solver)
+                for solver in (Direct(), Iterative())
+            ]
         )
         a, b = (state.displacement for state in states)
         statuses = [state.pairs[0].status for state in states]
@@ -335,7 +347,7 @@ def measure_bodies(measurement: Measurement) -> dict[str, float]:
             "other_statuses": float(np.sum(statuses[0] != statuses[1])),
         }
     solver = _create_solver(measurement.method)
-    state, seconds = time_cpu(lambda: _solve_two_blocks(measurement, solver))
+    state, seconds = time_cpu(lambda: _solve_contact_of_two_blocks(measurement, solver))
     (pair,) = state.pairs
     return {
         "dofs": state.displacement.getSize(),
@@ -349,14 +361,16 @@ def measure_bodies(measurement: Measurement) -> dict[str, float]:
     }
 
 
-def _solve_two_blocks(measurement: Measurement, solver: "Direct | Iterative") -> "ContactState":
-    """Assemble and solve."""
+def _solve_contact_of_two_blocks(
+    measurement: Measurement, solver: "Direct | Iterative"
+) -> "ContactState":
+    """Mesh, assemble and solve the contact of the two blocks."""
     from dolfinx.mesh import meshtags
 
     import pw_elements as pw
     from pw_elements.contact import solve_contact
     from pw_elements.elasticity import StressState
-    from study.model.discretisation import spaces
+    from study.model.discretisation import make_element_spaces
 
     sizes = (measurement.cells, round(CELL_RATIO * measurement.cells))
     mesh, is_upper = _mesh_two_blocks(sizes)
@@ -367,23 +381,23 @@ def _solve_two_blocks(measurement: Measurement, solver: "Direct | Iterative") ->
         for tag, ratio in ((0, 1), (1, STIFFNESS_RATIO))
     }
     material = pw.Material.by_tag(mesh, tags, materials)
-    body = pw.Body(spaces(measurement.element, mesh), material, StressState.SOLID)
+    body = pw.Body(make_element_spaces(measurement.element, mesh), material, StressState.SOLID)
     space = body.spaces.trial
     top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 2.0))
     load = pw.assemble_vector(body.surface_load((PUSH / 2, PUSH / 4, -PRESSURE), top))
     base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
     supports = pw.Reduction.dirichlet(space, base)
-    pair = _create_pair_of_blocks(space, is_upper)
+    pair = _create_contact_pair_of_blocks(space, is_upper)
     (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
     return state
 
 
-def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
-    """Return the mesh of a block on a coarser one, and a function that finds the upper entities.
+def _mesh_two_blocks(lower_and_upper_divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
+    """Create one mesh of two blocks, and a function that finds the entities of the upper block.
 
     Args:
-        divisions: Numbers of cells along the sides of the lower and of the upper block.
+        lower_and_upper_divisions: Number of cells along each edge of the lower and of the upper block.
     """
     from mpi4py import MPI
 
@@ -396,7 +410,7 @@ def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
     corners = ([(0, 0, 0), (1, 1, 1)], [(low, low, 1), (high, high, 2)])
     lower, upper = (
         create_box(MPI.COMM_SELF, ends, (n, n, n), CellType.tetrahedron)
-        for ends, n in zip(corners, divisions, strict=True)
+        for ends, n in zip(corners, lower_and_upper_divisions, strict=True)
     )
     x = np.concatenate([lower.geometry.x, upper.geometry.x])
     cells = np.concatenate(
@@ -407,18 +421,18 @@ def _mesh_two_blocks(divisions: tuple[int, int]) -> "tuple[Mesh, IsUpper]":
     element = lower.ufl_domain().ufl_coordinate_element()
     mesh = create_mesh(comm, cells=cells.astype(np.int64), x=x, e=element)
 
-    def is_upper(dim: int, entities: npt.NDArray[np.int32]) -> Mask:
+    def is_in_upper_block(dim: int, entities: npt.NDArray[np.int32]) -> Mask:
         mesh.topology.create_connectivity(dim, 3)
         to_cells = mesh.topology.connectivity(dim, 3)
         if dim < 3:
             entities = np.array([to_cells.links(facet)[0] for facet in entities])
         return np.asarray(compute_midpoints(mesh, 3, entities.astype(np.int32))[:, 2] > 1)
 
-    return mesh, is_upper
+    return mesh, is_in_upper_block
 
 
-def _create_pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
-    """Return the pair of the upper block's nodes and the lower one's facets."""
+def _create_contact_pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "ContactPair":
+    """Create the contact pair of the upper block's nodes (slave) and the lower block's facets."""
     from dolfinx import fem
     from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
@@ -435,19 +449,19 @@ def _create_pair_of_blocks(space: "fem.FunctionSpace", is_upper: IsUpper) -> "Co
 # Loose cubes
 
 
-def measure_pieces(measurement: Measurement) -> dict[str, float]:
-    """Measure loose cubes on a rough plane, each pressed and pushed."""
+def measure_contact_of_loose_cubes(measurement: Measurement) -> dict[str, float]:
+    """Measure contact of separate cubes with a rough plane, each cube pressed and pushed."""
     import pw_elements as pw
     from pw_elements.contact import ContactPair, Plane, solve_contact
     from pw_elements.elasticity import StressState
-    from study.model.discretisation import spaces
+    from study.model.discretisation import make_element_spaces
 
-    mesh = _mesh_cubes(measurement.cells)
+    mesh = _mesh_row_of_separate_cubes(measurement.cells)
     material = pw.Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = pw.Body(spaces(measurement.element, mesh), material, StressState.SOLID)
+    body = pw.Body(make_element_spaces(measurement.element, mesh), material, StressState.SOLID)
     space, solver = body.spaces.trial, _create_solver(measurement.method)
 
-    def assemble_and_solve() -> "ContactState":
+    def assemble_and_solve_contact() -> "ContactState":
         K = pw.assemble_matrix(body.stiffness(), blocked=measurement.method == "Iterative")
         top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
         load = pw.assemble_vector(body.surface_load((PUSH / 10, 0.0, -PRESSURE / 10), top))
@@ -457,7 +471,7 @@ def measure_pieces(measurement: Measurement) -> dict[str, float]:
         (state,) = solve_contact(K, load, no_supports, floor, space, solver=solver)
         return state
 
-    solution, seconds = time_cpu(assemble_and_solve)
+    solution, seconds = time_cpu(assemble_and_solve_contact)
     return {
         "dofs": solution.displacement.getSize(),
         "seconds": seconds,
@@ -467,8 +481,8 @@ def measure_pieces(measurement: Measurement) -> dict[str, float]:
     }
 
 
-def _mesh_cubes(n_cubes: int) -> "Mesh":
-    """Return a mesh of unit cubes in a row, at distances of one."""
+def _mesh_row_of_separate_cubes(n_cubes: int) -> "Mesh":
+    """Create a mesh of separate unit cubes in a row, with gaps of length one."""
     from mpi4py import MPI
 
     from dolfinx.mesh import CellType, create_box, create_mesh
@@ -490,8 +504,12 @@ def _mesh_cubes(n_cubes: int) -> "Mesh":
 # A ball on rubber
 
 
-def measure_sliding(measurement: Measurement) -> dict[str, float]:
-    """Measure two increments of neo-Hookean rubber, and one of the linear body on its mesh."""
+def measure_ball_sliding_on_rubber(measurement: Measurement) -> dict[str, float]:
+    """Measure a rough ball that is pressed into neo-Hookean rubber and moved along it.
+
+    The two increments at large strains are compared with one increment of the linearised body on the
+    same mesh; `over_linear` is the ratio of CPU times per increment.
+    """
     from mpi4py import MPI
 
     import ufl
@@ -500,12 +518,12 @@ def measure_sliding(measurement: Measurement) -> dict[str, float]:
 
     import pw_elements as pw
     from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
-    from study.model.discretisation import spaces
+    from study.model.discretisation import make_element_spaces
 
     n = (2 * measurement.cells, 2 * measurement.cells, measurement.cells)
     corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
     mesh = create_box(MPI.COMM_WORLD, corners, n, CellType.tetrahedron)
-    pair_of_spaces = spaces(measurement.element, mesh)
+    pair_of_spaces = make_element_spaces(measurement.element, mesh)
     space = pair_of_spaces.trial
     u = fem.Function(space)
     F = ufl.Identity(3) + ufl.grad(u)
@@ -521,12 +539,12 @@ def measure_sliding(measurement: Measurement) -> dict[str, float]:
     pair = ContactPair(lambda x: np.isclose(x[2], 0.0), sphere, FRICTION, motions[:1])
     pw.assemble_matrix(tangent, blocked=True)  # compiles the form
 
-    def solve_linear() -> "list[ContactState]":
+    def assemble_and_solve_linearised_contact() -> "list[ContactState]":
         K = pw.assemble_matrix(tangent, blocked=True)
         no_load = K.createVecLeft()
         return solve_contact(K, no_load, supports, pair, space, solver=pw.Iterative())
 
-    _, linear_seconds = time_cpu(solve_linear)
+    _, linear_seconds = time_cpu(assemble_and_solve_linearised_contact)
     problem = ContactProblem.of_residual(residual, u, base, pair, solver=pw.Iterative())
     state, seconds, iterations, krylov_iterations = problem.undeformed, 0.0, 0, 0
     for motion in motions:
@@ -551,14 +569,14 @@ def measure_sliding(measurement: Measurement) -> dict[str, float]:
 
 
 TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
-    "assembly": measure_assembly,
-    "factors": measure_factors,
+    "assembly": measure_stiffness_assembly,
+    "factors": measure_factorisation,
     "frequencies": measure_frequencies,
-    "contact": measure_contact,
-    "bodies": measure_bodies,
-    "pieces": measure_pieces,
-    "sliding": measure_sliding,
-    "incompressible": measure_incompressible,
-    "linear": measure_linear,
+    "contact": measure_block_on_rough_plane,
+    "bodies": measure_contact_of_two_blocks,
+    "pieces": measure_contact_of_loose_cubes,
+    "sliding": measure_ball_sliding_on_rubber,
+    "incompressible": measure_clamped_incompressible_block,
+    "linear": measure_multigrid_set_up_and_solutions,
 }
-"""Functions of the tasks by the task names in the record's rows."""
+"""Function that performs each task, by the name of the task in the record."""

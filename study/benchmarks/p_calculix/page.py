@@ -1,4 +1,4 @@
-"""Compare CalculiX with the library on the same problems, node by node."""
+"""Compare nodal results of CalculiX with those of the library on the same problems and meshes."""
 
 from dataclasses import asdict, dataclass
 
@@ -16,23 +16,29 @@ from pw_elements import Material, Spaces, force_transfer, forces_along, prescrib
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from study.benchmarks.p_calculix.standard_elements import against_standard, implied_parameters
+from study.benchmarks.p_calculix.standard_elements import (
+    against_standard,
+    parameters_implied_by_specimen,
+)
 from study.judge.checks import check
 from study.judge.measures.peers import largest_peer_difference, peer_standard_difference
 from study.model.discretisation import Discretisation, discretise
-from study.model.units import dimensionless, units_of
+from study.model.units import assign_unit_one_to_scalars, assign_units_to_scalars
 from study.paper import s7_1_two_triangles, s7_6_buckling
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
+from study.solutions.calculix.calculix import (
+    digest_recorded_result,
+    load_recorded_result_if_unchanged,
+)
 from study.solutions.calculix.decks import (
-    Block,
     BlockWithPrintedContactPressure,
-    HalfBeam,
-    TrianglePairs,
-    TwoTriangles,
+    BucklingHalfBeam,
+    PressedAndPulledBlock,
+    PressedSquareOfTwoTriangles,
+    RectangleOfTrianglePairs,
 )
 from study.solutions.calculix.problems import PROBLEMS
 from study.solutions.calculix.standard_decks import SPECIMENS
@@ -96,39 +102,43 @@ right end lifts off.
 
 GALERKIN, PW = "galerkin-T6", "pw-T6"
 NODES_AT_EDGE = 4
-"""Number of nodes (two elements) beside an end or change of status that count as at an edge."""
+"""Distance, in nodes, from an end or change of status within which a node is near an edge."""
 
 
 @dataclass(frozen=True)
-class ContactLine:
-    """Contact forces of one element along the lower side.
+class ContactForcesOnLowerSide:
+    """Nodal contact forces along the lower side of a block, computed with one kind of element.
 
     Args:
-        x: Positions (m,).
-        force: Forces (m, 2) of the foundation on the body, tangential and normal.
-        transferred: T times the forces (m, 2).
-        status: Contact status (m,).
+        x: Positions (m,) of the nodes.
+        force: Tangential and normal forces (m, 2) of the foundation on the block.
+        force_multiplied_by_T: Forces (m, 2) multiplied by the force transfer matrix T.
+        status: Contact status (m,) of the nodes.
     """
 
     x: Array
     force: Array
-    transferred: Array
+    force_multiplied_by_T: Array
     status: npt.NDArray[np.int8]
 
 
 def reactions(case: str, tracked: str) -> Result:
-    """Compare the reactions of the two triangles of section 7.1.
+    """Compare CalculiX' reactions of the two triangles of section 7.1 with the library's.
+
+    Differences are relative to the new element's mean reaction: `raw_normal` compares CalculiX with
+    the standard element, `transferred_normal` compares T times CalculiX' reactions with the new
+    element.
 
     Args:
-        case: Name of the problem.
-        tracked: Digest of the recorded answer.
+        case: Name of the problem in `PROBLEMS`.
+        tracked: Digest of the recorded CalculiX result, which must not have changed.
     """
-    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
-    assert isinstance(problem, TwoTriangles)
+    problem, peer = PROBLEMS[case], load_recorded_result_if_unchanged(case, tracked)
+    assert isinstance(problem, PressedSquareOfTwoTriangles)
     standard, new = (s7_1_two_triangles.structure(element).curves for element in (GALERKIN, PW))
     peer_force = np.column_stack([np.zeros(3), peer.numbers["reaction"]])
-    space = Spaces.galerkin(_triangles(problem.mesh)).trial
-    transferred = _transfer_forces(space, peer.numbers["x"], peer_force)[:, 1]
+    space = Spaces.galerkin(_create_mesh_of_triangle_pairs(problem.mesh)).trial
+    transferred = _multiply_lower_side_forces_by_T(space, peer.numbers["x"], peer_force)[:, 1]
     scalars = {
         "raw_normal": _max_abs(peer_force[:, 1] - standard["reaction"]),
         "transferred_normal": _max_abs(transferred - new["reaction"]),
@@ -139,11 +149,11 @@ def reactions(case: str, tracked: str) -> Result:
         "peer_normal": peer_force[:, 1],
         "peer_T_normal": transferred,
     }
-    return Result(scalars, dimensionless(scalars), curves, dofs=new["nodes"].size)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=new["nodes"].size)
 
 
 def contact(case: str, tracked: str) -> Result:
-    """Compare the contact forces below the block of section 7.2.
+    """Compare CalculiX' nodal contact forces below the block of section 7.2 with the library's.
 
     All differences are relative to the mean normal nodal force. `raw` compares CalculiX with the
     standard element; `transferred` compares T times CalculiX' forces with the new element, and
@@ -151,22 +161,22 @@ def contact(case: str, tracked: str) -> Result:
     of the library's standard element with the new one. Curves are in the units of section 7.2.
 
     Args:
-        case: Name of the problem.
-        tracked: Digest of the recorded answer.
+        case: Name of the problem in `PROBLEMS`.
+        tracked: Digest of the recorded CalculiX result, which must not have changed.
     """
     problem = PROBLEMS[case]
-    assert isinstance(problem, Block)
-    peer = load_unchanged_answer(case, tracked)
+    assert isinstance(problem, PressedAndPulledBlock)
+    peer = load_recorded_result_if_unchanged(case, tracked)
     bodies = [_discretise_block(problem, element) for element in (GALERKIN, PW)]
-    standard, new = (_solve_contact_line(problem, body) for body in bodies)
+    standard, new = (_solve_contact_of_block(problem, body) for body in bodies)
     zeros = np.zeros(len(standard.x))
     peer_force = np.column_stack(
         [peer.numbers.get("force_tangential", zeros), peer.numbers["force_normal"]]
     )
-    transferred = _transfer_forces(bodies[0].space, standard.x, peer_force)
+    transferred = _multiply_lower_side_forces_by_T(bodies[0].space, standard.x, peer_force)
 
     mean = float(standard.force[:, 1].mean())
-    is_elsewhere = _is_away_from_edges(standard.status, new.status)
+    is_elsewhere = _is_away_from_ends_and_status_changes(standard.status, new.status)
     scalars = {
         "mean_force": mean,
         "open_nodes": float(np.sum(peer_force[:, 1] < 1e-6 * mean)),
@@ -174,10 +184,10 @@ def contact(case: str, tracked: str) -> Result:
     }
     curves: dict[str, np.ndarray] = {"x": standard.x}
     curves |= {f"status_{GALERKIN}": standard.status, f"status_{PW}": new.status}
-    for axis, name in _compared_components(problem):
+    for axis, name in _axes_and_names_of_compared_forces(problem):
         raw = peer_force[:, axis] - standard.force[:, axis]
         difference = transferred[:, axis] - new.force[:, axis]
-        control = standard.transferred[:, axis] - new.force[:, axis]
+        control = standard.force_multiplied_by_T[:, axis] - new.force[:, axis]
         scalars |= {
             f"raw_{name}": _max_abs(raw) / mean,
             f"transferred_{name}": _max_abs(difference) / mean,
@@ -191,35 +201,38 @@ def contact(case: str, tracked: str) -> Result:
             f"{GALERKIN}_{name}": standard.force[:, axis],
             f"{PW}_{name}": new.force[:, axis],
         }
-    units = units_of(scalars, {"mean_force": "force", "*": "1"})
+    units = assign_units_to_scalars(scalars, {"mean_force": "force", "*": "1"})
     return Result(scalars, units, curves, dofs=bodies[0].K.getSize()[0])
 
 
 def native_pressure(case: str, tracked: str) -> Result:
-    """Return CalculiX's own contact pressure below a uniformly pressed block, over the load.
+    """Evaluate the contact pressure that CalculiX prints below a uniformly pressed block.
+
+    Pressures are relative to the applied one. `corner` and `midside` are medians over corner and
+    mid-side nodes away from the ends.
 
     Args:
-        case: Name of the problem.
-        tracked: Digest of the recorded answer.
+        case: Name of the problem in `PROBLEMS`.
+        tracked: Digest of the recorded CalculiX result, which must not have changed.
     """
-    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
+    problem, peer = PROBLEMS[case], load_recorded_result_if_unchanged(case, tracked)
     assert isinstance(problem, BlockWithPrintedContactPressure)
     pressure = peer.numbers["pressure"] / problem.pressure
     corner, midside = float(np.median(pressure[2:-2:2])), float(np.median(pressure[1::2]))
     scalars = {"corner": corner, "midside": midside, "ratio": midside / corner}
     curves = {"x": peer.numbers["x"], "pressure": pressure}
-    return Result(scalars, dimensionless(scalars), curves)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves)
 
 
 def critical_stress(case: str, tracked: str) -> Result:
-    """Compare the critical stress in Pa of section 7.6's half beam under uniform load.
+    """Compare CalculiX' critical stress (Pa) of the half beam of section 7.6 with the library's.
 
     Args:
-        case: Name of the problem.
-        tracked: Digest of the recorded answer.
+        case: Name of the problem in `PROBLEMS`.
+        tracked: Digest of the recorded CalculiX result, which must not have changed.
     """
-    problem, peer = PROBLEMS[case], load_unchanged_answer(case, tracked)
-    assert isinstance(problem, HalfBeam)
+    problem, peer = PROBLEMS[case], load_recorded_result_if_unchanged(case, tracked)
+    assert isinstance(problem, BucklingHalfBeam)
     (peer_stress,) = peer.numbers["critical_stress"]
     scalars = {"peer": float(peer_stress)}
     dofs = 0
@@ -230,28 +243,34 @@ def critical_stress(case: str, tracked: str) -> Result:
         stress = result.scalars[f"sigma_cr_{problem.mode}"]
         scalars |= {element: stress, f"difference_{element}": abs(peer_stress / stress - 1)}
         dofs = result.dofs
-    return Result(scalars, units_of(scalars, {"difference_*": "1", "*": "Pa"}), dofs=dofs)
+    return Result(
+        scalars, assign_units_to_scalars(scalars, {"difference_*": "1", "*": "Pa"}), dofs=dofs
+    )
 
 
-def _discretise_block(problem: Block, element: str) -> Discretisation:
+def _discretise_block(problem: PressedAndPulledBlock, element: str) -> Discretisation:
     mesh = problem.mesh
     material = Material(problem.modulus, problem.ratio)
-    return discretise(element, lambda _: _triangles(mesh), material, StressState.PLANE_STRESS)
+    return discretise(
+        element, lambda _: _create_mesh_of_triangle_pairs(mesh), material, StressState.PLANE_STRESS
+    )
 
 
-def _solve_contact_line(problem: Block, body: Discretisation) -> ContactLine:
-    """Return the library's contact forces after the pressure and after the pull."""
+def _solve_contact_of_block(
+    problem: PressedAndPulledBlock, body: Discretisation
+) -> ContactForcesOnLowerSide:
+    """Solve the contact of the block with the library; return the forces after the last load."""
     (_, y0), (x1, y1) = problem.mesh.lower, problem.mesh.upper
 
-    def is_lower(x: Array) -> npt.NDArray[np.bool_]:
+    def is_on_lower_side(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[1], y0)
 
-    def is_pressed(x: Array) -> npt.NDArray[np.bool_]:
+    def is_on_pressed_part_of_upper_side(x: Array) -> npt.NDArray[np.bool_]:
         start, end = problem.pressed
         is_inside = (x[0] > start - 1e-9) & (x[0] < end + 1e-9)
         return np.isclose(x[1], y1) & is_inside
 
-    loads = [body.surface_load((0.0, -problem.pressure), is_pressed)]
+    loads = [body.surface_load((0.0, -problem.pressure), is_on_pressed_part_of_upper_side)]
     supports = []
     if problem.pull:
         traction = (problem.pull * problem.pressure, 0.0)
@@ -260,17 +279,30 @@ def _solve_contact_line(problem: Block, body: Discretisation) -> ContactLine:
         loads += [loads[0] + pull * (k / steps) for k in range(1, steps + 1)]
     if not problem.friction:
         middle = problem.mesh.nodes[problem.mesh.node_number(problem.mesh.divisions[0], 0) - 1][0]
-        supports = [prescribe(body.space, 0, lambda x: is_lower(x) & np.isclose(x[0], middle))]
-    foundation = ContactPair(is_lower, Plane((0.0, y0), (0.0, 1.0)), problem.friction)
+        supports = [
+            prescribe(body.space, 0, lambda x: is_on_lower_side(x) & np.isclose(x[0], middle))
+        ]
+    foundation = ContactPair(is_on_lower_side, Plane((0.0, y0), (0.0, 1.0)), problem.friction)
     states = solve_contact(body.K, loads, body.supports(supports), [foundation], body.space)
     (pair,) = states[-1].pairs
     force = np.column_stack([pair.force_tangential[:, 0], pair.force_normal])
     x = pair.position[:, 0]
-    return ContactLine(x, force, _transfer_forces(body.space, x, force), pair.status)
+    return ContactForcesOnLowerSide(
+        x, force, _multiply_lower_side_forces_by_T(body.space, x, force), pair.status
+    )
 
 
-def _transfer_forces(space: fem.FunctionSpace, x: Array, force: Array) -> Array:
-    """Return T times forces (m, 2) on the lower side; at all other nodes the forces are zero."""
+def _multiply_lower_side_forces_by_T(space: fem.FunctionSpace, x: Array, force: Array) -> Array:
+    """Multiply nodal forces on the lower side by the force transfer matrix T.
+
+    Args:
+        space: Displacement space.
+        x: Positions (m,) of the nodes on the lower side.
+        force: Forces (m, 2) on these nodes; forces on all other nodes are zero.
+
+    Returns:
+        Transferred forces (m, 2) on the lower side.
+    """
     nodes = space.tabulate_dof_coordinates()
     y = nodes[:, 1].min()
     T = force_transfer(space)
@@ -283,20 +315,26 @@ def _transfer_forces(space: fem.FunctionSpace, x: Array, force: Array) -> Array:
     return forces_along(space, T * residual, lambda p: np.isclose(p[1], y)).force
 
 
-def _is_away_from_edges(*status: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
-    """Return which nodes (m,) are away from the ends and from changes of any status."""
-    index = np.arange(len(status[0]))
-    changes = [np.flatnonzero(np.diff(s)) + 0.5 for s in status]
+def _is_away_from_ends_and_status_changes(
+    *statuses_by_element: npt.NDArray[np.int8],
+) -> npt.NDArray[np.bool_]:
+    """Return a mask (m,) of the nodes away from the ends and from changes of contact status.
+
+    Args:
+        statuses_by_element: One or several statuses (m,) of the same nodes, one for each element.
+    """
+    index = np.arange(len(statuses_by_element[0]))
+    changes = [np.flatnonzero(np.diff(s)) + 0.5 for s in statuses_by_element]
     edges = np.concatenate([[0.0, index[-1]], *changes])
     return np.abs(index[:, None] - edges).min(axis=1) >= NODES_AT_EDGE
 
 
-def _compared_components(problem: Block) -> list[tuple[int, str]]:
-    """Return axis and name of each force component that is compared."""
+def _axes_and_names_of_compared_forces(problem: PressedAndPulledBlock) -> list[tuple[int, str]]:
+    """Return the axis and name of each force component that is compared for a block."""
     return [(1, "normal"), (0, "tangential")] if problem.friction else [(1, "normal")]
 
 
-def _triangles(mesh: TrianglePairs) -> Mesh:
+def _create_mesh_of_triangle_pairs(mesh: RectangleOfTrianglePairs) -> Mesh:
     return triangles(MPI.COMM_SELF, mesh.lower, mesh.upper, mesh.divisions)
 
 
@@ -307,17 +345,20 @@ def _max_abs(values: Array) -> float:
 # Cases
 
 PROBLEM_FUNCTIONS = {
-    TwoTriangles: reactions,
-    Block: contact,
+    PressedSquareOfTwoTriangles: reactions,
+    PressedAndPulledBlock: contact,
     BlockWithPrintedContactPressure: native_pressure,
-    HalfBeam: critical_stress,
+    BucklingHalfBeam: critical_stress,
 }
 
 
-def _implied_parameters(problem: TwoTriangles | Block | HalfBeam) -> dict[str, object]:
-    """Return the parameters that a problem's name implies, including the elements compared with it.
+def _parameters_implied_by_calculix_problem(
+    problem: PressedSquareOfTwoTriangles | PressedAndPulledBlock | BucklingHalfBeam,
+) -> dict[str, object]:
+    """Return the parameters to store with the results of a CalculiX problem.
 
-    CalculiX itself has only the standard element.
+    They include the elements of the library with which CalculiX, which has only the standard
+    element, is compared.
     """
     fields = asdict(problem)
     return {
@@ -336,19 +377,21 @@ CASES = [
         "P",
         name,
         PROBLEM_FUNCTIONS[type(problem)],
-        {"case": name, "tracked": answer_digest(name)},
-        _implied_parameters(problem),
+        {"case": name, "tracked": digest_recorded_result(name)},
+        _parameters_implied_by_calculix_problem(problem),
     )
     for name, problem in PROBLEMS.items()
-    if isinstance(problem, TwoTriangles | Block | HalfBeam)  # others: below, V11, Q
+    if isinstance(
+        problem, PressedSquareOfTwoTriangles | PressedAndPulledBlock | BucklingHalfBeam
+    )  # others: below, V11, Q
 ]
 CASES += [
     Case(
         "P",
         name,
         against_standard,
-        {"case": name, "tracked": answer_digest(name)},
-        implied_parameters(specimen),
+        {"case": name, "tracked": digest_recorded_result(name)},
+        parameters_implied_by_specimen(specimen),
     )
     for name, specimen in SPECIMENS.items()
 ]
@@ -408,10 +451,10 @@ COMPONENTS = (("normal", "normal nodal force"), ("tangential", "tangential nodal
 DRAWN_PAIRS = (("peer", GALERKIN, "CalculiX"), ("peer_T", PW, "T × CalculiX"))
 
 
-def draw_peer_forces(results: Results) -> Figure:
-    """Nodal forces of an independent code beside ours.
+def draw_nodal_forces_beside_calculix(results: Results) -> Figure:
+    """Draw the nodal forces of CalculiX and of the library below the block with friction.
 
-    Forces above, their differences below.
+    The upper panels show normal and tangential forces, the lower ones their differences.
     """
     curves, mean = results.curves(DRAWN_CASE), results.scalar(DRAWN_CASE, "mean_force")
     heights = {"height_ratios": (3, 2)}
@@ -439,8 +482,8 @@ def draw_peer_forces(results: Results) -> Figure:
     return fig
 
 
-def caption_peer_forces(results: Results) -> str:
-    """Return the caption, with the largest differences."""
+def caption_nodal_forces_beside_calculix(results: Results) -> str:
+    """Return the caption of `draw_nodal_forces_beside_calculix`, with the largest differences."""
     raw, transferred = (
         max(100 * results.scalar(DRAWN_CASE, f"{kind}_{name}") for name, _ in COMPONENTS)
         for kind in ("raw", "transferred")
@@ -454,8 +497,8 @@ def caption_peer_forces(results: Results) -> str:
     )
 
 
-def describe_peer_forces(results: Results) -> str:
-    """Return the alternative text, with forces in the middle of the block."""
+def describe_nodal_forces_beside_calculix(results: Results) -> str:
+    """Return the alternative text of `draw_nodal_forces_beside_calculix`, with forces in the middle of the block."""
     curves, mean = results.curves(DRAWN_CASE), results.scalar(DRAWN_CASE, "mean_force")
     values = "; ".join(
         f"{ELEMENT_LOOK[element]['label']}: {corner:.2f} at a corner and {midside:.2f} at a mid-side node"
@@ -472,10 +515,10 @@ def describe_peer_forces(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "p_peer_forces",
-        draw_peer_forces,
+        draw_nodal_forces_beside_calculix,
         needs=[DRAWN_CASE],
-        caption=caption_peer_forces,
-        alt=describe_peer_forces,
+        caption=caption_nodal_forces_beside_calculix,
+        alt=describe_nodal_forces_beside_calculix,
     ),
 ]
 

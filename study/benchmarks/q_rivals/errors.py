@@ -1,4 +1,4 @@
-"""Errors of pressures and nodal forces of a contact method, against Hertz' solution."""
+"""Errors of contact pressures and nodal forces of a method relative to Hertz' solution."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,33 +16,35 @@ from study.solutions.indentation import INNER_PART
 Array = npt.NDArray[Any]
 
 SAMPLES_PER_SIDE = {1: 64, 2: 12}
-"""Numbers of parts of an edge (1), or of each side of a face (2), used to integrate errors."""
+"""Number of sample intervals per edge (normal axis 1) or per side of a face (normal axis 2)."""
 CONTACT_PRESSURE_THRESHOLD = 1e-2
-"""Pressure over Hertz' peak above which a point counts as in contact."""
+"""Pressure relative to Hertz' peak above which a point counts as in contact."""
 ERROR_WITHOUT_SOLUTION = 10.0
 """Value stored as the error of a method that does not converge."""
 
 
-def measure_errors(problem: Problem, answer: Solution) -> tuple[dict[str, float], dict[str, Array]]:
-    """Compute the errors of an answer, and curves of its pressures and nodal forces.
+def compute_pressure_and_force_errors(
+    problem: Problem, solution: Solution
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Compute errors of the pressure and nodal forces of a solution, and curves along the surface.
 
-    Lengths are over the half width of the contact, pressures over Hertz' peak, and nodal forces
-    over the integrals of the exact pressure times piecewise-linear functions.
+    Lengths are relative to the half width of the contact, pressures to Hertz' peak pressure, and
+    nodal forces to the integrals of the exact pressure times piecewise-linear shape functions.
 
     Args:
-        problem: Problem that was solved; the answer may be on a different mesh.
-        answer: Answer of one of the methods.
+        problem: Problem that was solved; the mesh of the solution may differ.
+        solution: Solution by one of the methods.
 
     Returns:
-        Scalars and curves by their names; curves are empty in space.
+        Scalars and curves by name; there are no curves in three dimensions.
     """
-    V = answer.u.function_space
+    V = solution.u.function_space
     problem = replace(problem, mesh=V.mesh)
     peak, up = problem.exact.peak_pressure, problem.normal_axis
-    r, pressure = sample_traction(problem, answer.pressure)
+    r, pressure = sample_traction_over_distance(problem, solution.pressure)
     pressure = pressure / peak
     nodes = V.tabulate_dof_coordinates()
-    force = problem.nodal_forces(answer.u, answer.test_space)[:, up] / peak
+    force = problem.nodal_forces(solution.u, solution.test_space)[:, up] / peak
     exact_pressure = ufl.sqrt(ufl.max_value(0, 1 - problem.distance_from_middle**2))
     even_space = test_space(V) if V.element.basix_element.degree == 2 else V
     v = ufl.TestFunction(even_space)
@@ -51,11 +53,11 @@ def measure_errors(problem: Problem, answer: Solution) -> tuple[dict[str, float]
     may_touch = problem.may_touch(nodes.T)
     is_inner = may_touch & (np.linalg.norm(nodes[:, :up], axis=1) < INNER_PART)
     force_ratio = force[is_inner] / even_force[is_inner]
-    scalars = measure_pressure_errors(r, pressure) | {
+    scalars = compute_pressure_errors(r, pressure) | {
         "force_least": force_ratio.min(),
         "force_largest": force_ratio.max(),
-        "unknowns": answer.unknowns,
-        "factorisations": answer.factorisations,
+        "unknowns": solution.n_unknowns,
+        "factorisations": solution.n_factorisations,
     }
     curves = {}
     if up == 2:
@@ -63,19 +65,23 @@ def measure_errors(problem: Problem, answer: Solution) -> tuple[dict[str, float]
     else:
         touching = np.flatnonzero(may_touch)
         touching = touching[np.argsort(nodes[touching, 0])]
-        displacement = answer.u.x.array.reshape(len(nodes), -1)[touching].ravel()
+        displacement = solution.u.x.array.reshape(len(nodes), -1)[touching].ravel()
         curves = {"x": r, "pressure": pressure, "node_x": nodes[touching, 0]}
         curves |= {"node_force": force[touching], "node_displacement": displacement}
     return {name: float(value) for name, value in scalars.items()}, curves
 
 
-def measure_pressure_errors(distance: Array, pressure: Array) -> dict[str, float]:
-    """Compute the errors of a pressure along the surface.
+def compute_pressure_errors(distance: Array, pressure: Array) -> dict[str, float]:
+    """Compute errors of a sampled pressure relative to Hertz' pressure.
 
     Args:
-        distance: Increasing distances (n,) of points from the middle, each with an equal area,
-            over the half width of the contact.
-        pressure: Pressures (n,) there, over Hertz' peak.
+        distance: Increasing distances (n,) of sample points of equal area from the middle, relative
+            to the half width of the contact.
+        pressure: Pressures (n,) at these points, relative to Hertz' peak pressure.
+
+    Returns:
+        Relative L2 errors (of all points, of the inner part and of the rest), the radius of the
+        contact, and the total variation in excess of that of a decreasing pressure.
     """
     exact, is_inner = np.sqrt(np.maximum(0, 1 - distance**2)), distance < INNER_PART
     error, total_variation = pressure - exact, np.abs(np.diff(pressure)).sum()
@@ -92,8 +98,8 @@ def _euclidean_norm(values: Array) -> float:
     return float(np.linalg.norm(values))
 
 
-def sample_traction(problem: Problem, traction: Form) -> tuple[Array, Array]:
-    """Evaluate a traction at points with equal areas on the surface that may touch.
+def sample_traction_over_distance(problem: Problem, traction: Form) -> tuple[Array, Array]:
+    """Evaluate a traction at points of equal area on the part of the surface that may touch.
 
     Returns:
         Increasing distances (n,) of the points from the middle, and the tractions (n,) there.
@@ -121,7 +127,7 @@ def sample_traction(problem: Problem, traction: Form) -> tuple[Array, Array]:
 def _find_cells_and_local_facets(
     mesh: Mesh, facets: npt.NDArray[np.int32]
 ) -> npt.NDArray[np.int32]:
-    """Return the cell of each exterior facet and the facet's number in this cell, (n, 2)."""
+    """Return pairs (n, 2) of the cell of each exterior facet and the facet's local number in it."""
     topology, dim = mesh.topology, mesh.topology.dim
     topology.create_connectivity(dim - 1, dim)
     topology.create_connectivity(dim, dim - 1)

@@ -1,8 +1,8 @@
-"""Alternatives to the new element, each with its best parameter, on one problem.
+"""Contact methods that compete with the new element, each with its best parameter, on one problem.
 
-The methods are in the folder `methods`; the problem is that of `study.solutions.hertz_problem`.
-A method with a parameter is solved for all values of its sweep, and on each mesh the value with
-the smallest error is used. Finding this value requires the exact solution, which users do not have.
+The methods are in the folder `methods`; the problem is Hertz' in `study.solutions.hertz_problem`.
+Methods with a parameter solve the problem for several values, and on each mesh the value with the
+smallest error is used. Finding this value requires the exact solution, which users do not have.
 """
 
 from collections.abc import Mapping
@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from study.benchmarks.q_rivals.errors import (
     ERROR_WITHOUT_SOLUTION,
-    measure_errors,
-    measure_pressure_errors,
+    compute_pressure_and_force_errors,
+    compute_pressure_errors,
 )
 from study.benchmarks.q_rivals.friction import FRICTION_METHODS, friction
 from study.benchmarks.q_rivals.methods import (
@@ -38,20 +38,27 @@ from study.benchmarks.q_rivals.methods import (
 from study.judge.checks import check
 from study.judge.measures.general import ratio
 from study.judge.measures.rivals import rival_extreme, rival_ratio
-from study.model.units import dimensionless, units_of
-from study.publish.plots.style import PAIR_NARROW_WIDTH, PAIR_WIDE_WIDTH, set_plain_ticks
+from study.model.units import assign_unit_one_to_scalars, assign_units_to_scalars
+from study.publish.plots.style import (
+    PAIR_NARROW_WIDTH,
+    PAIR_WIDE_WIDTH,
+    label_log_y_axis_with_plain_numbers,
+)
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.sources import collect_imported_sources
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
+from study.solutions.calculix.calculix import (
+    digest_recorded_result,
+    load_recorded_result_if_unchanged,
+)
 from study.solutions.calculix.hertz_line import PENALTIES
 from study.solutions.hertz_problem import (
     NoSolution,
     Problem,
     Solution,
     line_contact_problem,
-    sphere_contact_problem,
+    make_quarter_sphere_contact_problem,
 )
 
 Array = npt.NDArray[Any]
@@ -108,93 +115,96 @@ functions, for $x < 0.8\,a$: even forces are 1. **Factorisations** are linear sy
 
 
 @dataclass(frozen=True)
-class Method:
-    """A contact method with its name in tables and figures.
+class ContactMethod:
+    """A frictionless contact method with its label, parameters and variant.
 
     Args:
         module: Module with the method's function `solve`.
         label: Name in tables and figures.
         n_parameters: Number of parameters that a user has to choose.
-        usual_parameter: Best parameter on most meshes, used where the sweep is not repeated.
-        sweep: Values of the parameter; empty if there is none.
-        arguments: Keyword arguments of `solve` that select a variant.
+        usual_parameter: Best parameter on most meshes, used where no other values are tried.
+        parameter_sweep: Values of the parameter that are tried; empty if the method has no parameter.
+        arguments: Keyword arguments of `solve` that select a variant of the method.
     """
 
     module: ModuleType
     label: str
     n_parameters: int = 0
     usual_parameter: float | None = None
-    sweep: tuple[float, ...] = ()
+    parameter_sweep: tuple[float, ...] = ()
     arguments: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def n_lines(self) -> int:
-        """Number of lines of the method's file and of the method files that it imports."""
+    def n_source_lines(self) -> int:
+        """Number of source lines of the method's module and of method modules that it imports."""
         folder = f"{self.module.__name__.rpartition('.')[0]}."
         files = collect_imported_sources(self.module.__name__).items()
         sources = [path for name, path in files if name.startswith(folder)]
         return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources)
 
     def solve(self, problem: Problem, parameter: float | None) -> Solution:
-        """Solve a problem, with a parameter unless it is None."""
+        """Solve a problem by the method; `parameter` is None for methods without a parameter."""
         parameters = () if parameter is None else (parameter,)
         answer: Solution = self.module.solve(problem, *parameters, **self.arguments)
         return answer
 
 
 METHODS = {
-    "pw-T6": Method(pw_t6, "new element"),
-    "snes-vi": Method(snes_vi, "standard, SNES VI, own weights"),
-    "snes-vi-t": Method(snes_vi_t, "standard times T"),
-    "snes-vi-projected": Method(snes_vi_projected, "standard, forces projected"),
-    "snes-vi-stress": Method(snes_vi_stress, "standard, stresses", 1, 2.0, snes_vi_stress.SWEEP),
-    "nitsche-symmetric": Method(
+    "pw-T6": ContactMethod(pw_t6, "new element"),
+    "snes-vi": ContactMethod(snes_vi, "standard, SNES VI, own weights"),
+    "snes-vi-t": ContactMethod(snes_vi_t, "standard times T"),
+    "snes-vi-projected": ContactMethod(snes_vi_projected, "standard, forces projected"),
+    "snes-vi-stress": ContactMethod(
+        snes_vi_stress, "standard, stresses", 1, 2.0, snes_vi_stress.SWEEP
+    ),
+    "nitsche-symmetric": ContactMethod(
         nitsche, "Nitsche, symmetric", 1, 10.0, nitsche.SYMMETRIC_SWEEP, {"theta": 1.0}
     ),
-    "nitsche-skew": Method(
+    "nitsche-skew": ContactMethod(
         nitsche, "Nitsche, skew-symmetric", 1, 3.0, nitsche.SKEW_SWEEP, {"theta": -1.0}
     ),
-    "penalty": Method(penalty, "penalty", 1, 10.0, penalty.SWEEP),
-    "augmented-p1": Method(
+    "penalty": ContactMethod(penalty, "penalty", 1, 10.0, penalty.SWEEP),
+    "augmented-p1": ContactMethod(
         augmented, "augmented Lagrangian P2/P1", 1, 10.0, augmented.SWEEP, {"degree": 1}
     ),
-    "augmented-p2": Method(
+    "augmented-p2": ContactMethod(
         augmented, "augmented Lagrangian P2/P2", 1, 10.0, augmented.SWEEP, {"degree": 2}
     ),
-    "mortar-p1": Method(mortar, "mortar P2/P1", arguments={"degree": 1}),
-    "mortar-p2": Method(mortar, "mortar P2/P2", arguments={"degree": 2}),
-    "proximal-p1": Method(
+    "mortar-p1": ContactMethod(mortar, "mortar P2/P1", arguments={"degree": 1}),
+    "mortar-p2": ContactMethod(mortar, "mortar P2/P2", arguments={"degree": 2}),
+    "proximal-p1": ContactMethod(
         proximal, "proximal Galerkin P2/P1", 2, 10.0, proximal.SWEEP, {"degree": 1}
     ),
-    "proximal-p2": Method(
+    "proximal-p2": ContactMethod(
         proximal, "proximal Galerkin P2/P2", 2, 10.0, proximal.SWEEP, {"degree": 2}
     ),
-    "linear": Method(linear, "linear elements"),
+    "linear": ContactMethod(linear, "linear elements"),
 }
 
 
 def plane(method: str, edges: int, offset: float) -> Result:
-    """Return errors of a method on the half plane, at the best parameter of its sweep.
+    """Compute the errors of a method on the half plane at the best value of its parameter.
 
-    Curves contain the errors over the whole sweep, or `ERROR_WITHOUT_SOLUTION` without convergence.
+    Curves contain the errors for all values of the parameter; an error is `ERROR_WITHOUT_SOLUTION`
+    if the method does not converge.
 
     Args:
         method: Name of the method.
-        edges: Number of edges over the half width.
-        offset: Position within the next edge where the contact ends, over the edge's length.
+        edges: Number of element edges over the half width of the contact.
+        offset: Position of the end of the contact within the next edge, as a fraction of the edge.
     """
-    return solve_with_best_parameter(method, line_contact_problem(edges, offset))
+    return errors_at_best_parameter(method, line_contact_problem(edges, offset))
 
 
 def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
-    """Return mean, smallest and largest errors over positions of the contact's end within an edge.
+    """Compute mean, smallest and largest errors over several positions of the end of the contact.
 
-    The method's usual parameter is used.
+    The position is that within an element edge. The method's usual parameter is used.
 
     Args:
         method: Name of the method.
-        edges: Number of edges over the half width.
-        offset: First position.
+        edges: Number of element edges over the half width of the contact.
+        offset: First position, as a fraction of the edge.
         offsets: Number of evenly spaced positions.
     """
     positions = offset + np.arange(offsets) / offsets
@@ -202,58 +212,62 @@ def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
     for position in positions:
         problem = line_contact_problem(edges, float(position))
         answer = METHODS[method].solve(problem, METHODS[method].usual_parameter)
-        errors.append(measure_errors(problem, answer)[0])
+        errors.append(compute_pressure_and_force_errors(problem, answer)[0])
     names = ("pressure_l2", "pressure_l2_inner")
     curves = {name: np.array([scalars[name] for scalars in errors]) for name in names}
     scalars = {name: float(values.mean()) for name, values in curves.items()}
     scalars["pressure_l2_least"] = float(curves["pressure_l2"].min())
     scalars["pressure_l2_largest"] = float(curves["pressure_l2"].max())
-    return Result(scalars, dimensionless(scalars), {"offset": positions, **curves})
+    return Result(scalars, assign_unit_one_to_scalars(scalars), {"offset": positions, **curves})
 
 
 def space(method: str, edges: int, offset: float) -> Result:
-    """Return errors and CPU time of a method on the half space; for parameters see `plane`.
+    """Compute the errors and the CPU time of a method on the half space.
 
-    The sweep is limited to a factor of ten around the usual parameter.
+    Parameters between a tenth of and ten times the usual one are tried. For arguments see `plane`.
     """
     usual = METHODS[method].usual_parameter or 1.0
-    return solve_with_best_parameter(
-        method, sphere_contact_problem(edges, offset), usual / 10, 10 * usual, measure_time=True
+    return errors_at_best_parameter(
+        method,
+        make_quarter_sphere_contact_problem(edges, offset),
+        usual / 10,
+        10 * usual,
+        measure_time=True,
     )
 
 
 def seconds(method: str, edges: int, offset: float) -> Result:
-    """Return errors and CPU time of a method on the half plane; for parameters see `plane`."""
-    return solve_with_best_parameter(method, line_contact_problem(edges, offset), measure_time=True)
+    """Compute the errors and the CPU time of a method on the half plane; see `plane`."""
+    return errors_at_best_parameter(method, line_contact_problem(edges, offset), measure_time=True)
 
 
-def solve_with_best_parameter(
+def errors_at_best_parameter(
     method: str,
     problem: Problem,
     min_parameter: float = 0.0,
     max_parameter: float = np.inf,
     measure_time: bool = False,
 ) -> Result:
-    """Return errors of a method on a problem, at its best parameter.
+    """Solve a problem by a method for all its parameters; return the errors at the best one.
 
     Args:
         method: Name of the method.
         problem: Problem on a mesh.
-        min_parameter: Smallest parameter; 0 (unprojected stresses) is tried in any case.
-        max_parameter: Largest parameter.
-        measure_time: Whether to solve again at the best parameter to measure the CPU time.
+        min_parameter: Smallest parameter to try; 0 (unprojected stresses) is always tried.
+        max_parameter: Largest parameter to try.
+        measure_time: Whether to solve again at the best parameter and measure the CPU time.
     """
     solve = METHODS[method].solve
     sweep = [
         parameter
-        for parameter in METHODS[method].sweep
+        for parameter in METHODS[method].parameter_sweep
         if parameter == 0 or min_parameter <= parameter <= max_parameter
     ]
     parameters: list[float | None] = [*sweep] or [None]
     candidates: list[tuple[dict[str, float], dict[str, Array]]] = []
     for parameter in parameters:
         try:
-            candidates.append(measure_errors(problem, solve(problem, parameter)))
+            candidates.append(compute_pressure_and_force_errors(problem, solve(problem, parameter)))
         except NoSolution:
             names = ("pressure_l2", "pressure_l2_inner", "factorisations")
             candidates.append((dict.fromkeys(names, ERROR_WITHOUT_SOLUTION), {}))
@@ -272,48 +286,50 @@ def solve_with_best_parameter(
         start = process_time()
         solve(problem, parameters[best])
         scalars["cpu_seconds"] = process_time() - start
-    units = units_of(scalars, {"cpu_seconds": "s", "*": "1"})
+    units = assign_units_to_scalars(scalars, {"cpu_seconds": "s", "*": "1"})
     return Result(scalars, units, curves, dofs=int(scalars["unknowns"]))
 
 
 def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
-    """Return errors of the pressures that CalculiX prints, at its best penalty.
+    """Compute the errors of the contact pressures that CalculiX prints, at the best penalty.
 
     Args:
-        edges: Number of edges over the half width.
-        offset: Position where contact ends, as in `plane`.
-        tracked: Digests of the recorded answers, one for each penalty.
+        edges: Number of element edges over the half width of the contact.
+        offset: Position of the end of the contact within the next edge, as a fraction of the edge.
+        tracked: Digests of the recorded CalculiX results, one for each of `PENALTIES`.
     """
     candidates = []
     for penalty_stiffness, digest in zip(PENALTIES, tracked, strict=True):
-        peer = load_unchanged_answer(f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest)
+        peer = load_recorded_result_if_unchanged(
+            f"hertz-line-{edges}-{offset}-{penalty_stiffness}", digest
+        )
         nodes = peer.numbers["x"]
         x = np.linspace(0, nodes[-1], 64 * len(nodes))
         pressure = np.interp(x, nodes, peer.numbers["pressure"])
-        candidates.append(measure_pressure_errors(x, pressure))
+        candidates.append(compute_pressure_errors(x, pressure))
     errors = [scalars["pressure_l2"] for scalars in candidates]
     best = errors.index(min(errors))
     scalars = candidates[best] | {
         "parameter": PENALTIES[best],
         "pressure_l2_largest": max(errors),
     }
-    return Result(scalars, dimensionless(scalars))
+    return Result(scalars, assign_unit_one_to_scalars(scalars))
 
 
 # Cases
 
 EDGE_COUNTS, CONTACT_OFFSETS = (4, 8, 16), (0.375, 0.875)
 N_CONTACT_OFFSETS = 8
-"""Number of positions of the contact's edge within an element."""
+"""Number of positions of the end of the contact within an element edge."""
 EDGE_COUNTS_IN_SPACE = (3, 5)
-"""Numbers of edges over the contact's radius."""
+"""Numbers of element edges over the radius of the contact."""
 CASES = [
     Case(
         "Q",
         f"{name}-{n}-{offset}",
         plane,
         {"method": name, "edges": n, "offset": offset},
-        {"words": method.label, "choices": method.n_parameters, "lines": method.n_lines},
+        {"words": method.label, "choices": method.n_parameters, "lines": method.n_source_lines},
     )
     for name, method in METHODS.items()
     for n in EDGE_COUNTS
@@ -343,7 +359,8 @@ CASES += [
             "edges": n,
             "offset": offset,
             "tracked": [
-                answer_digest(f"hertz-line-{n}-{offset}-{stiffness}") for stiffness in PENALTIES
+                digest_recorded_result(f"hertz-line-{n}-{offset}-{stiffness}")
+                for stiffness in PENALTIES
             ],
         },
         {"method": "calculix", "words": "CalculiX, faces by a penalty", "choices": 1},
@@ -443,13 +460,14 @@ METHODS_DRAWN_OVER_OFFSET = (
     "linear",
 )
 MAX_DRAWN_ERROR = 2.0
-"""Largest error that is drawn; larger ones mean that there is no solution."""
+"""Largest relative error that is drawn; larger values mark methods without a solution."""
 
 
-def draw_error_over_parameter(results: Results) -> Figure:
-    """Error of the pressure over the parameter of those methods that have one.
+def draw_pressure_error_over_parameter(results: Results) -> Figure:
+    """Draw the pressure error over the parameter of the methods that have one.
 
-    Means of two positions, with a gap where one of them has no solution.
+    Errors are means over two positions of the end of the contact; a curve has a gap where one of
+    the two has no solution.
     """
     fig, ax = plt.subplots(figsize=(PAIR_NARROW_WIDTH, 1.7))
     for method in METHODS_DRAWN_OVER_PARAMETER:
@@ -462,7 +480,7 @@ def draw_error_over_parameter(results: Results) -> Figure:
     style = {key: METHOD_STYLES["pw-T6"][key] for key in ("color", "label")}
     ax.axhline(100 * sum(new) / len(new), linestyle="--", **style)
     ax.set(xlabel="parameter", ylabel="L2 error / %")
-    set_plain_ticks(ax)
+    label_log_y_axis_with_plain_numbers(ax)
     fig.legend(
         *ax.get_legend_handles_labels(),
         loc="outside lower center",
@@ -474,10 +492,10 @@ def draw_error_over_parameter(results: Results) -> Figure:
     return fig
 
 
-def draw_error_over_offset(results: Results) -> Figure:
-    """Error of the pressure of several methods over the position where contact ends.
+def draw_pressure_error_over_contact_end(results: Results) -> Figure:
+    """Draw the pressure error of several methods over the position of the end of the contact.
 
-    One line for each method.
+    The position is that within an element edge.
     """
     fig, ax = plt.subplots(figsize=(PAIR_WIDE_WIDTH, 1.7))
     for method in METHODS_DRAWN_OVER_OFFSET:
@@ -485,13 +503,13 @@ def draw_error_over_offset(results: Results) -> Figure:
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **METHOD_STYLES[method])
     ax.set(xlabel="position of the contact's edge in an element", ylabel="L2 error / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
-    set_plain_ticks(ax)
+    label_log_y_axis_with_plain_numbers(ax)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
 
-def describe_error_over_offset(results: Results) -> str:
-    """Return the alternative text, with the new element's errors."""
+def describe_pressure_error_over_contact_end(results: Results) -> str:
+    """Return the alternative text of `draw_pressure_error_over_contact_end`, with the new element's errors."""
     new = 100 * results.curves("Q/offsets-pw-T6")["pressure_l2"]
     return (
         f"Lines that rise and fall by a factor of two and more: the new element's between "
@@ -503,7 +521,7 @@ def describe_error_over_offset(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "q_parameters",
-        draw_error_over_parameter,
+        draw_pressure_error_over_parameter,
         needs=[
             f"Q/{method}-16-{offset}"
             for method in ("pw-T6", *METHODS_DRAWN_OVER_PARAMETER)
@@ -517,12 +535,12 @@ FIGURES = [
     ),
     PageFigure(
         "q_places",
-        draw_error_over_offset,
+        draw_pressure_error_over_contact_end,
         needs=[f"Q/offsets-{method}" for method in METHODS_DRAWN_OVER_OFFSET],
         caption="Error of the pressure below a parabola with 8 edges over the half width, over the "
         "position where contact ends within an element of the surface (0 and 1: corners, 1/2: "
         "mid-side node). Tables and the outside reference have the positions 0.375 and 0.875.",
-        alt=describe_error_over_offset,
+        alt=describe_pressure_error_over_contact_end,
     ),
 ]
 

@@ -1,8 +1,9 @@
-"""Contact in space: compare pressures on faces of tetrahedra and hexahedra with exact ones.
+"""Verification of contact pressures on the faces of tetrahedra and hexahedra.
 
-Corner nodes of a standard 10-node tetrahedron have no weight on its faces and carry no force under
-uniform pressure. Standard elements, elements with piecewise-linear weights, and two elements
-derived from the standard tetrahedron (see `study.solutions.solids`) are compared.
+Pressures of four problems are compared with exact solutions. The corner nodes of a standard 10-node
+tetrahedron carry no force under uniform pressure, because the integrals of their test functions
+over a face vanish. Standard elements, elements with piecewise-linear test functions, and two
+elements derived from the standard tetrahedron (see `study.solutions.solids`) are compared.
 """
 
 from collections.abc import Callable
@@ -31,8 +32,14 @@ from study.benchmarks.v10_space.partial_slip import mindlin
 from study.judge.checks import check
 from study.judge.measures.general import ratio, scalar, smallest
 from study.meshes.mesh_families import on_cube
-from study.meshes.mesh_lines import BODY_SIZE, GROWTH, depth_lines, graded_body_lines, growing_lines
-from study.meshes.solid_meshes import mesh_box, mesh_quarter_cylinder, solid_cell_name
+from study.meshes.mesh_lines import (
+    BODY_SIZE,
+    GROWTH,
+    geometrically_growing_lines,
+    mesh_lines_of_body_under_sphere,
+    mesh_lines_over_depth,
+)
+from study.meshes.solid_meshes import mesh_box_along_lines, mesh_quarter_cylinder, solid_cell_name
 from study.model.vocabulary import ELEMENTS as NAMED_ELEMENTS
 from study.model.vocabulary import (
     OPEN,
@@ -48,13 +55,13 @@ from study.run.pages import PageFigure
 from study.run.store import Result, Results
 from study.solutions.half_space import (
     ElasticHalfSpace,
-    ExactContact,
+    ExactIndentation,
     FlatRoundPunch,
     HertzSphere,
-    displacement_in_space,
+    axisymmetric_displacement_in_space,
 )
-from study.solutions.half_space_shear import force_of_unit_hertz_contact
-from study.solutions.solids import INNER_PART, Solid, face_result
+from study.solutions.half_space_shear import force_that_gives_contact_radius_1
+from study.solutions.solids import INNER_PART, SolidBody, evaluate_pressure_errors_on_face
 
 SECTION = "V10"
 TITLE = "Contact in space"
@@ -121,52 +128,73 @@ PUNCH_DEPTH = 1e-3
 PRESSURE, SHEAR_TRACTION, CUBE_FRICTION = 1e-3, 0.4e-3, 0.5
 CELL_SIZE = 0.25
 MAX_RELATIVE_NODE_SHIFT = 0.12
-"""Largest random shift of the nodes of hexahedra, over the size of a cell."""
+"""Largest random displacement of a node of the hexahedral mesh, over the size of a cell."""
 
 
 def patch(element: str) -> Result:
-    """Press a cube uniformly on a smooth rigid plane; the exact stress is uniaxial."""
-    return _solve_cube(element, np.eye(3), 0.0, 0.0, POISSONS_RATIO)
+    """Press a cube uniformly on a smooth rigid plane; the exact stress is uniaxial.
+
+    Args:
+        element: Element name such as "pw-T10" or "galerkin-H27".
+    """
+    return _solve_rotated_cube_on_rigid_plane(element, np.eye(3), 0.0, 0.0, POISSONS_RATIO)
 
 
 def tilted(element: str) -> Result:
-    """Press and push a rotated cube uniformly on a rough rigid plane, nu = 0."""
-    return _solve_cube(element, _oblique_rotation(), SHEAR_TRACTION, CUBE_FRICTION, 0.0)
+    """Press and shear a rotated cube uniformly on a rough rigid plane, with Poisson's ratio zero.
+
+    Args:
+        element: Element name such as "pw-T10" or "galerkin-H27".
+    """
+    return _solve_rotated_cube_on_rigid_plane(
+        element, _rotation_matrix_about_oblique_axis(), SHEAR_TRACTION, CUBE_FRICTION, 0.0
+    )
 
 
-def _solve_cube(
+def _solve_rotated_cube_on_rigid_plane(
     element: str, rotation: Array, shear: float, friction: float, poissons_ratio: float
 ) -> Result:
-    """Solve a rotated cube on a plane under uniform tractions; `shear` acts along its x axis."""
-    mesh = _make_cube_mesh(element)
-    mesh.geometry.x[:] = mesh.geometry.x @ rotation.T
-    solid = Solid.from_mesh(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
+    """Solve a rotated cube that uniform tractions press and shear on a rigid plane.
 
-    def on_side(axis: int, position: float) -> Callable[[Array], Mask]:
+    Args:
+        element: Element name.
+        rotation: Rotation matrix (3, 3) of the cube and of the plane.
+        shear: Shear traction along the cube's rotated x axis.
+        friction: Coefficient of friction; if it is zero, symmetry planes support the cube.
+        poissons_ratio: Poisson's ratio of the cube.
+    """
+    mesh = _make_unstructured_or_distorted_cube_mesh(element)
+    mesh.geometry.x[:] = mesh.geometry.x @ rotation.T
+    solid = SolidBody.from_mesh(element, mesh, Material(YOUNGS_MODULUS, poissons_ratio))
+
+    def make_cube_side_marker(axis: int, position: float) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(rotation[:, axis] @ p, position, atol=1e-9)
 
-    base = on_side(2, 0.0)
+    base = make_cube_side_marker(2, 0.0)
     # stress in the rotated axes of the cube, and its tractions on all sides but the base
     stress = np.array([[0.0, 0.0, shear], [0.0, 0.0, 0.0], [shear, 0.0, -PRESSURE]])
-    load = solid.surface_load(rotation @ stress[:, 2], on_side(2, 1.0))
+    load = solid.surface_load(rotation @ stress[:, 2], make_cube_side_marker(2, 1.0))
     if shear:
         for position, sign in ((0.0, -1.0), (1.0, 1.0)):
-            load.axpy(sign, solid.surface_load(rotation @ stress[:, 0], on_side(0, position)))
+            load.axpy(
+                sign,
+                solid.surface_load(rotation @ stress[:, 0], make_cube_side_marker(0, position)),
+            )
     conditions = []
     if not friction:  # use symmetry planes; with friction, contact alone holds the cube
-        conditions = [prescribe(solid.space, i, on_side(i, 0.0)) for i in (0, 1)]
+        conditions = [prescribe(solid.space, i, make_cube_side_marker(i, 0.0)) for i in (0, 1)]
     plane = Plane((0.0, 0.0, 0.0), tuple(rotation[:, 2]))
     pair = ContactPair(base, plane, friction)
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
     forces = solid.nodal_forces(states[-1], load, base) @ rotation
-    faces = solid.own_and_standard_nodes(base)
+    faces = solid.surface_nodes_with_own_and_standard_weights(base)
     scalars = {}
     if shear:
         shear_error = np.abs(faces[0].pressure(forces)[:, 0] + shear) / PRESSURE
         scalars["shear_error_max"] = np.nanmax(shear_error)
-    return face_result(
+    return evaluate_pressure_errors_on_face(
         states,
         solid,
         faces,
@@ -179,12 +207,12 @@ def _solve_cube(
     )
 
 
-def _make_cube_mesh(element: str) -> Mesh:
-    """Return a unit cube of unstructured tetrahedra, or of distorted hexahedra."""
+def _make_unstructured_or_distorted_cube_mesh(element: str) -> Mesh:
+    """Mesh a unit cube with unstructured tetrahedra or with randomly distorted hexahedra."""
     if solid_cell_name(element) == "tetrahedron":
         return on_cube(element, CELL_SIZE)
     lines: Array = np.linspace(0, 1, round(1 / CELL_SIZE) + 1, dtype=np.float64)
-    mesh = mesh_box("hexahedron", lines, lines, lines)
+    mesh = mesh_box_along_lines("hexahedron", lines, lines, lines)
     x = mesh.geometry.x
     is_inside = ~np.isclose(np.abs(x - 0.5), 0.5)
     random = np.random.default_rng(1).uniform(-1, 1, (len(lines) ** 3, 3))
@@ -193,23 +221,25 @@ def _make_cube_mesh(element: str) -> Mesh:
     return mesh
 
 
-def _oblique_rotation() -> Array:
-    """Return the matrix of a rotation about an axis that is oblique to the mesh."""
+def _rotation_matrix_about_oblique_axis() -> Array:
+    """Return a rotation matrix (3, 3) whose axis is oblique to all mesh lines."""
     return np.asarray(Rotation.from_rotvec([0.5, -0.9, 0.4]).as_matrix())
 
 
 def sphere(element: str, elements: int, poissons_ratio: float = POISSONS_RATIO) -> Result:
-    """Press a rigid sphere on a half space, a quarter of which is modelled.
+    """Press a rigid sphere on an elastic half space, of which a quarter is modelled.
 
     Args:
-        element: Name of the element.
+        element: Element name such as "pw-T10" or "galerkin-H27".
         elements: Number of elements along the contact radius.
         poissons_ratio: Poisson's ratio of the half space.
     """
     body = ElasticHalfSpace(YOUNGS_MODULUS, poissons_ratio)
-    exact = HertzSphere(body, SPHERE_RADIUS, force_of_unit_hertz_contact(body, SPHERE_RADIUS))
-    lines = graded_body_lines(elements)
-    mesh = mesh_box(solid_cell_name(element), lines.horizontal, lines.horizontal, lines.vertical)
+    exact = HertzSphere(body, SPHERE_RADIUS, force_that_gives_contact_radius_1(body, SPHERE_RADIUS))
+    lines = mesh_lines_of_body_under_sphere(elements)
+    mesh = mesh_box_along_lines(
+        solid_cell_name(element), lines.horizontal, lines.horizontal, lines.vertical
+    )
 
     def is_contact_face(p: Array) -> Mask:
         return np.isclose(p[2], 0.0) & (np.maximum(p[0], p[1]) < lines.contact_zone_size + 1e-9)
@@ -218,23 +248,23 @@ def sphere(element: str, elements: int, poissons_ratio: float = POISSONS_RATIO) 
         return np.isclose(p[2], -BODY_SIZE) | np.isclose(np.maximum(p[0], p[1]), BODY_SIZE)
 
     paraboloid = Parabola((0.0, 0.0, 0.0), SPHERE_RADIUS)
-    return _solve_indented_half_space(
+    return _press_rigid_indenter_to_exact_depth(
         element, mesh, exact, paraboloid, is_contact_face, is_outer_side
     )
 
 
 def punch(element: str, elements: int) -> Result:
-    """Press a rigid circular flat punch on a half space, a quarter of which is modelled.
+    """Press a rigid circular flat punch on an elastic half space, of which a quarter is modelled.
 
     Args:
-        element: Name of the element.
-        elements: Half of the number of elements along the radius.
+        element: Element name such as "pw-T10" or "galerkin-H27".
+        elements: Half of the number of elements along the radius of the punch.
     """
     exact = FlatRoundPunch(ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO), 1.0, PUNCH_DEPTH)
     size_at_edge = 0.5 / elements**2
-    radii = 1 + growing_lines(size_at_edge, BODY_SIZE - 1, GROWTH)[1:]
+    radii = 1 + geometrically_growing_lines(size_at_edge, BODY_SIZE - 1, GROWTH)[1:]
     mesh = mesh_quarter_cylinder(
-        solid_cell_name(element), elements, radii, depth_lines(size_at_edge)
+        solid_cell_name(element), elements, radii, mesh_lines_over_depth(size_at_edge)
     )
 
     def is_contact_face(p: Array) -> Mask:
@@ -246,39 +276,52 @@ def punch(element: str, elements: int) -> Result:
         return np.isclose(p[2], -BODY_SIZE) | (np.hypot(p[0], p[1]) > chord * (1 - 1e-9))
 
     flat_punch = FlatPunch((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0)
-    return _solve_indented_half_space(
+    return _press_rigid_indenter_to_exact_depth(
         element, mesh, exact, flat_punch, is_contact_face, is_outer_side
     )
 
 
-def _solve_indented_half_space(
+def _press_rigid_indenter_to_exact_depth(
     element: str,
     mesh: Mesh,
-    exact: ExactContact,
+    exact: ExactIndentation,
     indenter: Parabola | FlatPunch,
     is_contact_face: Callable[[Array], Mask],
     is_outer_side: Callable[[Array], Mask],
 ) -> Result:
-    """Solve a quarter of a half space under a rigid indenter that is moved to its exact depth."""
-    body = exact.body
-    solid = Solid.from_mesh(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
+    """Solve a quarter of a half space under a rigid indenter that is moved to its exact depth.
 
-    def on_symmetry_plane(axis: int) -> Callable[[Array], Mask]:
+    The exact displacements are prescribed on the outer sides of the mesh.
+
+    Args:
+        element: Element name.
+        mesh: Mesh of the quarter of the half space.
+        exact: Exact solution of the contact.
+        indenter: Surface of the rigid indenter before it moves.
+        is_contact_face: Marker of the part of the surface that may touch the indenter.
+        is_outer_side: Marker of the sides with prescribed exact displacements.
+    """
+    body = exact.body
+    solid = SolidBody.from_mesh(element, mesh, Material(body.youngs_modulus, body.poissons_ratio))
+
+    def make_symmetry_plane_marker(axis: int) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(p[axis], 0.0) & ~is_outer_side(p)
 
-    conditions = solid.prescribe_faces(is_outer_side, partial(displacement_in_space, exact))
-    conditions += [prescribe(solid.space, i, on_symmetry_plane(i)) for i in (0, 1)]
+    conditions = solid.prescribe_displacements_on_faces(
+        is_outer_side, partial(axisymmetric_displacement_in_space, exact)
+    )
+    conditions += [prescribe(solid.space, i, make_symmetry_plane_marker(i)) for i in (0, 1)]
     pair = ContactPair(is_contact_face, indenter, 0.0, [Motion((0.0, 0.0, -exact.approach))])
     no_load = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, no_load, supports, [pair], solid.space)
-    faces = solid.own_and_standard_nodes(is_contact_face)
+    faces = solid.surface_nodes_with_own_and_standard_weights(is_contact_face)
     forces = -solid.nodal_forces(states[-1], no_load, is_contact_face)
     r = np.linalg.norm(faces[0].position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
         pressure = np.where(r < 1 - 1e-9, exact.pressure(np.minimum(r, 1 - 1e-9)), 0.0)
     hertz_peak = 1.5 * exact.force / np.pi  # Hertz's peak pressure for the same force
-    return face_result(
+    return evaluate_pressure_errors_on_face(
         states,
         solid,
         faces,
@@ -295,11 +338,16 @@ def _solve_indented_half_space(
 TETRAHEDRA = ("galerkin-T10", "transferred-T10", "sibling-T10", "pw-T10")
 ELEMENTS = (*TETRAHEDRA, "galerkin-H27", "pw-H27")
 REFINED_TETRAHEDRA = ("galerkin-T10", "sibling-T10", "pw-T10")
-"""Tetrahedra for which partial slip is also computed on finer meshes."""
+"""Tetrahedral elements with which partial slip is also computed on finer meshes."""
 
 
-def _make_mindlin_case(element: str, n: int) -> Case:
-    return Case("V10", f"mindlin-{element}-{n}", mindlin, {"element": element, "elements": n})
+def _make_mindlin_case(element: str, n_elements_over_contact_radius: int) -> Case:
+    return Case(
+        "V10",
+        f"mindlin-{element}-{n_elements_over_contact_radius}",
+        mindlin,
+        {"element": element, "elements": n_elements_over_contact_radius},
+    )
 
 
 CASES = [
@@ -391,10 +439,10 @@ MINDLIN_KEYS = [f"V10/mindlin-{element}-3" for element in PLOT_TETRAHEDRA]
 STATUS_COLOURS = {STICK: "#0072B2", SLIP: "#E8A33D", OPEN: "#777777"}
 
 
-def draw_stick_zones(results: Results) -> Figure:
-    """Sticking, slipping and open nodes of two spheres in partial slip.
+def draw_stick_zones_of_two_spheres(results: Results) -> Figure:
+    """Draw which nodes stick, slip or are open in the contact of two spheres in partial slip.
 
-    One panel per element, with half of the contact.
+    Each panel shows one half of the contact for one element.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.2), sharex=True, sharey=True)
     angle = np.linspace(0, np.pi, 201)
@@ -433,10 +481,11 @@ TRACTION_KEYS = [
 ]
 
 
-def draw_tractions_over_radius(results: Results) -> Figure:
-    """Contact in space: pressure and shear over the distance from the axis.
+def draw_contact_tractions_over_radius(results: Results) -> Figure:
+    """Draw pressure and shear tractions over the distance from the axis of the contact.
 
-    Panels: sphere, flat punch, shear of partial slip; one marker per node with a weight.
+    The panels show the pressure below a sphere, the pressure below a flat punch, and the shear in
+    partial slip. Each marker is a node whose test function has a nonzero integral over the surface.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5))
     panels = (
@@ -476,16 +525,16 @@ COLOUR_SCALE: dict[str, Any] = {
 }
 
 
-def draw_pressure_errors(results: Results) -> Figure:
-    """Errors of pressures on the face below a rigid sphere.
+def draw_pressure_error_maps_below_sphere(results: Results) -> Figure:
+    """Draw maps of the nodal pressure errors below a rigid sphere.
 
-    One panel per element, with a quarter of the contact.
+    Each panel shows a quarter of the contact for one element.
     """
     fig, axes = plt.subplots(2, 3, figsize=(PAGE_WIDTH, 4.0), sharex=True, sharey=True)
     for ax, element, key in zip(axes.flat, ELEMENTS, SPHERE_KEYS, strict=True):
         curves = results.curves(key)
         error = 100 * (curves["pressure"] - curves["exact_pressure"])
-        _draw_nodal_errors(ax, curves["x"], error)
+        _draw_error_map_of_contact_nodes(ax, curves["x"], error)
         ax.set_title(NAMED_ELEMENTS[element].name)
     for ax in axes[1]:
         ax.set_xlabel("$x/a$")
@@ -497,8 +546,14 @@ def draw_pressure_errors(results: Results) -> Figure:
     return fig
 
 
-def _draw_nodal_errors(ax: Axes, x: Array, error: Array) -> None:
-    """Draw contact nodes in the colour of their error; nodes without a pressure are crosses."""
+def _draw_error_map_of_contact_nodes(ax: Axes, x: Array, error: Array) -> None:
+    """Draw the contact nodes, coloured by their pressure error.
+
+    Args:
+        ax: Axes of the panel.
+        x: Positions (m, 3) of the nodes over the contact radius.
+        error: Errors (m,) in per cent of the peak pressure; nodes with NaN are drawn as crosses.
+    """
     is_near = np.hypot(*x[:, :2].T) < 1
     dots, crosses = is_near & np.isfinite(error), is_near & ~np.isfinite(error)
     ax.scatter(x[dots, 0], x[dots, 1], s=22, c=error[dots], ec="#777777", lw=0.4, **COLOUR_SCALE)
@@ -510,8 +565,8 @@ def _draw_nodal_errors(ax: Axes, x: Array, error: Array) -> None:
     ax.grid(visible=False)
 
 
-def caption_pressure_errors(results: Results) -> str:
-    """Return the caption, with the number of nodes that have no pressure."""
+def caption_pressure_error_maps_below_sphere(results: Results) -> str:
+    """Return the caption of the error maps, including the number of nodes without a pressure."""
     weightless = results.scalar("V10/sphere-galerkin-T10-5", "weightless_nodes")
     nodes = results.scalar("V10/sphere-galerkin-T10-5", "nodes")
     return (
@@ -525,7 +580,7 @@ def caption_pressure_errors(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "v10_stick",
-        draw_stick_zones,
+        draw_stick_zones_of_two_spheres,
         needs=MINDLIN_KEYS,
         caption="What the nodes do in one half of the contact of two equal spheres in partial "
         "slip, three elements over the radius a (dotted), ν = 0; the solid line is the border of "
@@ -539,7 +594,7 @@ FIGURES = [
     ),
     PageFigure(
         "v10_radius",
-        draw_tractions_over_radius,
+        draw_contact_tractions_over_radius,
         needs=TRACTION_KEYS,
         caption="Own-function tractions over the distance from the axis, at all nodes whose "
         "integral is not zero: (a) below a rigid sphere, five elements over the radius a; (b) "
@@ -552,9 +607,9 @@ FIGURES = [
     ),
     PageFigure(
         "v10_faces",
-        draw_pressure_errors,
+        draw_pressure_error_maps_below_sphere,
         needs=SPHERE_KEYS,
-        caption=caption_pressure_errors,
+        caption=caption_pressure_error_maps_below_sphere,
         alt="Six quarter discs of nodes, pale inside and coloured towards the edge of the contact, "
         "where errors are largest. The standard tetrahedron's has crosses at all corners of its "
         "elements; the new hexahedron's is the palest.",

@@ -1,18 +1,19 @@
-"""Methods for contact of two deformable bodies on meshes that do not match.
+"""Methods for contact of two deformable bodies whose meshes do not match.
 
-Methods with piecewise-linear weights: `pw-dual` is the library's method, which weights gaps with
-the test functions. `pw-dual-gap` has the same test functions and multipliers, but weights gaps with
-the dual functions of the multipliers; the difference between the two is the error that a mean gap
-over positive functions causes at the edge of contact.
+Two methods use piecewise-linear test functions. `pw-dual` is the library's method, which weights
+gaps with the test functions. `pw-dual-gap` has the same test functions and multipliers, but weights
+gaps with the dual functions of the multipliers. The difference between them is the error that
+arises at the edge of contact if gaps are averaged with nonnegative functions.
 
-Methods with standard test functions, for comparison: multipliers on the slave's face, expanded in
-its standard functions (`p2-p2`), its linear ones (`p2-p1`) or the duals of the quadratic ones
-(`p2-dual`; in space those of the transformed basis of A. Popp, B. Wohlmuth, M. Gee and W. Wall,
-https://doi.org/10.1137/110848190), and nodes of the slave that touch the master's face
-(`node-to-segment`). Gaps are weighted with the multipliers' functions; the methods with standard
-functions are therefore symmetric saddle-point problems.
+The other methods use standard test functions, for comparison. Their multipliers live on the slave
+face and are expanded in its quadratic functions (`p2-p2`), its linear functions (`p2-p1`) or the
+duals of the quadratic functions (`p2-dual`; in three dimensions, the duals of the transformed basis
+of A. Popp, B. Wohlmuth, M. Gee and W. Wall, https://doi.org/10.1137/110848190). In
+`node-to-segment` the nodes of the slave touch the face of the master. Gaps are weighted with the
+functions of the multipliers, so the methods with standard test functions are symmetric saddle-point
+problems.
 
-All methods except the library's are frictionless; their active sets are found by Newton's method.
+All methods except the library's are frictionless and find the active set by Newton's method.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,10 +52,13 @@ NEW_WEIGHT_METHODS = ("pw-dual", "pw-dual-gap")
 """Methods with piecewise-linear test functions."""
 
 _QUADRATURE_DEGREE = 3
-"""Degree of quadrature in space, where cells are straight to within 1e-3. The degree that the
-library uses for curved cells changes the ninth digit of pressures and takes half of all time."""
+"""Degree of quadrature in three dimensions, where cells are straight to within 1e-3.
+
+The higher degree that the library chooses for curved cells changes the ninth digit of pressures and
+takes half of the total time.
+"""
 _MAX_LINEAR_SYSTEMS = 40
-"""Largest number of active sets in the methods for comparison, whose iteration may cycle."""
+"""Maximum number of active sets that a comparison method tries, because its iteration may cycle."""
 _MID_SIDE_FACTOR, _VERTEX_FACTOR = 3 / 4, 1 / 8
 """Fractions of a mid-side function that stay at its node and that are passed to each vertex in the
 transformed basis."""
@@ -64,14 +68,14 @@ _INSIDE_TOLERANCE = -1e-9
 
 @dataclass(frozen=True)
 class TwoBodies:
-    """Two bodies, parts of one mesh, and their contact faces.
+    """Two elastic bodies in one mesh, their stiffness matrix, and the two faces that may touch.
 
     Args:
-        method: Name of the method, a key of `study.model.vocabulary.WAYS`.
-        body: Both bodies, with the test functions of the method.
-        K: Stiffness without supports.
-        slave: Local numbers of the slave's facets.
-        master: Local numbers of the master's facets.
+        method: Name of the contact method, a key of `study.model.vocabulary.WAYS`.
+        body: Finite-element model of both bodies, with the test functions of the method.
+        K: Stiffness matrix without supports.
+        slave: Local indices of the facets of the slave face.
+        master: Local indices of the facets of the master face.
     """
 
     method: str
@@ -91,16 +95,16 @@ class TwoBodies:
         state: StressState,
         faces: tuple[Facets, Facets],
     ) -> "TwoBodies":
-        """Assemble both bodies.
+        """Assemble the stiffness matrix of both bodies for one contact method.
 
         Args:
-            method: Name of the method.
+            method: Name of the contact method.
             mesh: Mesh of both bodies.
             is_lower_cell: Mask (cells,) of the cells of the lower body.
             moduli: Young's moduli of the lower and of the upper body.
             poissons_ratio: Poisson's ratio of both bodies.
             state: Plane strain or solid.
-            faces: Facets of slave and master.
+            faces: Facets of the slave face and of the master face.
         """
         E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
         E.x.array[:] = np.where(is_lower_cell, *moduli)
@@ -113,42 +117,51 @@ class TwoBodies:
 
     @property
     def space(self) -> fem.FunctionSpace:
-        """Space of the displacements."""
+        """Finite-element space of the displacements."""
         return self.body.spaces.trial
 
     @property
     def x(self) -> Array:
-        """Positions of the nodes, (nodes, dim)."""
+        """Positions (nodes, dim) of the undeformed nodes."""
         return np.asarray(self.space.tabulate_dof_coordinates()[:, : self.space.mesh.geometry.dim])
 
     def load(self, traction: Array | Sequence[float], part: EntitySelection) -> PETSc.Vec:
-        """Return the load vector of a traction on a part of the boundary."""
+        """Assemble the load vector of a uniform traction.
+
+        Args:
+            traction: Traction vector (dim,).
+            part: Part of the boundary on which the traction acts.
+        """
         surface = boundary_measure(self.space.mesh, part)
         return assemble_vector(self.body.surface_load(np.asarray(traction, dtype=float), surface))
 
     def solve(
         self,
         loads: PETSc.Vec | list[PETSc.Vec],
-        conditions: list[fem.DirichletBC],
+        supports: list[fem.DirichletBC],
         friction: float = 0.0,
         motions: Sequence[Motion] = (),
     ) -> "ContactSolution":
-        """Solve the contact problem.
+        """Solve the contact problem with the method of this object.
 
-        Only the library's method supports friction, several loads and motions.
+        Args:
+            loads: One load vector, or one per increment.
+            supports: Prescribed displacements.
+            friction: Coefficient of friction; only the library's method supports a nonzero one.
+            motions: Motion of the master in each increment; library's method only.
         """
         if self.method == "pw-dual":
-            reduction = Reduction.dirichlet(self.space, conditions)
+            reduction = Reduction.dirichlet(self.space, supports)
             nodes = fem.locate_dofs_topological(
                 self.space, self.space.mesh.topology.dim - 1, self.slave
             )
             pair = ContactPair(nodes, DeformableSurface(self.master), friction, motions)
             states = solve_contact(self.K, loads, reduction, [pair], self.space)
-            return self._library_solution(states)
+            return self._convert_library_states(states)
         assert isinstance(loads, PETSc.Vec)
-        return _solve_saddle_point(self, loads, conditions)
+        return _solve_frictionless_contact_by_active_set(self, loads, supports)
 
-    def _library_solution(self, states: list[ContactState]) -> "ContactSolution":
+    def _convert_library_states(self, states: list[ContactState]) -> "ContactSolution":
         (pair,) = states[-1].pairs
         surface = SurfaceNodes.from_body(self.body, self.slave)
         slave, master = (
@@ -179,52 +192,59 @@ class ContactSolution:
     """Solution of a contact problem by one of the methods.
 
     Args:
-        slave_node: Nodes (m,) of the slave's face, ordered by position.
-        pressure: Pressures (m,), NaN at nodes where the method has none.
-        area: Tributary areas (m,).
-        force: Contact forces (nodes, dim) on both bodies.
-        master_node: Nodes (k,) of the master's face.
+        slave_node: Nodes (m,) of the slave face, ordered by position.
+        pressure: Pressures (m,), NaN at nodes at which the method defines none.
+        tributary_area: Tributary areas (m,).
+        nodal_contact_force: Contact forces (nodes, dim) on both bodies.
+        master_node: Nodes (k,) of the master face.
         displacement: Displacements (nodes, dim).
-        iterations: Largest number of linear systems of an increment.
+        iterations: Largest number of linear systems solved in an increment.
         has_converged: Whether the iteration has converged.
-        states: States of the library's method, otherwise empty.
+        states: States of the library's contact solver; empty for other methods.
     """
 
     slave_node: Indices
     pressure: Array
-    area: Array
-    force: Array
+    tributary_area: Array
+    nodal_contact_force: Array
     master_node: Indices
     displacement: Array
     iterations: int
     has_converged: bool
     states: list[ContactState]
 
-    def force_and_moment_imbalance(self, x: Array) -> dict[str, float]:
-        """Return the imbalance of the contact forces on both bodies, and of their moments.
+    def relative_force_and_moment_imbalance(self, x: Array) -> dict[str, float]:
+        """Return the relative imbalance of the contact forces on both bodies and of their moments.
 
-        Both are relative to the sum of the magnitudes of the forces.
+        The resultant force and the resultant moment are both divided by the sum of the magnitudes
+        of the nodal force components.
+
+        Args:
+            x: Positions (nodes, dim) of the nodes.
         """
-        magnitude = np.abs(self.force).sum()
+        magnitude = np.abs(self.nodal_contact_force).sum()
         if x.shape[1] == 3:
-            moments = np.cross(x, self.force)
+            moments = np.cross(x, self.nodal_contact_force)
         else:
-            moments = (x[:, 0] * self.force[:, 1] - x[:, 1] * self.force[:, 0])[:, None]
+            moments = (
+                x[:, 0] * self.nodal_contact_force[:, 1] - x[:, 1] * self.nodal_contact_force[:, 0]
+            )[:, None]
         return {
-            "balance_force": float(np.abs(self.force.sum(axis=0)).max() / magnitude),
+            "balance_force": float(np.abs(self.nodal_contact_force.sum(axis=0)).max() / magnitude),
             "balance_moment": float(np.abs(moments.sum(axis=0)).max() / magnitude),
         }
 
 
 @dataclass(frozen=True)
 class FaceCoupling:
-    """Gap and force operators that couple both faces along the last coordinate.
+    """Linear operators that couple the two contact faces along the last coordinate.
 
-    Gaps are `rows @ u + gap`, and multipliers exert the forces `forces.T @ multiplier`.
+    Gaps are `rows @ u + gap`, and multipliers exert the nodal forces `forces.T @ multiplier`, where
+    u and the forces are components (nodes,) along the last coordinate.
 
     Args:
-        rows: Matrix (m, nodes) from vertical displacements to changes of gaps.
-        forces: Matrix (m, nodes) whose transpose turns multipliers into vertical forces.
+        rows: Matrix (m, nodes) that converts displacements to changes of the m gaps.
+        forces: Matrix (m, nodes) whose transpose converts multipliers to nodal forces.
         gap: Gaps (m,) of the undeformed bodies.
         weight: Integrals (m,) of the functions that weight the gaps.
     """
@@ -235,10 +255,18 @@ class FaceCoupling:
     weight: Array
 
 
-def _solve_saddle_point(
+def _solve_frictionless_contact_by_active_set(
     bodies: TwoBodies, load: PETSc.Vec, conditions: list[fem.DirichletBC]
 ) -> ContactSolution:
-    """Solve frictionless contact along the last coordinate, which approximates the normals."""
+    """Solve frictionless contact with Lagrange multipliers by an active-set iteration.
+
+    Gaps and forces are taken along the last coordinate, which approximates the contact normal.
+
+    Args:
+        bodies: The two bodies.
+        load: Load vector.
+        conditions: Prescribed displacements.
+    """
     x, space = bodies.x, bodies.space
     slave, master = (
         gather_boundary_facets(space, facets) for facets in (bodies.slave, bodies.master)
@@ -248,9 +276,11 @@ def _solve_saddle_point(
     # contact pushes the slave along its inward normal
     sign = -1.0 if slave.facet_normals[:, -1].mean() > 0 else 1.0
     if is_node_to_segment:
-        coupling = _couple_nodes_to_segments(slave, master, len(x), sign)
+        coupling = _couple_slave_nodes_to_master_segments(slave, master, len(x), sign)
     else:
-        coupling = integrate_multiplier_coupling(bodies.method, slave, master, len(x), sign)
+        coupling = integrate_mortar_coupling_of_multipliers(
+            bodies.method, slave, master, len(x), sign
+        )
     G, B = (
         sp.csr_array(sp.kron(matrix, np.eye(dim)[-1:]))
         for matrix in (coupling.rows, coupling.forces)
@@ -303,7 +333,7 @@ def _solve_saddle_point(
     else:
         if bodies.method == "p2-p1":  # linear along each edge
             node = np.searchsorted(slave.nodes, slave.facet_nodes)
-            for middle, ends in _facet_edge_nodes(slave.space_dim):
+            for middle, ends in _local_middle_and_end_nodes_of_facet_edges(slave.space_dim):
                 multiplier[node[:, middle]] = multiplier[node[:, ends]].mean(axis=1)
                 has_row[node[:, middle]] = has_row[node[:, ends]].all(axis=1)
         pressure = np.where(has_row, multiplier, np.nan)[order]
@@ -335,25 +365,29 @@ def _solve_by_lu(matrix: sp.csr_array, right: Array) -> Array:
     return np.array(x.array_r)
 
 
-def integrate_multiplier_coupling(
-    method: str, slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
+def integrate_mortar_coupling_of_multipliers(
+    method: str,
+    slave: BoundaryFacets,
+    master: BoundaryFacets,
+    n_nodes: int,
+    inward_normal_sign: float,
 ) -> FaceCoupling:
-    """Return the coupling by multipliers, integrated over the common segments of both faces.
+    """Integrate the multiplier coupling over the common segments of the slave and the master face.
 
     Args:
         method: "pw-dual-gap", "p2-p2", "p2-p1" or "p2-dual".
-        slave: Face of the slave.
-        master: Face of the master.
+        slave: Slave face.
+        master: Master face.
         n_nodes: Number of nodes of both bodies.
-        sign: Sign of the slave's inward normal along the last coordinate.
+        inward_normal_sign: Sign of the slave's inward normal along the last coordinate.
     """
     overlap = OverlapQuadrature.from_slave_and_master(slave, master, slave.nodes, revolved=False)
     (slave_node, N_slave), (master_node, N_master), (weight_node, w_master) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
         "pw-dual-gap": lambda: overlap.dual,
         "p2-p2": lambda: N_slave,
-        "p2-p1": lambda: _linear_from_quadratic_functions(N_slave, slave.space_dim),
-        "p2-dual": lambda: dual_quadratic_functions(
+        "p2-p1": lambda: _combine_quadratic_to_linear_functions(N_slave, slave.space_dim),
+        "p2-dual": lambda: evaluate_dual_quadratic_functions(
             slave_node, N_slave, overlap.measure, slave.space_dim
         ),
     }
@@ -363,7 +397,9 @@ def integrate_multiplier_coupling(
         overlap.point if method in NEW_WEIGHT_METHODS else np.searchsorted(slave.nodes, slave_node)
     )
 
-    def integrate_products(column: Indices, values: Array) -> sp.csr_array:
+    def integrate_products_with_multiplier_functions(
+        column: Indices, values: Array
+    ) -> sp.csr_array:
         products = np.einsum("q,qa,qk->qak", overlap.measure, phi, values)
         indices = tuple(
             np.broadcast_to(index, products.shape).ravel()
@@ -371,41 +407,60 @@ def integrate_multiplier_coupling(
         )
         return sp.csr_array(sp.coo_array((products.ravel(), indices), (m, n_nodes)))
 
-    rows = forces = sign * (
-        integrate_products(slave_node, N_slave) - integrate_products(master_node, N_master)
+    rows = forces = inward_normal_sign * (
+        integrate_products_with_multiplier_functions(slave_node, N_slave)
+        - integrate_products_with_multiplier_functions(master_node, N_master)
     )
     if method in NEW_WEIGHT_METHODS:
-        forces = sign * (
-            integrate_products(slave.nodes[row], overlap.weight)
-            - integrate_products(weight_node, w_master)
+        forces = inward_normal_sign * (
+            integrate_products_with_multiplier_functions(slave.nodes[row], overlap.weight)
+            - integrate_products_with_multiplier_functions(weight_node, w_master)
         )
     weighted = overlap.measure[:, None] * phi
-    gap = np.bincount(row.ravel(), (sign * overlap.separation[:, -1:] * weighted).ravel(), m)
+    gap = np.bincount(
+        row.ravel(), (inward_normal_sign * overlap.separation[:, -1:] * weighted).ravel(), m
+    )
     weight = np.bincount(row.ravel(), weighted.ravel(), m)
     return FaceCoupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
 
 
-def _facet_edge_nodes(dim: int) -> list[tuple[int, list[int]]]:
-    """Return the middle node and the two end nodes of each edge of a facet."""
+def _local_middle_and_end_nodes_of_facet_edges(dim: int) -> list[tuple[int, list[int]]]:
+    """Return the local numbers of the middle node and of the two end nodes of each edge of a facet.
+
+    Args:
+        dim: Dimension of space, 2 (facets are edges) or 3 (facets are triangles).
+    """
     return {2: [(2, [0, 1])], 3: [(3, [1, 2]), (4, [0, 2]), (5, [0, 1])]}[dim]
 
 
-def _linear_from_quadratic_functions(N: Array, dim: int) -> Array:
-    """Return linear functions (q, k), zero for mid-side nodes, from quadratic ones (q, k)."""
+def _combine_quadratic_to_linear_functions(N: Array, dim: int) -> Array:
+    """Combine the values of quadratic shape functions into values of linear hat functions.
+
+    Args:
+        N: Quadratic shape functions (q, k) of the k nodes of a facet at q points.
+        dim: Dimension of space.
+
+    Returns:
+        Linear functions (q, k), which are zero for mid-side nodes.
+    """
     linear = np.zeros_like(N)
     linear[:, :dim] = N[:, :dim]
-    for middle, ends in _facet_edge_nodes(dim):
+    for middle, ends in _local_middle_and_end_nodes_of_facet_edges(dim):
         linear[:, ends] += N[:, [middle]] / 2
     return linear
 
 
-def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) -> Array:
-    """Return the duals of a face's quadratic functions; in space those of the transformed basis.
+def evaluate_dual_quadratic_functions(
+    facet_nodes: Indices, N: Array, measure: Array, dim: int
+) -> Array:
+    """Evaluate the functions that are dual to the quadratic shape functions of a face.
+
+    In three dimensions, they are dual to the transformed basis (see the head of the module).
 
     Args:
-        node: Nodes (q, k) of the facet of each quadrature point.
-        N: Quadratic functions (q, k) at the quadrature points.
-        measure: Weights (q,) of the quadrature.
+        facet_nodes: Nodes (q, k) of the facet that contains each quadrature point.
+        N: Quadratic shape functions (q, k) at the quadrature points.
+        measure: Quadrature weights (q,), including the surface element.
         dim: Dimension of space.
 
     Returns:
@@ -416,7 +471,7 @@ def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) 
         for vertex, edges in enumerate(((4, 5), (3, 5), (3, 4))):
             transformed[:, vertex] = N[:, vertex] + _VERTEX_FACTOR * N[:, list(edges)].sum(axis=1)
         N = transformed
-    facets, facet = np.unique(node, axis=0, return_inverse=True)
+    facets, facet = np.unique(facet_nodes, axis=0, return_inverse=True)
     M = np.zeros((len(facets), N.shape[1], N.shape[1]))
     np.add.at(M, facet.ravel(), np.einsum("q,qa,qb->qab", measure, N, N))
     D = M.sum(axis=2)  # the transformed functions sum up to one, too
@@ -424,10 +479,17 @@ def dual_quadratic_functions(node: Indices, N: Array, measure: Array, dim: int) 
     return np.asarray(np.einsum("qa,qab->qb", N, A[facet.ravel()]))
 
 
-def _couple_nodes_to_segments(
-    slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, sign: float
+def _couple_slave_nodes_to_master_segments(
+    slave: BoundaryFacets, master: BoundaryFacets, n_nodes: int, inward_normal_sign: float
 ) -> FaceCoupling:
-    """Return the coupling of the slave's nodes with the opposite points of the master."""
+    """Couple each slave node with the opposite point of the master face.
+
+    Args:
+        slave: Slave face.
+        master: Master face.
+        n_nodes: Number of nodes of both bodies.
+        inward_normal_sign: Sign of the slave's inward normal along the last coordinate.
+    """
     x = slave.node_positions()
     _, corners, _ = master.sub_facet_nodes_corners_and_normals
     edges = np.swapaxes(corners[:, 1:, :-1] - corners[:, :1, :-1], 1, 2)
@@ -444,6 +506,8 @@ def _couple_nodes_to_segments(
     master_values = sp.csr_array(
         (N.ravel(), (np.repeat(np.arange(m), N.shape[1]), master_node.ravel())), (m, n_nodes)
     )
-    gap = sign * (x - y)[:, -1]
-    rows = sp.csr_array(sp.diags_array(faces_master * sign) @ (slave_values - master_values))
+    gap = inward_normal_sign * (x - y)[:, -1]
+    rows = sp.csr_array(
+        sp.diags_array(faces_master * inward_normal_sign) @ (slave_values - master_values)
+    )
     return FaceCoupling(rows, rows, gap, faces_master.astype(float))

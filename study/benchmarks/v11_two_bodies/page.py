@@ -1,6 +1,7 @@
-"""Contact of two deformable bodies whose meshes do not match, by six methods.
+"""Verification of contact between two deformable bodies on non-matching meshes, by six methods.
 
-The methods are in `methods`, the problems and their comparison with exact pressures in `problems`.
+The methods are in `methods`; the problems and the comparison with exact pressures are in
+`problems`.
 """
 
 from collections.abc import Callable
@@ -27,7 +28,7 @@ from study.publish.plots.style import METHOD_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import answer_digest
+from study.solutions.calculix.calculix import digest_recorded_result
 
 SECTION = "V11"
 TITLE = "Two deformable bodies"
@@ -92,56 +93,64 @@ DUAL_METHODS = (*NEW_WEIGHT_METHODS, "p2-dual")
 """Methods with dual multipliers."""
 
 
-def _make_case(name: str, problem: Callable[..., Result], method: str, **parameters: float) -> Case:
+def _make_two_body_case(
+    name_template: str, problem: Callable[..., Result], method: str, **parameters: float
+) -> Case:
     in_space = problem is spheres or parameters.get("dim") == 3
     element = ("pw" if method in NEW_WEIGHT_METHODS else "galerkin") + (
         "-T10" if in_space else "-T6"
     )
     return Case(
-        "V11", name.format(method), problem, {"way": method, **parameters}, {"element": element}
+        "V11",
+        name_template.format(method),
+        problem,
+        {"way": method, **parameters},
+        {"element": element},
     )
 
 
 CASES = [
-    _make_case(f"{problem.__name__}-{dim}d-{{}}", problem, method, dim=dim)
+    _make_two_body_case(f"{problem.__name__}-{dim}d-{{}}", problem, method, dim=dim)
     for problem in (patch, overhang)
     for dim in (2, 3)
     for method in TWO_BODY_METHODS
 ]
 CASES += [
-    _make_case(f"hertz-2d-{{}}-{edges}", hertz, method, edges=edges)
+    _make_two_body_case(f"hertz-2d-{{}}-{edges}", hertz, method, edges=edges)
     for method in TWO_BODY_METHODS
     for edges in (4, 8, 16)
 ]
 CASES += [
-    _make_case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, method, edges=16, ratio=ratio)
+    _make_two_body_case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, method, edges=16, ratio=ratio)
     for method in TWO_BODY_METHODS
     for ratio in (0.5, 1.0, 2.0)
 ]
 CASES += [
-    _make_case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
+    _make_two_body_case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
     for problem in (cattaneo, unequal)
     for edges in (8, 16)
 ]
-CASES += [_make_case("r0094-{}", r0094, method) for method in TWO_BODY_METHODS]
-CASES += [_make_case("spheres-{}-3", spheres, method, edges=3) for method in TWO_BODY_METHODS]
+CASES += [_make_two_body_case("r0094-{}", r0094, method) for method in TWO_BODY_METHODS]
+CASES += [
+    _make_two_body_case("spheres-{}-3", spheres, method, edges=3) for method in TWO_BODY_METHODS
+]
 # cases in which the meshes of the two bodies are exchanged
 CASES += [
-    _make_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0)
+    _make_two_body_case("hertz-2d-{}-8-ratio2.0", hertz, method, edges=8, ratio=2.0)
     for method in DUAL_METHODS
 ]
 CASES += mark_costly(
-    [_make_case("spheres-{}-5", spheres, method, edges=5) for method in TWO_BODY_METHODS]
+    [_make_two_body_case("spheres-{}-5", spheres, method, edges=5) for method in TWO_BODY_METHODS]
 )
 CASES += mark_costly(
     [
-        _make_case("spheres-{}-3.55-ratio1.41", spheres, method, edges=3.55, ratio=1.41)
+        _make_two_body_case("spheres-{}-3.55-ratio1.41", spheres, method, edges=3.55, ratio=1.41)
         for method in DUAL_METHODS
     ]
 )
 CASES += mark_costly(
     [
-        _make_case("spheres-{}-5-ratio1.37", spheres, method, edges=5, ratio=1.37)
+        _make_two_body_case("spheres-{}-5-ratio1.37", spheres, method, edges=5, ratio=1.37)
         for method in ("node-to-segment", *DUAL_METHODS)
     ]
 )
@@ -150,7 +159,7 @@ CASES += [
         "V11",
         f"{problem}-calculix-{method}",
         calculix,
-        {"case": case, "tracked": answer_digest(case)},
+        {"case": case, "tracked": digest_recorded_result(case)},
         {"element": "galerkin-T10"},
     )
     for case, problem, method in (
@@ -234,10 +243,10 @@ PRESSURE_RANGE = (-0.3, 1.5)
 """Range of the ordinate, in units of Hertz's peak pressure."""
 
 
-def draw_pressures(results: Results) -> Figure:
-    """Two deformable bodies: pressures of all methods on the same meshes.
+def draw_pressures_of_all_methods(results: Results) -> Figure:
+    """Draw the pressures between two deformable bodies by all methods on the same meshes.
 
-    One panel per problem and method; lines are exact.
+    Each panel shows one problem and one method; solid lines are exact solutions.
     """
     fig, axes = plt.subplots(
         2, len(TWO_BODY_METHODS), figsize=(PAGE_WIDTH, 3.1), sharex=True, sharey=True
@@ -259,8 +268,8 @@ def draw_pressures(results: Results) -> Figure:
     return fig
 
 
-def caption_pressures(results: Results) -> str:
-    """Return the caption, with the number of nodes outside the panels."""
+def caption_pressures_of_all_methods(results: Results) -> str:
+    """Return the caption of the pressures, with the number of nodes outside the plotted range."""
     low, high = PRESSURE_RANGE
     pressures = [
         results.curves(f"V11/spheres-{method}-3")["pressure"] for method in TWO_BODY_METHODS
@@ -281,10 +290,11 @@ def caption_pressures(results: Results) -> str:
 FORCE_METHODS = ("pw-dual", "p2-dual", "p2-p1", "node-to-segment")
 
 
-def draw_nodal_forces(results: Results) -> Figure:
-    """Nodal forces on two deformable bodies.
+def draw_nodal_forces_on_both_bodies(results: Results) -> Figure:
+    """Draw the nodal contact forces on both deformable bodies.
 
-    One panel per method: the slave's forces upwards, the master's downwards.
+    Each panel shows one method, with forces on the slave upwards and forces on the master
+    downwards.
     """
     fig, axes = plt.subplots(1, 4, figsize=(PAGE_WIDTH, 2.6), sharex=True, sharey=True)
     for ax, method in zip(axes, FORCE_METHODS, strict=True):
@@ -312,10 +322,11 @@ EDGES_OVER_HALF_WIDTH = (4, 8, 16)
 EDGE_RATIOS = (0.5, 1.0, 2.0)
 
 
-def draw_errors_and_least_forces(results: Results) -> Figure:
-    """Two deformable bodies: errors over the mesh, least master forces over the ratio of edges.
+def draw_pressure_errors_and_least_master_forces(results: Results) -> Figure:
+    """Draw pressure errors over refinement, and smallest master forces over the ratio of edges.
 
-    Panels: L2 error, largest inner error, least force.
+    The panels show the L2 error of the pressure, the largest error at inner nodes, and the smallest
+    nodal force on the master.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     panels = {
@@ -351,20 +362,20 @@ def draw_errors_and_least_forces(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v11_pressure",
-        draw_pressures,
+        draw_pressures_of_all_methods,
         needs=[
             f"V11/{problem.format(method)}"
             for problem in PRESSURE_PANELS
             for method in TWO_BODY_METHODS
         ],
-        caption=caption_pressures,
+        caption=caption_pressures_of_all_methods,
         alt="Two rows of six plots of pressure over radius with half an ellipse. Points of the "
         "three dual ways and of node to segment lie on the ellipses, but for a bulge of the first "
         "near the edge of the spheres' contact; those of standard multipliers waver about them.",
     ),
     PageFigure(
         "v11_forces",
-        draw_nodal_forces,
+        draw_nodal_forces_on_both_bodies,
         needs=[f"V11/hertz-2d-{method}-8" for method in FORCE_METHODS],
         caption="Two cylinders, eight edges over the half width a: nodal contact forces on the "
         "slave (filled, upwards) and on the master (open, downwards). The node at x = 0 has only "
@@ -377,7 +388,7 @@ FIGURES = [
     ),
     PageFigure(
         "v11_convergence",
-        draw_errors_and_least_forces,
+        draw_pressure_errors_and_least_master_forces,
         needs=[
             f"V11/hertz-2d-{method}-{n}"
             for method in TWO_BODY_METHODS

@@ -1,4 +1,4 @@
-"""Problems of two deformable bodies whose meshes do not match, and their comparison."""
+"""Contact of two deformable bodies with non-matching meshes, compared with exact pressures."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,21 +28,21 @@ from study.benchmarks.v11_two_bodies.methods import NEW_WEIGHT_METHODS, ContactS
 from study.meshes.line_mesh import mesh_along_lines
 from study.meshes.mesh_families import mesh_with_gmsh
 from study.meshes.mesh_lines import BODY_SIZE as SPHERE_BODY_SIZE
-from study.meshes.mesh_lines import graded_body_lines, growing_lines
-from study.meshes.solid_meshes import mesh_box
-from study.meshes.two_body_meshes import join_meshes
+from study.meshes.mesh_lines import geometrically_growing_lines, mesh_lines_of_body_under_sphere
+from study.meshes.solid_meshes import mesh_box_along_lines
+from study.meshes.two_body_meshes import join_lower_and_upper_mesh
 from study.model.reading import error_norms_on_common_and_other_nodes
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result
-from study.solutions.calculix.calculix import load_unchanged_answer
-from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks
+from study.solutions.calculix.calculix import load_recorded_result_if_unchanged
+from study.solutions.calculix.two_bodies import PAIRS, StackedBlocksPatchTest
 from study.solutions.half_space import (
     ElasticHalfSpace,
     HertzLine,
     HertzSphere,
-    displacement_in_space,
+    axisymmetric_displacement_in_space,
 )
-from study.solutions.stick_slip import Cattaneo
+from study.solutions.stick_slip import CattaneoPartialSlip
 
 Array = npt.NDArray[np.floating[Any]]
 Doubles = npt.NDArray[np.float64]
@@ -53,11 +53,11 @@ Facets = npt.NDArray[np.int32]
 POISSONS_RATIO = 0.3
 YOUNGS_MODULI = (1.0, 3.0)
 MASTER_EDGE_RATIO = 0.7
-"""Number of the master's edges over that of the slave's edges."""
+"""Default ratio of the number of master edges to the number of slave edges."""
 CURVATURE_RADIUS = 1e3
 """Radius of the relative curvature, so large that slopes are small."""
 INNER_RADIUS = 0.8
-"""Distance from the middle within which errors are taken."""
+"""Distance from the middle of the contact, over its half width, within which errors count."""
 SLOW_PRESSURE_RATIO = 2.0
 """Largest ratio of pressures at neighbouring nodes for which the pressure varies slowly."""
 MIN_RELATIVE_PRESSURE = 1e-9
@@ -71,35 +71,53 @@ NARROW_WIDTH = 0.83
 
 
 def patch(way: str, dim: int) -> Result:
-    """Press two equally wide blocks uniformly together; the exact stress is uniaxial."""
-    return _solve_blocks(way, dim, 1.0)
+    """Press two equally wide blocks uniformly together; the exact stress is uniaxial.
+
+    Args:
+        way: Name of the contact method.
+        dim: Dimension of space.
+    """
+    return _press_two_blocks_uniformly(way, dim, 1.0)
 
 
 def overhang(way: str, dim: int) -> Result:
-    """Press two blocks together, the slave being wider; loads act on its uncovered part, too."""
-    return _solve_blocks(way, dim, NARROW_WIDTH)
+    """Press together two blocks of which the slave is wider; its uncovered part is loaded, too.
+
+    Args:
+        way: Name of the contact method.
+        dim: Dimension of space.
+    """
+    return _press_two_blocks_uniformly(way, dim, NARROW_WIDTH)
 
 
-def _solve_blocks(method: str, dim: int, width: float) -> Result:
-    bodies, up = _make_two_blocks(method, dim, width), dim - 1
+def _press_two_blocks_uniformly(method: str, dim: int, upper_block_width: float) -> Result:
+    bodies, up = _make_two_blocks(method, dim, upper_block_width), dim - 1
     traction = np.zeros(dim)
     traction[up] = -PRESSURE
     load = bodies.load(traction, lambda x: np.isclose(x[up], 2.0))
-    if width < 1:
+    if upper_block_width < 1:
         trace = gather_boundary_facets(bodies.space, bodies.slave)
-        nodes, weights = _integrate_weights_beyond(trace, width, method in NEW_WEIGHT_METHODS)
+        nodes, weights = _integrate_test_functions_beyond_x(
+            trace, upper_block_width, method in NEW_WEIGHT_METHODS
+        )
         values = load.array.reshape(-1, dim)
         np.add.at(values[:, up], nodes, -PRESSURE * weights)
         load.array[:] = values.ravel()
-    symmetry = [prescribe(bodies.space, i, _on_plane(i, 0.0)) for i in range(dim)]
+    symmetry = [prescribe(bodies.space, i, _make_plane_marker(i, 0.0)) for i in range(dim)]
     solution = bodies.solve(load, symmetry)
     # the method has no pressure at nodes that the master does not cover
     exact_pressure = np.full(len(solution.slave_node), PRESSURE)
-    return compare_with_exact_pressure(bodies, solution, exact_pressure, PRESSURE, np.inf)
+    return compare_pressures_with_exact_ones(bodies, solution, exact_pressure, PRESSURE, np.inf)
 
 
-def _make_two_blocks(method: str, dim: int, width: float) -> TwoBodies:
-    """Return two blocks; the upper one, the master, has the given width."""
+def _make_two_blocks(method: str, dim: int, upper_block_width: float) -> TwoBodies:
+    """Make two blocks of height one, of which the lower is the slave and the upper the master.
+
+    Args:
+        method: Name of the contact method.
+        dim: Dimension of space.
+        upper_block_width: Width of the upper block; that of the lower block is one.
+    """
     up, (n_upper, n_lower) = dim - 1, (4, 7) if dim == 2 else (2, 3)
 
     def make_block(n: int, bottom: float) -> Mesh:
@@ -107,8 +125,8 @@ def _make_two_blocks(method: str, dim: int, width: float) -> TwoBodies:
         corners = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
         return build(MPI.COMM_SELF, corners, [n, n + 1, n][:dim], CellType[cell])
 
-    upper = move_nodes(make_block(n_upper, 1.0), lambda x: x * [width, 1.0, 1.0])
-    mesh, is_lower_cell = join_meshes(make_block(n_lower, 0.0), upper)
+    upper = move_nodes(make_block(n_upper, 1.0), lambda x: x * [upper_block_width, 1.0, 1.0])
+    mesh, is_lower_cell = join_lower_and_upper_mesh(make_block(n_lower, 0.0), upper)
     state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
     faces = _find_contact_facets(mesh, is_lower_cell, lambda x: np.isclose(x[up], 1.0))
     return TwoBodies.from_mesh(
@@ -116,55 +134,65 @@ def _make_two_blocks(method: str, dim: int, width: float) -> TwoBodies:
     )
 
 
-def _integrate_weights_beyond(
-    trace: BoundaryFacets, end: float, is_linear: bool
+def _integrate_test_functions_beyond_x(
+    face: BoundaryFacets, x_min: float, is_linear_on_sub_facets: bool
 ) -> tuple[npt.NDArray[np.int64], Array]:
-    """Integrate test functions over the part x > end of a flat face.
+    """Integrate each node's test function over the part x > end of a flat face.
 
     Sub-facets are cut at x = end, and the pieces are integrated by a rule of degree 2.
 
     Args:
-        trace: Facets of the face.
-        end: Smallest x of the part.
-        is_linear: Whether test functions are linear on sub-facets, not quadratic on facets.
+        face: Facets of the face.
+        x_min: Lower bound of x on the part that is integrated.
+        is_linear_on_sub_facets: Whether test functions are linear on sub-facets; otherwise they are quadratic on
+            facets.
 
     Returns:
-        Nodes and integrals, one row for each piece; a node may occur in several rows.
+        Nodes (pieces, k) and integrals (pieces, k), one row per piece; a node may occur in several
+        rows.
     """
-    sub_facet_nodes, corners, _ = trace.sub_facet_nodes_corners_and_normals
+    sub_facet_nodes, corners, _ = face.sub_facet_nodes_corners_and_normals
     points, weights = basix.make_quadrature(
-        {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.space_dim], 2
+        {2: basix.CellType.interval, 3: basix.CellType.triangle}[face.space_dim], 2
     )
     weights = weights / weights.sum()
     barycentric_points = np.column_stack([1 - points.sum(axis=1), points])
     nodes, integrals = [], []
     for sub_facet in range(len(corners)):
         corner: Array = corners[sub_facet]
-        for piece in _cut_simplex_beyond(corner, end, trace.space_dim):
+        for piece in _cut_sub_facet_beyond_x(corner, x_min, face.space_dim):
             size = compute_cell_lengths_or_areas((piece @ corner)[None])[0]
             position = barycentric_points @ piece
-            if is_linear:
+            if is_linear_on_sub_facets:
                 nodes.append(sub_facet_nodes[sub_facet])
                 integrals.append(size * weights @ position)
             else:
-                node, N = trace.evaluate_trial_functions(
-                    np.full(len(position), sub_facet), position
-                )
+                node, N = face.evaluate_trial_functions(np.full(len(position), sub_facet), position)
                 nodes.append(node[0])
                 integrals.append(size * weights @ N)
     return np.concatenate(nodes), np.concatenate(integrals)
 
 
-def _cut_simplex_beyond(corner: Array, end: float, dim: int) -> list[Doubles]:
-    """Return the pieces of an edge or triangle with x > end, by their barycentric coordinates."""
+def _cut_sub_facet_beyond_x(corners: Array, x_min: float, dim: int) -> list[Doubles]:
+    """Return the pieces of an edge or triangle that lie at x > end.
+
+    Args:
+        corners: Positions (dim, dim) of the corners.
+        x_min: Lower bound of x.
+        dim: Dimension of space: 2 for an edge, 3 for a triangle.
+
+    Returns:
+        Barycentric coordinates (dim, dim) of the corners of each piece, which is an edge or
+        triangle.
+    """
     polygon: list[Doubles] = []
     vertices: list[Doubles] = [np.eye(dim)[k] for k in range(dim)]
     for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
-        xa, xb = (float(vertex @ corner[:, 0]) for vertex in (a, b))
-        if xa > end:
+        xa, xb = (float(vertex @ corners[:, 0]) for vertex in (a, b))
+        if xa > x_min:
             polygon.append(a)
-        if (xa > end) != (xb > end):
-            polygon.append(a + (end - xa) / (xb - xa) * (b - a))
+        if (xa > x_min) != (xb > x_min):
+            polygon.append(a + (x_min - xa) / (xb - xa) * (b - a))
     if dim == 2:
         pieces = [polygon[:2]] if len(polygon) > 1 else []
     else:
@@ -188,28 +216,36 @@ PARTIAL_SLIP_FRICTION, FRICTION_FRACTION = 0.4, 0.5
 
 
 def hertz(way: str, edges: int, ratio: float = MASTER_EDGE_RATIO) -> Result:
-    """Press two cylinders of unequal moduli together without friction; far fields are exact.
+    """Press two cylinders with different Young's moduli together without friction.
+
+    The exact displacements are prescribed on the outer sides.
 
     Args:
-        way: Name of the method.
-        edges: Number of the slave's edges over the half width of the contact.
-        ratio: Number of the master's edges over that of the slave's edges.
+        way: Name of the contact method.
+        edges: Number of slave edges over the half width of the contact.
+        ratio: Ratio of the number of master edges to the number of slave edges.
     """
-    bodies, exact, solution = _press_cylinders(way, edges, ratio, 0.0)
+    bodies, exact, solution = _press_halves_of_two_cylinders(way, edges, ratio, 0.0)
     x = bodies.x[solution.slave_node][:, 0]
     exact_force = exact[0].force / 2
-    return compare_with_exact_pressure(
+    return compare_pressures_with_exact_ones(
         bodies, solution, exact[0].pressure(x), exact[0].peak_pressure, INNER_RADIUS, exact_force
     )
 
 
 def unequal(way: str, edges: int) -> Result:
-    """Press two cylinders of unequal moduli together with friction.
+    """Press two cylinders with different Young's moduli together with friction.
 
-    Outer sides have the displacements of frictionless contact. Errors are differences from the
-    solution with `N_REFERENCE_EDGES` edges.
+    The displacements of frictionless contact are prescribed on the outer sides. Errors are
+    differences from the solution with `N_REFERENCE_EDGES` edges.
+
+    Args:
+        way: Name of the contact method.
+        edges: Number of slave edges over the half width of the contact.
     """
-    result, fine = (_press_with_friction(way, n) for n in (edges, N_REFERENCE_EDGES))
+    result, fine = (
+        _press_unequal_cylinders_with_friction(way, n) for n in (edges, N_REFERENCE_EDGES)
+    )
     x, area = result.curves["x"][:, 0], result.curves["area"]
     reference = {
         name: np.interp(x, fine.curves["x"][:, 0], fine.curves[name])
@@ -234,11 +270,13 @@ def unequal(way: str, edges: int) -> Result:
         "exact_pressure": reference["pressure"],
         "exact_shear": reference["shear"],
     }
-    return replace(result, scalars=numbers, units=dimensionless(numbers), curves=curves)
+    return replace(
+        result, scalars=numbers, units=assign_unit_one_to_scalars(numbers), curves=curves
+    )
 
 
-def _press_with_friction(method: str, edges: int) -> Result:
-    bodies, exact, solution = _press_cylinders(
+def _press_unequal_cylinders_with_friction(method: str, edges: int) -> Result:
+    bodies, exact, solution = _press_halves_of_two_cylinders(
         method, edges, MASTER_EDGE_RATIO, UNEQUAL_BODIES_FRICTION
     )
     x = bodies.x[solution.slave_node][:, 0]
@@ -248,37 +286,50 @@ def _press_with_friction(method: str, edges: int) -> Result:
         "force": float(pair.force_normal.sum()) / exact[0].force,
     }
     peak = exact[0].peak_pressure
-    curves = {"shear": pair.force_tangential[:, 0] / solution.area / peak}
+    curves = {"shear": pair.force_tangential[:, 0] / solution.tributary_area / peak}
     pressure, force = exact[0].pressure(x), exact[0].force / 2
-    return compare_with_exact_pressure(
+    return compare_pressures_with_exact_ones(
         bodies, solution, pressure, peak, INNER_RADIUS, force, scalars, curves
     )
 
 
-def _press_cylinders(
+def _press_halves_of_two_cylinders(
     method: str, edges: int, edge_ratio: float, friction: float
 ) -> tuple[TwoBodies, list[HertzLine], ContactSolution]:
-    """Press two cylinders together; return bodies, exact fields and the solution.
+    """Press two cylinders together, of which the half x > 0 is modelled.
 
-    One half of the cylinders is modelled, with symmetry about x = 0.
+    Args:
+        method: Name of the contact method.
+        edges: Number of slave edges over the half width of the contact.
+        edge_ratio: Ratio of the number of master edges to the number of slave edges.
+        friction: Coefficient of friction.
+
+    Returns:
+        Bodies, exact solutions of the lower and of the upper body, and the computed solution.
     """
     lower, upper = (ElasticHalfSpace(E, POISSONS_RATIO) for E in YOUNGS_MODULI)
-    force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_compliances(lower, upper)
+    force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_plane_contact_compliances(lower, upper)
     exact = [
-        HertzLine(body, np.pi * body.plane_modulus / (4 * force), force) for body in (lower, upper)
+        HertzLine(body, np.pi * body.plane_strain_modulus / (4 * force), force)
+        for body in (lower, upper)
     ]
     bodies = _make_two_cylinders(method, edges, edge_ratio)
-    outer = _prescribe_outer_sides(bodies, exact)
+    outer = _prescribe_exact_outer_displacements(bodies, exact)
     symmetry = prescribe(bodies.space, 0, lambda x: np.isclose(x[0], 0.0) & ~_is_outer_side(x))
     solution = bodies.solve(bodies.K.createVecLeft(), [outer, symmetry], friction)
     return bodies, exact, solution
 
 
 def cattaneo(way: str, edges: int) -> Result:
-    """Press two equal cylinders together and push them sideways by prescribed forces."""
+    """Press two equal cylinders together and push them sideways, both by prescribed forces.
+
+    Args:
+        way: Name of the contact method.
+        edges: Number of slave edges over the half width of the contact.
+    """
     body = ElasticHalfSpace(1.0, POISSONS_RATIO)
-    force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_compliances(body, body)
-    exact = Cattaneo(1.0, force, PARTIAL_SLIP_FRICTION, FRICTION_FRACTION)
+    force = np.pi / (4 * CURVATURE_RADIUS) / _sum_of_plane_contact_compliances(body, body)
+    exact = CattaneoPartialSlip(1.0, force, PARTIAL_SLIP_FRICTION, FRICTION_FRACTION)
     bodies = _make_two_cylinders(way, edges, MASTER_EDGE_RATIO, (1.0, 1.0), is_whole=True)
     fractions = (0.0, FRICTION_FRACTION / 2, FRICTION_FRACTION)
     # loads replace the prescribed far displacements, which differ between the increments
@@ -287,8 +338,8 @@ def cattaneo(way: str, edges: int) -> Result:
         prescribed = bodies.K.createVecRight()
         nodes = fem.locate_dofs_geometrical(bodies.space, _is_outer_side)
         x = bodies.x[nodes]
-        is_upper = (_is_node_above(bodies)[nodes])[:, None]
-        increment = Cattaneo(1.0, force, PARTIAL_SLIP_FRICTION, fraction)
+        is_upper = (_mask_nodes_of_upper_body(bodies)[nodes])[:, None]
+        increment = CattaneoPartialSlip(1.0, force, PARTIAL_SLIP_FRICTION, fraction)
         field = increment.displacement(body, np.where(is_upper, -x, x))
         prescribed.array.reshape(-1, 2)[nodes] = np.where(is_upper, -field, field)
         load = bodies.K * prescribed
@@ -303,7 +354,7 @@ def cattaneo(way: str, edges: int) -> Result:
     solution = bodies.solve(loads, outer, PARTIAL_SLIP_FRICTION, motions)
     x = bodies.x[solution.slave_node][:, 0]
     (pair,) = solution.states[-1].pairs
-    shear = pair.force_tangential[:, 0] / solution.area
+    shear = pair.force_tangential[:, 0] / solution.tributary_area
     # away from the kinks of the exact shear
     is_compared = np.abs(np.abs(x) - exact.stick_half_width) > 1.5 / edges
     is_compared &= np.abs(x) < 1 - 1.5 / edges
@@ -319,7 +370,7 @@ def cattaneo(way: str, edges: int) -> Result:
         "exact_shear": exact.shear(x) / exact.peak_pressure,
     }
     pressure = exact.pressure(x)
-    return compare_with_exact_pressure(
+    return compare_pressures_with_exact_ones(
         bodies, solution, pressure, exact.peak_pressure, INNER_RADIUS, force, scalars, curves
     )
 
@@ -331,33 +382,47 @@ def _make_two_cylinders(
     moduli: tuple[float, float] = YOUNGS_MODULI,
     is_whole: bool = False,
 ) -> TwoBodies:
-    """Return two cylinders, or their half x > 0; the lower one, the slave, has a flat face."""
+    """Make two cylinders, of which the lower one is the slave and has a flat face.
 
-    def mesh_lines(n: int) -> tuple[Doubles, Doubles, float]:
+    Args:
+        method: Name of the contact method.
+        edges: Number of slave edges over the half width of the contact.
+        edge_ratio: Ratio of the number of master edges to the number of slave edges.
+        moduli: Young's moduli of the lower and of the upper cylinder.
+        is_whole: Whether both halves are modelled; otherwise only x > 0.
+    """
+
+    def make_mesh_lines_and_contact_zone(n: int) -> tuple[Doubles, Doubles, float]:
         size = 1 / (n + EDGE_POSITION)
         near = size * np.arange(np.ceil(CONTACT_ZONE / size) + 1)
         across = np.concatenate(
-            [near, near[-1] + growing_lines(size, BODY_SIZE - near[-1], CELL_GROWTH)[1:]]
+            [
+                near,
+                near[-1] + geometrically_growing_lines(size, BODY_SIZE - near[-1], CELL_GROWTH)[1:],
+            ]
         )
         if is_whole:
             across = np.concatenate([-across[:0:-1], across])
-        return across, growing_lines(size, BODY_SIZE, CELL_GROWTH), float(near[-1])
+        return across, geometrically_growing_lines(size, BODY_SIZE, CELL_GROWTH), float(near[-1])
 
-    def bend_contact_face(x: Doubles) -> Doubles:
+    def bend_face_to_parabola(x: Doubles) -> Doubles:
         return x + x[:, :1] ** 2 / (2 * CURVATURE_RADIUS) * [0.0, 1.0, 0.0]
 
-    x_lower, depth, zone = mesh_lines(edges)
-    x_upper, height, _ = mesh_lines(max(1, round(edge_ratio * edges)))
+    x_lower, depth, zone = make_mesh_lines_and_contact_zone(edges)
+    x_upper, height, _ = make_mesh_lines_and_contact_zone(max(1, round(edge_ratio * edges)))
     comm = MPI.COMM_SELF
     flat_lower = mesh_along_lines(comm, x_lower, -depth[::-1], "triangle", "left_right")
     flat_upper = mesh_along_lines(comm, x_upper, height, "triangle", "left_right")
-    lower, upper = curved_mesh(flat_lower, lambda x: x), curved_mesh(flat_upper, bend_contact_face)
-    mesh, is_lower_cell = join_meshes(lower, upper)
+    lower, upper = (
+        curved_mesh(flat_lower, lambda x: x),
+        curved_mesh(flat_upper, bend_face_to_parabola),
+    )
+    mesh, is_lower_cell = join_lower_and_upper_mesh(lower, upper)
 
-    def is_near_contact(x: Array) -> Mask:
+    def is_on_contact_faces(x: Array) -> Mask:
         return np.abs(x[1]) < x[0] ** 2 / (2 * CURVATURE_RADIUS) + 1e-9
 
-    faces = _find_contact_facets(mesh, is_lower_cell, is_near_contact)
+    faces = _find_contact_facets(mesh, is_lower_cell, is_on_contact_faces)
     state = StressState.PLANE_STRAIN
     bodies = TwoBodies.from_mesh(method, mesh, is_lower_cell, moduli, POISSONS_RATIO, state, faces)
     return _restrict_slave_facets(bodies, lambda x: np.abs(x[:, 0]) < zone + 1e-9)
@@ -371,10 +436,15 @@ def _is_outer_side(x: Array) -> Mask:
     )
 
 
-def _prescribe_outer_sides(bodies: TwoBodies, exact: list[HertzLine]) -> fem.DirichletBC:
-    """Prescribe exact displacements; the upper body moves down by the approach of both bodies."""
+def _prescribe_exact_outer_displacements(
+    bodies: TwoBodies, exact: list[HertzLine]
+) -> fem.DirichletBC:
+    """Prescribe the exact displacements on the outer sides of two cylinders.
+
+    The upper body is also moved downwards by the sum of the exact approaches of both bodies.
+    """
     nodes = fem.locate_dofs_geometrical(bodies.space, _is_outer_side)
-    is_upper = _is_node_above(bodies)[nodes]
+    is_upper = _mask_nodes_of_upper_body(bodies)[nodes]
     field = fem.Function(bodies.space)
     values, x = field.x.array.reshape(-1, 2), bodies.x[nodes]
     values[nodes[~is_upper]] = exact[0].displacement(x[~is_upper])
@@ -387,53 +457,65 @@ def _prescribe_outer_sides(bodies: TwoBodies, exact: list[HertzLine]) -> fem.Dir
 
 
 def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
-    """Press two spheres of unequal moduli together, with exact far fields; model one quarter.
+    """Press two spheres with different Young's moduli together; a quarter of them is modelled.
+
+    The exact displacements are prescribed on the outer sides.
 
     Args:
-        way: Name of the method.
-        edges: Number of the slave's edges over the radius of the contact.
-        ratio: Number of the master's edges over that of the slave's edges.
+        way: Name of the contact method.
+        edges: Number of slave edges over the radius of the contact.
+        ratio: Ratio of the number of master edges to the number of slave edges.
     """
-    bodies, exact = _make_two_spheres(way, edges, ratio)
+    bodies, exact = _make_quarters_of_two_spheres(way, edges, ratio)
 
     def is_outer_side(x: Array) -> Mask:
         return (np.abs(x[2]) > SPHERE_BODY_SIZE - 1e-9) | np.isclose(
             np.maximum(x[0], x[1]), SPHERE_BODY_SIZE
         )
 
-    def on_symmetry_plane(axis: int) -> Callable[[Array], Mask]:
+    def make_symmetry_plane_marker(axis: int) -> Callable[[Array], Mask]:
         return lambda p: np.isclose(p[axis], 0.0) & ~is_outer_side(p)
 
     nodes = fem.locate_dofs_geometrical(bodies.space, is_outer_side)
-    x, is_upper = bodies.x[nodes], _is_node_above(bodies)[nodes]
+    x, is_upper = bodies.x[nodes], _mask_nodes_of_upper_body(bodies)[nodes]
     field = fem.Function(bodies.space)
     values = field.x.array.reshape(-1, 3)
     for contact, is_in_body, sign in zip(exact, (~is_upper, is_upper), (1.0, -1.0), strict=True):
         mirror = [1.0, 1.0, sign]
-        values[nodes[is_in_body]] = displacement_in_space(contact, mirror * x[is_in_body]) * mirror
+        values[nodes[is_in_body]] = (
+            axisymmetric_displacement_in_space(contact, mirror * x[is_in_body]) * mirror
+        )
     values[nodes[is_upper], 2] -= sum(body.approach for body in exact)
     conditions = [fem.dirichletbc(field, nodes)]
-    conditions += [prescribe(bodies.space, i, on_symmetry_plane(i)) for i in (0, 1)]
+    conditions += [prescribe(bodies.space, i, make_symmetry_plane_marker(i)) for i in (0, 1)]
     solution = bodies.solve(bodies.K.createVecLeft(), conditions)
     r = np.linalg.norm(bodies.x[solution.slave_node][:, :2], axis=1)
     force = exact[0].force / 4
-    return compare_with_exact_pressure(
+    return compare_pressures_with_exact_ones(
         bodies, solution, exact[0].pressure(r), exact[0].peak_pressure, INNER_RADIUS, force
     )
 
 
-def _make_two_spheres(
+def _make_quarters_of_two_spheres(
     method: str, edges: float, edge_ratio: float
 ) -> tuple[TwoBodies, list[HertzSphere]]:
-    """Return a quarter of both spheres, and their exact fields."""
+    """Make a quarter of two spheres, and the exact solutions of the lower and of the upper sphere.
+
+    Args:
+        method: Name of the contact method.
+        edges: Number of slave edges over the radius of the contact.
+        edge_ratio: Ratio of the number of master edges to the number of slave edges.
+    """
     materials = [ElasticHalfSpace(E, POISSONS_RATIO) for E in YOUNGS_MODULI]
-    force = 4 / 3 / CURVATURE_RADIUS / _sum_of_compliances(*materials)
-    exact = [HertzSphere(body, 4 * body.plane_modulus / (3 * force), force) for body in materials]
-    lines = graded_body_lines(edges)
-    upper_lines = graded_body_lines(edges * edge_ratio)
-    lower = mesh_box("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
+    force = 4 / 3 / CURVATURE_RADIUS / _sum_of_plane_contact_compliances(*materials)
+    exact = [
+        HertzSphere(body, 4 * body.plane_strain_modulus / (3 * force), force) for body in materials
+    ]
+    lines = mesh_lines_of_body_under_sphere(edges)
+    upper_lines = mesh_lines_of_body_under_sphere(edges * edge_ratio)
+    lower = mesh_box_along_lines("tetrahedron", lines.horizontal, lines.horizontal, lines.vertical)
     upper = curved_mesh(
-        mesh_box(
+        mesh_box_along_lines(
             "tetrahedron",
             upper_lines.horizontal,
             upper_lines.horizontal,
@@ -441,12 +523,12 @@ def _make_two_spheres(
         ),
         lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * CURVATURE_RADIUS) * [0.0, 0.0, 1.0],
     )
-    mesh, is_lower_cell = join_meshes(curved_mesh(lower, lambda x: x), upper)
+    mesh, is_lower_cell = join_lower_and_upper_mesh(curved_mesh(lower, lambda x: x), upper)
 
-    def is_near_contact(x: Array) -> Mask:
+    def is_on_contact_faces(x: Array) -> Mask:
         return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * CURVATURE_RADIUS) + 1e-9
 
-    faces = _find_contact_facets(mesh, is_lower_cell, is_near_contact)
+    faces = _find_contact_facets(mesh, is_lower_cell, is_on_contact_faces)
     state = StressState.SOLID
     bodies = TwoBodies.from_mesh(
         method, mesh, is_lower_cell, YOUNGS_MODULI, POISSONS_RATIO, state, faces
@@ -459,35 +541,41 @@ def _make_two_spheres(
 # CalculiX on the same meshes
 
 CALCULIX_DEGREE = 2
-"""Degree of polynomials that CalculiX's four points in a tetrahedron integrate exactly."""
+"""Degree of polynomials that CalculiX's four-point rule of a tetrahedron integrates exactly."""
 
 
 def calculix(case: str, tracked: str) -> Result:
-    """Evaluate CalculiX's stored solution of the same bodies on the same mesh.
+    """Evaluate a stored CalculiX solution of the same bodies on the same mesh.
 
-    Pressures are CalculiX's own at the slave's nodes; nodal forces are residuals of the standard
-    element, with CalculiX's quadrature, under its displacements.
+    The pressures are those that CalculiX gives at the slave nodes. The nodal forces are residuals
+    of the standard element under CalculiX's displacements, integrated by CalculiX's quadrature
+    rule.
 
     Args:
-        case: Name of the deck.
-        tracked: Digest of the stored solution.
+        case: Name of the CalculiX input deck.
+        tracked: Digest that the stored solution must have.
     """
-    problem, peer = PAIRS[case], load_unchanged_answer(case, tracked)
+    problem, peer = PAIRS[case], load_recorded_result_if_unchanged(case, tracked)
     exact: list[HertzSphere] = []
-    if isinstance(problem, StackedBlocks):
+    if isinstance(problem, StackedBlocksPatchTest):
         bodies = _make_two_blocks("p2-p2", 3, 1.0)
     else:
-        bodies, exact = _make_two_spheres("p2-p2", problem.edges, problem.size_ratio)
+        bodies, exact = _make_quarters_of_two_spheres("p2-p2", problem.edges, problem.size_ratio)
     x, peer_x = bodies.x, problem.nodes
     # nodes of both bodies may coincide: a further coordinate distinguishes the bodies
-    face, n_lower = peer_x[problem.slave_nodes[0] - 1, -1], len(problem.grids[0].straight_nodes)
+    face, n_lower = (
+        peer_x[problem.slave_nodes[0] - 1, -1],
+        len(problem.grids[0].nodes_without_bulge),
+    )
     peer_positions = np.column_stack([peer_x, np.arange(len(peer_x)) >= n_lower])
-    positions = np.column_stack([x, _is_node_above(bodies, face)])
+    positions = np.column_stack([x, _mask_nodes_of_upper_body(bodies, face)])
     distance, peer_node = cKDTree(peer_positions).query(positions)
     assert distance.max() < 1e-9
     assert len(np.unique(peer_node)) == len(peer_x) == len(x)
     displacement = np.zeros_like(peer_x)
-    displacement[problem.nodes_around_contact - 1] = peer.numbers["displacement"].reshape(-1, 3)
+    displacement[problem.nodes_of_elements_at_contact - 1] = peer.numbers["displacement"].reshape(
+        -1, 3
+    )
     body = replace(bodies.body, quadrature_degree=CALCULIX_DEGREE)
     u = bodies.K.createVecRight()
     u.setArray(displacement[peer_node].ravel())
@@ -502,20 +590,20 @@ def calculix(case: str, tracked: str) -> Result:
     peer_pressure[problem.slave_nodes - 1] = peer.numbers["pressure"]
     pressure, displacement = peer_pressure[peer_node[node]], displacement[peer_node]
     solution = ContactSolution(node, pressure, area, force, opposite, displacement, 0, True, [])
-    if isinstance(problem, StackedBlocks):
+    if isinstance(problem, StackedBlocksPatchTest):
         exact_pressure: Array = np.full(len(node), problem.pressure)
-        result = compare_with_exact_pressure(
+        result = compare_pressures_with_exact_ones(
             bodies, solution, exact_pressure, problem.pressure, np.inf
         )
     else:
         sphere = exact[0]
         exact_pressure = sphere.pressure(np.linalg.norm(x[node, :-1], axis=1))
         total = sphere.force / 4
-        result = compare_with_exact_pressure(
+        result = compare_pressures_with_exact_ones(
             bodies, solution, exact_pressure, sphere.peak_pressure, INNER_RADIUS, total
         )
     numbers = {k: v for k, v in result.scalars.items() if k not in ("iterations", "settled")}
-    return replace(result, scalars=numbers, units=dimensionless(numbers))
+    return replace(result, scalars=numbers, units=assign_unit_one_to_scalars(numbers))
 
 
 # NAFEMS R0094-1 in N and mm: a steel cylinder on an aluminium block, plane strain
@@ -523,17 +611,23 @@ def calculix(case: str, tracked: str) -> Result:
 CYLINDER_RADIUS, BLOCK_HALF_WIDTH, BLOCK_HEIGHT, R0094_FORCE = 50.0, 100.0, 200.0, 35e3
 STEEL, ALUMINIUM = 210e3, 70e3
 FINEST_CELL, COARSENING, FINE_DISTANCE = 0.6, 0.12, 9.0
-"""Size of cells at the contact, its growth with distance, and the distance at which growth starts."""
+"""Cell size at the contact, growth per distance, and distance where growth starts, in mm."""
 LOADED_HALF_WIDTH = 30.0
 """Half width of the loaded part of the cylinder's top."""
 HERTZ_WIDTH, HERTZ_PEAK = 6.215, 3585.4
-"""Hertz's half width and peak pressure as printed in the benchmark."""
+"""Half width and peak pressure of Hertz's solution as printed in the benchmark, in mm and MPa."""
 
 
 def r0094(way: str) -> Result:
-    """Solve NAFEMS R0094-1, an elastic cylinder (one half) pressed into an elastic block."""
+    """Solve NAFEMS benchmark R0094-1: an elastic cylinder pressed into an elastic block.
 
-    def add_half_disc() -> None:
+    One half is modelled by symmetry.
+
+    Args:
+        way: Name of the contact method.
+    """
+
+    def add_half_cylinder_section() -> None:
         disc = gmsh.model.occ.addDisk(0, CYLINDER_RADIUS, 0, CYLINDER_RADIUS, CYLINDER_RADIUS)
         half = gmsh.model.occ.addRectangle(0, 0, 0, CYLINDER_RADIUS, 2 * CYLINDER_RADIUS)
         gmsh.model.occ.intersect([(2, disc)], [(2, half)])
@@ -541,40 +635,46 @@ def r0094(way: str) -> Result:
     def add_half_block() -> None:
         gmsh.model.occ.addRectangle(0, -BLOCK_HEIGHT, 0, BLOCK_HALF_WIDTH, BLOCK_HEIGHT)
 
-    def cell_size_expression(finest: float) -> str:
+    def gmsh_cell_size_expression(finest: float) -> str:
         return f"{finest} + {COARSENING} * Max(0, Sqrt(x * x + y * y) - {FINE_DISTANCE})"
 
     finest_below = FINEST_CELL / MASTER_EDGE_RATIO
-    above = mesh_with_gmsh(add_half_disc, 2, FINEST_CELL, 2, cell_size_expression(FINEST_CELL))
-    below = mesh_with_gmsh(add_half_block, 2, finest_below, 2, cell_size_expression(finest_below))
-    mesh, is_lower_cell = join_meshes(below, above)
+    above = mesh_with_gmsh(
+        add_half_cylinder_section, 2, FINEST_CELL, 2, gmsh_cell_size_expression(FINEST_CELL)
+    )
+    below = mesh_with_gmsh(
+        add_half_block, 2, finest_below, 2, gmsh_cell_size_expression(finest_below)
+    )
+    mesh, is_lower_cell = join_lower_and_upper_mesh(below, above)
 
     def is_on_cylinder(x: Array) -> Mask:
         return np.isclose(np.hypot(x[0], x[1] - CYLINDER_RADIUS), CYLINDER_RADIUS)
 
-    def is_near_contact(x: Array) -> Mask:
+    def is_on_contact_faces(x: Array) -> Mask:
         on_either_face = np.isclose(x[1], 0.0) | (is_on_cylinder(x) & (x[1] < CYLINDER_RADIUS))
         return (x[0] < 2 * FINE_DISTANCE) & on_either_face
 
-    def is_loaded(x: Array) -> Mask:
+    def is_on_loaded_top_of_cylinder(x: Array) -> Mask:
         return is_on_cylinder(x) & (x[1] > CYLINDER_RADIUS) & (x[0] < LOADED_HALF_WIDTH)
 
-    lower, upper = _find_contact_facets(mesh, is_lower_cell, is_near_contact)
+    lower, upper = _find_contact_facets(mesh, is_lower_cell, is_on_contact_faces)
     moduli, state = (ALUMINIUM, STEEL), StressState.PLANE_STRAIN
     bodies = TwoBodies.from_mesh(
         way, mesh, is_lower_cell, moduli, POISSONS_RATIO, state, (upper, lower)
     )
     bodies = _restrict_slave_facets(bodies, lambda x: x[:, 0] < FINE_DISTANCE)
-    load = bodies.load((0.0, -1.0), is_loaded)
+    load = bodies.load((0.0, -1.0), is_on_loaded_top_of_cylinder)
     load.scale(R0094_FORCE / 2 / -load.sum())
     supports = [
-        prescribe(bodies.space, 0, _on_plane(0, 0.0)),
-        prescribe(bodies.space, 1, _on_plane(1, -BLOCK_HEIGHT)),
+        prescribe(bodies.space, 0, _make_plane_marker(0, 0.0)),
+        prescribe(bodies.space, 1, _make_plane_marker(1, -BLOCK_HEIGHT)),
     ]
     solution = bodies.solve(load, supports)
     x = bodies.x[solution.slave_node][:, 0]
     materials = ElasticHalfSpace(ALUMINIUM, POISSONS_RATIO), ElasticHalfSpace(STEEL, POISSONS_RATIO)
-    width = np.sqrt(4 * R0094_FORCE * CYLINDER_RADIUS * _sum_of_compliances(*materials) / np.pi)
+    width = np.sqrt(
+        4 * R0094_FORCE * CYLINDER_RADIUS * _sum_of_plane_contact_compliances(*materials) / np.pi
+    )
     peak = 2 * R0094_FORCE / (np.pi * width)
     exact = peak * np.sqrt(np.maximum(0.0, 1 - (x / width) ** 2))
     # p² = p0² (1 - x²/a²) is a straight line over x²
@@ -584,7 +684,7 @@ def r0094(way: str) -> Result:
         "width_error": np.sqrt(intercept / -slope) / HERTZ_WIDTH - 1,
         "peak_error": np.sqrt(intercept) / HERTZ_PEAK - 1,
     }
-    return compare_with_exact_pressure(
+    return compare_pressures_with_exact_ones(
         bodies, solution, exact, peak, INNER_RADIUS * width, R0094_FORCE / 2, scalars
     )
 
@@ -592,10 +692,15 @@ def r0094(way: str) -> Result:
 # Parts of both bodies
 
 
-def _restrict_slave_facets(bodies: TwoBodies, is_near: Callable[[Array], Mask]) -> TwoBodies:
-    """Return the bodies without the slave's facets that have a node outside a region."""
+def _restrict_slave_facets(bodies: TwoBodies, is_in_region: Callable[[Array], Mask]) -> TwoBodies:
+    """Return a copy of the bodies in which all nodes of the slave facets lie within a region.
+
+    Args:
+        bodies: Bodies whose slave facets are restricted.
+        is_in_region: Function that marks positions (n, dim) within the region.
+    """
     trace = gather_boundary_facets(bodies.space, bodies.slave)
-    is_node_near = is_near(trace.facet_x.reshape(-1, trace.space_dim))
+    is_node_near = is_in_region(trace.facet_x.reshape(-1, trace.space_dim))
     is_facet_near = is_node_near.reshape(trace.facet_nodes.shape).all(axis=1)
     return TwoBodies(
         bodies.method, bodies.body, bodies.K, bodies.slave[is_facet_near], bodies.master
@@ -603,37 +708,48 @@ def _restrict_slave_facets(bodies: TwoBodies, is_near: Callable[[Array], Mask]) 
 
 
 def _find_contact_facets(
-    mesh: Mesh, is_lower_cell: Mask, is_near: Callable[[Array], Mask]
+    mesh: Mesh, is_lower_cell: Mask, is_on_contact_faces: Callable[[Array], Mask]
 ) -> tuple[Facets, Facets]:
-    """Return the exterior facets of the lower and of the upper body within a region."""
-    facets, dim = locate_exterior_facets(mesh, is_near), mesh.topology.dim
+    """Return the exterior facets of the lower and of the upper body within a region.
+
+    Args:
+        mesh: Mesh of both bodies.
+        is_lower_cell: Mask (cells,) of the cells of the lower body.
+        is_on_contact_faces: Function that marks points (3, n) of the region.
+    """
+    facets, dim = locate_exterior_facets(mesh, is_on_contact_faces), mesh.topology.dim
     cells = mesh.topology.connectivity(dim - 1, dim)
     is_lower = is_lower_cell[cells.array[cells.offsets[facets]]]
     return facets[is_lower], facets[~is_lower]
 
 
-def _is_node_above(bodies: TwoBodies, face: float = 0.0) -> Mask:
-    """Return the mask (nodes,) of the nodes of cells above a face."""
+def _mask_nodes_of_upper_body(bodies: TwoBodies, interface_height: float = 0.0) -> Mask:
+    """Return the mask (nodes,) of the nodes of all cells whose centres lie above a plane.
+
+    Args:
+        bodies: The two bodies.
+        interface_height: Last coordinate of the plane.
+    """
     up = bodies.x.shape[1] - 1
     cells = bodies.space.dofmap.list
     is_above = np.zeros(len(bodies.x), dtype=bool)
-    is_above[cells[bodies.x[cells, up].mean(axis=1) > face]] = True
+    is_above[cells[bodies.x[cells, up].mean(axis=1) > interface_height]] = True
     return is_above
 
 
-def _on_plane(axis: int, value: float) -> Callable[[Array], Mask]:
+def _make_plane_marker(axis: int, value: float) -> Callable[[Array], Mask]:
     return lambda x: np.isclose(x[axis], value)
 
 
-def _sum_of_compliances(*bodies: ElasticHalfSpace) -> float:
-    """Return the sum of 1/E* of bodies in contact."""
-    return sum(1 / body.plane_modulus for body in bodies)
+def _sum_of_plane_contact_compliances(*bodies: ElasticHalfSpace) -> float:
+    """Return the sum of 1/E* of bodies, where E* is the plane-strain modulus E/(1 - nu^2)."""
+    return sum(1 / body.plane_strain_modulus for body in bodies)
 
 
 # Comparison with the exact pressure
 
 
-def compare_with_exact_pressure(
+def compare_pressures_with_exact_ones(
     bodies: TwoBodies,
     solution: ContactSolution,
     exact_pressure: Array,
@@ -643,31 +759,32 @@ def compare_with_exact_pressure(
     extra_scalars: dict[str, float] | None = None,
     extra_curves: dict[str, Array] | None = None,
 ) -> Result:
-    """Compare pressures at the slave's nodes with exact ones; evaluate forces on both bodies.
+    """Compare pressures at the slave nodes with exact ones, and evaluate the forces on both bodies.
 
-    In space errors are given separately for nodes with a weight of the standard element (`common`)
-    and for other nodes (`alone`).
+    In three dimensions, errors are also given separately for nodes at which the standard element's
+    test function has a nonzero integral over the surface (suffix `common`) and for other nodes
+    (`alone`).
 
     Args:
-        bodies: Both bodies.
-        solution: Solution by one of the methods.
-        exact_pressure: Exact pressures (m,).
-        pressure_scale: Pressure that errors are relative to.
+        bodies: The two bodies.
+        solution: Solution by one of the contact methods.
+        exact_pressure: Exact pressures (m,) at the slave nodes.
+        pressure_scale: Pressure to which errors are relative.
         inner_radius: Distance from the origin within which errors count.
         exact_force: Exact total force, if it is known.
         extra_scalars: Further scalars of the result.
-        extra_curves: Further values (m,) of the result.
+        extra_curves: Further nodal values (m,) of the result.
     """
     x, dim = bodies.x, bodies.x.shape[1]
     slave_x, master_x = x[solution.slave_node], x[solution.master_node]
     has_pressure = ~np.isnan(solution.pressure)
     error = np.where(has_pressure, np.abs(solution.pressure - exact_pressure), 0.0)
     counts = has_pressure & (np.linalg.norm(slave_x[:, :-1], axis=1) < inner_radius)
-    squared_error = (solution.area * error**2)[has_pressure].sum()
-    squared_pressure = (solution.area * exact_pressure**2)[has_pressure].sum()
-    slave_force = solution.force[solution.slave_node, -1]
+    squared_error = (solution.tributary_area * error**2)[has_pressure].sum()
+    squared_pressure = (solution.tributary_area * exact_pressure**2)[has_pressure].sum()
+    slave_force = solution.nodal_contact_force[solution.slave_node, -1]
     # positive in compression
-    master_force = solution.force[solution.master_node, -1]
+    master_force = solution.nodal_contact_force[solution.master_node, -1]
     master_force = master_force * np.sign(master_force.sum())
     # smooth pressures: away from the edge of the contact and from the ends of the faces
     middle_radius = inner_radius if np.isfinite(inner_radius) else INNER_RADIUS
@@ -685,7 +802,7 @@ def compare_with_exact_pressure(
         "slave_force_least": (slave_force * np.sign(slave_force.sum())).min() / mean,
         "iterations": solution.iterations,
         "settled": solution.has_converged,
-        **solution.force_and_moment_imbalance(x),
+        **solution.relative_force_and_moment_imbalance(x),
         **(extra_scalars or {}),
     }
     if dim == 3:
@@ -696,7 +813,7 @@ def compare_with_exact_pressure(
             np.where(counts, error, np.nan) / pressure_scale, standard
         )
         scalars |= {f"pressure_error_{which}": size for which, size in errors.items()}
-    varies_slowly = _master_nodes_with_even_pressure(bodies, solution)
+    varies_slowly = _mask_master_nodes_with_smooth_pressure(bodies, solution)
     if varies_slowly.any():
         scalars["master_force_slow"] = master_force[varies_slowly].min() / mean
     if exact_force is not None:
@@ -705,20 +822,22 @@ def compare_with_exact_pressure(
         "x": slave_x,
         "pressure": solution.pressure / pressure_scale,
         "exact_pressure": exact_pressure / pressure_scale,
-        "area": solution.area,
+        "area": solution.tributary_area,
         "force": slave_force,
         "opposite_x": master_x,
-        "opposite_force": solution.force[solution.master_node, -1],
+        "opposite_force": solution.nodal_contact_force[solution.master_node, -1],
         **(extra_curves or {}),
     }
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), stored, dofs=dim * len(x))
+    return Result(numbers, assign_unit_one_to_scalars(numbers), stored, dofs=dim * len(x))
 
 
-def _master_nodes_with_even_pressure(bodies: TwoBodies, solution: ContactSolution) -> Mask:
-    """Return the mask (k,) of the master's nodes around which the slave's pressure varies slowly.
+def _mask_master_nodes_with_smooth_pressure(bodies: TwoBodies, solution: ContactSolution) -> Mask:
+    """Return the mask (k,) of the master nodes around which the slave's pressure varies slowly.
 
-    Pressures count up to a distance from the node of one facet length of each body.
+    The pressure varies slowly if the ratio of the largest to the smallest slave pressure near a
+    node is below `SLOW_PRESSURE_RATIO`. Slave nodes are near if their distance is at most the
+    longest adjacent master edge plus the longest slave edge.
     """
     dim = bodies.x.shape[1]
     reach: Array = np.zeros(len(bodies.x))

@@ -1,4 +1,7 @@
-"""Impact of an elastic bar on a rigid wall by central differences, with several pairs (K, M)."""
+"""Impact of an elastic bar on a rigid wall by central differences.
+
+Several combinations ("schemes") of a stiffness matrix and a lumped mass matrix are compared.
+"""
 
 from dataclasses import dataclass
 
@@ -32,20 +35,20 @@ from study.benchmarks.v12_impact.schemes import (
     POISSONS_RATIO,
     STRESS_STATE_BY_DIMENSION,
     StiffnessMassPair,
-    on_plane,
+    make_plane_marker,
 )
 from study.judge.checks import check
 from study.judge.measures.general import largest, ratio, scalar
 from study.meshes.mesh_families import (
-    convergence_order,
+    fit_convergence_order,
     mean_cell_size,
     on_bar,
     on_cube,
     on_square,
     on_strip,
 )
-from study.model.reading import error_norms_on_common_and_other_nodes, with_transferred_weights
-from study.model.units import dimensionless
+from study.model.reading import error_norms_on_common_and_other_nodes, multiply_nodal_weights_by_T
+from study.model.units import assign_unit_one_to_scalars
 from study.model.vocabulary import OWN_FUNCTION_READING, UNDEFINED_READING_NOTE
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
@@ -112,17 +115,17 @@ LONG_RUN_END_TIME = 100.0
 STEADY_TIME_INTERVAL = (1.0, 7.0)
 """Times between which pressures and forces are averaged."""
 MIN_CONTACT_FORCE = 0.05
-"""Least total force over the exact one at which the bar counts as in contact."""
+"""Total wall force, over the exact one, above which the bar counts as being in contact."""
 
 
 @dataclass(frozen=True)
-class BarMotion:
-    """Contact forces and energy of a bar that hits a wall.
+class BarImpactHistory:
+    """Contact forces, energy and stable time step of a bar that hits a wall.
 
     Args:
         time: Times (s,) at which the forces act.
-        force: Forces (s, m) of the wall on the nodes of the face, ordered by position.
-        relative_energy_at_end: Energy at the end over that at the start.
+        force: Forces (s, m) of the wall on the nodes of the bar's face, ordered by position.
+        relative_energy_at_end: Energy at the end over energy at the start.
         critical_step: Largest stable time step.
     """
 
@@ -133,24 +136,31 @@ class BarMotion:
 
 
 def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Result:
-    """Throw a bar of length 4 and width 1, with `cells` over its width, at a rigid wall.
+    """Throw a bar of length 4 and width 1 at a rigid wall.
 
-    Pressures and forces are means over `STEADY_TIME_INTERVAL` at nodes inside the face. A pressure
-    is the force over the integral of the node's own weight; its errors are given as `common` at
-    nodes with a weight of the standard element, and as `alone` at other nodes. Forces are relative
-    to their mean. `open_share` is the fraction of all pairs of a node and a step in which the node
-    does not touch the wall.
+    Pressures and forces are time averages over `STEADY_TIME_INTERVAL` at the nodes inside the face.
+    A nodal pressure is the nodal force over the integral of the node's test function. Pressure
+    errors are given separately for nodes at which the standard element's test function has a
+    nonzero integral over the face (suffix `common`) and for other nodes (`alone`). Forces are
+    relative to their mean. `open_share` is the fraction of all combinations of a node and a time
+    step in which the node does not touch the wall.
+
+    Args:
+        scheme: Name of the stiffness and mass, a key of `ELEMENT_BY_SCHEME`.
+        dimension: Dimension of space, 2 or 3.
+        cells: Number of cells over the width of the bar.
+        end: Time at which the integration ends.
     """
     build = {2: on_strip, 3: on_bar}[dimension]
     mesh = build("", 1 / cells)
-    pair = StiffnessMassPair.from_name(scheme, mesh)
-    supports = pair.make_wall_supports([1.0] * (dimension - 1))
-    solve = integrate_for_any_stiffness if scheme == "pw" else integrate_with_library
+    pair = StiffnessMassPair.from_scheme_name(scheme, mesh)
+    supports = pair.make_smooth_wall_supports([1.0] * (dimension - 1))
+    solve = integrate_impact_for_any_stiffness if scheme == "pw" else integrate_impact_with_library
     motion = solve(pair, supports, end)
-    wall = on_plane(dimension - 1, 0.0)
+    wall = make_plane_marker(dimension - 1, 0.0)
     face = SurfaceNodes.from_body(pair.body, wall)
     if pair.sibling is not None:
-        face = with_transferred_weights(face, force_transfer(pair.space))
+        face = multiply_nodal_weights_by_T(face, force_transfer(pair.space))
     standard = Body(Spaces.galerkin(mesh), MATERIAL, STRESS_STATE_BY_DIMENSION[dimension])
     total = motion.force.sum(axis=1)  # exact: 1, the area of the face
     is_steady = (motion.time > STEADY_TIME_INTERVAL[0]) & (motion.time < STEADY_TIME_INTERVAL[1])
@@ -182,57 +192,80 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Resul
         "force": mean,
         "x": face.position[~face.rim],
     }
-    return Result(numbers, dimensionless(numbers), curves, dofs=pair.K.getSize()[0])
+    return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=pair.K.getSize()[0])
 
 
 def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
-    """Compute the lowest eigenvalue omega^2 of a unit square or cube between smooth walls.
+    """Compute the lowest eigenvalue omega^2 of a unit square or cube between smooth rigid walls.
 
-    It is that of a shear wave, 2 pi^2 c_s^2. Scalars are the values on the finest mesh and the
-    order in the cell size. `acceleration_min` and `acceleration_max` are the extreme accelerations
-    of nodes under a uniform body force of one, without supports.
+    The exact eigenvalue is that of a shear wave, 2 pi^2 c_s^2, with the speed c_s of shear waves.
+    The scalars are `omega2_error` on the finest mesh, the order of convergence in the cell size,
+    and the smallest and largest nodal accelerations `acceleration_min` and `acceleration_max` of
+    the unsupported body under a uniform body force of one.
+
+    Args:
+        scheme: Name of the stiffness and mass, a key of `ELEMENT_BY_SCHEME`.
+        dimension: Dimension of space, 2 or 3.
+        cells: Numbers of cells along a side, from coarse to fine.
     """
     exact = 2 * np.pi**2 * (1 - 2 * POISSONS_RATIO) / (2 * (1 - POISSONS_RATIO))
     build = {2: on_square, 3: on_cube}[dimension]
     sizes, errors = [], []
     for n in cells:
         mesh = build("T6", 1 / n)
-        pair = StiffnessMassPair.from_name(scheme, mesh)
-        modes = vibration_modes(pair.K, pair.M, pair.make_wall_supports([1.0] * dimension), 1)
+        pair = StiffnessMassPair.from_scheme_name(scheme, mesh)
+        modes = vibration_modes(
+            pair.K, pair.M, pair.make_smooth_wall_supports([1.0] * dimension), 1
+        )
         sizes.append(mean_cell_size(mesh))
         errors.append(modes.eigenvalues[0] / exact - 1)
-    acceleration = _free_fall_accelerations(pair)
+    acceleration = _nodal_accelerations_under_unit_body_force(pair)
     scalars = {
         "acceleration_min": acceleration.min(),
         "acceleration_max": acceleration.max(),
         "omega2_error": errors[-1],
-        "order": convergence_order(np.array(sizes), np.abs(errors)),
+        "order": fit_convergence_order(np.array(sizes), np.abs(errors)),
         "residual": modes.residuals[0],
     }
     numbers = {name: float(value) for name, value in scalars.items()}
     curves = {"size": np.array(sizes), "error": np.array(errors)}
-    return Result(numbers, dimensionless(numbers), curves, dofs=pair.K.getSize()[0])
+    return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=pair.K.getSize()[0])
 
 
 def regular_step(scheme: str, cells: int) -> Result:
-    """Compute the critical step of a free unit cube of equal small cubes that are all cut alike."""
-    pair = StiffnessMassPair.from_name(scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells))
+    """Compute the critical time step of an unsupported unit cube with a regular tetrahedral mesh.
+
+    The mesh consists of equal small cubes that are all cut into tetrahedra in the same way.
+
+    Args:
+        scheme: Name of the stiffness and mass, a key of `ELEMENT_BY_SCHEME`.
+        cells: Number of small cubes along a side.
+    """
+    pair = StiffnessMassPair.from_scheme_name(
+        scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells)
+    )
     no_supports = Reduction.dirichlet(pair.space, [])
     scalars = {"critical_step_over_h": critical_step(pair.K, pair.M, no_supports) * cells}
-    return Result(scalars, dimensionless(scalars), {}, dofs=pair.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), {}, dofs=pair.K.getSize()[0])
 
 
-def integrate_with_library(
-    pair: StiffnessMassPair, supports: Reduction, end: float = END_TIME
-) -> BarMotion:
-    """Integrate the impact of the bar with the library's `solve_impact`."""
+def integrate_impact_with_library(
+    pair: StiffnessMassPair, supports: Reduction, end_time: float = END_TIME
+) -> BarImpactHistory:
+    """Integrate the impact of the bar with `solve_impact` of the library.
+
+    Args:
+        pair: Stiffness and lumped mass of the bar.
+        supports: Supports of the bar's sides.
+        end_time: Time at which the integration ends.
+    """
     dim = pair.body.spaces.mesh.geometry.dim
     axis = np.eye(dim)[-1]
-    wall = ContactPair(on_plane(dim - 1, 0.0), Plane((0.0,) * dim, tuple(axis)))
-    velocity = _initial_velocity(pair)
-    history = solve_impact(pair.K, pair.M, supports, wall, pair.space, end, velocity)
+    wall = ContactPair(make_plane_marker(dim - 1, 0.0), Plane((0.0,) * dim, tuple(axis)))
+    velocity = _unit_velocity_towards_wall(pair)
+    history = solve_impact(pair.K, pair.M, supports, wall, pair.space, end_time, velocity)
     energy = history.energies.total
-    return BarMotion(
+    return BarImpactHistory(
         history.time[:-1],
         history.pairs[0].force @ axis,
         energy[-1] / energy[0],
@@ -240,19 +273,27 @@ def integrate_with_library(
     )
 
 
-def integrate_for_any_stiffness(
-    pair: StiffnessMassPair, supports: Reduction, end: float = END_TIME
-) -> BarMotion:
-    """Integrate the impact of the bar for any stiffness; the library rejects unsymmetric ones."""
-    K, mass, free = _extract_free_matrices(pair, supports)
+def integrate_impact_for_any_stiffness(
+    pair: StiffnessMassPair, supports: Reduction, end_time: float = END_TIME
+) -> BarImpactHistory:
+    """Integrate the impact of the bar by central differences with any stiffness.
+
+    The library's `solve_impact` rejects unsymmetric stiffness matrices.
+
+    Args:
+        pair: Stiffness and lumped mass of the bar.
+        supports: Supports of the bar's sides.
+        end_time: Time at which the integration ends.
+    """
+    K, mass, free = _extract_unsupported_stiffness_and_masses(pair, supports)
     dim = pair.body.spaces.mesh.geometry.dim
-    nodes = fem.locate_dofs_geometrical(pair.space, on_plane(dim - 1, 0.0))
+    nodes = fem.locate_dofs_geometrical(pair.space, make_plane_marker(dim - 1, 0.0))
     nodes = nodes[order_by_position(pair.space.tabulate_dof_coordinates()[nodes, :dim])]
     rows = np.searchsorted(free, dim * nodes + dim - 1)
-    critical = 2 / np.sqrt(abs(_largest_eigenvalue(K, mass)))
+    critical = 2 / np.sqrt(abs(_eigenvalue_of_largest_magnitude(K, mass)))
     dt = TIME_STEP_FRACTION * critical
-    n_steps = int(np.ceil(end / dt))
-    v = _initial_velocity(pair).array_r[free]
+    n_steps = int(np.ceil(end_time / dt))
+    v = _unit_velocity_towards_wall(pair).array_r[free]
     start_energy = mass * v @ v / 2
     u, internal_force, contact_forces = np.zeros(len(free)), np.zeros(len(free)), []
     for _ in range(n_steps):
@@ -264,11 +305,14 @@ def integrate_for_any_stiffness(
         internal_force = K @ u
     energy = (mass * v @ v + previous @ internal_force) / 2 / start_energy
     time = dt * np.arange(n_steps, dtype=np.float64)
-    return BarMotion(time, np.array(contact_forces), energy, critical)
+    return BarImpactHistory(time, np.array(contact_forces), energy, critical)
 
 
-def _free_fall_accelerations(pair: StiffnessMassPair) -> Array:
-    """Return nodal accelerations along the last axis under a uniform body force of one."""
+def _nodal_accelerations_under_unit_body_force(pair: StiffnessMassPair) -> Array:
+    """Return nodal accelerations (nodes,) along the last axis under a uniform body force of one.
+
+    The body has no supports; exact accelerations are one.
+    """
     dim = pair.body.spaces.mesh.geometry.dim
     load = assemble_vector(pair.body.body_load(np.eye(dim)[-1]))
     if pair.sibling is not None:
@@ -276,10 +320,10 @@ def _free_fall_accelerations(pair: StiffnessMassPair) -> Array:
     return np.asarray((load.array_r / pair.M.getDiagonal().array_r)[dim - 1 :: dim])
 
 
-def _extract_free_matrices(
+def _extract_unsupported_stiffness_and_masses(
     pair: StiffnessMassPair, supports: Reduction
 ) -> tuple[sp.csr_matrix, Array, npt.NDArray[np.intp]]:
-    """Return stiffness, masses and indices of the unsupported unknowns."""
+    """Return stiffness (n, n), masses (n,) and indices (n,) of the unsupported unknowns."""
     indptr, _, _ = supports.right.getValuesCSR()
     free = np.flatnonzero(np.diff(indptr))
     indptr, indices, values = pair.K.getValuesCSR()
@@ -287,14 +331,23 @@ def _extract_free_matrices(
     return K, pair.M.getDiagonal().array_r[free], free
 
 
-def _largest_eigenvalue(K: sp.csr_matrix, mass: Array) -> complex:
-    """Return the eigenvalue of M^-1 K of largest magnitude."""
-    start = np.cos(np.arange(len(mass)))
-    return complex(eigs(sp.diags(1 / mass) @ K, k=1, v0=start, return_eigenvectors=False)[0])
+def _eigenvalue_of_largest_magnitude(K: sp.csr_matrix, lumped_mass: Array) -> complex:
+    """Return the eigenvalue of M^-1 K that has the largest magnitude.
+
+    Args:
+        K: Stiffness (n, n), which may be unsymmetric.
+        lumped_mass: Diagonal (n,) of the lumped mass matrix M.
+    """
+    start = np.cos(np.arange(len(lumped_mass)))
+    return complex(eigs(sp.diags(1 / lumped_mass) @ K, k=1, v0=start, return_eigenvectors=False)[0])
 
 
-def _initial_velocity(pair: StiffnessMassPair) -> PETSc.Vec:
-    """Return a unit velocity towards the wall; the sibling's coefficients have the same values."""
+def _unit_velocity_towards_wall(pair: StiffnessMassPair) -> PETSc.Vec:
+    """Return the vector of a uniform unit velocity towards the wall.
+
+    The vector is also valid for the sibling's coefficients, which equal the nodal values in this
+    case.
+    """
     velocity = pair.K.createVecRight()
     dim = pair.body.spaces.mesh.geometry.dim
     velocity.setArray(np.tile(-np.eye(dim)[-1], velocity.getLocalSize() // dim))
@@ -310,7 +363,7 @@ CELLS_PER_SIDE = {2: (8, 16, 32), 3: (5, 7, 9)}
 SHAPE_AND_CELL_BY_DIMENSION = {2: ("square", "T6"), 3: ("cube", "T10")}
 
 
-def _make_bar_case(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Case:
+def _make_bar_impact_case(scheme: str, dimension: int, cells: int, end: float = END_TIME) -> Case:
     suffix = f"-{end:.0f}" if end != END_TIME else ""
     parameters = {"scheme": scheme, "dimension": dimension, "cells": cells, "end": end}
     implied = {
@@ -319,7 +372,7 @@ def _make_bar_case(scheme: str, dimension: int, cells: int, end: float = END_TIM
     return Case("V12", f"bar-{dimension}d-{scheme}-{cells}{suffix}", bar, parameters, implied)
 
 
-def _make_frequency_case(
+def _make_lowest_frequency_case(
     scheme: str, dimension: int, cells: tuple[int, ...], suffix: str = ""
 ) -> Case:
     shape, cell = SHAPE_AND_CELL_BY_DIMENSION[dimension]
@@ -335,8 +388,8 @@ CASES = [
     if dimension == 3
     or scheme != "sibling-pwmass"  # in the plane both masses of the sibling are equal
     for case in (
-        *(_make_bar_case(scheme, dimension, n) for n in CELLS_OVER_BAR_WIDTH[dimension]),
-        _make_frequency_case(scheme, dimension, CELLS_PER_SIDE[dimension]),
+        *(_make_bar_impact_case(scheme, dimension, n) for n in CELLS_OVER_BAR_WIDTH[dimension]),
+        _make_lowest_frequency_case(scheme, dimension, CELLS_PER_SIDE[dimension]),
     )
 ]
 CASES += [
@@ -362,13 +415,13 @@ CASES += mark_costly(
         case
         for scheme in ("hrz", "sibling")
         for case in (
-            *(_make_bar_case(scheme, dimension, n) for dimension, n in FINE_BARS),
+            *(_make_bar_impact_case(scheme, dimension, n) for dimension, n in FINE_BARS),
             *(
-                _make_bar_case(scheme, dimension, n, LONG_RUN_END_TIME)
+                _make_bar_impact_case(scheme, dimension, n, LONG_RUN_END_TIME)
                 for dimension, n in LONG_RUN_BARS
             ),
             *(
-                _make_frequency_case(scheme, dimension, n, "-fine")
+                _make_lowest_frequency_case(scheme, dimension, n, "-fine")
                 for dimension, n in FINE_CELLS_PER_SIDE
             ),
         )
@@ -408,17 +461,18 @@ PLOT_SERIES = {
     "sibling": ("symmetric sibling", "sibling-T10", "-"),
     "pw": ("new, unsymmetric (unstable)", "pw-T10", "-"),
 }
-"""Label, element whose colour is used, and line style, by scheme of the figure."""
+"""Legend label, element whose colour is used, and line style of each scheme in the figure."""
 PLOT_BAR_KEY, PLOT_CUBE_KEY = "V12/bar-3d-{}-5", "V12/frequency-cube-{}"
 UNSTABLE_BAR_KEY = "V12/bar-3d-pw-7"
 AVERAGING_TIME = 0.1
 """Length of the time intervals over which total forces are averaged."""
 
 
-def draw_impact(results: Results) -> Figure:
-    """Impact of a bar of tetrahedra: nodal pressures, total force, and frequencies.
+def draw_bar_impact_and_frequency_errors(results: Results) -> Figure:
+    """Draw nodal pressures, total force and frequency errors of a tetrahedral bar that hits a wall.
 
-    Panels: mean pressures of inner nodes in order; total force; error of the frequency.
+    The panels show time-averaged pressures of inner nodes in ascending order, the total force over
+    time, and the error of the lowest frequency over the cell size.
     """
     fig, (pressures, total, errors) = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5))
     for scheme, (label, element, dashes) in PLOT_SERIES.items():
@@ -451,8 +505,8 @@ def draw_impact(results: Results) -> Figure:
     return fig
 
 
-def caption_impact(results: Results) -> str:
-    """Return the caption, with the largest pressure of the unstable pair."""
+def caption_bar_impact_and_frequency_errors(results: Results) -> str:
+    """Return the figure's caption, including the largest pressure of the unstable scheme."""
     worst = results.scalar(UNSTABLE_BAR_KEY, "pressure_max")
     return (
         "A bar of unstructured tetrahedra, five over its width, hits a rigid wall; the wave "
@@ -465,8 +519,8 @@ def caption_impact(results: Results) -> str:
     )
 
 
-def describe_impact(results: Results) -> str:
-    """Return the text alternative of the figure, with the ranges of the pressures."""
+def alt_text_of_bar_impact_and_frequency_errors(results: Results) -> str:
+    """Return the text alternative of the impact figure, including the ranges of the pressures."""
     ranges = {
         scheme: " to ".join(
             f"{results.scalar(PLOT_BAR_KEY.format(scheme), f'pressure_{end}'):.3f}"
@@ -485,7 +539,7 @@ def describe_impact(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "v12_impact",
-        draw_impact,
+        draw_bar_impact_and_frequency_errors,
         needs=[
             *(
                 key.format(scheme)
@@ -494,8 +548,8 @@ FIGURES = [
             ),
             UNSTABLE_BAR_KEY,
         ],
-        caption=caption_impact,
-        alt=describe_impact,
+        caption=caption_bar_impact_and_frequency_errors,
+        alt=alt_text_of_bar_impact_and_frequency_errors,
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Pairs of a stiffness and a lumped mass for explicit dynamics."""
+"""Combinations of a stiffness matrix and a lumped mass matrix for explicit dynamics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,13 +44,14 @@ ELEMENT_BY_SCHEME = {
 
 @dataclass(frozen=True)
 class StiffnessMassPair:
-    """A stiffness with a lumped mass.
+    """Stiffness matrix combined with a lumped mass matrix.
 
     Args:
-        body: Spaces and material.
-        K: Stiffness without supports.
-        M: Diagonal mass.
-        sibling: Transformation to the sibling's coefficients, if these are the unknowns.
+        body: Finite-element model whose stiffness is used, with its spaces and material.
+        K: Stiffness matrix without supports.
+        M: Diagonal mass matrix.
+        sibling: Transformation from displacements to the coefficients of the symmetric sibling, if
+            these are the unknowns; otherwise None.
     """
 
     body: Body
@@ -59,34 +60,43 @@ class StiffnessMassPair:
     sibling: Sibling | None = None
 
     @classmethod
-    def from_name(cls, name: str, mesh: Mesh) -> "StiffnessMassPair":
-        """Assemble a scheme of `ELEMENT_BY_SCHEME` on a mesh."""
+    def from_scheme_name(cls, scheme: str, mesh: Mesh) -> "StiffnessMassPair":
+        """Assemble the stiffness and the lumped mass of a named scheme.
+
+        Args:
+            scheme: Name of the scheme, a key of `ELEMENT_BY_SCHEME`.
+            mesh: Mesh of the body.
+        """
         state = STRESS_STATE_BY_DIMENSION[mesh.topology.dim]
         standard = Body(Spaces.galerkin(mesh), MATERIAL, state)
         new = Body(Spaces.petrov_galerkin(mesh), MATERIAL, state)
-        if name == "pw":
-            return cls(new, assemble_matrix(new.stiffness()), _assemble_row_sum_mass(new))
+        if scheme == "pw":
+            return cls(new, assemble_matrix(new.stiffness()), _assemble_row_sum_lumped_mass(new))
         K, space = assemble_matrix(standard.stiffness()), standard.spaces.trial
-        if name == "hrz":
-            return cls(standard, K, _assemble_hrz_mass(space))
-        if name == "standard-pwmass":
-            return cls(standard, K, _assemble_row_sum_mass(new))
+        if scheme == "hrz":
+            return cls(standard, K, _assemble_hinton_rock_zienkiewicz_mass(space))
+        if scheme == "standard-pwmass":
+            return cls(standard, K, _assemble_row_sum_lumped_mass(new))
         sibling = Sibling.from_space(space)
-        if name == "sibling-pwmass":
-            return cls(standard, sibling.matrix(K), _assemble_row_sum_mass(new), sibling)
+        if scheme == "sibling-pwmass":
+            return cls(standard, sibling.matrix(K), _assemble_row_sum_lumped_mass(new), sibling)
         M = lumped_mass(sibling.matrix(assemble_matrix(standard.mass())), space)
         return cls(standard, sibling.matrix(K), M, sibling)
 
     @property
     def space(self) -> fem.FunctionSpace:
-        """Trial space."""
+        """Finite-element space of the displacements."""
         return self.body.spaces.trial
 
-    def make_wall_supports(self, lengths: list[float]) -> Reduction:
-        """Return supports by smooth walls at coordinates 0 and `lengths` along the first axes."""
+    def make_smooth_wall_supports(self, distances_between_walls: list[float]) -> Reduction:
+        """Return supports by two smooth rigid walls normal to each of the first axes.
+
+        Args:
+            distances_between_walls: Coordinate of the second wall on each axis; the first wall is at 0.
+        """
         conditions = [
-            prescribe(self.space, axis, on_plane(axis, end))
-            for axis, length in enumerate(lengths)
+            prescribe(self.space, axis, make_plane_marker(axis, end))
+            for axis, length in enumerate(distances_between_walls)
             for end in (0.0, length)
         ]
         if self.sibling is not None:
@@ -94,20 +104,20 @@ class StiffnessMassPair:
         return Reduction.dirichlet(self.space, conditions)
 
 
-def on_plane(axis: int, value: float) -> Callable[[Array], npt.NDArray[np.bool_]]:
-    """Return a function that marks points (3, n) at which a coordinate has a given value."""
+def make_plane_marker(axis: int, value: float) -> Callable[[Array], npt.NDArray[np.bool_]]:
+    """Return a function that marks the points (3, n) at which one coordinate has a given value."""
     return lambda x: np.isclose(x[axis], value)
 
 
-def _assemble_row_sum_mass(body: Body) -> PETSc.Mat:
+def _assemble_row_sum_lumped_mass(body: Body) -> PETSc.Mat:
     return lumped_mass(assemble_matrix(body.mass()), body.spaces.trial)
 
 
-def _assemble_hrz_mass(space: fem.FunctionSpace) -> PETSc.Mat:
-    """Return the lumped mass of Hinton, Rock and Zienkiewicz for straight cells of density one.
+def _assemble_hinton_rock_zienkiewicz_mass(space: fem.FunctionSpace) -> PETSc.Mat:
+    """Return the Hinton-Rock-Zienkiewicz (HRZ) lumped mass of straight cells with density one.
 
-    The diagonal of each cell's consistent mass is scaled to the mass of the cell.
-    DOI 10.1002/eqe.4290040305.
+    The diagonal of each cell's consistent mass matrix is scaled such that it sums up to the mass of
+    the cell (DOI 10.1002/eqe.4290040305).
     """
     element = space.element.basix_element
     points, weights = basix.make_quadrature(element.cell_type, 4)

@@ -1,6 +1,6 @@
 """Exact solutions of steady heat conduction in a graded material.
 
-The conductivity of a unit square varies with position and temperature, k = exp(g x) (1 + u).
+In the unit square, the conductivity varies with position and temperature u: k = exp(g x) (1 + u).
 """
 
 from dataclasses import dataclass
@@ -13,94 +13,97 @@ Array = npt.NDArray[np.float64]
 
 
 class ConductionProblem(Protocol):
-    """Conduction in the unit square with prescribed temperatures at x = 0 and x = 1."""
+    """Conduction problem in the unit square with prescribed temperatures at x = 0 and x = 1."""
 
     @property
     def growth(self) -> float:
-        """Logarithm g of the conductivity at x = 1 over that at x = 0, at equal temperatures."""
+        """Natural logarithm g of the conductivity ratio of x = 1 and x = 0 at equal temperature."""
         ...
 
     @property
     def is_insulated(self) -> bool:
-        """Whether the sides y = 0 and y = 1 are insulated; otherwise temperatures are prescribed."""
+        """Whether the sides y = 0 and y = 1 are insulated, instead of having known temperatures."""
         ...
 
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact temperature u."""
+        """Return the exact temperatures u (n,) at points with coordinates x (n,) and y (n,)."""
         ...
 
     def flux(self, y: Array) -> Array:
-        """Return the exact flux k u_x that enters at x = 1."""
+        """Return the exact inward fluxes k u_x (n,) at the points (1, y) with y (n,)."""
         ...
 
     def source(self, x: Array, y: Array) -> Array:
-        """Return the heat source Q over exp(g x)."""
+        """Return the heat sources Q (n,) divided by exp(g x), at coordinates x (n,) and y (n,)."""
         ...
 
 
 @dataclass(frozen=True)
 class GradedMaterial:
-    """Material whose conductivity grows exponentially with x.
+    """Material whose conductivity at a given temperature grows exponentially with x.
 
     Args:
-        ratio: Conductivity at x = 1 over that at x = 0, at equal temperatures.
+        conductivity_ratio: Ratio of the conductivities at x = 1 and x = 0 at equal temperature.
     """
 
-    ratio: float
+    conductivity_ratio: float
 
     @property
     def growth(self) -> float:
-        """Logarithm g of the ratio."""
-        return float(np.log(self.ratio))
+        """Natural logarithm g of the conductivity ratio."""
+        return float(np.log(self.conductivity_ratio))
 
 
-class GradedWall(GradedMaterial):
-    """A wall without a heat source, between the surfaces x = 0 and 1; y = 0 and 1 are insulated.
+class GradedWallWithInsulatedSides(GradedMaterial):
+    """Wall between the surfaces x = 0 and x = 1, without a heat source and with insulated sides.
 
-    With Kirchhoff's t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0, which
-    t = t_0(x) + t_1(x) cos(pi y) solves with exponentials t_0 and t_1.
+    With Kirchhoff's variable t = u + u^2 / 2 the equation is div(exp(g x) grad t) = 0. It is solved
+    by t = t_0(x) + t_1(x) cos(pi y), where t_0 and t_1 are sums of exponential functions of x.
     """
 
     is_insulated: ClassVar[bool] = True
 
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact temperature u from Kirchhoff's t."""
-        g, s = self.growth, self._decay_rate
+        """Return the exact temperatures u (n,), computed from Kirchhoff's variable t."""
+        g, s = self.growth, self._cosine_mode_exponent
         mean = 0.25 + 0.5 * np.expm1(-g * x) / np.expm1(-g)
         wave = np.exp(-g * (x - 1) / 2) * np.sinh(s * x) / np.sinh(s)
         return np.asarray(np.sqrt(1 + 2 * (mean + 0.25 * wave * np.cos(np.pi * y))) - 1)
 
     def flux(self, y: Array) -> Array:
-        """Return the exact flux k u_x that enters at x = 1."""
-        g, s = self.growth, self._decay_rate
+        """Return the exact inward fluxes k u_x (n,) at the points (1, y) with y (n,)."""
+        g, s = self.growth, self._cosine_mode_exponent
         mean = 0.5 * g * np.exp(-g) / -np.expm1(-g)
         return np.asarray(np.exp(g) * (mean + 0.25 * np.cos(np.pi * y) * (s / np.tanh(s) - g / 2)))
 
     def source(self, x: Array, y: Array) -> Array:  # noqa: ARG002
-        """Return zeros, as there is no heat source."""
+        """Return zeros (n,), because the wall has no heat source."""
         return np.zeros_like(x)
 
     @property
-    def _decay_rate(self) -> float:
+    def _cosine_mode_exponent(self) -> float:
         return float(np.hypot(np.pi, self.growth / 2))
 
 
-class SourcedSquare(GradedMaterial):
-    """A square with the heat source for u = cos(x) exp(y/2) / 2, prescribed on all sides."""
+class GradedSquareWithHeatSource(GradedMaterial):
+    """Square whose heat source is such that u = cos(x) exp(y/2) / 2 is the exact temperature.
+
+    This temperature is prescribed on all sides.
+    """
 
     is_insulated: ClassVar[bool] = False
 
     def temperature(self, x: Array, y: Array) -> Array:
-        """Return the exact temperature u."""
+        """Return the exact temperatures u (n,) at points with coordinates x (n,) and y (n,)."""
         return np.asarray(np.cos(x) * np.exp(y / 2) / 2)
 
     def flux(self, y: Array) -> Array:
-        """Return the exact flux k u_x that enters at x = 1."""
+        """Return the exact inward fluxes k u_x (n,) at the points (1, y) with y (n,)."""
         half = np.exp(y / 2) / 2
-        return np.asarray(-self.ratio * (1 + np.cos(1) * half) * np.sin(1) * half)
+        return np.asarray(-self.conductivity_ratio * (1 + np.cos(1) * half) * np.sin(1) * half)
 
     def source(self, x: Array, y: Array) -> Array:
-        """Return the heat source Q over exp(g x)."""
+        """Return the heat sources Q (n,) divided by exp(g x), at coordinates x (n,) and y (n,)."""
         half = np.exp(y / 2) / 2
         u, u_x, u_y = half * np.cos(x), -half * np.sin(x), half * np.cos(x) / 2
         return np.asarray((1 + u) * (0.75 * u - self.growth * u_x) - (u_x**2 + u_y**2))

@@ -1,4 +1,7 @@
-"""Fluxes at prescribed nodes: compare reactions divided by areas with exact fluxes."""
+"""Verification of heat fluxes at nodes with prescribed temperature.
+
+The flux at a node is the nodal reaction divided by an area; it is compared with the exact flux.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -29,13 +32,16 @@ from pw_elements import (
 from pw_elements.meshes import triangles
 from study.benchmarks.v13_fluxes.graded_conduction import (
     ConductionProblem,
-    GradedWall,
-    SourcedSquare,
+    GradedSquareWithHeatSource,
+    GradedWallWithInsulatedSides,
 )
-from study.benchmarks.v13_fluxes.trefftz import TrefftzSolution, interpolation_error
+from study.benchmarks.v13_fluxes.trefftz import (
+    TrefftzSolution,
+    chebyshev_interpolation_error_of_unknown,
+)
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar, smallest
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -76,7 +82,7 @@ square with the source for which $u = \cos\, x\, \mathrm{e}^{y/2}/2$ is the solu
 """
 
 CONDUCTIVITY_RATIO = 100.0
-"""Conductivity at x = 1 over that at x = 0, at one temperature."""
+"""Ratio of the conductivities at x = 1 and x = 0 at equal temperature."""
 
 # Method
 
@@ -105,18 +111,21 @@ Array = npt.NDArray[np.float64]
 DEGREE = 8
 """Degree of quadrature of integrands that are not polynomials."""
 MAX_RELATIVE_WEIGHT_AREA = 1e-9
-"""Integral of a test function over the tributary area up to which a node counts as weightless."""
+"""Test-function integral over tributary area up to which the integral counts as zero."""
 
 
 @dataclass(frozen=True)
-class FluxMethod:
-    """Conversion of nodal reactions to fluxes.
+class NodalFluxMethod:
+    """Method that converts nodal reactions to fluxes.
 
     Args:
-        element: Name of the element.
-        make_spaces: Function that makes the element's spaces from a mesh.
-        area: Divisor of reactions: the geometric area, or the integral of the weight.
-        applies_force_transfer: Whether reactions are multiplied by T first.
+        element: Kind of element, "galerkin" (standard) or "pw" (piecewise-linear test functions).
+        make_spaces: Function that makes the element's spaces from a mesh and a number of components
+            (0 for scalars).
+        area: Area by which reactions are divided: "geometric" for the tributary area, or "weight"
+            for the integral of the node's test function.
+        applies_force_transfer: Whether reactions are first multiplied by the force-transfer matrix
+            T.
     """
 
     element: str
@@ -126,45 +135,88 @@ class FluxMethod:
 
 
 FLUX_METHODS = {
-    "standard": FluxMethod("galerkin", Spaces.galerkin),
-    "own": FluxMethod("galerkin", Spaces.galerkin, "weight"),
-    "transferred": FluxMethod("galerkin", Spaces.galerkin, applies_force_transfer=True),
-    "pw": FluxMethod("pw", Spaces.petrov_galerkin),
+    "standard": NodalFluxMethod("galerkin", Spaces.galerkin),
+    "own": NodalFluxMethod("galerkin", Spaces.galerkin, "weight"),
+    "transferred": NodalFluxMethod("galerkin", Spaces.galerkin, applies_force_transfer=True),
+    "pw": NodalFluxMethod("pw", Spaces.petrov_galerkin),
 }
 
 
 def square(way: str, elements: int) -> Result:
-    """Return errors of the flux at y = 1 for u = sin(2 x) exp(y) + y^2 in the unit square."""
-    return _solve_poisson(
+    """Return errors of the flux at y = 1 of the unit square with u = sin(2 x) exp(y) + y^2.
+
+    Args:
+        way: Name of the flux method, a key of `FLUX_METHODS`.
+        elements: Number of elements along a side.
+    """
+    return _solve_poisson_and_compare_flux(
         way, triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (elements, elements))
     )
 
 
 def cube(way: str, elements: int) -> Result:
-    """Return errors of the flux at z = 1 for u = sin(2 x) exp(z) + y^2 in the unit cube."""
+    """Return errors of the flux at z = 1 of the unit cube with u = sin(2 x) exp(z) + y^2.
+
+    Args:
+        way: Name of the flux method, a key of `FLUX_METHODS`.
+        elements: Number of elements along a side.
+    """
     corners, divisions = [np.zeros(3), np.ones(3)], [elements] * 3
-    return _solve_poisson(way, create_box(MPI.COMM_SELF, corners, divisions, CellType.tetrahedron))
+    return _solve_poisson_and_compare_flux(
+        way, create_box(MPI.COMM_SELF, corners, divisions, CellType.tetrahedron)
+    )
 
 
 def graded(
     way: str, elements: int, cell: str = "triangle", ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Return errors of the flux at x = 1 of a graded wall without a heat source."""
-    return _solve_conduction(way, elements, GradedWall(ratio), cell)
+    """Return errors of the flux at x = 1 of a graded wall without a heat source.
+
+    Args:
+        way: Name of the flux method, a key of `FLUX_METHODS`.
+        elements: Number of elements along a side.
+        cell: "triangle" or "quadrilateral".
+        ratio: Ratio of the conductivities at x = 1 and x = 0.
+    """
+    return _solve_graded_conduction_and_compare_flux(
+        way, elements, GradedWallWithInsulatedSides(ratio), cell
+    )
 
 
 def sourced(
     way: str, elements: int, cell: str = "triangle", ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Return errors of the flux at x = 1 of a graded square with a heat source."""
-    return _solve_conduction(way, elements, SourcedSquare(ratio), cell)
+    """Return errors of the flux at x = 1 of a graded square with a heat source.
+
+    Args:
+        way: Name of the flux method, a key of `FLUX_METHODS`.
+        elements: Number of elements along a side.
+        cell: "triangle" or "quadrilateral".
+        ratio: Ratio of the conductivities at x = 1 and x = 0.
+    """
+    return _solve_graded_conduction_and_compare_flux(
+        way, elements, GradedSquareWithHeatSource(ratio), cell
+    )
 
 
 def trefftz(
     known: str, degree: int, transformed: bool = True, ratio: float = CONDUCTIVITY_RATIO
 ) -> Result:
-    """Solve the graded wall ("graded") or square ("sourced") by Trefftz's method."""
-    problem: ConductionProblem = GradedWall(ratio) if known == "graded" else SourcedSquare(ratio)
+    """Solve a graded conduction problem by Trefftz's method; return errors of temperature and flux.
+
+    Args:
+        known: Problem with a known exact solution: "graded" for the wall without a heat source, or
+            "sourced" for the square with a heat source.
+        degree: Degree of the polynomial that approximates the right side of Poisson's equation.
+        transformed: Whether the unknown is the transformed field v; otherwise it is the
+            temperature.
+        ratio: Ratio of the conductivities at x = 1 and x = 0.
+    """
+    problem: ConductionProblem = (
+        GradedWallWithInsulatedSides(ratio)
+        if known == "graded"
+        else GradedSquareWithHeatSource(ratio)
+    )
     solution = TrefftzSolution(problem, degree, transformed)
     line: Array = np.linspace(0, 1, 33, dtype=np.float64)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
@@ -177,14 +229,14 @@ def trefftz(
         "flux_error_median": np.median(flux_errors),
         "flux_error_max": flux_errors.max(),
         "boundary_misfit": solution.boundary_misfit,
-        "polynomial_error": interpolation_error(problem, degree, transformed),
+        "polynomial_error": chebyshev_interpolation_error_of_unknown(problem, degree, transformed),
         "iterations": solution.n_iterations,
     }
     curves = {"x": line, "flux": flux, "exact_flux": exact_flux}
-    return _make_result(scalars, curves, solution.n_unknowns)
+    return _make_dimensionless_result(scalars, curves, solution.n_unknowns)
 
 
-def _solve_poisson(method_name: str, mesh: Mesh) -> Result:
+def _solve_poisson_and_compare_flux(method_name: str, mesh: Mesh) -> Result:
     spaces = FLUX_METHODS[method_name].make_spaces(mesh, 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     axis = mesh.geometry.dim - 1
@@ -195,7 +247,7 @@ def _solve_poisson(method_name: str, mesh: Mesh) -> Result:
     nodal = _interpolate_field(
         spaces.trial, lambda x: np.sin(2 * x[0]) * np.exp(x[axis]) + x[1] ** 2
     )
-    boundary = fem.dirichletbc(nodal, _find_boundary_nodes(spaces.trial))
+    boundary = fem.dirichletbc(nodal, _find_boundary_nodes_of_unit_domain(spaces.trial))
     a = solve(K, f, Reduction.dirichlet(spaces.trial, boundary))
 
     def exact_flux(x: Array) -> Array:
@@ -203,12 +255,12 @@ def _solve_poisson(method_name: str, mesh: Mesh) -> Result:
 
     error = float(np.abs(a.array_r - nodal.x.array).max() / np.abs(nodal.x.array).max())
     scalars = {"temperature_error": error}
-    return _compare_with_exact_flux(
+    return _compare_side_flux_with_exact_flux(
         method_name, spaces, reactions(K, a, f), axis, exact_flux, scalars
     )
 
 
-def _solve_conduction(
+def _solve_graded_conduction_and_compare_flux(
     method_name: str, elements: int, problem: ConductionProblem, cell: str
 ) -> Result:
     corners = (0.0, 0.0), (1.0, 1.0)
@@ -229,7 +281,7 @@ def _solve_conduction(
     prescribed = (
         fem.locate_dofs_geometrical(spaces.trial, lambda x: np.isclose(np.abs(x[0] - 0.5), 0.5))
         if problem.is_insulated
-        else _find_boundary_nodes(spaces.trial)
+        else _find_boundary_nodes_of_unit_domain(spaces.trial)
     )
     u.x.array[:] = nodal.x.array.mean()
     nonlinear = PetrovGalerkinProblem(F, u, fem.dirichletbc(nodal, prescribed))
@@ -240,27 +292,37 @@ def _solve_conduction(
         "iterations": len(increment.relative_corrections),
     }
     forces = nonlinear.reactions()
-    return _compare_with_exact_flux(
+    return _compare_side_flux_with_exact_flux(
         method_name, spaces, forces, 0, lambda x: problem.flux(x[:, 1]), scalars
     )
 
 
-def _compare_with_exact_flux(
+def _compare_side_flux_with_exact_flux(
     method_name: str,
     spaces: Spaces,
-    forces: PETSc.Vec,
-    axis: int,
+    nodal_reactions: PETSc.Vec,
+    normal_axis: int,
     exact_flux: Callable[[Array], Array],
     other_scalars: dict[str, float],
 ) -> Result:
-    """Compare fluxes with exact ones at inner nodes of the side x_axis = 1.
+    """Compare nodal fluxes with exact ones at inner nodes of a side of the unit square or cube.
 
     Errors are relative to the largest exact flux at these nodes.
+
+    Args:
+        method_name: Name of the flux method, a key of `FLUX_METHODS`.
+        spaces: Scalar spaces of the element.
+        nodal_reactions: Nodal reactions.
+        normal_axis: Axis normal to the side; the side is that at coordinate 1.
+        exact_flux: Function that returns exact fluxes (n,) at points (n, dim).
+        other_scalars: Further scalars of the result.
     """
     method = FLUX_METHODS[method_name]
     if method.applies_force_transfer:
-        forces = force_transfer(spaces.trial) * forces
-    side = nodal_flux(spaces, forces, lambda x: np.isclose(x[axis], 1.0), method.area)
+        nodal_reactions = force_transfer(spaces.trial) * nodal_reactions
+    side = nodal_flux(
+        spaces, nodal_reactions, lambda x: np.isclose(x[normal_axis], 1.0), method.area
+    )
     surface = side.surface
     inside = ~surface.rim
     x, flux = surface.position[inside], side.flux[inside]
@@ -277,12 +339,14 @@ def _compare_with_exact_flux(
         **other_scalars,
     }
     curves = {"x": x, "flux": flux, "exact_flux": exact}
-    return _make_result(scalars, curves, forces.getSize())
+    return _make_dimensionless_result(scalars, curves, nodal_reactions.getSize())
 
 
-def _make_result(scalars: dict[str, Any], curves: dict[str, Array], dofs: int) -> Result:
+def _make_dimensionless_result(
+    scalars: dict[str, Any], curves: dict[str, Array], dofs: int
+) -> Result:
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), curves, dofs=dofs)
+    return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=dofs)
 
 
 def _interpolate_field(space: fem.FunctionSpace, field: Callable[[Array], Array]) -> fem.Function:
@@ -291,8 +355,8 @@ def _interpolate_field(space: fem.FunctionSpace, field: Callable[[Array], Array]
     return function
 
 
-def _find_boundary_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Return the nodes on the boundary of a unit square or cube."""
+def _find_boundary_nodes_of_unit_domain(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Return the indices of the nodes on the boundary of the unit square or cube."""
     dim = space.mesh.geometry.dim
     return fem.locate_dofs_geometrical(
         space, lambda x: np.isclose(np.abs(x[:dim] - 0.5).max(axis=0), 0.5)
@@ -302,11 +366,11 @@ def _find_boundary_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
 # Cases
 
 
-def _make_cases(
+def _make_flux_cases(
     problem: Callable[..., Result],
     cell: str,
-    sizes: tuple[int, ...],
-    ways: Iterable[str] = FLUX_METHODS,
+    elements_per_side: tuple[int, ...],
+    method_names: Iterable[str] = FLUX_METHODS,
 ) -> list[Case]:
     return [
         Case(
@@ -316,14 +380,16 @@ def _make_cases(
             {"way": way, "elements": n},
             {"element": f"{FLUX_METHODS[way].element}-{cell}"},
         )
-        for way in ways
-        for n in sizes
+        for way in method_names
+        for n in elements_per_side
     ]
 
 
-def _make_quadrilateral_case(n: int) -> Case:
-    parameters = {"way": "pw", "elements": n, "cell": "quadrilateral"}
-    return Case("V13", f"graded-pw-Q9-{n}", graded, parameters, {"element": "pw-Q9"})
+def _make_quadrilateral_graded_wall_case(elements_per_side: int) -> Case:
+    parameters = {"way": "pw", "elements": elements_per_side, "cell": "quadrilateral"}
+    return Case(
+        "V13", f"graded-pw-Q9-{elements_per_side}", graded, parameters, {"element": "pw-Q9"}
+    )
 
 
 def _make_trefftz_case(known: str, degree: int, suffix: str = "", **options: float) -> Case:
@@ -332,10 +398,10 @@ def _make_trefftz_case(known: str, degree: int, suffix: str = "", **options: flo
 
 
 CASES = [
-    *_make_cases(square, "T6", (8, 16, 32)),
-    *_make_cases(cube, "T10", (4,)),
-    *_make_cases(graded, "T6", (16, 32, 64)),
-    *_make_cases(sourced, "T6", (16, 32, 64)),
+    *_make_flux_cases(square, "T6", (8, 16, 32)),
+    *_make_flux_cases(cube, "T10", (4,)),
+    *_make_flux_cases(graded, "T6", (16, 32, 64)),
+    *_make_flux_cases(sourced, "T6", (16, 32, 64)),
     *(
         _make_trefftz_case(known, degree)
         for known in ("graded", "sourced")
@@ -354,11 +420,11 @@ CASES = [
 CASES = mark_costly(CASES, "graded-[ost]*-64", "sourced-[ost]*-64")
 CASES += mark_costly(
     [
-        *_make_cases(square, "T6", (64, 128)),
-        *_make_cases(cube, "T10", (8, 16, 24)),
-        *_make_cases(graded, "T6", (128, 256, 512), ("pw",)),
-        *_make_cases(sourced, "T6", (128,), ("pw",)),
-        *(_make_quadrilateral_case(n) for n in (32, 64, 128, 256)),
+        *_make_flux_cases(square, "T6", (64, 128)),
+        *_make_flux_cases(cube, "T10", (8, 16, 24)),
+        *_make_flux_cases(graded, "T6", (128, 256, 512), ("pw",)),
+        *_make_flux_cases(sourced, "T6", (128,), ("pw",)),
+        *(_make_quadrilateral_graded_wall_case(n) for n in (32, 64, 128, 256)),
     ]
 )
 
@@ -400,16 +466,16 @@ PLOT_LOOKS = {
     "pw": ELEMENT_LOOK["pw-T6"] | {"label": "new T6"},
 }
 PLOT_SIZES = (16, 32, 64)
-"""Elements along a side of the graded wall."""
+"""Numbers of elements along a side of the graded wall."""
 PLOT_SQUARE_KEY, PLOT_WALL_KEY = "V13/square-{}-8", "V13/graded-{}-16"
 PLOT_TREFFTZ_KEY = "V13/graded-trefftz-10"
 
 
-def draw_fluxes(results: Results) -> Figure:
-    """Nodal fluxes at prescribed nodes.
+def draw_nodal_fluxes_and_errors(results: Results) -> Figure:
+    """Draw nodal fluxes at nodes with prescribed temperature, and their errors.
 
-    The panels show the fluxes along a side of the square, those along a side of the graded wall,
-    and the largest errors for the wall.
+    The panels show the fluxes along one side of the square, the fluxes along one side of the graded
+    wall, and the largest errors for the wall over the number of elements.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.3))
     for ax, key, axis in ((axes[0], PLOT_SQUARE_KEY, 0), (axes[1], PLOT_WALL_KEY, 1)):
@@ -443,7 +509,7 @@ def draw_fluxes(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v13_fluxes",
-        draw_fluxes,
+        draw_nodal_fluxes_and_errors,
         needs=[
             *(key.format(way) for key in (PLOT_SQUARE_KEY, PLOT_WALL_KEY) for way in PLOT_LOOKS),
             *(f"V13/graded-{way}-{n}" for way in PLOT_LOOKS for n in PLOT_SIZES[1:]),

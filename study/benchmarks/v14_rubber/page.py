@@ -1,7 +1,8 @@
-"""Large strains of a rubber block below a rigid punch that sticks, in the plane and in space.
+"""Large strains of a rubber block that sticks to a rigid punch, in two and three dimensions.
 
-The order of Newton's method and objectivity have known answers. The evenness of nodal forces and
-their moment about the deformed nodes are also measured.
+Two measures have known answers: the convergence order of Newton's method, and objectivity. The
+smoothness of nodal forces along the contact and their moment about the deformed nodes are also
+measured.
 """
 
 from mpi4py import MPI
@@ -21,18 +22,18 @@ from pw_elements import PetrovGalerkinProblem, forces_along, prescribe
 from pw_elements.meshes import triangles
 from study.benchmarks.v14_rubber.moments import (
     StressLaw,
-    internal_work_form,
-    linear_stress,
+    internal_virtual_work_form,
+    moment_contributions_of_triangles,
     moments_about_origin,
-    neo_hookean_stress,
+    neo_hookean_piola_kirchhoff_stress,
+    plane_stress_linear_in_deformation_gradient,
     smooth,
-    triangle_moment_contributions,
 )
 from study.judge.checks import check
 from study.judge.measures.general import scalar, smallest
-from study.model.discretisation import spaces
-from study.model.units import dimensionless
-from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, plot_mesh
+from study.model.discretisation import make_element_spaces
+from study.model.units import assign_unit_one_to_scalars
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, draw_quadratic_mesh_with_nodes
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -91,30 +92,37 @@ PUNCH_DEPTH, PUNCH_SHIFT = 0.2, 0.1
 ROTATION_ANGLE = 0.7
 """Angle in radians by which the deformed block is rotated."""
 DEGREE = {2: 6, 3: 4}
-"""Degree of quadrature by dimension; higher degrees change results by about 1e-6 at most."""
+"""Degree of quadrature, by dimension; higher degrees change results by at most about 1e-6."""
 MIN_RELATIVE_CORRECTION = 1e-11
-"""Least relative correction used for the order of Newton's method; of smaller ones round-off
-affects the fourth digit."""
+"""Smallest relative Newton correction that is used to measure the order of convergence.
+
+Round-off affects the fourth digit of smaller corrections.
+"""
 SUPPORT_END_RADIUS = 0.25
-"""Distance from an end of a support within which a triangle counts as near it."""
+"""Distance from an end of a support within which a triangle counts as near this end."""
 
 
 def punch(element: str, elements: int) -> Result:
-    """Press a block with `elements` over its height; also measure the error of objectivity."""
+    """Press and shift a sticking punch on a rubber block; measure convergence and objectivity.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        elements: Number of elements over the height of the block.
+    """
     block = RubberBlock(element, elements)
     space, dim = block.space, block.dim
-    problem = block.solve_punch_travel()
+    problem = block.move_punch_and_solve()
     forces = problem.reactions()
     (increment,) = problem.increments
     corrections = np.array(increment.relative_corrections)
     first, second, third = np.log(corrections[corrections > MIN_RELATIVE_CORRECTION][-3:])
-    below_punch = block.is_below_punch(block.x.T)
+    below_punch = block.is_held_by_punch(block.x.T)
     scalars = {
         "newton_rate": (third - second) / (second - first),
         "newton_iterations": len(corrections),
         "last_correction": corrections[-1],
         "objectivity": block.measure_objectivity_error(forces),
-        "moment_defect": block.measure_moment_defect(forces),
+        "moment_defect": block.measure_relative_moment_of_forces(forces),
         "force": -forces.array_r.reshape(-1, dim)[below_punch, -1].sum(),
     }
     curves = {
@@ -123,35 +131,57 @@ def punch(element: str, elements: int) -> Result:
         "deformed": block.x + block.displacement,
         "cells": space.dofmap.list.copy(),
     }
-    measure_evenness = _measure_evenness_in_plane if dim == 2 else _measure_evenness_in_space
+    measure_evenness = (
+        _measure_force_evenness_below_plane_punch
+        if dim == 2
+        else _measure_force_evenness_below_solid_punch
+    )
     evenness, force_curves = measure_evenness(block, forces)
     if element == "pw-T6":
-        evenness |= block.measure_moment_defect_by_region(forces)
+        evenness |= block.measure_relative_moment_by_region(forces)
         evenness["volume_min"] = block.smallest_volume_ratio()
     numbers = {name: float(value) for name, value in (scalars | evenness).items()}
-    return Result(numbers, dimensionless(numbers), curves | force_curves, dofs=block.x.size)
+    return Result(
+        numbers, assign_unit_one_to_scalars(numbers), curves | force_curves, dofs=block.x.size
+    )
 
 
 def linear(element: str, elements: int) -> Result:
-    """Press a block whose stress is linear in the deformation gradient; return the moment defect."""
-    block = RubberBlock(element, elements, linear_stress)
-    scalars = {"moment_defect": block.measure_moment_defect(block.solve_punch_travel().reactions())}
-    return Result(scalars, dimensionless(scalars), {}, dofs=block.x.size)
+    """Return the moment defect of a block whose stress is linear in the deformation gradient.
+
+    Args:
+        element: Element name.
+        elements: Number of elements over the height of the block.
+    """
+    block = RubberBlock(element, elements, plane_stress_linear_in_deformation_gradient)
+    scalars = {
+        "moment_defect": block.measure_relative_moment_of_forces(
+            block.move_punch_and_solve().reactions()
+        )
+    }
+    return Result(scalars, assign_unit_one_to_scalars(scalars), {}, dofs=block.x.size)
 
 
 class RubberBlock:
-    """Rubber block discretised by one kind of element.
+    """Finite-element model of a rubber block with a fixed base, which sticks to a punch on top.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        elements: Number of elements over the height.
+        stress: Function that returns the first Piola-Kirchhoff stress of a deformation gradient.
 
     Attributes:
         dim: Dimension of space.
         elements: Number of elements over the height.
-        space: Trial space.
+        space: Finite-element space of the displacements.
         u: Displacements.
-        x: Undeformed nodes, (n, dim).
-        residual: Weak form without loads.
+        x: Positions (n, dim) of the undeformed nodes.
+        residual: Weak form of equilibrium without loads.
     """
 
-    def __init__(self, element: str, elements: int, stress: StressLaw = neo_hookean_stress) -> None:
+    def __init__(
+        self, element: str, elements: int, stress: StressLaw = neo_hookean_piola_kirchhoff_stress
+    ) -> None:
         n_across = round(2 * HALF_WIDTH * elements)
         if element.endswith("T6"):
             corners_2d = (-HALF_WIDTH, 0.0), (HALF_WIDTH, 1.0)
@@ -162,83 +192,95 @@ class RubberBlock:
             mesh = create_box(MPI.COMM_SELF, corners, divisions, CellType.tetrahedron)
         self.dim: int = mesh.geometry.dim
         self.elements = elements
-        pair = spaces(element, mesh)
+        pair = make_element_spaces(element, mesh)
         self.space, self.u = pair.trial, fem.Function(pair.trial)
         self.x: Array = self.space.tabulate_dof_coordinates()[:, : self.dim]
         self._weights, self._stress = ufl.TestFunction(pair.test), stress
-        self.residual = self.make_residual(self.u)
+        self.residual = self.make_internal_residual(self.u)
 
     @property
     def displacement(self) -> Array:
-        """Displacements of the nodes, (n, dim)."""
+        """Nodal displacements (n, dim)."""
         return np.asarray(self.u.x.array.reshape(-1, self.dim))
 
-    def is_below_punch(self, x: Array) -> Mask:
-        """Mark points (dim, n) that stick to the punch."""
+    def is_held_by_punch(self, x: Array) -> Mask:
+        """Mark the points (dim, n) that stick to the punch."""
         distance = np.abs(x[: self.dim - 1]).max(axis=0)
         return np.isclose(x[self.dim - 1], 1.0) & (distance < PUNCH_HALF_WIDTH + 1e-9)
 
     def is_on_base(self, x: Array) -> Mask:
-        """Mark points (dim, n) of the base."""
+        """Mark the points (dim, n) on the base."""
         return np.isclose(x[self.dim - 1], 0.0)
 
-    def make_residual(self, u: fem.Function) -> ufl.Form:
-        """Return the weak form without loads for displacements u."""
-        return internal_work_form(u, self._weights, DEGREE[self.dim], self._stress)
+    def make_internal_residual(self, u: fem.Function) -> ufl.Form:
+        """Return the weak form of equilibrium without loads for displacements u."""
+        return internal_virtual_work_form(u, self._weights, DEGREE[self.dim], self._stress)
 
-    def solve_punch_travel(self) -> PetrovGalerkinProblem:
-        """Move the punch by its whole travel and return the solved problem."""
+    def move_punch_and_solve(self) -> PetrovGalerkinProblem:
+        """Move the punch by its whole travel, solve, and return the solved problem."""
         space, up = self.space, self.dim - 1
         down, sideways = (
             fem.Constant(space.mesh, -PUNCH_DEPTH),
             fem.Constant(space.mesh, PUNCH_SHIFT),
         )
         supports = [
-            prescribe(space, up, self.is_below_punch, down),
-            prescribe(space, 0, self.is_below_punch, sideways),
+            prescribe(space, up, self.is_held_by_punch, down),
+            prescribe(space, 0, self.is_held_by_punch, sideways),
         ]
-        supports += [prescribe(space, axis, self.is_below_punch) for axis in range(1, up)]
+        supports += [prescribe(space, axis, self.is_held_by_punch) for axis in range(1, up)]
         supports += [prescribe(space, axis, self.is_on_base) for axis in range(self.dim)]
         problem = PetrovGalerkinProblem(self.residual, self.u, supports)
         problem.solve([down, sideways])
         return problem
 
     def measure_objectivity_error(self, forces: PETSc.Vec) -> float:
-        """Return the largest difference of the rotated block's forces from the rotated forces.
+        """Return the objectivity error of the nodal forces under a rigid rotation of all supports.
 
-        It is relative to the largest force.
+        It is the largest difference between the nodal forces on the rotated block and the rotated
+        nodal forces, over the largest force.
+
+        Args:
+            forces: Nodal forces of the block before the rotation.
         """
         displacement = self.displacement
         rotated_u, prescribed = fem.Function(self.space), fem.Function(self.space)
-        is_held = self.is_below_punch(self.x.T) | self.is_on_base(self.x.T)
+        is_held = self.is_held_by_punch(self.x.T) | self.is_on_base(self.x.T)
         nodes = np.flatnonzero(is_held).astype(np.int32)
 
-        def rotate_supports(load_factor: float) -> None:
-            rotation = _rotation_matrix(load_factor * ROTATION_ANGLE, self.dim)
+        def prescribe_rotated_positions(load_factor: float) -> None:
+            rotation = _rotation_matrix_in_plane_or_space(load_factor * ROTATION_ANGLE, self.dim)
             position = (self.x + load_factor * displacement) @ rotation.T
             prescribed.x.array[:] = (position - self.x).ravel()
 
         problem = PetrovGalerkinProblem(
-            self.make_residual(rotated_u), rotated_u, fem.dirichletbc(prescribed, nodes)
+            self.make_internal_residual(rotated_u), rotated_u, fem.dirichletbc(prescribed, nodes)
         )
-        problem.solve(rotate_supports, increments=2)
+        problem.solve(prescribe_rotated_positions, increments=2)
         expected = (
-            forces.array_r.reshape(-1, self.dim) @ _rotation_matrix(ROTATION_ANGLE, self.dim).T
+            forces.array_r.reshape(-1, self.dim)
+            @ _rotation_matrix_in_plane_or_space(ROTATION_ANGLE, self.dim).T
         )
         difference = problem.reactions().array_r.reshape(-1, self.dim) - expected
         return float(np.abs(difference).max() / np.abs(expected).max())
 
-    def measure_moment_defect(self, forces: PETSc.Vec) -> float:
-        """Return the moment of forces at deformed nodes, over the sum of nodal magnitudes."""
-        nodal_moments = self._nodal_moments(forces)
+    def measure_relative_moment_of_forces(self, forces: PETSc.Vec) -> float:
+        """Return the resultant moment of nodal forces, over the sum of nodal moments' magnitudes.
+
+        Args:
+            forces: Nodal forces, which are in equilibrium with the displacements u.
+        """
+        nodal_moments = self._moments_of_forces_at_deformed_nodes(forces)
         magnitudes = np.linalg.norm(nodal_moments, axis=1).sum()
         return float(np.linalg.norm(nodal_moments.sum(axis=0)) / magnitudes)
 
-    def measure_moment_defect_by_region(self, forces: PETSc.Vec) -> dict[str, float]:
-        """Return the contributions of regions to the moment defect.
+    def measure_relative_moment_by_region(self, forces: PETSc.Vec) -> dict[str, float]:
+        """Return the contributions of three regions to the relative moment defect.
 
-        Regions are the triangles near the left and right end of the punch, and those far from all
-        ends of supports.
+        The regions are the triangles near the left end of the punch, those near its right end, and
+        those far from all ends of supports.
+
+        Args:
+            forces: Nodal forces, which are in equilibrium with the displacements u.
         """
         centres = self.x[self.space.dofmap.list[:, :3]].mean(axis=1)
         support_ends = np.array(
@@ -246,41 +288,62 @@ class RubberBlock:
         )
         distance = np.linalg.norm(centres[:, None] - support_ends, axis=2)
         is_near = distance < SUPPORT_END_RADIUS
-        defect = triangle_moment_contributions(self.u, DEGREE[2], self._stress)
-        defect /= np.linalg.norm(self._nodal_moments(forces), axis=1).sum()
+        defect = moment_contributions_of_triangles(self.u, DEGREE[2], self._stress)
+        defect /= np.linalg.norm(self._moments_of_forces_at_deformed_nodes(forces), axis=1).sum()
         regions = {"left": is_near[:, 0], "right": is_near[:, 1], "far": ~is_near.any(axis=1)}
         return {f"moment_defect_{name}": defect[cells].sum() for name, cells in regions.items()}
 
     def smallest_volume_ratio(self) -> float:
-        """Return the smallest det F at the quadrature points."""
+        """Return the smallest determinant of the deformation gradient at the quadrature points."""
         points, _ = basix.make_quadrature(self.space.mesh.basix_cell(), DEGREE[self.dim])
         volume_ratio = fem.Expression(ufl.det(ufl.Identity(self.dim) + ufl.grad(self.u)), points)
         cells = np.arange(len(self.space.dofmap.list))
         return float(volume_ratio.eval(self.space.mesh, cells).min())
 
-    def _nodal_moments(self, forces: PETSc.Vec) -> Array:
+    def _moments_of_forces_at_deformed_nodes(self, forces: PETSc.Vec) -> Array:
         return moments_about_origin(
             self.x + self.displacement, forces.array_r.reshape(-1, self.dim)
         )
 
 
-def _measure_evenness_in_plane(
+def _measure_force_evenness_below_plane_punch(
     block: RubberBlock, forces: PETSc.Vec
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return the median ratio of mid-side to mean corner forces below the punch, and the forces."""
-    line = forces_along(block.space, forces, block.is_below_punch)
+    """Measure the smoothness of the nodal forces below the punch in two dimensions.
+
+    Args:
+        block: Block after the punch has moved.
+        forces: Nodal forces.
+
+    Returns:
+        Scalar `sawtooth`, the median ratio of a mid-side force to the mean of the two adjacent
+        corner forces; and curves of node positions and of forces over their mean.
+    """
+    line = forces_along(block.space, forces, block.is_held_by_punch)
     force = -line.force[:, 1]
     midside, corners = force[3:-3:2], (force[2:-4:2] + force[4:-2:2]) / 2
     curves = {"x": line.position[:, 0], "force": force / force.mean()}
     return {"sawtooth": float(np.median(midside / corners))}, curves
 
 
-def _measure_evenness_in_space(
+def _measure_force_evenness_below_solid_punch(
     block: RubberBlock, forces: PETSc.Vec
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return measures of the evenness of forces below the punch, without the nodes on its rim."""
+    """Measure the smoothness of the nodal forces below the punch in three dimensions.
+
+    Nodes on the rim of the punch are left out.
+
+    Args:
+        block: Block after the punch has moved.
+        forces: Nodal forces.
+
+    Returns:
+        Scalars `corner_over_middle`, the ratio of the medians of corner and mid-side forces, and
+        `drawing`, the fraction of tensile forces; and curves of node positions and of forces over
+        their mean.
+    """
     is_inside = np.abs(block.x[:, :2]).max(axis=1) < PUNCH_HALF_WIDTH - 1e-9
-    nodes = np.flatnonzero(block.is_below_punch(block.x.T) & is_inside)
+    nodes = np.flatnonzero(block.is_held_by_punch(block.x.T) & is_inside)
     x, force = block.x[nodes], -forces.array_r.reshape(-1, 3)[nodes, 2]
     is_corner = np.isclose(x * block.elements, np.round(x * block.elements)).all(axis=1)
     midside_median = np.median(force[~is_corner])
@@ -291,8 +354,13 @@ def _measure_evenness_in_space(
     return scalars, {"x": x, "force": force / force.mean()}
 
 
-def _rotation_matrix(angle: float, dim: int) -> Array:
-    """Return the rotation about the normal of the plane, or about the diagonal of space."""
+def _rotation_matrix_in_plane_or_space(angle: float, dim: int) -> Array:
+    """Return the matrix of a rotation in the plane, or about the diagonal (1, 1, 1) of space.
+
+    Args:
+        angle: Angle in radians.
+        dim: Dimension of space, 2 or 3.
+    """
     if dim == 2:
         c, s = np.cos(angle), np.sin(angle)
         return np.array([[c, -s], [s, c]])
@@ -302,7 +370,7 @@ def _rotation_matrix(angle: float, dim: int) -> Array:
 # Cases
 
 
-def _punch_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
+def _make_punch_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     return [
         Case("V14", f"punch-{element}-{n}", punch, {"element": element, "elements": n})
         for element in (f"galerkin-{cell}", f"pw-{cell}")
@@ -310,7 +378,7 @@ def _punch_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     ]
 
 
-def _smooth_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
+def _make_smooth_field_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     element = f"pw-{cell}"
     return [
         Case("V14", f"smooth-{element}-{n}", smooth, {"element": element, "elements": n})
@@ -318,11 +386,13 @@ def _smooth_cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     ]
 
 
-CASES = [*_punch_cases("T6", (4, 8, 16)), *_smooth_cases("T6", (4, 8, 16))]
+CASES = [*_make_punch_cases("T6", (4, 8, 16)), *_make_smooth_field_cases("T6", (4, 8, 16))]
 CASES += [Case("V14", "linear-pw-T6-8", linear, {"element": "pw-T6", "elements": 8})]
-CASES += mark_costly([*_punch_cases("T6", (32, 64)), *_punch_cases("T10", (2, 4, 8))])
+CASES += mark_costly([*_make_punch_cases("T6", (32, 64)), *_make_punch_cases("T10", (2, 4, 8))])
 CASES += mark_costly([Case("V14", "punch-pw-T6-96", punch, {"element": "pw-T6", "elements": 96})])
-CASES += mark_costly([*_smooth_cases("T6", (32, 64)), *_smooth_cases("T10", (2, 4, 8))])
+CASES += mark_costly(
+    [*_make_smooth_field_cases("T6", (32, 64)), *_make_smooth_field_cases("T10", (2, 4, 8))]
+)
 
 # Results
 
@@ -361,11 +431,11 @@ LEFT_COLOUR, RIGHT_COLOUR, SUM_COLOUR, FAR_COLOUR, NODAL_LOADS_COLOUR = (
 )
 
 
-def draw_punch(results: Results) -> Figure:
-    """Rubber below a sticking punch: the deformed block, nodal forces, Newton's corrections."""
+def draw_rubber_block_below_punch(results: Results) -> Figure:
+    """Draw the deformed rubber block below a punch, its nodal forces, and Newton's corrections."""
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5), width_ratios=(1.3, 1, 1))
     curves = results.curves("V14/punch-pw-T6-4")
-    plot_mesh(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
+    draw_quadratic_mesh_with_nodes(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
     axes[0].set(title="(a) deformed block", xlabel="$x$", ylabel="$y$", yticks=(0, 1))
     axes[0].set(xticks=(-1, 0, 1), xlim=(-1.15, 1.25))
     for element in PLOT_ELEMENTS:
@@ -381,18 +451,19 @@ def draw_punch(results: Results) -> Figure:
     return fig
 
 
-def draw_moments(results: Results) -> Figure:
-    """Moments of nodal forces about deformed nodes.
+def draw_moment_defects_of_nodal_forces(results: Results) -> Figure:
+    """Draw the moment defects of nodal forces about the deformed nodes.
 
-    Panels: contribution of triangles around the ends of the punch; orders elsewhere.
+    The panels show the contributions of triangles near the ends of the punch, and the convergence
+    of the defects elsewhere.
     """
     fig, (ends, orders) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), width_ratios=(1, 1.15))
 
-    def defects(suffix: str, key: str, sizes: tuple[int, ...]) -> np.ndarray:
+    def collect_moment_defects(suffix: str, key: str, sizes: tuple[int, ...]) -> np.ndarray:
         return np.array([results.scalar(key.format(n), f"moment_defect{suffix}") for n in sizes])
 
-    left = defects("_left", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
-    right = defects("_right", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
+    left = collect_moment_defects("_left", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
+    right = collect_moment_defects("_right", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
     for label, values, color, marker in (
         ("left end", left, LEFT_COLOUR, "v"),
         ("right end", right, RIGHT_COLOUR, "^"),
@@ -405,15 +476,20 @@ def draw_moments(results: Results) -> Figure:
     ends.set(title="(a) ends of the punch", xlabel="elements over the height")
     ends.set_ylabel("moment / magnitudes, $10^{-6}$")
     ends.legend()
-    far = defects("_far", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
-    smooth_plane = defects("", SMOOTH_KEY, ELEMENTS_PER_SIDE)
-    smooth_at_nodes = defects("_at_nodes", SMOOTH_KEY, ELEMENTS_PER_SIDE)
-    smooth_space = defects("", SMOOTH_SPACE_KEY, SPACE_ELEMENTS_PER_SIDE)
+    far = collect_moment_defects("_far", PUNCH_KEY, PUNCH_ELEMENTS_OVER_HEIGHT)
+    smooth_plane = collect_moment_defects("", SMOOTH_KEY, ELEMENTS_PER_SIDE)
+    smooth_at_nodes = collect_moment_defects("_at_nodes", SMOOTH_KEY, ELEMENTS_PER_SIDE)
+    smooth_space = collect_moment_defects("", SMOOTH_SPACE_KEY, SPACE_ELEMENTS_PER_SIDE)
     for label, sizes, values, color, marker in (
         ("punch, far from supports' ends", PUNCH_ELEMENTS_OVER_HEIGHT, far, FAR_COLOUR, "s"),
-        ("smooth", ELEMENTS_PER_SIDE, smooth_plane, *_colour_and_marker("pw-T6")),
+        ("smooth", ELEMENTS_PER_SIDE, smooth_plane, *_colour_and_marker_of_element("pw-T6")),
         ("smooth, loads at nodes", ELEMENTS_PER_SIDE, smooth_at_nodes, NODAL_LOADS_COLOUR, "x"),
-        ("smooth, in space", SPACE_ELEMENTS_PER_SIDE, smooth_space, *_colour_and_marker("pw-T10")),
+        (
+            "smooth, in space",
+            SPACE_ELEMENTS_PER_SIDE,
+            smooth_space,
+            *_colour_and_marker_of_element("pw-T10"),
+        ),
     ):
         orders.loglog(sizes, np.abs(values), color=color, marker=marker, label=label)
     for order, height in ((2, 1.2e-4), (4, 4e-8)):
@@ -433,14 +509,14 @@ def draw_moments(results: Results) -> Figure:
     return fig
 
 
-def _colour_and_marker(element: str) -> tuple[str, str]:
+def _colour_and_marker_of_element(element: str) -> tuple[str, str]:
     return ELEMENT_LOOK[element]["color"], ELEMENT_LOOK[element]["marker"]
 
 
 FIGURES = [
     PageFigure(
         "v14_rubber",
-        draw_punch,
+        draw_rubber_block_below_punch,
         needs=[*(f"V14/punch-{element}-8" for element in PLOT_ELEMENTS), "V14/punch-pw-T6-4"],
         caption="A neo-Hookean block below a rigid punch that sticks to its upper side where "
         "|x| ≤ 0.5 and moves down by a fifth and sideways by a tenth of its height. (a) Deformed "
@@ -453,7 +529,7 @@ FIGURES = [
     ),
     PageFigure(
         "v14_moment",
-        draw_moments,
+        draw_moment_defects_of_nodal_forces,
         needs=[
             *(PUNCH_KEY.format(n) for n in PUNCH_ELEMENTS_OVER_HEIGHT),
             *(SMOOTH_KEY.format(n) for n in ELEMENTS_PER_SIDE),

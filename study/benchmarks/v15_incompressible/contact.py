@@ -1,4 +1,4 @@
-"""Contact of nearly incompressible bodies: Hertz's line and sphere, friction, and a seal."""
+"""Contact of nearly incompressible bodies: Hertz's line and sphere, friction, and a rubber seal."""
 
 from functools import partial
 
@@ -27,15 +27,15 @@ from pw_elements.spaces import SubSpace
 from study.benchmarks.v10_space.page import sphere as pressed_sphere
 from study.meshes.line_mesh import mesh_along_lines
 from study.meshes.mesh_families import mesh_with_gmsh
-from study.meshes.mesh_lines import growing_lines
+from study.meshes.mesh_lines import geometrically_growing_lines
 from study.model.discretisation import (
+    collapsed_displacement_space,
     discretise,
-    displacement_space,
+    make_element_spaces,
     mesh_nodes_and_cells,
-    prescribe_nodes,
-    spaces,
+    prescribe_node_displacements,
 )
-from study.model.units import DIMENSIONLESS_UNITS, dimensionless
+from study.model.units import DIMENSIONLESS_UNITS, assign_unit_one_to_scalars
 from study.run.store import Result
 from study.solutions.half_space import ElasticHalfSpace, HertzLine
 from study.solutions.indentation import (
@@ -43,7 +43,7 @@ from study.solutions.indentation import (
     INNER_PART,
     Indenter,
     mesh_graded_square,
-    solve_indentation,
+    solve_indentation_on_one_mesh,
 )
 
 Array = npt.NDArray[np.float64]
@@ -56,63 +56,81 @@ RADIUS, YOUNGS_MODULUS, HALF_WIDTH = 1e3, 1.0, 1.0
 EDGE_POSITION = 0.375
 """Position of the edge of contact within an element, as a fraction of its length."""
 CONTACT_ZONE = 1.3
-"""Distance from the middle, over the half width, within which nodes may come into contact."""
+"""Distance from the middle, over the contact's half width, within which nodes may touch."""
 N_LOAD_STEPS = 4
 
 # A block that replaces a half plane which is pressed and pushed, in consistent units
 BLOCK_MODULUS, BLOCK_RADIUS, BLOCK_FORCE, PUSH_FRACTIONS = 1000.0, 20.0, 4.0, (0.2, 0.4)
-"""Young's modulus, radius of the parabola and normal force; tangential forces over mu P."""
+"""Young's modulus, radius of the parabola, normal force P, and tangential forces over mu P."""
 BLOCK_DEPTH, BLOCK_CELL_GROWTH = 75.0, 1.2
-"""Depth of the block over the half width of the contact; growth ratio of its elements."""
+"""Depth of the block over the contact's half width, and size ratio of adjacent elements."""
 
 
 def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
-    """Press a rigid parabola on a half plane, n elements over the half width of contact.
+    """Press a rigid parabola on a nearly incompressible half plane; return errors of the pressure.
 
-    `pressure_rms` is the root mean square error of own-function pressures, over p0, at nodes away
-    from the edge of contact; `pressure_rms_all` is that at all nodes in contact.
+    The scalar `pressure_rms` is the root mean square error of the nodal pressures over the peak
+    pressure p0, at nodes away from the edge of contact; `pressure_rms_all` is the same for all
+    nodes in contact. A nodal pressure is the nodal force over the integral of the node's test
+    function.
+
+    Args:
+        element: Element name such as "pw-hybrid-T6".
+        n: Number of elements over the half width of the contact.
+        nu: Poisson's ratio.
     """
     body = ElasticHalfSpace(YOUNGS_MODULUS, nu)
-    force = np.pi * HALF_WIDTH**2 * body.plane_modulus / (4 * RADIUS)
+    force = np.pi * HALF_WIDTH**2 * body.plane_strain_modulus / (4 * RADIUS)
     exact = HertzLine(body, RADIUS, force)
     indenter = Indenter(
         exact, Parabola((0.0, 0.0), RADIUS), StressState.PLANE_STRAIN, DIMENSIONLESS_UNITS
     )
     size = HALF_WIDTH / (n + EDGE_POSITION)
     lines = size * np.arange(np.ceil(CONTACT_ZONE * (n + EDGE_POSITION)) + 1)
-    result = solve_indentation(element, indenter, lines)
+    result = solve_indentation_on_one_mesh(element, indenter, lines)
     curves = result.curves
     error = (curves["pressure"] - curves["exact_pressure"]) / exact.peak_pressure
 
-    def rms_error_within(fraction: float) -> float:
+    def rms_pressure_error_within(fraction: float) -> float:
         return float(np.sqrt(np.mean(error[curves["x"] < fraction * HALF_WIDTH] ** 2)))
 
     scalars = {
-        "pressure_rms": rms_error_within(INNER_PART),
-        "pressure_rms_all": rms_error_within(1.0),
+        "pressure_rms": rms_pressure_error_within(INNER_PART),
+        "pressure_rms_all": rms_pressure_error_within(1.0),
         "sawtooth": result.scalars["sawtooth"],
         "iterations": result.scalars["iterations"],
         "residual": result.scalars["residual"],
     }
     names = ("x", "force_n", "pressure", "exact_pressure", "status")
     stored_curves = {name: curves[name] for name in names}
-    return Result(scalars, dimensionless(scalars), stored_curves, dofs=result.dofs)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), stored_curves, dofs=result.dofs)
 
 
 def sphere(element: str, n: int) -> Result:
-    """Press a rigid sphere on a half space (one quarter), n elements along the contact radius."""
+    """Press a rigid sphere on a nearly incompressible half space, of which a quarter is modelled.
+
+    Args:
+        element: Element name such as "pw-T10".
+        n: Number of elements along the contact radius.
+    """
     return pressed_sphere(element, n, POISSONS_RATIO)
 
 
 def presses(element: str, n: int) -> Result:
-    """Press a rough parabola on a half plane in steps, n elements over the half width of contact.
+    """Press a rough rigid parabola on a nearly incompressible half plane in several load steps.
 
-    The surface of an incompressible half plane has no tangential displacement, so any shear is an
-    error of the elements. `shear_spurious` is the largest own-function shear over mu p0;
-    `shear_spurious_inner` is that for x < 0.8 a, away from the edge of contact.
+    The surface of an incompressible half plane has no tangential displacement, so any shear is a
+    discretisation error. The scalar `shear_spurious` is the largest nodal shear traction over mu
+    p0, where p0 is the peak pressure; `shear_spurious_inner` is the largest one for x < 0.8 a,
+    where a is the half width of the contact. A nodal traction is the nodal force over the integral
+    of the node's test function.
+
+    Args:
+        element: Element name such as "pw-hybrid-T6".
+        n: Number of elements over the half width of the contact.
     """
     body = ElasticHalfSpace(YOUNGS_MODULUS, POISSONS_RATIO)
-    force = np.pi * body.plane_modulus / (4 * RADIUS)
+    force = np.pi * body.plane_strain_modulus / (4 * RADIUS)
     steps = [HertzLine(body, RADIUS, force * (k + 1) / N_LOAD_STEPS) for k in range(N_LOAD_STEPS)]
     per_half_width = n + EDGE_POSITION  # number of elements
     lines = np.arange(np.ceil(CONTACT_ZONE * per_half_width) + 1) / per_half_width
@@ -123,7 +141,7 @@ def presses(element: str, n: int) -> Result:
         StressState.PLANE_STRAIN,
     )
     space, exact = block.space, steps[-1]
-    x = displacement_space(space).tabulate_dof_coordinates()[:, :2]
+    x = collapsed_displacement_space(space).tabulate_dof_coordinates()[:, :2]
     is_outer = np.isclose(x[:, 0], BODY_SIZE) | np.isclose(x[:, 1], -BODY_SIZE)
     outer_nodes = np.flatnonzero(is_outer).astype(np.int32)
     symmetry = prescribe(space, 0, lambda p: np.isclose(p[0], 0.0))
@@ -131,11 +149,13 @@ def presses(element: str, n: int) -> Result:
     # loads that replace the prescribed displacements of the half plane on the outer sides
     loads = []
     for step in steps:
-        sides = prescribe_nodes(space, outer_nodes, step.displacement(x[outer_nodes]))
+        sides = prescribe_node_displacements(space, outer_nodes, step.displacement(x[outer_nodes]))
         load = block.K * block.supports([sides, symmetry]).offset
         load.scale(-1.0)
         loads.append(load)
-    supports = block.supports([prescribe_nodes(space, outer_nodes, 0 * x[outer_nodes]), symmetry])
+    supports = block.supports(
+        [prescribe_node_displacements(space, outer_nodes, 0 * x[outer_nodes]), symmetry]
+    )
 
     def may_touch(p: Array) -> Mask:
         return np.isclose(p[1], 0.0) & (p[0] < lines[-1] * (1 + 1e-9))
@@ -153,24 +173,29 @@ def presses(element: str, n: int) -> Result:
         "shear_spurious": float(np.nanmax(np.abs(shear))),
         "shear_spurious_inner": float(np.nanmax(np.abs(shear[position < INNER_PART]))),
         "pressure_rms_all": float(np.sqrt(np.mean(error[position < 1] ** 2))),
-        **_summarise_iterations(states),
+        **_summarise_iterations_and_residuals(states),
     }
     curves = {"x": position, "shear": shear, "pressure": pressure, "status": contact.status}
-    return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=block.K.getSize()[0])
 
 
 def pushed(element: str, n: int) -> Result:
-    """Press a rough parabola and push it in two steps, n elements over 1.3 half widths.
+    """Press a rough rigid parabola on a nearly incompressible block, then push it in two steps.
 
-    `stick` is the half width of the stick zone over that of the contact; on an incompressible half
-    plane it is sqrt(1 - Q/(mu P)) (Cattaneo, Mindlin).
+    The scalar `stick` is the half width of the stick zone over the half width of the contact. On an
+    incompressible half plane under normal force P and tangential force Q it is sqrt(1 - Q/(mu P))
+    (Cattaneo, Mindlin).
+
+    Args:
+        element: Element name such as "pw-hybrid-T6".
+        n: Number of elements over 1.3 half widths of the contact.
     """
     plane_modulus = BLOCK_MODULUS / (1 - POISSONS_RATIO**2)
     a = float(np.sqrt(4 * BLOCK_FORCE * BLOCK_RADIUS / (np.pi * plane_modulus)))
     zone, bottom = CONTACT_ZONE * a, -BLOCK_DEPTH * a
     block = discretise(
         element,
-        partial(_make_half_plane_block, a, n),
+        partial(_mesh_block_instead_of_half_plane, a, n),
         Material(BLOCK_MODULUS, POISSONS_RATIO),
         StressState.PLANE_STRAIN,
     )
@@ -190,25 +215,37 @@ def pushed(element: str, n: int) -> Result:
     x, status = np.abs(contact.position[:, 0]), contact.status
     is_slipping = (status != STICK) & (status != OPEN)
     stick_half_width = (x[status == STICK].max() + x[is_slipping].min()) / 2
-    scalars = {"stick": float(stick_half_width / a), **_summarise_iterations(states)}
+    scalars = {"stick": float(stick_half_width / a), **_summarise_iterations_and_residuals(states)}
     curves = {"x": contact.position[:, 0] / a, "status": status}
-    return Result(scalars, dimensionless(scalars), curves, dofs=block.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=block.K.getSize()[0])
 
 
-def _make_half_plane_block(a: float, n: int, cell: str) -> Mesh:
-    """Mesh a block that replaces a half plane below a contact of half width a."""
-    zone = CONTACT_ZONE * a
-    size = zone / n
+def _mesh_block_instead_of_half_plane(
+    contact_half_width: float, n_zone_elements: int, cell: str
+) -> Mesh:
+    """Mesh a block that represents a half plane below a contact.
+
+    Args:
+        contact_half_width: Half width of the contact.
+        n_zone_elements: Number of elements over the half width of the zone that may touch.
+        cell: Cell type, "triangle" or "quadrilateral".
+    """
+    zone = CONTACT_ZONE * contact_half_width
+    size = zone / n_zone_elements
     outside = (
         zone
-        + growing_lines(size * BLOCK_CELL_GROWTH, BLOCK_DEPTH * a - zone, BLOCK_CELL_GROWTH)[1:]
+        + geometrically_growing_lines(
+            size * BLOCK_CELL_GROWTH, BLOCK_DEPTH * contact_half_width - zone, BLOCK_CELL_GROWTH
+        )[1:]
     )
-    right = np.concatenate([np.linspace(0, zone, n + 1), outside])
-    depths = -growing_lines(size, BLOCK_DEPTH * a, BLOCK_CELL_GROWTH)[::-1]
+    right = np.concatenate([np.linspace(0, zone, n_zone_elements + 1), outside])
+    depths = -geometrically_growing_lines(
+        size, BLOCK_DEPTH * contact_half_width, BLOCK_CELL_GROWTH
+    )[::-1]
     return mesh_along_lines(MPI.COMM_SELF, np.concatenate([-right[:0:-1], right]), depths, cell)
 
 
-def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
+def _summarise_iterations_and_residuals(states: list[ContactState]) -> dict[str, float]:
     return {
         "iterations_most": float(max(state.iterations for state in states)),
         "iterations": float(sum(state.iterations for state in states)),
@@ -227,23 +264,29 @@ def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
 # Lengths over the cord's radius, stresses over the shear modulus
 RING_RADIUS = 8.0
 MAX_SQUEEZE, N_SQUEEZE_STEPS = 0.25, 10
-"""Squeeze over the diameter of the cord, and number of its increments."""
+"""Largest squeeze over the diameter of the ring's cross-section, and number of its increments."""
 DEGREE = 6
-"""Degree of quadrature of the ring."""
+"""Degree of quadrature for the O-ring."""
 MAX_ACTIVE_SETS, MAX_RECAPTURES = 30, 2
-"""Largest numbers of active sets in a step, and of times that a node is held again within a step.
+"""Maximum number of active sets in a step, and of times that a node is held again within a step.
 
-A node at the rim may be in tension if it is held and penetrate if it is not; it is then released.
+A node at the rim of the contact may be in tension if it is held and penetrate if it is released. It
+is left free when the second maximum is reached.
 """
 
 
 def seal(element: str, n: int) -> Result:
-    """Squeeze an O-ring by a quarter of its cord's diameter in ten steps, with cells of size 1/n."""
+    """Squeeze an O-ring seal by a quarter of its cross-section's diameter, in ten steps.
+
+    Args:
+        element: Element name such as "pw-hybrid-T6".
+        n: Number of cells over the radius of the cross-section (cell size 1/n).
+    """
     ring = ORing(element, n)
     steps = np.arange(1, N_SQUEEZE_STEPS + 1) * MAX_SQUEEZE / N_SQUEEZE_STEPS
     plate_forces, n_sets, n_iterations = [], [], []
     for squeeze in steps:
-        sets, iterations = ring.press_to_height(1 - squeeze)
+        sets, iterations = ring.squeeze_to_half_height(1 - squeeze)
         plate_forces.append(-ring.nodal_forces()[ring.is_held_by_upper_plate, 1].sum())
         n_sets.append(sets)
         n_iterations.append(iterations)
@@ -254,7 +297,7 @@ def seal(element: str, n: int) -> Result:
     )
     force_scale = 2 * np.pi * RING_RADIUS * 2 * 3  # length times E d
     lindley = 1.25 * steps**1.5 + 50 * steps**6
-    x, pressure = ring.upper_contact_pressure(force)
+    x, pressure = ring.radii_and_pressures_on_upper_plate(force)
     order = np.argsort(x)
     is_midside_node = ring.is_midside_node[ring.is_held_by_upper_plate][order]
     x, pressure = x[order], pressure[order]
@@ -284,25 +327,33 @@ def seal(element: str, n: int) -> Result:
         "body_pressure": ring.body_pressure,
         **mesh_nodes_and_cells(ring.space),
     }
-    return Result(scalars, dimensionless(scalars), curves, dofs=len(ring.solution.x.array))
+    return Result(
+        scalars, assign_unit_one_to_scalars(scalars), curves, dofs=len(ring.solution.x.array)
+    )
 
 
 class ORing:
-    """An O-ring of incompressible rubber between two plates.
+    """Axisymmetric model of an O-ring of incompressible rubber between two rigid plates.
+
+    The radius of the ring's cross-section is one, and contact is frictionless.
+
+    Args:
+        element: Element name such as "pw-hybrid-T6".
+        n: Number of cells over the radius of the cross-section (cell size 1/n).
 
     Attributes:
-        space: Mixed trial space.
+        space: Mixed space of displacements and pressures.
         solution: Displacements and pressures.
-        x: Undeformed nodes, (n, 2).
+        x: Positions (n, 2) of the undeformed nodes.
         is_midside_node: Mask (n,) of nodes that are not vertices.
         is_held_by_upper_plate: Mask (n,) of nodes in contact with the upper plate.
         is_held_by_lower_plate: Mask (n,) of nodes in contact with the lower plate.
-        max_penetration: Largest penetration of a node that is not held again.
+        max_penetration: Largest penetration among nodes that were left free to end a cycle.
     """
 
     def __init__(self, element: str, n: int) -> None:
-        mesh = mesh_with_gmsh(_add_cord_section, 2, 1 / n, order=2)
-        pair = spaces(element, mesh)
+        mesh = mesh_with_gmsh(_add_ring_cross_section_disk, 2, 1 / n, order=2)
+        pair = make_element_spaces(element, mesh)
         self.space, self.solution = pair.trial, fem.Function(pair.trial)
         self._displacements = SubSpace.displacements(self.space)
         self._pressures = SubSpace.pressure(self.space)
@@ -333,12 +384,12 @@ class ORing:
 
     @property
     def displacement(self) -> Array:
-        """Displacements of the nodes, (n, 2)."""
+        """Nodal displacements (n, 2)."""
         return np.asarray(self.solution.x.array[self._displacements.unknowns])
 
     @property
     def body_pressure(self) -> Array:
-        """Pressure at the nodes (n,), linear between vertices."""
+        """Pressures (n,) in the rubber at the nodes, interpolated linearly between vertices."""
         p = fem.Function(self._pressures.space)
         at_nodes = fem.Function(fem.functionspace(self.space.mesh, ("Lagrange", 2)))
         p.x.array[:] = self.solution.x.array[self._pressures.unknowns[:, 0]]
@@ -346,14 +397,17 @@ class ORing:
         return np.asarray(at_nodes.x.array)
 
     def nodal_forces(self) -> Array:
-        """Return forces (n, 2) of the plates on the nodes."""
+        """Return the forces (n, 2) of the plates on the nodes."""
         return np.asarray(self._problem.reactions().array_r[self._displacements.unknowns])
 
-    def press_to_height(self, height: float) -> tuple[int, int]:
-        """Move the plates to y = height and y = -height.
+    def squeeze_to_half_height(self, half_height: float) -> tuple[int, int]:
+        """Move the plates to y = height and y = -height; solve by an active-set iteration.
+
+        Args:
+            half_height: Half of the distance between the plates.
 
         Returns:
-            Numbers of active sets and of Newton iterations.
+            Number of active sets, and number of Newton iterations.
 
         Raises:
             RuntimeError: If the active set has not converged.
@@ -361,7 +415,7 @@ class ORing:
         iterations = 0
         y = self.x[:, 1] + self.displacement[:, 1]
         self.is_held_by_upper_plate, self.is_held_by_lower_plate = (
-            is_held | (self._is_outside & (side * y > height))
+            is_held | (self._is_outside & (side * y > half_height))
             for is_held, side in (
                 (self.is_held_by_upper_plate, 1),
                 (self.is_held_by_lower_plate, -1),
@@ -369,10 +423,10 @@ class ORing:
         )
         n_catches = np.zeros(len(self.x), dtype=int)
         for n_sets in range(1, MAX_ACTIVE_SETS + 1):
-            self._solve_with_held_nodes(height)
+            self._solve_with_nodes_held_by_plates(half_height)
             iterations += sum(len(part.relative_corrections) for part in self._problem.increments)
             force, y = self.nodal_forces()[:, 1], self.x[:, 1] + self.displacement[:, 1]
-            penetrates = self._is_outside & (np.abs(y) > height)
+            penetrates = self._is_outside & (np.abs(y) > half_height)
             may_be_caught = penetrates & (n_catches < MAX_RECAPTURES)
             upper, lower = (
                 np.where(is_held, side * force < 0, may_be_caught & (side * y > 0))
@@ -388,7 +442,7 @@ class ORing:
                 lower, self.is_held_by_lower_plate
             ):
                 is_released = penetrates & ~upper & ~lower
-                penetration = (np.abs(y[is_released]) - height).max(initial=0.0)
+                penetration = (np.abs(y[is_released]) - half_height).max(initial=0.0)
                 self.max_penetration = max(self.max_penetration, penetration)
                 return n_sets, iterations
             self.is_held_by_upper_plate, self.is_held_by_lower_plate = upper, lower
@@ -397,17 +451,24 @@ class ORing:
             "use smaller squeeze steps or a finer mesh"
         )
 
-    def _solve_with_held_nodes(self, height: float) -> None:
+    def _solve_with_nodes_held_by_plates(self, half_height: float) -> None:
         prescribed = fem.Function(self.space)
         vertical = self._displacements.unknowns[:, 1]
         for is_held, side in ((self.is_held_by_upper_plate, 1), (self.is_held_by_lower_plate, -1)):
-            prescribed.x.array[vertical[is_held]] = side * height - self.x[is_held, 1]
+            prescribed.x.array[vertical[is_held]] = side * half_height - self.x[is_held, 1]
         dofs = np.sort(vertical[self.is_held_by_upper_plate | self.is_held_by_lower_plate])
         self._supports[:] = [fem.dirichletbc(prescribed, dofs)]
         self._problem.solve()
 
-    def upper_contact_pressure(self, force: Array) -> tuple[Array, Array]:
-        """Return radii (m,) of the nodes on the upper plate, and their pressures on deformed areas."""
+    def radii_and_pressures_on_upper_plate(self, force: Array) -> tuple[Array, Array]:
+        """Return radii (m,) and contact pressures (m,) of the nodes on the upper plate.
+
+        A pressure is the nodal force over the integral of the node's test function on the deformed
+        surface.
+
+        Args:
+            force: Forces (n, 2) of the plates on all nodes.
+        """
         normal = ufl.FacetNormal(self.space.mesh)
         outwards = ufl.as_vector([normal[0], normal[1], 0])
         area_vector = self._J * ufl.inv(self._F).T * outwards
@@ -419,16 +480,21 @@ class ORing:
         return x[upper], -force[upper, 1] / area.array_r[vertical][upper]
 
     def relative_volume_change(self) -> float:
-        """Return the relative change of the ring's volume."""
+        """Return the magnitude of the volume change of the ring over its undeformed volume."""
         change = assemble_scalar((self._J - 1) * self._circumference * self._dx)
         return float(abs(change) / (2 * np.pi**2 * RING_RADIUS))
 
 
 def _axisymmetric_gradient(u: Expr, r: Expr) -> Expr:
-    """Return the gradient (3, 3) of an axisymmetric displacement."""
+    """Return the displacement gradient (3, 3) in cylindrical coordinates.
+
+    Args:
+        u: Axisymmetric displacement (u_r, u_z).
+        r: Undeformed radius.
+    """
     g = ufl.grad(u)
     return ufl.as_tensor([[g[0, 0], g[0, 1], 0], [g[1, 0], g[1, 1], 0], [0, 0, u[0] / r]])
 
 
-def _add_cord_section() -> None:
+def _add_ring_cross_section_disk() -> None:
     gmsh.model.occ.addDisk(RING_RADIUS, 0, 0, 1, 1)

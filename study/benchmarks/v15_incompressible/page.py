@@ -1,8 +1,9 @@
-"""Nearly incompressible bodies: hybrid elements with displacements and a pressure.
+"""Verification of hybrid elements (displacement and pressure) for nearly incompressible bodies.
 
-Displacement-only elements lock as Poisson's ratio goes to 1/2. Taylor and Hood's pair, with the
-weights of Bercovier and Pironneau's, is compared with standard weights. Linear problems and
-stability are in `fields`, problems with contact in `contact`.
+Displacement-only elements lock as Poisson's ratio approaches 1/2. The Taylor-Hood element is
+compared in two versions: with standard test functions, and with the test functions of the
+Bercovier-Pironneau element. Linear problems and stability are in `fields`, contact problems in
+`contact`.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +25,7 @@ from study.benchmarks.v15_incompressible.fields import (
 )
 from study.judge.checks import check
 from study.judge.measures.general import lowest_order, scalar
-from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, set_plain_ticks
+from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH, label_log_y_axis_with_plain_numbers
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
@@ -119,10 +120,19 @@ POISSONS_RATIOS = (0.3, 0.4999, 0.5)
 def _make_cases_by_poissons_ratio(
     run: Callable[..., Result],
     elements: Sequence[str],
-    levels: Sequence[int],
+    mesh_sizes: Sequence[int],
     ratios: Sequence[float] = POISSONS_RATIOS,
 ) -> list[Case]:
-    """Return cases for each Poisson's ratio at which an element is defined."""
+    """Make cases for all combinations of Poisson's ratio, element and mesh.
+
+    Displacement-only elements are left out at a Poisson's ratio of 1/2.
+
+    Args:
+        run: Function that computes the result of a case.
+        elements: Element names.
+        mesh_sizes: Numbers n of cells that define the meshes.
+        ratios: Poisson's ratios.
+    """
     return [
         Case(
             "V15",
@@ -133,17 +143,17 @@ def _make_cases_by_poissons_ratio(
         for nu in ratios
         for element in elements
         if nu < 0.5 or "hybrid" in element
-        for n in levels
+        for n in mesh_sizes
     ]
 
 
 def _make_cases_by_mesh(
-    run: Callable[..., Result], elements: Sequence[str], levels: Sequence[int]
+    run: Callable[..., Result], elements: Sequence[str], mesh_sizes: Sequence[int]
 ) -> list[Case]:
     return [
         Case("V15", f"{run.__name__}-{element}-{n}", run, {"element": element, "n": n})
         for element in elements
-        for n in levels
+        for n in mesh_sizes
     ]
 
 
@@ -231,9 +241,9 @@ SUB_TRIANGLE_NODES = [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]]
 
 
 def draw_errors_and_hertz_pressure(results: Results) -> Figure:
-    """Nearly incompressible bodies: errors over the mesh, and the pressure of Hertz's line contact.
+    """Draw errors of nearly incompressible elements over mesh refinement, and a Hertz pressure.
 
-    Panels: errors of gradients and of pressure on the square; pressure below the parabola.
+    The panels show H1 errors and pressure errors on the square, and the pressure below a parabola.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     for element in PLANE_ELEMENTS:
@@ -252,7 +262,7 @@ def draw_errors_and_hertz_pressure(results: Results) -> Figure:
     titles = ("(a) square: H1 error / %", "(b) square: pressure error / %")
     for ax, title in zip(axes, titles, strict=False):
         ax.set(title=title, xlabel="cells along a side")
-        set_plain_ticks(ax)
+        label_log_y_axis_with_plain_numbers(ax)
         ax.set_xticks(CELLS_PER_SIDE, map(str, CELLS_PER_SIDE))
         ax.set_xticks([], minor=True)
     axes[2].set(
@@ -262,10 +272,11 @@ def draw_errors_and_hertz_pressure(results: Results) -> Figure:
     return fig
 
 
-def draw_shear_and_stability(results: Results) -> Figure:
-    """Nearly incompressible bodies: spurious shear with friction, and stability.
+def draw_spurious_shear_and_inf_sup_constants(results: Results) -> Figure:
+    """Draw spurious shear tractions with friction, and inf-sup constants.
 
-    Panels: shear below a parabola, its largest value over the mesh, inf-sup constants.
+    The panels show the shear below a parabola, its largest value over mesh refinement, and the
+    inf-sup constants of the elements.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.9))
     for element, sides in PLOT_MESHES_OF_PRESSING.items():
@@ -300,10 +311,11 @@ def draw_shear_and_stability(results: Results) -> Figure:
     return fig
 
 
-def draw_seal(results: Results) -> Figure:
-    """A seal at large strains.
+def draw_squeezed_o_ring_seal(results: Results) -> Figure:
+    """Draw an O-ring seal at large strains.
 
-    Panels: the deformed cord and its pressure, nodal forces, force over squeeze.
+    The panels show the deformed cross-section coloured by pressure, nodal contact forces, and the
+    force over the squeeze.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.7), width_ratios=(1.25, 1, 1))
     curves = results.curves("V15/seal-pw-hybrid-T6-8")
@@ -358,7 +370,7 @@ FIGURES = [
     ),
     PageFigure(
         "v15_friction",
-        draw_shear_and_stability,
+        draw_spurious_shear_and_inf_sup_constants,
         needs=[
             *(
                 f"V15/presses-{element}-{n}"
@@ -384,7 +396,7 @@ FIGURES = [
     ),
     PageFigure(
         "v15_seal",
-        draw_seal,
+        draw_squeezed_o_ring_seal,
         needs=[f"V15/seal-{element}-8" for element in HYBRID_T6],
         caption="An O-ring of incompressible neo-Hookean rubber (mean radius 8 times the cord's) "
         "squeezed by a quarter of its cord between two smooth plates, at large strains. (a) The "

@@ -1,8 +1,9 @@
-"""Large strains and large sliding: rubber pressed and ironed by a rigid cylinder or sphere.
+"""Verification of large strains and large sliding: rubber pressed and ironed by a rigid tool.
 
-Problems with known answers are in `exact` and `turning`. Here the evenness of nodal forces, the
-iterations of Newton's method, the influence of the increments and the work of nodal forces are
-measured.
+The tool is a cylinder or a sphere that is first pressed into the rubber ("pressing") and then moved
+sideways ("ironing"). The smoothness of nodal forces along the contact, the number of Newton
+iterations, the influence of increment sizes, and the work of nodal forces are measured. Problems
+with known solutions are in `exact` and `turning`.
 """
 
 from mpi4py import MPI
@@ -22,22 +23,35 @@ from study.benchmarks.v16_sliding.exact import (
     DEGREE,
     compressed,
     hertz,
-    make_rubber_result,
+    make_dimensionless_rubber_result,
     sheared,
 )
 from study.benchmarks.v16_sliding.turning import bush, wheel
 from study.judge.checks import check
 from study.judge.measures.general import scalar
 from study.meshes.line_mesh import mesh_along_lines
-from study.meshes.mesh_lines import growing_lines
-from study.meshes.solid_meshes import mesh_box
+from study.meshes.mesh_lines import geometrically_growing_lines
+from study.meshes.solid_meshes import mesh_box_along_lines
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Result, Results
-from study.solutions.calculix.calculix import answer_digest, load_unchanged_answer
-from study.solutions.calculix.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT, block_mesh_lines
-from study.solutions.rubber import Array, LoadHistory, RubberBody, solve_tool_motions
+from study.solutions.calculix.calculix import (
+    digest_recorded_result,
+    load_recorded_result_if_unchanged,
+)
+from study.solutions.calculix.cylinder import (
+    CYLINDERS,
+    HALF_WIDTH,
+    HEIGHT,
+    block_mesh_line_positions,
+)
+from study.solutions.rubber import (
+    Array,
+    LoadHistory,
+    NeoHookeanBody,
+    solve_increments_of_tool_motion,
+)
 
 SECTION = "V16"
 TITLE = "Large strains and large sliding: rubber below a cylinder"
@@ -90,26 +104,38 @@ pressure that over the deformed one. The work of nodal forces is summed by the t
 # Lengths relative to the radius of the tool
 FRICTION, TOOL_DEPTH, TOOL_TRAVEL = 0.3, 0.5, 0.6
 N_END_NODES = 3
-"""Number of nodes at each end of the contact that do not count for evenness."""
+"""Number of nodes at each end of the contact that are excluded from measures of smoothness."""
 CONTACT_ZONE_FRACTION = 0.9
 """Fraction of the block's half width within which nodes may come into contact."""
 RELATIVE_FORCE_ROUND_OFF = 1e-6
-"""Relative round-off of forces, a lower bound as corners of standard tetrahedra carry no force."""
+"""Relative round-off of nodal forces.
+
+It bounds denominators, because corner nodes of standard tetrahedra carry no force.
+"""
 SPACE_HALF_WIDTH, SPACE_HEIGHT = 1.8, 1.4
-"""Half width and height of the block in space."""
+"""Half width and height of the three-dimensional block."""
 SPACE_FINE_HALF_WIDTH, SPACE_GROWTH = 0.85, 1.8
-"""Half width of the part in space with uniform elements, and growth ratio beyond it."""
+"""Half width of the part of the three-dimensional block with uniform elements, and size ratio of
+adjacent elements outside it.
+"""
 BLOCK_HEIGHT = {2: HEIGHT, 3: SPACE_HEIGHT}
 
 
 def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
-    """Press and iron the block by a cylinder in `pressed` and `ironed` increments."""
+    """Press and iron a rubber block by a cylinder; measure forces, iterations and energies.
+
+    Args:
+        element: Element name such as "pw-T6".
+        elements: Number of elements over the radius of the cylinder.
+        pressed: Number of increments of the pressing.
+        ironed: Number of increments of the ironing.
+    """
     rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
     forces = np.array([state.pairs[0].force for state in states])
-    undeformed_area, deformed_area = rubber.weight_areas(last.node)
-    dissipated = sum(_dissipated_work(state) for state in states)
-    work, stored = history.tool_work(), history.strain_energy[-1]
+    undeformed_area, deformed_area = rubber.undeformed_and_deformed_weight_integrals(last.node)
+    dissipated = sum(_friction_dissipation_of_increment(state) for state in states)
+    work, stored = history.work_of_tool_forces(), history.strain_energy[-1]
     curves = {
         "x": last.position[:, 0],
         "place": last.position + last.displacement,
@@ -124,8 +150,10 @@ def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
         "nodes": rubber.x + rubber.displacement,
         "cells": rubber.displacements.space.dofmap.list.copy(),
     }
-    evenness = [_median_midside_over_corner(state, rubber.is_vertex) for state in states[pressed:]]
-    scalars = _summarise_iterations(states) | {
+    evenness = [
+        _median_midside_to_corner_force_ratio(state, rubber.is_vertex) for state in states[pressed:]
+    ]
+    scalars = _summarise_iterations_and_increments(states) | {
         "mid_over_corner": np.median(evenness),
         "N_pressed": -forces[pressed - 1, 1],
         "N": -forces[-1, 1],
@@ -135,33 +163,49 @@ def cylinder(element: str, elements: int, pressed: int, ironed: int) -> Result:
         "closed": np.sum(last.status != OPEN),
         "peak_nominal_pressure": curves["nominal_pressure"].max(),
         "peak_true_pressure": curves["true_pressure"].max(),
-        "base_defect": history.max_relative_imbalance(),
+        "base_defect": history.max_force_imbalance_over_last_tool_force(),
         "tools_work": work,
         "stored": stored,
         "dissipated": dissipated,
         "energy_remainder": (work - stored - dissipated) / work,
     }
-    return make_rubber_result(scalars, curves, rubber)
+    return make_dimensionless_rubber_result(scalars, curves, rubber)
 
 
 def steps(element: str, elements: int, pressed: int, ironed: int) -> Result:
-    """Press and iron the block by a cylinder; return the quantities that depend on increments."""
+    """Press and iron a rubber block; return quantities that depend on the size of increments.
+
+    Args:
+        element: Element name such as "pw-T6".
+        elements: Number of elements over the radius of the cylinder.
+        pressed: Number of increments of the pressing.
+        ironed: Number of increments of the ironing.
+    """
     rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
-    scalars = _summarise_iterations(states) | {
+    scalars = _summarise_iterations_and_increments(states) | {
         "N_pressed": -states[pressed - 1].pairs[0].force[1],
         "N": -last.force[1],
         "T": last.force[0],
         "T_over_N": -last.force[0] / last.force[1],
         "sticking": np.sum(last.status == STICK),
     }
-    return make_rubber_result(scalars, {}, rubber)
+    return make_dimensionless_rubber_result(scalars, {}, rubber)
 
 
 def energy(element: str, elements: int, pressed: int) -> Result:
-    """Press the block without friction; return (work - stored energy) / work."""
+    """Press a rubber block by a rigid cylinder without friction; check the energy balance.
+
+    The scalar `energy_remainder` is the work of the nodal contact forces less the stored energy,
+    over this work; `tools_remainder` is the same for the work of the tool.
+
+    Args:
+        element: Element name such as "pw-T6".
+        elements: Number of elements over the radius of the cylinder.
+        pressed: Number of increments.
+    """
     rubber, history = _press_and_iron_block(element, elements, pressed, 0, 0.0)
-    work, tool_work = history.contact_work(), history.tool_work()
+    work, tool_work = history.work_of_contact_forces_on_nodes(), history.work_of_tool_forces()
     stored = history.strain_energy[-1]
     scalars = {
         "energy_remainder": (work - stored) / work,
@@ -169,14 +213,24 @@ def energy(element: str, elements: int, pressed: int) -> Result:
         "work": work,
         "stored": stored,
     }
-    return make_rubber_result(scalars, {}, rubber)
+    return make_dimensionless_rubber_result(scalars, {}, rubber)
 
 
 def against_calculix(element: str, case: str, tracked: str) -> Result:
-    """Move the tool as in CalculiX, with its strain energy; compare total forces with CalculiX'."""
-    peer, recorded = CYLINDERS[case], load_unchanged_answer(case, tracked).numbers
-    rubber = RubberBody(element, _make_plane_block(peer.elements), DEGREE[2], calculix_energy=True)
-    history = _move_round_tool(rubber, peer.tool_translations, peer.friction, has_sliding=True)
+    """Move the tool as in a stored CalculiX solution; compare the total forces with CalculiX's.
+
+    Args:
+        element: Element name such as "pw-T6".
+        case: Name of the CalculiX input deck.
+        tracked: Digest that the stored solution must have.
+    """
+    peer, recorded = CYLINDERS[case], load_recorded_result_if_unchanged(case, tracked).numbers
+    rubber = NeoHookeanBody(
+        element, _mesh_block_below_cylinder(peer.elements), DEGREE[2], calculix_energy=True
+    )
+    history = _move_cylinder_or_sphere(
+        rubber, peer.tool_translations_at_output_times, peer.friction, slides_sideways=True
+    )
     force = np.array([state.pairs[0].force for state in history.states[1:]])
     normal, tangential = -force[:, 1], force[:, 0]
     largest = recorded["N"].max()
@@ -188,11 +242,20 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
     if "T" in recorded:
         scalars["T_difference"] = np.abs(tangential - recorded["T"]).max() / largest
     curves = recorded | {"N_calculix": recorded["N"], "N": normal, "T": tangential}
-    return make_rubber_result(scalars, curves, rubber)
+    return make_dimensionless_rubber_result(scalars, curves, rubber)
 
 
 def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result:
-    """Press a block by a sphere (a quarter is modelled), or press and iron it (one half)."""
+    """Press a rubber block by a rigid sphere and, optionally, iron it.
+
+    A quarter of the block is modelled if there is no ironing, otherwise one half.
+
+    Args:
+        element: Element name such as "pw-T10".
+        elements: Number of elements over the radius of the sphere.
+        pressed: Number of increments of the pressing.
+        ironed: Number of increments of the ironing.
+    """
     rubber, history = _press_and_iron_block(element, elements, pressed, ironed, FRICTION)
     states, last = history.states[1:], history.states[-1].pairs[0]
     x = last.position
@@ -207,38 +270,48 @@ def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result
     is_corner = rubber.is_vertex[last.node]
     midside_mean = force[is_inner & ~is_corner].mean()
     corner_mean = force[is_inner & is_corner].mean()
-    scalars = _summarise_iterations(states) | {
-        "mid_over_corner": _bounded_quotient(midside_mean, corner_mean),
+    scalars = _summarise_iterations_and_increments(states) | {
+        "mid_over_corner": _force_ratio_bounded_by_round_off(midside_mean, corner_mean),
         "corner_over_mid": corner_mean / midside_mean,
         "corners": np.sum(is_inner & is_corner),
         "N": -last.force[2],
         "T": last.force[0],
         "T_over_N": -last.force[0] / last.force[2],
-        "base_defect": history.max_relative_imbalance([0, 2] if ironed else [2]),
+        "base_defect": history.max_force_imbalance_over_last_tool_force([0, 2] if ironed else [2]),
     }
     curves = {"x": x, "force_n": force, "corner": is_corner.astype(float)}
-    return make_rubber_result(scalars, curves, rubber)
+    return make_dimensionless_rubber_result(scalars, curves, rubber)
 
 
 def _press_and_iron_block(
     element: str, elements: int, pressed: int, ironed: int, friction: float
-) -> tuple[RubberBody, LoadHistory]:
+) -> tuple[NeoHookeanBody, LoadHistory]:
     if element.endswith("T6"):
-        rubber = RubberBody(element, _make_plane_block(elements), DEGREE[2])
+        rubber = NeoHookeanBody(element, _mesh_block_below_cylinder(elements), DEGREE[2])
     else:
-        rubber = RubberBody(element, _make_space_block(elements, is_half=ironed > 0), DEGREE[3])
+        rubber = NeoHookeanBody(
+            element, _mesh_block_below_sphere(elements, is_half=ironed > 0), DEGREE[3]
+        )
     translations = [(0.0, -TOOL_DEPTH * (k + 1) / pressed) for k in range(pressed)]
     translations += [(TOOL_TRAVEL * (k + 1) / ironed, -TOOL_DEPTH) for k in range(ironed)]
-    return rubber, _move_round_tool(rubber, translations, friction, ironed > 0)
+    return rubber, _move_cylinder_or_sphere(rubber, translations, friction, ironed > 0)
 
 
-def _move_round_tool(
-    rubber: RubberBody,
+def _move_cylinder_or_sphere(
+    rubber: NeoHookeanBody,
     translations: list[tuple[float, float]],
     friction: float,
-    has_sliding: bool,
+    slides_sideways: bool,
 ) -> LoadHistory:
-    """Move a cylinder or a sphere of radius one by translations sideways and upwards."""
+    """Move a rigid cylinder or sphere of radius one on the rubber block.
+
+    Args:
+        rubber: Block below the tool.
+        translations: Sideways and upward displacement of the tool at the end of each increment.
+        friction: Coefficient of friction.
+        slides_sideways: Whether the tool moves sideways; otherwise a quarter of a three-dimensional
+            block is modelled.
+    """
     is_plane, dim, axis = rubber.dim == 2, rubber.dim, rubber.dim - 1
     half_width = HALF_WIDTH if is_plane else SPACE_HALF_WIDTH
 
@@ -252,34 +325,53 @@ def _move_round_tool(
     space = rubber.solution.function_space
     supports = [prescribe(space, k, is_base) for k in range(dim)]
     if not is_plane:
-        supports += [_prescribe_mirror_plane(space, k) for k in ([1] if has_sliding else [0, 1])]
+        supports += [
+            _prescribe_symmetry_plane(space, k) for k in ([1] if slides_sideways else [0, 1])
+        ]
     centre = (*[0.0] * axis, 1.0)
     pair = ContactPair(may_touch, Sphere(centre, 1.0), friction=friction)
     motions = [Motion((x, *[0.0] * (dim - 2), y)) for x, y in translations]
-    return solve_tool_motions(rubber, pair, supports, motions, is_base(rubber.x.T))
+    return solve_increments_of_tool_motion(rubber, pair, supports, motions, is_base(rubber.x.T))
 
 
-def _make_plane_block(elements: int) -> Mesh:
-    """Mesh a block below a cylinder, with `elements` along the radius of the cylinder."""
-    return mesh_along_lines(MPI.COMM_SELF, *block_mesh_lines(elements), "triangle")
+def _mesh_block_below_cylinder(elements: int) -> Mesh:
+    """Mesh a two-dimensional block below a cylinder.
+
+    Args:
+        elements: Number of elements over the radius of the cylinder.
+    """
+    return mesh_along_lines(MPI.COMM_SELF, *block_mesh_line_positions(elements), "triangle")
 
 
-def _make_space_block(elements: int, is_half: bool) -> Mesh:
-    """Mesh a quarter or a half of a block below a sphere."""
+def _mesh_block_below_sphere(elements: int, is_half: bool) -> Mesh:
+    """Mesh a quarter or one half of a three-dimensional block below a sphere.
+
+    Args:
+        elements: Number of elements over the radius of the sphere.
+        is_half: Whether one half is meshed; otherwise a quarter.
+    """
     size = 1 / elements
     near = np.linspace(0, SPACE_FINE_HALF_WIDTH, round(SPACE_FINE_HALF_WIDTH * elements) + 1)
-    far = near[-1] + growing_lines(size, SPACE_HALF_WIDTH - near[-1], SPACE_GROWTH)[1:]
+    far = (
+        near[-1] + geometrically_growing_lines(size, SPACE_HALF_WIDTH - near[-1], SPACE_GROWTH)[1:]
+    )
     y = np.concatenate([near, far])
     x = np.concatenate([-y[:0:-1], y]) if is_half else y
-    return mesh_box("tetrahedron", x, y, -growing_lines(size, SPACE_HEIGHT, SPACE_GROWTH)[::-1])
+    return mesh_box_along_lines(
+        "tetrahedron", x, y, -geometrically_growing_lines(size, SPACE_HEIGHT, SPACE_GROWTH)[::-1]
+    )
 
 
-def _prescribe_mirror_plane(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
+def _prescribe_symmetry_plane(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
     return prescribe(space, axis, lambda x: np.isclose(x[axis], 0))
 
 
-def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
-    """Count iterations (including abandoned attempts), increments and increments that were cut."""
+def _summarise_iterations_and_increments(states: list[ContactState]) -> dict[str, float]:
+    """Return counts of Newton iterations and of increments by name.
+
+    The names are `iterations_mean` and `iterations_most` (mean and maximum per increment, including
+    abandoned attempts), `cut` (increments that were divided) and `increments`.
+    """
     return {
         "iterations_mean": sum(state.iterations for state in states) / len(states),
         "iterations_most": max(state.iterations for state in states),
@@ -288,8 +380,15 @@ def _summarise_iterations(states: list[ContactState]) -> dict[str, float]:
     }
 
 
-def _median_midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.bool_]) -> float:
-    """Return the median ratio of mid-side forces to the mean of both neighbours, within contact."""
+def _median_midside_to_corner_force_ratio(
+    state: ContactState, is_vertex: npt.NDArray[np.bool_]
+) -> float:
+    """Return the median ratio of a mid-side force to the mean of the two adjacent corner forces.
+
+    Args:
+        state: State of the contact.
+        is_vertex: Mask (n,) of the nodes that are vertices.
+    """
     pair = state.pairs[0]
     inner = np.flatnonzero(pair.status != OPEN)[N_END_NODES:-N_END_NODES]
     midside = inner[~is_vertex[pair.node[inner]]]
@@ -297,13 +396,16 @@ def _median_midside_over_corner(state: ContactState, is_vertex: npt.NDArray[np.b
     return float(np.median(2 * force[midside] / (force[midside - 1] + force[midside + 1])))
 
 
-def _bounded_quotient(numerator: float, denominator: float) -> float:
-    """Return a quotient of forces whose denominator is at least the round-off of the numerator."""
+def _force_ratio_bounded_by_round_off(numerator: float, denominator: float) -> float:
+    """Return the ratio of two forces, with a denominator of at least the round-off."""
     return float(numerator / max(abs(denominator), RELATIVE_FORCE_ROUND_OFF * abs(numerator)))
 
 
-def _dissipated_work(state: ContactState) -> float:
-    """Return the work of friction in an increment, with the forces at the ends of its substeps."""
+def _friction_dissipation_of_increment(state: ContactState) -> float:
+    """Return the energy that friction dissipates in an increment.
+
+    Forces at the ends of substeps are multiplied by the slips of these substeps.
+    """
     substeps = [substate.pairs[0] for _, substate in state.substates]
     last = state.pairs[0]
     last_slip = last.slip - sum((pair.slip for pair in substeps), np.zeros_like(last.slip))
@@ -321,7 +423,7 @@ def _make_cylinder_case(
     return Case("V16", f"cylinder-{element}-{elements}{suffix}", cylinder, parameters)
 
 
-def _make_steps_case(element: str, pressed: int, ironed: int) -> Case:
+def _make_increment_size_case(element: str, pressed: int, ironed: int) -> Case:
     parameters = {"element": element, "elements": 8, "pressed": pressed, "ironed": ironed}
     return Case("V16", f"steps-{element}-{pressed}-{ironed}", steps, parameters)
 
@@ -332,8 +434,8 @@ CASES = [
         for element in ("pw-T6", "galerkin-T6", "pw-hybrid-T6")
     ),
     *(_make_cylinder_case(element, 16, 10, 24) for element in ("pw-T6", "galerkin-T6")),
-    *(_make_steps_case("pw-T6", n, n) for n in (1, 2, 4, 8)),
-    *(_make_steps_case("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
+    *(_make_increment_size_case("pw-T6", n, n) for n in (1, 2, 4, 8)),
+    *(_make_increment_size_case("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
     *mark_costly([_make_cylinder_case("pw-T6", 16, 20, 48, "-68")]),
     *(
         Case(
@@ -373,7 +475,7 @@ CASES = [
             "V16",
             f"calculix-pw-T6-{case}",
             against_calculix,
-            {"element": "pw-T6", "case": case, "tracked": answer_digest(case)},
+            {"element": "pw-T6", "case": case, "tracked": digest_recorded_result(case)},
         )
         for case in CYLINDERS
     ),
@@ -410,8 +512,8 @@ COARSE_KEY, FINE_KEY = "V16/cylinder-{}-8", "V16/cylinder-pw-T6-16"
 TOOL_COLOUR, NOMINAL_COLOUR, MESH_COLOUR = "#8A8A8A", "#B87A00", "#333333"
 
 
-def draw_ironing(results: Results) -> Figure:
-    """Rubber ironed by a cylinder: the deformed block, nodal forces, pressures."""
+def draw_ironed_rubber_block(results: Results) -> Figure:
+    """Draw a rubber block ironed by a cylinder: deformed mesh, nodal forces and pressures."""
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.5), width_ratios=(1.25, 1, 1))
     curves = results.curves(COARSE_KEY.format("pw-T6"))
     axes[0].add_patch(Circle((0.6, 0.5), 1.0, color=TOOL_COLOUR, alpha=0.35, lw=0))
@@ -427,14 +529,14 @@ def draw_ironing(results: Results) -> Figure:
     )
     for element in PLOT_ELEMENTS:
         curves = results.curves(COARSE_KEY.format(element))
-        shown = _contact_node_slice(curves["status"])
+        shown = _slice_of_contact_nodes_and_open_neighbours(curves["status"])
         look = ELEMENT_LOOK[element] | {"linewidth": 0.8, "markersize": 3}
         axes[1].plot(curves["place"][shown, 0], curves["force_n"][shown], **look)
     axes[1].set(title="(b) forces of nodes", xlabel="$x/R$", ylim=(0, None))
     axes[1].set_ylabel("normal force / $GR$")
     axes[1].legend(loc="lower center", fontsize=6.5)
     curves = results.curves(FINE_KEY)
-    shown = _contact_node_slice(curves["status"])
+    shown = _slice_of_contact_nodes_and_open_neighbours(curves["status"])
     x, look = (
         curves["place"][shown, 0],
         ELEMENT_LOOK["pw-T6"] | {"label": "true", "markersize": 2.5},
@@ -448,8 +550,12 @@ def draw_ironing(results: Results) -> Figure:
     return fig
 
 
-def _contact_node_slice(status: np.ndarray) -> slice:
-    """Return the slice of the nodes in contact, and of one open node on either side."""
+def _slice_of_contact_nodes_and_open_neighbours(status: np.ndarray) -> slice:
+    """Return the slice of the nodes in contact, extended by one open node at each end.
+
+    Args:
+        status: Contact status (m,) of the nodes, ordered by position.
+    """
     closed = np.flatnonzero(status > 0)
     return slice(closed[0] - 1, closed[-1] + 2)
 
@@ -457,7 +563,7 @@ def _contact_node_slice(status: np.ndarray) -> slice:
 FIGURES = [
     PageFigure(
         "v16_sliding",
-        draw_ironing,
+        draw_ironed_rubber_block,
         needs=[*(COARSE_KEY.format(element) for element in PLOT_ELEMENTS), FINE_KEY],
         caption="A neo-Hookean block (shear modulus G) is pressed by a rough rigid cylinder of "
         "radius R to a depth of R/2, which is then moved to the right by 0.6 R. (a) Deformed mesh "

@@ -1,4 +1,4 @@
-"""Rotating tools with known answers: Carter's creep of a driven wheel, and a shaft in a bush."""
+"""Rotating tools with known solutions: a driven wheel on rubber, and a shaft in a rubber bush."""
 
 from mpi4py import MPI
 
@@ -12,16 +12,16 @@ from scipy.integrate import solve_bvp
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, ContactProblem, Motion, Sphere
 from pw_elements.meshes import curved_mesh
-from study.benchmarks.v16_sliding.exact import DEGREE, make_rubber_result
+from study.benchmarks.v16_sliding.exact import DEGREE, make_dimensionless_rubber_result
 from study.meshes.line_mesh import mesh_along_lines
-from study.meshes.mesh_lines import growing_lines
+from study.meshes.mesh_lines import geometrically_growing_lines
 from study.run.store import Result
 from study.solutions.rubber import (
     POISSONS_RATIO,
     Array,
-    RubberBody,
-    lame_over_shear,
-    solve_tool_motions,
+    NeoHookeanBody,
+    first_lame_constant_over_shear_modulus,
+    solve_increments_of_tool_motion,
 )
 
 Mask = npt.NDArray[np.bool_]
@@ -30,9 +30,11 @@ FRICTION = 0.3
 
 # A rigid wheel: lengths relative to the half width of its contact by Hertz
 WHEEL_RADIUS, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH = 1000.0, 400.0, 1.6
-"""Radius of the wheel; depth of the rubber and its width on both sides; growth of its elements."""
+"""Radius of the wheel, depth of the rubber (also its width beyond the uniform elements on each
+side), and size ratio of adjacent elements.
+"""
 WHEEL_TRAVEL, FINE_MARGIN = 4.0, 1.5
-"""Travel of the wheel, and length beyond it on both sides with uniform elements."""
+"""Travel of the wheel, and length of the part with uniform elements beyond it on each side."""
 TRACTION_RATIO = 0.5
 """Tangential force on the wheel over the friction limit."""
 
@@ -43,20 +45,25 @@ SHAFT_ANGLES = (0.02, 0.05, 0.1, 0.3, 0.6, 1.2)
 
 
 def wheel(element: str, elements: int) -> Result:
-    """Drive a loaded rigid wheel by a torque over incompressible rubber.
+    """Drive a loaded rigid wheel over incompressible rubber; compare its creep with Carter's.
 
-    Pressing an incompressible body by a rigid one causes no shear. At small strains the creep is
-    therefore that of F. W. Carter (1926, doi:10.1098/rspa.1926.0100),
-    mu a / R (1 - (1 - Q / mu P)^(1/2)).
+    Pressing a rigid body on an incompressible one causes no shear. At small strains the creep ratio
+    is therefore mu a / R (1 - (1 - Q / (mu P))^(1/2)), with the half width a of the contact, the
+    radius R of the wheel, its normal force P and its tangential force Q (F. W. Carter, 1926,
+    doi:10.1098/rspa.1926.0100).
+
+    Args:
+        element: Name of a hybrid element such as "pw-hybrid-T6".
+        elements: Number of elements over the half width of the contact.
     """
     size = 1 / elements
     low, high = -FINE_MARGIN, FINE_MARGIN + WHEEL_TRAVEL
     near = np.linspace(low, high, round((high - low) * elements) + 1)
-    far = growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[1:]
+    far = geometrically_growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[1:]
     lines = np.concatenate([low - far[::-1], near, high + far])
-    depths = -growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
+    depths = -geometrically_growing_lines(size, WHEEL_BLOCK_SIZE, WHEEL_BLOCK_GROWTH)[::-1]
     mesh = mesh_along_lines(MPI.COMM_SELF, lines, depths, "triangle")
-    rubber = RubberBody(element, mesh, DEGREE[2])
+    rubber = NeoHookeanBody(element, mesh, DEGREE[2])
     space = rubber.solution.function_space
     supports = [prescribe(space, k, lambda x: np.isclose(x[1], -WHEEL_BLOCK_SIZE)) for k in (0, 1)]
 
@@ -97,18 +104,22 @@ def wheel(element: str, elements: int) -> Result:
         "cut": sum(bool(state.substates) for state in states),
     }
     curves = {"place": centre_positions, "creep": creep / carter}
-    return make_rubber_result(scalars, curves, rubber)
+    return make_dimensionless_rubber_result(scalars, curves, rubber)
 
 
 def bush(element: str) -> Result:
-    """Turn a rigid shaft in a rubber bush; compare with a boundary value problem in the radius."""
-    rubber = RubberBody(element, _make_bush_mesh(), DEGREE[2])
+    """Turn a rigid shaft in a rubber bush; compare its torque with a one-dimensional solution.
+
+    Args:
+        element: Element name such as "pw-T6".
+    """
+    rubber = NeoHookeanBody(element, _make_curved_bush_mesh(), DEGREE[2])
     x, is_outside = rubber.x, np.isclose(np.hypot(*rubber.x.T), BUSH_RADIUS)
     prescribed = fem.Function(rubber.solution.function_space)
     nodes = np.flatnonzero(is_outside).astype(np.int32)
 
-    def set_supports(k: int, load_factor: float) -> None:
-        fraction = load_factor if k == 0 else 1.0
+    def set_prescribed_displacements(increment: int, load_factor: float) -> None:
+        fraction = load_factor if increment == 0 else 1.0
         displacement = -OUTER_RADIUS_REDUCTION / BUSH_RADIUS * fraction * x
         prescribed.x.array[:] = np.where(is_outside[:, None], displacement, 0.0).ravel()
 
@@ -120,11 +131,13 @@ def bush(element: str) -> Result:
     )
     motions = [Motion((0.0, 0.0), rotation=angle) for angle in (0.0, *SHAFT_ANGLES)]
     supports = [fem.dirichletbc(prescribed, nodes)]
-    history = solve_tool_motions(rubber, shaft, supports, motions, is_outside, set_supports)
+    history = solve_increments_of_tool_motion(
+        rubber, shaft, supports, motions, is_outside, set_prescribed_displacements
+    )
     pairs = [state.pairs[0] for state in history.states[2:]]
     torque = np.array([float(pair.torque) for pair in pairs])
     normal_force = np.array([pair.force_normal.sum() for pair in pairs])
-    exact = np.array([_solve_bush_boundary_value_problem(angle) for angle in SHAFT_ANGLES])
+    exact = np.array([_solve_shaft_torque_and_normal_force(angle) for angle in SHAFT_ANGLES])
     friction_force = np.linalg.norm(pairs[-1].force_tangential, axis=1).sum()
     all_slip = [bool(np.all(pair.status == SLIP)) for pair in pairs]
     scalars = {
@@ -138,11 +151,11 @@ def bush(element: str) -> Result:
         "cut": sum(bool(state.substates) for state in history.states),
     }
     curves = {"angle": np.array(SHAFT_ANGLES), "torque": torque, "exact": exact[:, 0]}
-    return make_rubber_result(scalars, curves, rubber)
+    return make_dimensionless_rubber_result(scalars, curves, rubber)
 
 
-def _make_bush_mesh() -> Mesh:
-    """Mesh the bush by triangles with curved sides on both circles."""
+def _make_curved_bush_mesh() -> Mesh:
+    """Mesh the ring-shaped bush with triangles whose sides on both circles are curved."""
     radii = np.linspace(1, BUSH_RADIUS, BUSH_CELLS_ACROSS + 1)
     angles = 2 * np.pi * np.arange(BUSH_CELLS_AROUND) / BUSH_CELLS_AROUND
     x = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -157,46 +170,56 @@ def _make_bush_mesh() -> Mesh:
     straight = create_mesh(MPI.COMM_SELF, cells=cells, x=x.reshape(-1, 2), e=element)
     chord = np.cos(np.pi / BUSH_CELLS_AROUND)
 
-    def move_to_circles(x: Array) -> Array:
+    def move_midside_nodes_to_circles(x: Array) -> Array:
         radius = np.hypot(x[:, 0], x[:, 1])
         is_midside = np.isclose(radius, chord) | np.isclose(radius, BUSH_RADIUS * chord)
         return np.asarray(x / np.where(is_midside, chord, 1.0)[:, None])
 
-    return curved_mesh(straight, move_to_circles)
+    return curved_mesh(straight, move_midside_nodes_to_circles)
 
 
-def _solve_bush_boundary_value_problem(angle: float) -> tuple[float, float]:
-    """Return torque and normal force on the shaft from a boundary value problem in the radius.
+def _solve_shaft_torque_and_normal_force(shaft_angle: float) -> tuple[float, float]:
+    """Solve the bush as a boundary value problem in the radius; return torque and normal force.
 
     The unknowns are the deformed radius r and the angle of rotation as functions of the undeformed
-    radius rho. They make the integral of rho W stationary, where W(r', r, r angle') is the energy
-    density.
+    radius rho. They make the integral of rho W stationary, where W(r', r / rho, r angle') is the
+    strain-energy density. Sticking is tried first, then slip.
+
+    Args:
+        shaft_angle: Angle of rotation of the shaft in radians.
+
+    Returns:
+        Torque and total normal force on the shaft per thickness, over the shear modulus.
     """
-    lame = lame_over_shear(POISSONS_RATIO)
+    lame = first_lame_constant_over_shear_modulus(POISSONS_RATIO)
     rho = np.linspace(1, BUSH_RADIUS, 41)
 
-    def derivatives(rho: Array, y: Array, p: Array) -> Array:
+    def evaluate_ode_derivatives(rho: Array, y: Array, p: Array) -> Array:
         r, q, _ = y
         s = lame * np.log(q * r / rho) - 1
         right = p[0] ** 2 / (rho * r**3) + r / rho + rho * s / r - (q + s / q)
         second = (right - lame * (rho / r - 1 / q)) / (rho * (1 + (lame - s) / q**2))
         return np.stack([q, second, p[0] / (rho * r**2)])
 
-    def shaft_pressure(y: Array) -> float:
+    def evaluate_shaft_pressure(y: Array) -> float:
         s = lame * np.log(y[1] * y[0]) - 1
         return float(-(y[1] + s / y[1]))
 
     for slips in (False, True):
 
         def boundary_residual(a: Array, b: Array, p: Array, slips: bool = slips) -> Array:
-            friction_or_angle = p[0] - FRICTION * shaft_pressure(a) if slips else a[2] + angle
+            friction_or_angle = (
+                p[0] - FRICTION * evaluate_shaft_pressure(a) if slips else a[2] + shaft_angle
+            )
             outer = b[0] - BUSH_RADIUS + OUTER_RADIUS_REDUCTION
             return np.array([a[0] - 1, outer, b[2], friction_or_angle])
 
         stretch = 1 - OUTER_RADIUS_REDUCTION
         start = np.stack([1 + (rho - 1) * stretch, np.full(41, stretch), 0 * rho])
-        solution = solve_bvp(derivatives, boundary_residual, rho, start, p=[0.1], tol=1e-8)
-        pressure = shaft_pressure(solution.y[:, 0])
+        solution = solve_bvp(
+            evaluate_ode_derivatives, boundary_residual, rho, start, p=[0.1], tol=1e-8
+        )
+        pressure = evaluate_shaft_pressure(solution.y[:, 0])
         if abs(solution.p[0]) <= FRICTION * pressure:
             break
     return 2 * np.pi * float(solution.p[0]), 2 * np.pi * pressure

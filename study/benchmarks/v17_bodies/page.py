@@ -1,9 +1,10 @@
-"""Two deformable bodies at large sliding: a die, bodies turned together, rings, a press fit.
+"""Verification of two deformable bodies at large sliding: a die, rings, and a press fit.
 
-Neo-Hookean bodies with meshes that do not match are in contact. Balance of forces, evenness of
-forces on both sides, friction at the nodes and iterations of Newton's method are measured.
-The choice of the slave, the frame and the increments should not change the forces. The pressure
-of an incompressible press fit is known. The problems are in `problems`.
+Neo-Hookean bodies with meshes that do not match are in contact. The balance of forces, the
+smoothness of nodal forces on both sides, friction at the nodes, and iterations of Newton's method
+are measured. Forces should depend neither on the choice of the slave nor on a rotation of both
+bodies nor on the increments. The pressure of an incompressible press fit has a known value. The
+problems are in `problems`.
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +25,7 @@ from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Results
-from study.solutions.calculix.calculix import answer_digest
+from study.solutions.calculix.calculix import digest_recorded_result
 from study.solutions.calculix.die import DIES
 
 SECTION = "V17"
@@ -75,9 +76,9 @@ tangent has the derivatives of weights, duals, normals and segments by all posit
 # Cases
 
 
-def _make_die_case(element: str, name: str, opposite: int) -> Case:
-    parameters = {"element": element, "own": 12, "opposite": opposite}
-    return Case("V17", f"die-{element}-{name}", die, parameters)
+def _make_die_case(element: str, name_suffix: str, n_block_elements: int) -> Case:
+    parameters = {"element": element, "own": 12, "opposite": n_block_elements}
+    return Case("V17", f"die-{element}-{name_suffix}", die, parameters)
 
 
 CASES = [
@@ -98,7 +99,7 @@ CASES = [
             "V17",
             f"calculix-pw-T6-{case}",
             against_calculix,
-            {"element": "pw-T6", "case": case, "tracked": answer_digest(case)},
+            {"element": "pw-T6", "case": case, "tracked": digest_recorded_result(case)},
         )
         for case in DIES
     ),
@@ -121,8 +122,8 @@ DETAILS = r"""
 # Figure
 
 
-def draw_die(results: Results) -> Figure:
-    """Nodal forces on both sides of a sliding die, and its force over the increments."""
+def draw_forces_of_die_and_block(results: Results) -> Figure:
+    """Draw nodal forces on a sliding die and its block, and the total force over increments."""
     fig, (die_axis, block_axis, force_axis) = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 2.4))
     block_axis.sharey(die_axis)
     for element in ("galerkin-T6", "pw-T6"):
@@ -148,7 +149,7 @@ def draw_die(results: Results) -> Figure:
 FIGURES = [
     PageFigure(
         "v17_die",
-        draw_die,
+        draw_forces_of_die_and_block,
         needs=["V17/die-galerkin-T6-equal", "V17/die-pw-T6-equal"],
         caption="A die slid over a block with as many elements over its width: normal nodal "
         "forces on both sides at the end, and normal and friction force during pressing (four "

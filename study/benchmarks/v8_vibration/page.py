@@ -1,4 +1,7 @@
-"""Vibration, buckling and pressure problems with exact solutions, as tests of K, M and K_sigma."""
+"""Verification of stiffness, mass and geometric stiffness by problems with exact solutions.
+
+The problems are free vibration, buckling, and axisymmetric bodies under pressure.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -28,20 +31,23 @@ from pw_elements.algebra import VibrationModes
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import Marker
-from study.benchmarks.v8_vibration.exact_eigenvalues import Rod, rectangle_eigenvalues
+from study.benchmarks.v8_vibration.exact_eigenvalues import (
+    AxisymmetricRodBetweenWalls,
+    eigenvalues_of_rectangle_between_walls,
+)
 from study.judge.checks import check
 from study.judge.measures.general import scalar, smallest
 from study.model.discretisation import (
     Discretisation,
     discretise,
-    has_quadrilateral_mesh,
     is_symmetrised,
-    mass_condensation,
+    make_element_spaces,
     mesh_nodes_and_cells,
-    spaces,
+    reduction_for_mass_condensation,
+    requires_quadrilateral_cells,
 )
-from study.model.units import dimensionless
-from study.paper.s7_6_exact import Strip
+from study.model.units import assign_unit_one_to_scalars
+from study.paper.s7_6_exact import CompressedStrip
 from study.publish.plots.style import ELEMENT_LOOK, LABEL_BOX, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -102,22 +108,24 @@ exact solution:
 
 Array = npt.NDArray[np.float64]
 Support = tuple[int, float, int]
-"""Axis and value of a coordinate, and the displacement component that is prescribed as zero."""
+"""Axis and value of a coordinate that define a plane, and the displacement component that is zero
+on it.
+"""
 
 # E, the density and a length of each body are one: all numbers are dimensionless
 MATERIAL = Material(1.0, 0.3)
 N_MODES = 6
 EIGENVALUE_NAMES = [f"omega2_{n}" for n in range(1, N_MODES + 1)]
-ROD = Rod(MATERIAL, radius=0.5, length=1.0)
+ROD = AxisymmetricRodBetweenWalls(MATERIAL, radius=0.5, length=1.0)
 ROD_WALLS: list[Support] = [(0, 0.0, 0), (1, 0.0, 1), (1, ROD.length, 1)]
 STRIP_LENGTH = 8.0
-"""Length of the strip over its height."""
+"""Ratio of the strip's length to its height."""
 N_STRIP_MODES = 3
-"""Number of bending modes; they are the lowest modes of the strip."""
+"""Number of bending modes that are compared; they are the lowest modes of the strip."""
 RIGID_MODE_COUNTS = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
 TUBE_RADII = (1.0, 2.0)
 MAX_NODE_SHIFT = 0.05
-"""Largest shift of a node, to bend inner mesh lines, over the side of the mesh."""
+"""Largest displacement of a node, which bends inner mesh lines, over the side of the mesh."""
 QUADRATURE_DEGREES, REFERENCE_DEGREE = (2, 4, 6, 8), 16
 
 # Method
@@ -135,45 +143,70 @@ used. The largest relative residual of all computed pairs is
 """
 
 Treatment = Literal["transposed", "same", "all nodes", "lumped"]
-"""Treatment of inner nodes: condensation with L of the transposed problem ("transposed") or L = R
-("same"), or none ("all nodes"); "lumped" is "transposed" with a lumped mass."""
+"""Treatment of inner nodes and of the mass matrix.
+
+"all nodes" keeps all nodes. The others condense inner nodes out: "transposed" with the left
+reduction L of the transposed problem, "same" with L equal to the right reduction R. "lumped" is
+"transposed" with a lumped mass.
+"""
 MeshSolution = tuple[Array, dict[str, float], Discretisation]
 """Values (n,) on one mesh, measures of the quality of the modes, and the discretised body."""
 
 
 def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Compute the eigenvalues of a round rod between smooth rigid walls in axisymmetry."""
+    """Compute eigenvalues of a round rod between smooth rigid walls in axisymmetry.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        treatment: Treatment of inner nodes and mass (see `Treatment`).
+        squares: Numbers of squares over the radius, from coarse to fine.
+    """
 
     def solve_on_mesh(n: int) -> MeshSolution:
         sizes, divisions = (ROD.radius, ROD.length), (n, 2 * n)
         body = _discretise_rectangle(element, sizes, divisions, StressState.AXISYMMETRIC)
-        modes = _compute_modes(body, ROD_WALLS, N_MODES, treatment)
-        return modes.eigenvalues, _mode_quality(modes), body
+        modes = _compute_vibration_modes(body, ROD_WALLS, N_MODES, treatment)
+        return modes.eigenvalues, _measure_quality_of_modes(modes), body
 
-    return _compare_values_on_meshes(
+    return _compare_values_on_mesh_series_with_exact(
         solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES)
     )
 
 
 def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Compute the eigenvalues of a square in plane stress on rollers on all sides."""
+    """Compute eigenvalues of a square in plane stress that is supported by rollers on all sides.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        treatment: Treatment of inner nodes and mass (see `Treatment`).
+        squares: Numbers of squares along a side, from coarse to fine.
+    """
     rollers: list[Support] = [(i, x, i) for i in (0, 1) for x in (0.0, 1.0)]
 
     def solve_on_mesh(n: int) -> MeshSolution:
         body = _discretise_rectangle(element, (1.0, 1.0), (n, n), StressState.PLANE_STRESS)
-        modes = _compute_modes(body, rollers, N_MODES, treatment)
-        return modes.eigenvalues, _mode_quality(modes), body
+        modes = _compute_vibration_modes(body, rollers, N_MODES, treatment)
+        return modes.eigenvalues, _measure_quality_of_modes(modes), body
 
-    exact = rectangle_eigenvalues(MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES)
-    return _compare_values_on_meshes(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
+    exact = eigenvalues_of_rectangle_between_walls(
+        MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES
+    )
+    return _compare_values_on_mesh_series_with_exact(
+        solve_on_mesh, squares, EIGENVALUE_NAMES, exact
+    )
 
 
 def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
-    """Compute vibration modes and buckling stresses of a simply supported strip.
+    """Compute bending vibrations and buckling stresses of a simply supported strip.
 
-    Values `vibration_n` are rho omega^2 / k^2, values `buckling_n` critical stresses; both have
-    the same exact value. In vibration the strip has a rigid mode along its axis; in buckling a
-    corner is fixed.
+    The values `vibration_n` are rho omega^2 / k^2 with the wave number k, and the values
+    `buckling_n` are critical stresses; both have the same exact value. In vibration the strip has a
+    rigid mode along its axis; in buckling one corner is fixed.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        treatment: Treatment of inner nodes and mass (see `Treatment`).
+        squares: Numbers of squares over the height, from coarse to fine.
     """
     ends: list[Support] = [(0, 0.0, 1), (0, STRIP_LENGTH, 1)]
     modes = range(1, N_STRIP_MODES + 1)
@@ -182,59 +215,70 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
     def solve_on_mesh(n: int) -> MeshSolution:
         sizes, divisions = (STRIP_LENGTH, 1.0), (int(STRIP_LENGTH) * n, n)
         body = _discretise_rectangle(element, sizes, divisions, StressState.PLANE_STRESS)
-        vibration = _compute_modes(body, ends, N_STRIP_MODES + 1, treatment)
+        vibration = _compute_vibration_modes(body, ends, N_STRIP_MODES + 1, treatment)
         stress = MATERIAL.density * vibration.eigenvalues[1:] / wave_numbers**2
         corner = prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
         prestress = fem.Constant(body.body.spaces.mesh, np.array([[-1.0, 0.0], [0.0, 0.0]]))
         critical = buckling(
             body.K,
             assemble_matrix(body.body.geometric_stiffness(prestress)),
-            _make_reduction(body, [*_make_support_conditions(body, ends), corner], treatment),
+            _reduce_by_supports_and_mass_condensation(
+                body, [*_make_support_conditions(body, ends), corner], treatment
+            ),
             N_STRIP_MODES,
             is_symmetrised(element),
         )
-        quality = _mode_quality(vibration)
+        quality = _measure_quality_of_modes(vibration)
         quality["residual"] = max(quality["residual"], critical.residuals.max())
         quality["imaginary"] = max(quality["imaginary"], critical.imaginary_ratio)
         return np.concatenate([stress, critical.factors]), quality, body
 
-    theory = Strip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
-    exact = [theory.elasticity(n, "G") for n in modes]
+    theory = CompressedStrip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
+    exact = [theory.exact_critical_stress(n, "G") for n in modes]
     names = [f"{kind}_{n}" for kind in ("vibration", "buckling") for n in modes]
-    return _compare_values_on_meshes(solve_on_mesh, squares, names, exact * 2)
+    return _compare_values_on_mesh_series_with_exact(solve_on_mesh, squares, names, exact * 2)
 
 
 def free(element: str, state: str) -> Result:
-    """Compute modes of an unsupported body (in axisymmetry with u_r = 0 on the axis).
+    """Compute the rigid modes of an unsupported body (in axisymmetry, u_r = 0 on the axis).
 
-    Scalars: `rigid`, the number of modes of zero frequency; `rigid_error`, this number minus the
-    exact number; `zero`, the largest of their eigenvalues over the first elastic one.
+    The scalar `rigid` is the number of modes with zero frequency, and `rigid_error` this number
+    minus the exact number. `zero` is the largest eigenvalue of these modes over the smallest
+    elastic one.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        state: Name of the stress state.
     """
     stress_state = StressState(state)
-    build_square = partial(_mesh_rectangle, (1.0, 1.0), (6, 6))
+    build_square = partial(_mesh_rectangle_with_bent_inner_lines, (1.0, 1.0), (6, 6))
     build = _mesh_solid_box if stress_state is StressState.SOLID else build_square
     body = discretise(element, build, MATERIAL, stress_state)
     axis: list[Support] = [(0, 0.0, 0)] if stress_state is StressState.AXISYMMETRIC else []
-    modes = _compute_modes(body, axis, N_MODES + 1, "transposed")
+    modes = _compute_vibration_modes(body, axis, N_MODES + 1, "transposed")
     eigenvalues = np.abs(modes.eigenvalues)
     scalars = {
         "zero": eigenvalues[: modes.n_rigid].max() / eigenvalues[modes.n_rigid],
         "rigid_error": float(modes.n_rigid - RIGID_MODE_COUNTS[stress_state]),
     }
-    scalars |= _mode_quality(modes)
-    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
+    scalars |= _measure_quality_of_modes(modes)
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=body.K.getSize()[0])
 
 
 def tube(element: str, squares: Sequence[int]) -> Result:
     """Solve Lamé's tube under internal pressure between smooth rigid walls.
 
     The value `displacement` is one plus the largest error of a nodal displacement over the largest
-    displacement; its exact value is one, so that its relative error is this error.
+    displacement. Its exact value is one, so its relative error is the displacement error.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+        squares: Numbers of squares across the wall of the tube, from coarse to fine.
     """
     inner_radius, outer = TUBE_RADII
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
 
-    def radial_displacement(r: Array) -> Array:
+    def exact_radial_displacement(r: Array) -> Array:
         factor = (1 + nu) / E * inner_radius**2 / (outer**2 - inner_radius**2)
         return factor * ((1 - 2 * nu) * r + outer**2 / r)
 
@@ -242,38 +286,57 @@ def tube(element: str, squares: Sequence[int]) -> Result:
         sizes = (outer - inner_radius, 1.0)
         body = _discretise_rectangle(element, sizes, (n, n), StressState.AXISYMMETRIC, inner_radius)
         inside = partial(_is_at_coordinate, 0, inner_radius)
-        error = _largest_displacement_error(body, [], inside, (1.0, 0.0), radial_displacement)
+        error = _largest_axisymmetric_displacement_error(
+            body, [], inside, (1.0, 0.0), exact_radial_displacement
+        )
         return np.array([1 + error]), {}, body
 
-    return _compare_values_on_meshes(solve_on_mesh, squares, ["displacement"], [1.0])
+    return _compare_values_on_mesh_series_with_exact(
+        solve_on_mesh, squares, ["displacement"], [1.0]
+    )
 
 
 def cylinder(element: str) -> Result:
-    """Solve a solid cylinder under external pressure, whose exact u_r = c r is a trial function."""
+    """Solve a solid cylinder under external pressure; return the largest displacement error.
+
+    The exact displacement u_r = c r is a trial function, so the error should be round-off.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-Q8".
+    """
     body = _discretise_rectangle(element, (1.0, 1.0), (4, 4), StressState.AXISYMMETRIC)
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
     factor = -(1 + nu) * (1 - 2 * nu) / E
     axis: list[Support] = [(0, 0.0, 0)]
     outside = partial(_is_at_coordinate, 0, 1.0)
-    error = _largest_displacement_error(body, axis, outside, (-1.0, 0.0), lambda r: factor * r)
+    error = _largest_axisymmetric_displacement_error(
+        body, axis, outside, (-1.0, 0.0), lambda r: factor * r
+    )
     scalars = {"displacement_error": error}
-    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=body.K.getSize()[0])
 
 
 def quadrature(element: str, squares: int) -> Result:
-    """Compute the rod's eigenvalues with quadrature of several degrees.
+    """Compute eigenvalues of the rod with several degrees of quadrature.
 
-    Curves: `degree`, and `change`, the largest relative change of an eigenvalue against
-    `REFERENCE_DEGREE`; scalar `error`, the largest relative error with that degree.
+    The curve `change` contains, for each entry of the curve `degree`, the largest relative
+    difference of an eigenvalue from that with `REFERENCE_DEGREE`. The scalar `error` is the largest
+    relative error with `REFERENCE_DEGREE`.
+
+    Args:
+        element: Element name such as "pw-T6".
+        squares: Number of squares over the radius.
     """
     eigenvalues = {}
     sizes, divisions = (ROD.radius, ROD.length), (squares, 2 * squares)
-    cell = "quadrilateral" if has_quadrilateral_mesh(element) else "triangle"
+    cell = "quadrilateral" if requires_quadrilateral_cells(element) else "triangle"
     for degree in (*QUADRATURE_DEGREES, REFERENCE_DEGREE):
-        element_spaces = spaces(element, _mesh_rectangle(sizes, divisions, cell))
+        element_spaces = make_element_spaces(
+            element, _mesh_rectangle_with_bent_inner_lines(sizes, divisions, cell)
+        )
         body = Body(element_spaces, MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=degree)
         discretised = Discretisation(element, body, assemble_matrix(body.stiffness()))
-        modes = _compute_modes(discretised, ROD_WALLS, N_MODES, "all nodes")
+        modes = _compute_vibration_modes(discretised, ROD_WALLS, N_MODES, "all nodes")
         eigenvalues[degree] = modes.eigenvalues
     reference = eigenvalues[REFERENCE_DEGREE]
     change = [np.abs(eigenvalues[degree] / reference - 1).max() for degree in QUADRATURE_DEGREES]
@@ -282,25 +345,29 @@ def quadrature(element: str, squares: int) -> Result:
         f"change_{degree}": value for degree, value in zip(QUADRATURE_DEGREES, change, strict=True)
     }
     curves = {"degree": np.array(QUADRATURE_DEGREES), "change": np.array(change)}
-    return Result(scalars, dimensionless(scalars), curves, dofs=discretised.K.getSize()[0])
+    return Result(
+        scalars, assign_unit_one_to_scalars(scalars), curves, dofs=discretised.K.getSize()[0]
+    )
 
 
-def _compute_modes(
+def _compute_vibration_modes(
     body: Discretisation, supports: list[Support], count: int, treatment: Treatment
 ) -> VibrationModes:
     M = assemble_matrix(body.body.mass())
     if treatment == "lumped":
         M = lumped_mass(M, body.space)
-    reduction = _make_reduction(body, _make_support_conditions(body, supports), treatment)
+    reduction = _reduce_by_supports_and_mass_condensation(
+        body, _make_support_conditions(body, supports), treatment
+    )
     return vibration_modes(body.K, M, reduction, count, is_symmetrised(body.element))
 
 
-def _make_reduction(
+def _reduce_by_supports_and_mass_condensation(
     body: Discretisation, conditions: list[fem.DirichletBC], treatment: Treatment
 ) -> Reduction:
     if treatment == "all nodes":
         return Reduction.dirichlet(body.space, conditions)
-    return mass_condensation(
+    return reduction_for_mass_condensation(
         body.supports(conditions), "same" if treatment == "same" else "transposed"
     )
 
@@ -318,22 +385,23 @@ def _is_at_coordinate(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_
     return np.isclose(x[axis], value)
 
 
-def _compare_values_on_meshes(
+def _compare_values_on_mesh_series_with_exact(
     solve_on_mesh: Callable[[int], MeshSolution],
     squares: Sequence[int],
     names: Sequence[str],
     exact: Sequence[float],
 ) -> Result:
-    """Compare values on a series of meshes, from coarse to fine, with exact ones.
+    """Compare computed values with exact ones on a series of meshes.
 
-    Scalars of the finest mesh: each value by its name, with the endings `_exact`, `_error`
-    (relative) and `_order` (in the element size, of the last refinement); `error` is the largest
-    absolute error, `order` the lowest order. `residual` and `imaginary` are the largest of all
-    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,), and the finest mesh.
+    Scalars of the finest mesh are each value by its name, and with the suffixes `_exact`, `_error`
+    (relative) and `_order` (convergence order in the element size between the last two meshes). The
+    scalar `error` is the largest absolute relative error, and `order` the lowest order. `residual`
+    and `imaginary` are the largest values of all meshes. Curves are `squares` (m,), `errors` (m,
+    n), `imaginaries` (m,), and the nodes and cells of the finest mesh.
 
     Args:
-        solve_on_mesh: Function that returns the values on a mesh of a given number of squares.
-        squares: Numbers of squares (m,).
+        solve_on_mesh: Function that returns the values on a mesh with a given number of squares.
+        squares: Numbers of squares (m,), from coarse to fine.
         names: Names of the values (n,).
         exact: Exact values (n,).
     """
@@ -357,10 +425,10 @@ def _compare_values_on_meshes(
     curves = {"squares": np.array(squares), "errors": errors, **mesh_nodes_and_cells(body.space)}
     if "imaginary" in scalars:
         curves["imaginaries"] = np.array([quality["imaginary"] for quality in qualities])
-    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=body.K.getSize()[0])
 
 
-def _mode_quality(modes: VibrationModes) -> dict[str, float]:
+def _measure_quality_of_modes(modes: VibrationModes) -> dict[str, float]:
     return {
         "rigid": float(modes.n_rigid),
         "residual": modes.residuals.max(),
@@ -368,16 +436,24 @@ def _mode_quality(modes: VibrationModes) -> dict[str, float]:
     }
 
 
-def _largest_displacement_error(
+def _largest_axisymmetric_displacement_error(
     body: Discretisation,
     supports: list[Support],
     loaded_part: Marker,
     traction: tuple[float, float],
     radial_displacement: Callable[[Array], Array],
 ) -> float:
-    """Return the largest error of a nodal displacement over the largest displacement.
+    """Return the largest error of a nodal displacement of an axisymmetric body under pressure.
 
-    A traction acts on a part of the boundary; smooth walls support the body at z = 0 and 1.
+    The error is relative to the largest exact displacement. Smooth rigid walls support the body at
+    z = 0 and z = 1.
+
+    Args:
+        body: Discretised body.
+        supports: Further supports.
+        loaded_part: Marker of the loaded part of the boundary.
+        traction: Traction (t_r, t_z) on this part.
+        radial_displacement: Function that returns exact radial displacements (n,) at radii (n,).
     """
     walls: list[Support] = [(1, 0.0, 1), (1, 1.0, 1)]
     load = body.surface_load(traction, loaded_part)
@@ -394,16 +470,27 @@ def _discretise_rectangle(
     state: StressState,
     inner_radius: float = 0.0,
 ) -> Discretisation:
-    build = partial(_mesh_rectangle, sizes, divisions, inner_radius=inner_radius)
+    build = partial(
+        _mesh_rectangle_with_bent_inner_lines, sizes, divisions, inner_radius=inner_radius
+    )
     return discretise(element, build, MATERIAL, state)
 
 
-def _mesh_rectangle(
+def _mesh_rectangle_with_bent_inner_lines(
     sizes: tuple[float, float], divisions: tuple[int, int], cell: str, inner_radius: float = 0.0
 ) -> Mesh:
-    """Mesh the rectangle inner_radius <= x <= inner_radius + a, 0 <= y <= b; inner lines are bent."""
+    """Mesh a rectangle whose inner mesh lines are curved.
 
-    def bend_lines(x: Array) -> Array:
+    The rectangle is inner_radius <= x <= inner_radius + a, 0 <= y <= b.
+
+    Args:
+        sizes: Side lengths a and b.
+        divisions: Numbers of squares along both sides.
+        cell: Cell type, "triangle" or "quadrilateral".
+        inner_radius: Smallest x.
+    """
+
+    def bend_inner_lines(x: Array) -> Array:
         s, t = np.pi * (x[:, 0] - inner_radius) / sizes[0], np.pi * x[:, 1] / sizes[1]
         position = x.copy()
         position[:, 0] += MAX_NODE_SHIFT * sizes[0] * np.sin(s) * np.cos(t)
@@ -412,7 +499,7 @@ def _mesh_rectangle(
 
     build = triangles if cell == "triangle" else quadrilaterals
     corners = (inner_radius, 0.0), (inner_radius + sizes[0], sizes[1])
-    return move_nodes(build(MPI.COMM_SELF, *corners, divisions), bend_lines)
+    return move_nodes(build(MPI.COMM_SELF, *corners, divisions), bend_inner_lines)
 
 
 def _mesh_solid_box(_: str) -> Mesh:
@@ -523,7 +610,7 @@ PLOT_TITLES = {
     "square": ("square, plane stress", "squares over a side"),
     "strip": ("strip, vibration", "squares over the height"),
 }
-"""Title of the panel and label of its abscissa, by problem."""
+"""Panel title and label of the abscissa, by problem."""
 HOLLOW_MARKERS = {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
 PLOT_LOOKS: dict[str, dict[str, Any]] = {
     "galerkin-T6": ELEMENT_LOOK["galerkin-T6"],
@@ -536,13 +623,13 @@ PLOT_LOOKS: dict[str, dict[str, Any]] = {
     "pw-Q8-same": ELEMENT_LOOK["pw-Q8"]
     | {"linestyle": "--", "markerfacecolor": "none", "label": "new Q8 (Guyan, L = R)"},
 }
-"""Line styles in the order of the legend; dotted lines and hollow markers coincide with others."""
+"""Line styles in the order of the legend; dotted curves coincide with others."""
 
 
-def draw_convergence(results: Results) -> Figure:
-    """Convergence of natural frequencies to exact ones.
+def draw_convergence_of_frequencies(results: Results) -> Figure:
+    """Draw the convergence of natural frequencies to exact ones.
 
-    One panel per problem: largest relative error of the modes over the mesh density.
+    Each panel shows the largest relative error of all modes of one problem over the mesh density.
     """
     fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 3.3), sharey=True)
     for ax, (problem, (title, density)) in zip(axes, PLOT_TITLES.items(), strict=True):
@@ -568,12 +655,18 @@ def draw_convergence(results: Results) -> Figure:
 
 
 def _select_vibration_errors(problem: str, errors: Array) -> Array:
-    """Return the errors (m, n) of natural frequencies; the second half of the strip's is buckling."""
+    """Return the errors of natural frequencies and leave out the errors of buckling stresses.
+
+    Args:
+        problem: Name of the problem; only "strip" has buckling stresses.
+        errors: Errors (m, n) on m meshes; in the problem "strip" the first half of the columns
+            belongs to vibration, the second to buckling.
+    """
     return errors[:, : errors.shape[1] // 2] if problem == "strip" else errors
 
 
-def caption_convergence(results: Results) -> str:
-    """Return the caption, with observed orders."""
+def caption_convergence_of_frequencies(results: Results) -> str:
+    """Return the caption of the convergence figure, including observed orders."""
     orders = {
         variant: results.scalar(f"V8/rod-{variant}", "order")
         for variant in ("galerkin-T6", "pw-T6", "pwsym-T6", "pw-T6-lumped", "pw-Q8")
@@ -591,9 +684,9 @@ def caption_convergence(results: Results) -> str:
 FIGURES = [
     PageFigure(
         "v8_vibration_convergence",
-        draw_convergence,
+        draw_convergence_of_frequencies,
         needs=[f"V8/{problem}-{variant}" for problem in PLOT_TITLES for variant in PLOT_LOOKS],
-        caption=caption_convergence,
+        caption=caption_convergence_of_frequencies,
         alt="Three log-log plots of the largest error over mesh density. Standard and new triangles "
         "fall together with slope four, below them the standard 8-node and the new 9-node "
         "quadrilateral; the symmetrised, lumped and Guyan-reduced elements fall with slope two, "

@@ -1,10 +1,13 @@
-"""Does an engineer's answer change if nodal forces or pressures enter a law? Five problems.
+"""Five engineering applications in which nodal forces or contact pressures enter a further law.
 
-Every case has an answer, and some have further ones. References are cases as well: exact (the
-submodel's stress), computed with Hertz' exact pressure (the joint), or computed on finer meshes of
-quadrilaterals and hexahedra (wear, friction, impact), which favour neither element. Each case is
-repeated on two meshes with shifted lines; `study.judge.measures.engineering` makes bands of these
-answers and defines when an answer changes.
+The question is whether the element changes the engineer's answer. An "answer" is the engineering
+quantity that a problem determines, such as a wear depth; some problems have more than one.
+Pressures are computed from nodal forces by different "pressure rules", which the parameter
+`reading` selects (see `nodal_force_to_pressure_matrix`). Reference answers are cases as well: exact (stress in the
+submodel), computed with Hertz's exact pressure (heat flow), or computed on finer meshes of
+quadrilaterals and hexahedra (wear, friction, impact), which favour neither of the compared
+elements. Each case is repeated on two meshes with shifted lines; `study.judge.measures.engineering`
+combines these answers to bands and defines when an answer changes.
 """
 
 import matplotlib.pyplot as plt
@@ -18,10 +21,10 @@ from study.benchmarks.w_engineering.pressures import (
     LINE_DEPTH,
     HeatResult,
     SubmodelResult,
-    conduct_heat,
-    conduct_heat_of_exact_pressure,
-    exact_stress,
-    solve_submodel,
+    conduct_heat_through_joint,
+    conduct_heat_with_exact_pressure,
+    exact_normal_stress_below_contact,
+    solve_stress_in_refined_submodel,
 )
 from study.benchmarks.w_engineering.sliding import (
     PATH,
@@ -29,20 +32,20 @@ from study.benchmarks.w_engineering.sliding import (
     PartialSlipResult,
     WearResult,
     solve_partial_slip,
-    throw_block,
+    throw_block_at_rough_dome,
     wear_punch,
 )
 from study.judge.checks import check
 from study.judge.measures.engineering import (
     MIN_RELEVANT_DIFFERENCE,
-    error_band,
+    answer_errors_by_mesh,
+    error_range_of_answer_band,
     largest_answer_difference,
-    least_rule_error_ratio,
+    least_standard_to_new_wear_error_ratio,
     n_changed_answers,
-    reading_errors,
     reference_answer,
 )
-from study.model.units import dimensionless
+from study.model.units import assign_unit_one_to_scalars
 from study.publish.plots.style import PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
@@ -117,17 +120,19 @@ MESHES = {
 They are given by problem and cell, from coarse to fine.
 """
 OFFSETS = {"before": -1 / 3, "beyond": 1 / 3}
-"""Shifts of mesh lines in cell sizes, by the suffix of the answers' names."""
+"""Shifts of mesh lines in cell sizes, by the suffix of the answer's name."""
 REFERENCE_MESHES = {
     "wear": {"T6": (8, 16, 32), "T10": (4, 8, 12)},
     "friction": {"T6": (16, 32, 48), "T10": (4, 6, 8)},
     "conductance": {"T6": (24, 48, 96), "T10": (6, 8, 12)},
     "impact": {"T6": (32, 64, 96), "T10": (8, 12, 16)},
 }
-"""Numbers of cells or edges of the reference solutions, from coarse to fine."""
+"""Numbers of cells or edges of reference solutions, by problem and cell, coarse to fine."""
 REFERENCE_ELEMENTS = {"T6": "galerkin-Q9", "T10": "galerkin-H27"}
-"""Elements of the reference solutions: their cells differ from the compared ones, and all of their
-weights are positive."""
+"""Elements of the reference solutions, by the cell of the compared elements.
+
+Their cells differ from the compared ones, and the integrals of all test functions are positive.
+"""
 REFERENCE_WEAR_STEPS = (400, 800, 1600)
 READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("wear", "galerkin-T6"): ("own", "projected", "tributary"),
@@ -143,129 +148,191 @@ READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("submodel", "pw-T6"): ("own", "projected", "forces"),
     ("submodel", "pw-T10"): ("own", "projected", "forces"),
 }
-"""Readings (see `pressure_matrix`) by problem and element; default: "own" and "projected"."""
+"""Pressure rules (see `nodal_force_to_pressure_matrix`) by problem and element.
+
+The default is "own" and "projected".
+"""
 BEST_READINGS: dict[tuple[str, str], tuple[str, ...]] = {
     ("conductance", "galerkin-T10"): ("skip", "tributary"),
     ("submodel", "pw-T10"): ("own", "projected"),
 }
-"""Readings that may be an element's best; default: "projected" for the standard T10, else "own"."""
+"""Pressure rules among which an element's best is sought.
+
+The default is "projected" for the standard T10, otherwise "own".
+"""
 RULES_ON_FINEST_MESH = {
     "wear": ("skip", "neighbours", "tributary"),
     "friction": ("tributary",),
     "conductance": ("tributary",),
     "submodel": ("tributary",),
 }
-"""Readings of common codes that are also computed for the standard element on the finest mesh."""
+"""Pressure rules of common codes, also computed for standard elements on the finest mesh."""
 N_WEAR_STEPS = 200
-"""Number of wear steps on coarse meshes; the step is a fifth of the stability limit."""
+"""Number of wear steps on coarse meshes; a step is a fifth of the stability limit."""
 N_FINE_WEAR_STEPS = 800
 
 
 def wear(element: str, reading: str, mesh: int) -> Result:
-    """Return the wear depth in the middle of a punch after half of the path, over the mean depth.
+    """Return the wear depth in the middle of a punch at half of the path, over the mean wear depth.
 
-    `end_error` is the largest relative deviation of the final pressures (by the best reading) from
-    their mean. `volume_error` is the relative difference of the worn volume, integrated with the
-    weights of the reading, from k x force x path. `step_over_bound` is the step over the largest
-    stable one.
+    The scalar `end_error` is the largest relative deviation of a final pressure from the mean
+    pressure. `volume_error` is the relative difference of the integrated wear depths from k F s,
+    with the wear coefficient k, the force F and the path s. `step_over_bound` is the step over the
+    largest stable one.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        reading: Pressure rule of the wear law (see `nodal_force_to_pressure_matrix`).
+        mesh: Number of cells over the height of the punch.
     """
-    worn = _wear(element, reading, mesh)
+    worn = _wear_punch_with_steps_for_mesh(element, reading, mesh)
     scalars = {
-        **_answers_of_wear(worn),
-        "end_error": worn.end_error,
-        "volume_error": worn.volume_error,
-        "step_over_bound": worn.step_over_bound,
+        **_relative_wear_depth_by_name(worn),
+        "end_error": worn.final_pressure_deviation,
+        "volume_error": worn.relative_volume_error,
+        "step_over_bound": worn.step_over_stability_limit,
     }
     curves = {
         "x": worn.punch.surface.position,
-        "half": worn.half_depth,
+        "half": worn.depth_at_half_path,
         "depth": worn.depth,
         "pressure": worn.pressure,
     }
-    return _make_result(scalars, curves, worn.punch.dofs)
+    return _make_dimensionless_result(scalars, curves, worn.punch.dofs)
 
 
 def friction(element: str, reading: str, mesh: int) -> Result:
-    """Return the tangential force over mu0 times the normal force, and the stick zone's size."""
+    """Return the tangential force over mu0 times the normal force, and the size of the stick zone.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        reading: Pressure rule of the friction law (see `nodal_force_to_pressure_matrix`).
+        mesh: Number of edges over half of the contact.
+    """
     slip = solve_partial_slip(element, reading, mesh)
     curves = {"x": slip.x, "pressure": slip.pressure, "shear": slip.shear}
-    return _make_result(_answers_of_slip(slip), curves, slip.dofs)
+    return _make_dimensionless_result(
+        _friction_force_and_stick_size_by_name(slip), curves, slip.dofs
+    )
 
 
 def conductance(element: str, reading: str, mesh: int) -> Result:
-    """Return the heat flow through the joint and the temperature jump in its middle."""
-    joint = conduct_heat(element, reading, mesh)
-    return _make_result(_answers_of_joint(joint), {}, joint.dofs)
+    """Return the heat flow through a pressed joint and the temperature jump in its middle.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        reading: Pressure rule of the conductance law (see `nodal_force_to_pressure_matrix`).
+        mesh: Number of edges over half of the contact.
+    """
+    joint = conduct_heat_through_joint(element, reading, mesh)
+    return _make_dimensionless_result(
+        _heat_flow_and_temperature_jump_by_name(joint), {}, joint.dofs
+    )
 
 
 def impact(element: str, mesh: int) -> Result:
-    """Return rebound speed, impulse of friction, and energy dissipated by friction.
+    """Return rebound speed, friction impulse and friction dissipation of a block that hits a dome.
 
     They are relative to the initial speed, mu times the normal impulse, and the initial energy.
+
+    Args:
+        element: Element name such as "sibling-T6" or "galerkin-T10".
+        mesh: Number of cells over the height of the block.
     """
-    block = throw_block(element, mesh)
+    block = throw_block_at_rough_dome(element, mesh)
     scalars = {
-        **_answers_of_impact(block),
+        **_rebound_and_friction_ratios_by_name(block),
         "imbalance": block.imbalance,
         "steps": float(block.steps),
     }
-    return _make_result(scalars, {"time": block.time, "force": block.force}, block.dofs)
+    return _make_dimensionless_result(
+        scalars, {"time": block.time, "force": block.force}, block.dofs
+    )
 
 
 def submodel(element: str, reading: str, mesh: int) -> Result:
     """Return the largest compressive stress normal to the surface on a line at a small depth.
 
-    `field_error` is the relative L2 error of the stress on this line.
+    The scalar `field_error` is the relative L2 error of the stress along this line.
+
+    Args:
+        element: Element name such as "pw-T6" or "galerkin-T10".
+        reading: Load on the submodel's surface (see `solve_stress_in_refined_submodel`).
+        mesh: Number of edges over half of the contact.
     """
-    line = solve_submodel(element, reading, mesh)
+    line = solve_stress_in_refined_submodel(element, reading, mesh)
     error_norm = float(np.linalg.norm(line.stress - line.exact) / np.linalg.norm(line.exact))
-    scalars = {**_answers_of_submodel(line), "field_error": error_norm}
-    return _make_result(scalars, {"stress": line.stress, "exact": line.exact}, line.dofs)
+    scalars = {**_largest_submodel_stress_by_name(line), "field_error": error_norm}
+    return _make_dimensionless_result(
+        scalars, {"stress": line.stress, "exact": line.exact}, line.dofs
+    )
 
 
 def shifted(application: str, element: str, reading: str, mesh: int) -> Result:
-    """Return the answers of a problem on two meshes with lines shifted by `OFFSETS`."""
+    """Return the answers of an application on two meshes with lines shifted by `OFFSETS`.
+
+    Args:
+        application: Name of the problem, a key of `PROBLEMS`.
+        element: Element name.
+        reading: Pressure rule (see `nodal_force_to_pressure_matrix`).
+        mesh: Number of cells or edges.
+    """
     scalars: dict[str, float] = {}
     dofs = 0
     for ending, offset in OFFSETS.items():
-        answers, n_unknowns = _solve_shifted(application, element, reading, mesh, offset)
+        answers, n_unknowns = _solve_application_on_shifted_mesh(
+            application, element, reading, mesh, offset
+        )
         scalars |= {f"{name}_{ending}": value for name, value in answers.items()}
         dofs = max(dofs, n_unknowns)
-    return _make_result(scalars, {}, dofs)
+    return _make_dimensionless_result(scalars, {}, dofs)
 
 
-def _solve_shifted(
-    application: str, element: str, reading: str, mesh: int, offset: float
+def _solve_application_on_shifted_mesh(
+    application: str, element: str, pressure_rule: str, mesh: int, offset: float
 ) -> tuple[dict[str, float], int]:
-    """Return the answers on a mesh with shifted lines, and the number of unknowns."""
+    """Return the answers by name on a mesh with shifted lines, and the number of unknowns.
+
+    Args:
+        application: Name of the problem, a key of `PROBLEMS`.
+        element: Element name.
+        pressure_rule: Pressure rule (see `nodal_force_to_pressure_matrix`).
+        mesh: Number of cells or edges.
+        offset: Shift of the mesh lines in cell sizes.
+    """
     if application == "wear":
-        worn = _wear(element, reading, mesh, offset)
-        return _answers_of_wear(worn), worn.punch.dofs
+        worn = _wear_punch_with_steps_for_mesh(element, pressure_rule, mesh, offset)
+        return _relative_wear_depth_by_name(worn), worn.punch.dofs
     if application == "friction":
-        slip = solve_partial_slip(element, reading, mesh, offset=offset)
-        return _answers_of_slip(slip), slip.dofs
+        slip = solve_partial_slip(element, pressure_rule, mesh, offset=offset)
+        return _friction_force_and_stick_size_by_name(slip), slip.dofs
     if application == "conductance":
-        joint = conduct_heat(element, reading, mesh, offset=offset)
-        return _answers_of_joint(joint), joint.dofs
+        joint = conduct_heat_through_joint(element, pressure_rule, mesh, offset=offset)
+        return _heat_flow_and_temperature_jump_by_name(joint), joint.dofs
     if application == "impact":
-        block = throw_block(element, mesh, offset)
-        return _answers_of_impact(block), block.dofs
-    line = solve_submodel(element, reading, mesh, offset)
-    return _answers_of_submodel(line), line.dofs
+        block = throw_block_at_rough_dome(element, mesh, offset)
+        return _rebound_and_friction_ratios_by_name(block), block.dofs
+    line = solve_stress_in_refined_submodel(element, pressure_rule, mesh, offset)
+    return _largest_submodel_stress_by_name(line), line.dofs
 
 
 def reference(application: str, cell: str) -> Result:
-    """Return reference answers, and the uncertainty of each.
+    """Return the reference answers of an application with the uncertainty of each.
 
-    The stress in the submodel is exact. The other answers are those on the finest of three meshes;
-    their uncertainty is the larger of their differences from the answers on the two coarser meshes.
+    The stress in the submodel is exact. The other reference answers are those on the finest of
+    three meshes; their uncertainty is the larger of the differences from the answers on the two
+    coarser meshes.
+
+    Args:
+        application: Name of the problem, a key of `PROBLEMS`.
+        cell: Cell of the compared elements, "T6" or "T10".
     """
     if application == "submodel":
-        exact = exact_stress(1 if cell == "T6" else 2, LINE, LINE_DEPTH)
-        return _make_result({"answer": exact.max(), "answer_uncertainty": 0.0}, {}, 0)
+        exact = exact_normal_stress_below_contact(1 if cell == "T6" else 2, LINE, LINE_DEPTH)
+        return _make_dimensionless_result({"answer": exact.max(), "answer_uncertainty": 0.0}, {}, 0)
     meshes = REFERENCE_MESHES[application][cell]
     series = [
-        _solve_reference(application, cell, mesh, n_steps)
+        _compute_reference_answers(application, cell, mesh, n_steps)
         for mesh, n_steps in zip(meshes, REFERENCE_WEAR_STEPS, strict=True)
     ]
     *coarser, (finest, dofs) = series
@@ -273,56 +340,71 @@ def reference(application: str, cell: str) -> Result:
         f"{name}_uncertainty": max(abs(answers[name] - value) for answers, _ in coarser)
         for name, value in finest.items()
     }
-    return _make_result(finest | uncertainties, {}, dofs)
+    return _make_dimensionless_result(finest | uncertainties, {}, dofs)
 
 
-def _solve_reference(
+def _compute_reference_answers(
     application: str, cell: str, mesh: int, n_steps: int
 ) -> tuple[dict[str, float], int]:
-    """Return the answers of a reference solution, and the number of unknowns."""
+    """Return the answers of a reference solution by name, and the number of unknowns.
+
+    Args:
+        application: Name of the problem, a key of `PROBLEMS` other than "submodel".
+        cell: Cell of the compared elements, "T6" or "T10".
+        mesh: Number of cells or edges.
+        n_steps: Number of wear steps.
+    """
     element = REFERENCE_ELEMENTS[cell]
     if application == "wear":
         worn = wear_punch(element, "own", mesh, n_steps)
-        return _answers_of_wear(worn), worn.punch.dofs
+        return _relative_wear_depth_by_name(worn), worn.punch.dofs
     if application == "friction":
         slip = solve_partial_slip(element, "own", mesh)
-        return _answers_of_slip(slip), slip.dofs
+        return _friction_force_and_stick_size_by_name(slip), slip.dofs
     if application == "conductance":
-        joint = conduct_heat_of_exact_pressure(cell, mesh)
-        return _answers_of_joint(joint), joint.dofs
-    block = throw_block(element, mesh)
-    return _answers_of_impact(block), block.dofs
+        joint = conduct_heat_with_exact_pressure(cell, mesh)
+        return _heat_flow_and_temperature_jump_by_name(joint), joint.dofs
+    block = throw_block_at_rough_dome(element, mesh)
+    return _rebound_and_friction_ratios_by_name(block), block.dofs
 
 
-def _wear(element: str, reading: str, mesh: int, offset: float = 0.0) -> WearResult:
+def _wear_punch_with_steps_for_mesh(
+    element: str, pressure_rule: str, mesh: int, offset: float = 0.0
+) -> WearResult:
     is_finest = mesh == MESHES["wear"][element.split("-")[1]][-1]
     n_steps = N_FINE_WEAR_STEPS if is_finest else N_WEAR_STEPS
-    return wear_punch(element, reading, mesh, n_steps, offset)
+    return wear_punch(element, pressure_rule, mesh, n_steps, offset)
 
 
-def _answers_of_wear(worn: WearResult) -> dict[str, float]:
-    return {"answer": worn.half_depth[0] / (PATH / 2)}
+def _relative_wear_depth_by_name(worn: WearResult) -> dict[str, float]:
+    return {"answer": worn.depth_at_half_path[0] / (PATH / 2)}
 
 
-def _answers_of_slip(slip: PartialSlipResult) -> dict[str, float]:
+def _friction_force_and_stick_size_by_name(slip: PartialSlipResult) -> dict[str, float]:
     return {"answer": slip.force, "stick_answer": slip.stick}
 
 
-def _answers_of_joint(joint: HeatResult) -> dict[str, float]:
-    return {"answer": joint.heat, "jump_answer": joint.jump}
+def _heat_flow_and_temperature_jump_by_name(joint: HeatResult) -> dict[str, float]:
+    return {"answer": joint.heat, "jump_answer": joint.temperature_jump}
 
 
-def _answers_of_impact(block: ImpactResult) -> dict[str, float]:
-    return {"answer": block.rebound, "slip_answer": block.slip, "energy_answer": block.energy}
+def _rebound_and_friction_ratios_by_name(block: ImpactResult) -> dict[str, float]:
+    return {
+        "answer": block.rebound_speed_ratio,
+        "slip_answer": block.slip,
+        "energy_answer": block.energy,
+    }
 
 
-def _answers_of_submodel(line: SubmodelResult) -> dict[str, float]:
+def _largest_submodel_stress_by_name(line: SubmodelResult) -> dict[str, float]:
     return {"answer": float(line.stress.max())}
 
 
-def _make_result(scalars: dict[str, float], curves: dict[str, np.ndarray], dofs: int) -> Result:
+def _make_dimensionless_result(
+    scalars: dict[str, float], curves: dict[str, np.ndarray], dofs: int
+) -> Result:
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, dimensionless(numbers), curves, dofs=dofs)
+    return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=dofs)
 
 
 # Cases
@@ -330,69 +412,99 @@ def _make_result(scalars: dict[str, float], curves: dict[str, np.ndarray], dofs:
 PROBLEMS = {run.__name__: run for run in (wear, friction, conductance, impact, submodel)}
 
 
-def elements_compared(problem: str, cell: str) -> tuple[str, str]:
-    """Return the standard element and the new one, or for impact its symmetric sibling."""
+def standard_and_new_element(problem: str, cell: str) -> tuple[str, str]:
+    """Return the names of the standard element and of the new one, or for impact of its sibling.
+
+    The sibling is the symmetric element that is derived from the standard one.
+
+    Args:
+        problem: Name of the problem, a key of `PROBLEMS`.
+        cell: "T6" or "T10".
+    """
     return f"galerkin-{cell}", f"{'sibling' if problem == 'impact' else 'pw'}-{cell}"
 
 
-def best_readings(problem: str, element: str) -> tuple[str, ...]:
-    """Return the readings that may be an element's best, or "none" if no pressure is read."""
+def candidate_best_pressure_rules(problem: str, element: str) -> tuple[str, ...]:
+    """Return the pressure rules that may be the best for an element.
+
+    The problem "impact" needs no pressures; the only rule is then "none".
+
+    Args:
+        problem: Name of the problem, a key of `PROBLEMS`.
+        element: Element name.
+    """
     if problem == "impact":
         return ("none",)
     usual = "projected" if element == "galerkin-T10" else "own"
     return BEST_READINGS.get((problem, element), (usual,))
 
 
-def readings(problem: str, element: str, mesh: int) -> tuple[str, ...]:
-    """Return the readings that are computed on a mesh; there are fewer on the finest one."""
+def pressure_rules_on_mesh(problem: str, element: str, mesh: int) -> tuple[str, ...]:
+    """Return the pressure rules that are computed on a mesh; there are fewer on the finest mesh.
+
+    Args:
+        problem: Name of the problem, a key of `PROBLEMS`.
+        element: Element name.
+        mesh: Number of cells or edges.
+    """
     if problem == "impact":
         return ("none",)
     if mesh == MESHES[problem][element.split("-")[1]][-1]:
         rules = RULES_ON_FINEST_MESH[problem] if element.startswith("galerkin") else ()
         possible = READINGS.get((problem, element), ())
-        best = best_readings(problem, element)
+        best = candidate_best_pressure_rules(problem, element)
         return best + tuple(r for r in rules if r in possible and r not in best)
     return READINGS.get((problem, element), ("own", "projected"))
 
 
-def variants(problem: str, cell: str) -> list[tuple[str, str, int, str]]:
-    """Return the problem, element, mesh and reading of each case with one kind of cell."""
+def list_case_parameters(problem: str, cell: str) -> list[tuple[str, str, int, str]]:
+    """List problem, element, mesh and pressure rule of each case of a problem on one kind of cell.
+
+    Args:
+        problem: Name of the problem, a key of `PROBLEMS`.
+        cell: "T6" or "T10".
+    """
     return [
         (problem, element, mesh, reading)
-        for element in elements_compared(problem, cell)
+        for element in standard_and_new_element(problem, cell)
         for mesh in MESHES[problem][cell]
-        for reading in readings(problem, element, mesh)
+        for reading in pressure_rules_on_mesh(problem, element, mesh)
     ]
 
 
-def _make_case(problem: str, element: str, mesh: int, reading: str) -> Case:
+def _make_application_case(problem: str, element: str, mesh: int, pressure_rule: str) -> Case:
     parameters: dict[str, object] = {"element": element, "mesh": mesh}
     implied = {}
     if problem == "impact":
-        implied["reading"] = reading
+        implied["reading"] = pressure_rule
     else:
-        parameters["reading"] = reading
-    name = f"{problem}-{element}-{mesh}-{reading}"
+        parameters["reading"] = pressure_rule
+    name = f"{problem}-{element}-{mesh}-{pressure_rule}"
     return Case("W", name, PROBLEMS[problem], parameters, implied)
 
 
-def _make_shifted_case(problem: str, element: str, mesh: int, reading: str) -> Case:
-    name = f"shifted-{problem}-{element}-{mesh}-{reading}"
-    parameters = {"application": problem, "element": element, "reading": reading, "mesh": mesh}
+def _make_shifted_mesh_case(problem: str, element: str, mesh: int, pressure_rule: str) -> Case:
+    name = f"shifted-{problem}-{element}-{mesh}-{pressure_rule}"
+    parameters = {
+        "application": problem,
+        "element": element,
+        "reading": pressure_rule,
+        "mesh": mesh,
+    }
     return Case("W", name, shifted, parameters)
 
 
-def _make_cases(cell: str) -> list[Case]:
-    """Return all cases on triangles or tetrahedra."""
-    kept = [variant for problem in PROBLEMS for variant in variants(problem, cell)]
+def _make_cases_with_cell(cell: str) -> list[Case]:
+    """Make all cases on triangles ("T6") or tetrahedra ("T10")."""
+    kept = [variant for problem in PROBLEMS for variant in list_case_parameters(problem, cell)]
     best = [
         (problem, element, mesh, reading)
         for problem, element, mesh, reading in kept
-        if reading in best_readings(problem, element)
+        if reading in candidate_best_pressure_rules(problem, element)
     ]
     return (
-        [_make_case(*variant) for variant in kept]
-        + [_make_shifted_case(*variant) for variant in best]
+        [_make_application_case(*variant) for variant in kept]
+        + [_make_shifted_mesh_case(*variant) for variant in best]
         + [
             Case(
                 "W",
@@ -405,9 +517,9 @@ def _make_cases(cell: str) -> list[Case]:
     )
 
 
-CASES = mark_costly(_make_cases("T6"), "*-T6-32-*", "reference-[!s]*")
-CASES += mark_costly(_make_cases("T10"), "[!r]*", "reference-[!s]*")
-"""All cases of the study; among the references only the submodel's, which is exact, is cheap."""
+CASES = mark_costly(_make_cases_with_cell("T6"), "*-T6-32-*", "reference-[!s]*")
+CASES += mark_costly(_make_cases_with_cell("T10"), "[!r]*", "reference-[!s]*")
+"""All cases of the section; all references except the exact one of the submodel are costly."""
 
 # Results
 
@@ -488,22 +600,23 @@ RULE_MARKERS = {
     "forces as they are": "+",
 }
 ELEMENT_COLOURS = ("#D55E00", "#0072B2")
-"""Colours of the standard and the new element."""
+"""Colours of the standard and of the new element."""
 LEAST_PLOTTED = 3e-3
-"""Left end, in per cent, of the logarithmic axis of errors."""
+"""Left end of the logarithmic axis of errors, in per cent."""
 
 
-def draw_errors(results: Results) -> Figure:
-    """Errors of an engineer's answers with both elements, as bands, on three meshes.
+def draw_error_bands_of_engineering_answers(results: Results) -> Figure:
+    """Draw the errors of engineering answers of both elements as bands, on three meshes.
 
-    Left the plane, right space: a row for each answer, three bars for each element.
+    The left panel shows two-dimensional, the right one three-dimensional problems. Each answer has
+    a row with three bars for each element.
     """
     fig, axes = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.5), sharey=True)
     for ax, cell, title in zip(
         axes, ("T6", "T10"), ("(a) triangles", "(b) tetrahedra"), strict=True
     ):
         for row, (problem, name, _) in enumerate(PLOTTED_ANSWERS):
-            _plot_row(ax, results, row, problem, cell, name)
+            _plot_error_bands_of_answer(ax, results, row, problem, cell, name)
         ax.axvline(100 * MIN_RELEVANT_DIFFERENCE, color="#999999", linewidth=0.8, linestyle=":")
         ax.set(xscale="log", xlim=(LEAST_PLOTTED, 200), xlabel="error / %", title=title)
         ax.set_xticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
@@ -528,14 +641,27 @@ def draw_errors(results: Results) -> Figure:
     return fig
 
 
-def _plot_row(ax: Axes, results: Results, row: int, problem: str, cell: str, name: str) -> None:
-    """Plot error bands of one answer; an element's lowest, darkest bar is for the finest mesh."""
-    uncertainty = 100 * reference_answer(results, problem, cell, name)[1]
+def _plot_error_bands_of_answer(
+    ax: Axes, results: Results, row: int, problem: str, cell: str, answer_name: str
+) -> None:
+    """Plot the error bands of one answer; the lowest, darkest bar of an element is the finest mesh.
+
+    Args:
+        ax: Axes of the panel.
+        results: Stored results.
+        row: Row of the answer, from the top.
+        problem: Name of the problem.
+        cell: "T6" or "T10".
+        answer_name: Prefix of the answer's name.
+    """
+    uncertainty = 100 * reference_answer(results, problem, cell, answer_name)[1]
     if uncertainty > LEAST_PLOTTED:
         ax.plot([uncertainty] * 2, [row - 0.45, row + 0.45], color="#222222", linewidth=1)
     for new, colour in enumerate(ELEMENT_COLOURS):
         for rank, alpha in enumerate((0.35, 0.6, 1.0)):
-            low, high = error_band(results, problem, cell, name, bool(new), rank)
+            low, high = error_range_of_answer_band(
+                results, problem, cell, answer_name, bool(new), rank
+            )
             height = row - 0.38 + 0.46 * new + 0.14 * rank
             ends = [max(100 * low, LEAST_PLOTTED / 2), max(100 * high, LEAST_PLOTTED / 2)]
             ax.plot(
@@ -547,14 +673,16 @@ def _plot_row(ax: Axes, results: Results, row: int, problem: str, cell: str, nam
                 solid_capstyle="butt",
             )
     for reading, rule in PLOTTED_RULES.get(problem, {}).items():
-        errors = [100 * e for e in reading_errors(results, problem, cell, name, (reading,))]
+        errors = [
+            100 * e for e in answer_errors_by_mesh(results, problem, cell, answer_name, (reading,))
+        ]
         ax.plot(errors, [row] * len(errors), RULE_MARKERS[rule], color="#777777", ms=3.5)
 
 
 FIGURES = [
     PageFigure(
         "w_errors",
-        draw_errors,
+        draw_error_bands_of_engineering_answers,
         needs=[case.key for case in CASES],
         caption="Errors of nine answers: bars are bands on three meshes (the coarsest is light), from "
         "the axis if the error may vanish. Grey: usual rules with the standard element. Dotted: 1 %.",
@@ -572,7 +700,7 @@ CHECKS = [
         "Each of three rules for corners of the standard T10 (no wear, mean of its "
         "neighbours, tributary area) makes the error of the depth at least twice the new "
         "element's: smallest ratio on three meshes, at the unfavourable ends of both bands.",
-        lambda results: least_rule_error_ratio(
+        lambda results: least_standard_to_new_wear_error_ratio(
             results, cell="T10", readings=["skip", "neighbours", "tributary"]
         ),
         ">",

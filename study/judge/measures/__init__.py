@@ -12,7 +12,7 @@ from typing import Any
 
 
 @cache
-def _measures() -> dict[str, Callable[..., Any]]:
+def _collect_measures_by_name() -> dict[str, Callable[..., Any]]:
     modules = [
         import_module(module_info.name)
         for module_info in pkgutil.iter_modules(__path__, f"{__name__}.")
@@ -26,6 +26,6 @@ def _measures() -> dict[str, Callable[..., Any]]:
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    if name.startswith("_") or name not in _measures():
+    if name.startswith("_") or name not in _collect_measures_by_name():
         raise AttributeError(f"{__name__} has no measure {name!r}")
-    return _measures()[name]
+    return _collect_measures_by_name()[name]

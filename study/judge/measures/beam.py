@@ -16,7 +16,10 @@ def printed_critical_stress(results: Results, element: str, mode: int) -> float:
 
 
 def printed_euler_difference(results: Results, element: str, mode: int) -> float:
-    """Return how far a printed critical stress lies below the printed Euler stress, in per cent."""
+    """Return the relative difference of a printed critical stress from the printed Euler stress.
+
+    The unit is per cent; the sign is positive if the critical stress is below the Euler stress.
+    """
     euler = TABLE_2["Euler"][mode - 1]
     return 100 * (euler - TABLE_2[element][mode - 1]) / euler
 
@@ -60,9 +63,9 @@ def stress_difference_misfit(
 def printed_offset_from_mean(
     results: Results, element: str, ends: Sequence[str], mode: int
 ) -> float:
-    """Return the distance of a printed critical stress from the mean of two other printed ones.
+    """Return the offset of a printed critical stress from the mean of two others in Table 2.
 
-    The distance is divided by half the difference of the other two.
+    The absolute offset is divided by half the difference of the two others, whose rows are `ends`.
     """
     stress, first_stress, second_stress = (TABLE_2[name][mode - 1] for name in (element, *ends))
     return abs(2 * stress - first_stress - second_stress) / abs(first_stress - second_stress)
@@ -74,64 +77,79 @@ def exact_stress_difference(results: Results, name: str, over: str, mode: int) -
     return 100 * (stress / results.scalar("7.6/exact", f"{over}_{mode}") - 1)
 
 
-def uniform_load_divisions(results: Results, case: str) -> list[tuple[int, int]]:
-    """Return the mesh divisions of the uniform-load cases with the element and form of a case.
+def mesh_divisions_of_uniform_load_cases(results: Results, case: str) -> list[tuple[int, int]]:
+    """Return the mesh divisions (nx, ny) of a mesh series of the beam under uniform load.
 
-    They are sorted from the coarsest to the finest mesh.
+    The series has the element and the form of the geometric stiffness of the given case. It is
+    sorted from the coarsest to the finest mesh.
     """
-    stored_results = _uniform_load_results(results, **_element_and_form(results, case))
+    stored_results = _uniform_load_results_by_mesh(
+        results, **_element_form_and_symmetrisation_of_case(results, case)
+    )
     return [(nx, ny) for nx, ny in (stored.parameters["divisions"] for stored in stored_results)]
 
 
-def uniform_load_errors(results: Results, case: str, mode: int) -> list[float]:
-    """Return the relative errors of the cases of `uniform_load_divisions` for a buckling mode."""
-    return _critical_stress_errors(results, mode, **_element_and_form(results, case))
+def stress_errors_of_uniform_load_cases(results: Results, case: str, mode: int) -> list[float]:
+    """Return the relative errors of a critical stress on the meshes of uniform-load cases."""
+    return _uniform_load_stress_errors_by_mesh(
+        results, mode, **_element_form_and_symmetrisation_of_case(results, case)
+    )
 
 
-def _element_and_form(results: Results, case: str) -> dict[str, Any]:
-    """Return the parameters of a beam's result other than load, supports and mesh."""
+def _element_form_and_symmetrisation_of_case(results: Results, case: str) -> dict[str, Any]:
+    """Return element, form of the geometric stiffness and symmetrisation of a beam's case."""
     parameters = results[f"7.6/{case}"].parameters
     return {name: parameters[name] for name in ("element", "form", "prestress_symmetrised")}
 
 
-def _uniform_load_results(results: Results, **treatment: object) -> list[StoredResult]:
+def _uniform_load_results_by_mesh(
+    results: Results, **required_parameters: object
+) -> list[StoredResult]:
     stored_results = select_results(
-        results, "7.6", {"problem": "beam", "load": "uniform", **treatment}
+        results, "7.6", {"problem": "beam", "load": "uniform", **required_parameters}
     )
     return sorted(stored_results, key=lambda stored: stored.parameters["divisions"])
 
 
-def _critical_stress_errors(
-    results: Results, mode: int, form: str, **treatment: object
+def _uniform_load_stress_errors_by_mesh(
+    results: Results, mode: int, form: str, **required_parameters: object
 ) -> list[float]:
     exact_stress = results.scalar("7.6/exact", f"{form}_{mode}")
-    stored_results = _uniform_load_results(results, form=form, **treatment)
+    stored_results = _uniform_load_results_by_mesh(results, form=form, **required_parameters)
     return [stored.scalars[f"sigma_cr_{mode}"] / exact_stress - 1 for stored in stored_results]
 
 
 def finest_error(results: Results, case: str) -> float:
     """Return the larger error of the two modes on the finest uniform-load mesh, in per cent."""
-    return 100 * max(abs(uniform_load_errors(results, case, mode)[-1]) for mode in (1, 2))
+    return 100 * max(
+        abs(stress_errors_of_uniform_load_cases(results, case, mode)[-1]) for mode in (1, 2)
+    )
 
 
 def finest_squares_over_height(results: Results, case: str) -> float:
-    """Return the number of squares along the height of the finest uniform-load mesh."""
-    return float(uniform_load_divisions(results, case)[-1][1])
+    """Return the number of squares along the height of the beam on the finest uniform-load mesh."""
+    return float(mesh_divisions_of_uniform_load_cases(results, case)[-1][1])
 
 
 def signed_error(results: Results, case: str, mode: int) -> float:
-    """Return the signed relative error of a mode on the finest uniform-load mesh, in per cent."""
-    return 100 * uniform_load_errors(results, case, mode)[-1]
+    """Return the signed relative error of a critical stress on the finest uniform-load mesh.
+
+    The unit is per cent.
+    """
+    return 100 * stress_errors_of_uniform_load_cases(results, case, mode)[-1]
 
 
 def convergence_order(results: Results, case: str, mode: int) -> float:
-    """Return the observed order of convergence between the two finest uniform-load meshes."""
-    coarse, fine = uniform_load_errors(results, case, mode)[-2:]
+    """Return the observed order of a critical stress on the two finest meshes under uniform load.
+
+    The meshes differ by a factor of two.
+    """
+    coarse, fine = stress_errors_of_uniform_load_cases(results, case, mode)[-2:]
     return float(np.log2(abs(coarse / fine)))
 
 
 def pw_galerkin_difference(results: Results, form: str) -> float:
-    """Return the largest relative difference between pw-T6 and galerkin-T6 under uniform load.
+    """Return the largest difference of the relative errors of pw-T6 and galerkin-T6, uniform load.
 
     The maximum is taken over both modes and all meshes.
     """
@@ -140,7 +158,7 @@ def pw_galerkin_difference(results: Results, form: str) -> float:
         for mode in (1, 2)
         for galerkin_error, pw_error in zip(
             *(
-                _critical_stress_errors(results, mode, form, element=element)
+                _uniform_load_stress_errors_by_mesh(results, mode, form, element=element)
                 for element in T6_ELEMENTS
             ),
             strict=True,
@@ -160,7 +178,9 @@ def largest_imaginary(results: Results) -> float:
 
 
 def best_model_deviation(results: Results, row: str, mode: int) -> float:
-    """Return the relative deviation of the nearest model from a row of Table 2, in per cent.
+    """Return the relative deviation from a printed critical stress, in per cent, of the best model.
+
+    The best model comes nearest to a row of Table 2; see `study.paper.table_2.inverse`.
 
     Args:
         results: the stored results.
@@ -175,7 +195,7 @@ _PRINTED_ROW_NAMES = {"cps6": "CPS6", "user": "6-node user element"}
 
 
 def inverse_problem_scalar(results: Results, row: str, group: str, name: str) -> float:
-    """Return a number of the inverse problem, for the nearest model or all models of a group.
+    """Return a stored scalar of the search for models that give the printed values of Table 2.
 
     Args:
         results: the stored results.
@@ -186,10 +206,10 @@ def inverse_problem_scalar(results: Results, row: str, group: str, name: str) ->
     return results.scalar("7.6/inverse", f"{row}_{group}_{name}")
 
 
-def largest_odds(results: Results) -> float:
-    """Return the largest odds against chance of the best models.
+def largest_odds_of_best_models(results: Results) -> float:
+    """Return the largest odds against chance of the models nearest to Table 2.
 
-    There is one best model each for CPS6, for the user element and for all four values.
+    There is one nearest model each for CPS6, for the user element and for all four values.
     """
     return max(
         inverse_problem_scalar(results, row, "all", "odds") for row in (*_PRINTED_ROW_NAMES, "both")
@@ -201,8 +221,8 @@ def stress_change_by_weights(results: Results, group: str, name: str, mode: int)
 
     Args:
         results: the stored results.
-        group: group of models, by the node at which the load acts: "corner" or "midside".
-        name: statistic over the group: "least", "largest" or "median".
+        group: models in which the load acts at a "corner" or at a "midside" node.
+        name: statistic over these models: "least", "largest" or "median".
         mode: 1 or 2.
     """
     return results.scalar("7.6/inverse", f"weights_{group}_{name}_{mode}")

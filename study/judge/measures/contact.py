@@ -14,29 +14,40 @@ BLOCK_PRESSURE = 200.0
 def slip_sawtooth(results: Results, key: str) -> float:
     """Return the ratio of shear forces at slipping mid-side nodes and at their adjacent corners.
 
-    The ratio of each mid-side force to the mean of both corner forces is computed; the median is
-    returned.
+    For each mid-side node, the force is divided by the mean of the forces at both adjacent corners;
+    the median of these ratios is returned.
     """
     curves = results.curves(key)
-    return _shear_sawtooth(curves, (curves["status"] == SLIP) & (curves["friction"] > 0), 3)
+    return _median_midside_to_corner_shear(
+        curves, (curves["status"] == SLIP) & (curves["friction"] > 0), 3
+    )
 
 
 def stick_sawtooth(results: Results, key: str) -> float:
-    """Return the ratio of `slip_sawtooth` for sticking instead of slipping nodes."""
+    """Return the ratio of shear forces at sticking mid-side nodes and at their adjacent corners.
+
+    It is computed as in `slip_sawtooth`.
+    """
     curves = results.curves(key)
-    return _shear_sawtooth(curves, curves["status"] == STICK, 1)
+    return _median_midside_to_corner_shear(curves, curves["status"] == STICK, 1)
 
 
-def _shear_sawtooth(
-    curves: Mapping[str, np.ndarray], is_counted: np.ndarray, first_midside: int
+def _median_midside_to_corner_shear(
+    curves: Mapping[str, np.ndarray], is_evaluated: np.ndarray, first_midside: int
 ) -> float:
     force = curves["force_t"]
     midside_nodes = np.arange(first_midside, len(force) - first_midside, 2)
-    counted_nodes = midside_nodes[
-        is_counted[midside_nodes] & is_counted[midside_nodes - 1] & is_counted[midside_nodes + 1]
+    evaluated_midside_nodes = midside_nodes[
+        is_evaluated[midside_nodes]
+        & is_evaluated[midside_nodes - 1]
+        & is_evaluated[midside_nodes + 1]
     ]
     return float(
-        np.median(2 * force[counted_nodes] / (force[counted_nodes - 1] + force[counted_nodes + 1]))
+        np.median(
+            2
+            * force[evaluated_midside_nodes]
+            / (force[evaluated_midside_nodes - 1] + force[evaluated_midside_nodes + 1])
+        )
     )
 
 
@@ -58,8 +69,9 @@ def stress_difference(
 def transfer_defect(results: Results, section: str, component: str, suffix: str = "") -> float:
     """Return the largest difference between transferred and new nodal forces.
 
-    The transferred forces are T times those of the standard triangle. The difference is in per
-    cent of the mean normal force of the closed nodes of the new triangle.
+    The transferred forces are those of the standard triangle, multiplied by the matrix T of
+    `force_transfer`. The difference is in per cent of the mean normal force of the closed nodes of
+    the new triangle.
     """
     galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6_ELEMENTS)
     mean = pw["force_n"][pw["status"] != OPEN].mean()
@@ -97,7 +109,10 @@ _SAWTOOTH_SCALARS += [
 
 
 def largest_unevenness_of_forces(results: Results) -> float:
-    """Return the largest |sawtooth - 1| of the paper's two new elements in sections 7.2 to 7.5."""
+    """Return the largest deviation from 1 of the ratio of mid-side to corner force, new elements.
+
+    The maximum is taken over pw-T6, pw-Q8 and the contact surfaces of sections 7.2 to 7.5.
+    """
     return max(
         abs(results.scalar(f"{section}/{element}{suffix}", name) - 1)
         for section, suffix, name in _SAWTOOTH_SCALARS
@@ -106,7 +121,11 @@ def largest_unevenness_of_forces(results: Results) -> float:
 
 
 def smallest_sawtooth_of_standard(results: Results) -> float:
-    """Return the smallest sawtooth of the two standard elements in sections 7.2 to 7.5."""
+    """Return the smallest ratio of mid-side to corner force, standard elements.
+
+    The minimum is taken over galerkin-T6, galerkin-Q8 and the contact surfaces of sections 7.2 to
+    7.5.
+    """
     return min(
         results.scalar(f"{section}/{element}{suffix}", name)
         for section, suffix, name in _SAWTOOTH_SCALARS

@@ -1,6 +1,8 @@
 """Measures for section W: does the choice of the element change an engineer's answer?
 
-The criteria were written down before the values that they judge were computed:
+An *answer* is a scalar that an application computes. A *reading* is a rule that gives contact
+pressures from nodal forces. The *rank* of a mesh is its position in the order from coarse to fine,
+starting from 0. The criteria were written down before the values that they judge were computed:
 
 * An element's *band* on a mesh is derived from its answers on three meshes of the same size whose
   lines are shifted relative to each other: it is the middle of their range, plus and minus the
@@ -41,8 +43,10 @@ Band = tuple[float, float]
 # Bands
 
 
-def answer_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
-    """Return the band of an element's answers with its best reading, relative to the reference.
+def answer_band_of_shifted_meshes(
+    results: Results, problem: str, cell: str, name: str, new: bool, rank: int
+) -> Band:
+    """Return the band of an element's answers, divided by the reference, with its best reading.
 
     Args:
         results: stored results.
@@ -54,90 +58,130 @@ def answer_band(results: Results, problem: str, cell: str, name: str, new: bool,
         rank: position of the mesh in the order from coarse to fine, starting from 0.
     """
     reference, _ = reference_answer(results, problem, cell, name)
-    reading = best_reading(results, problem, cell, name, new)
-    answers = _shifted_answers(results, problem, cell, name, new, rank, reading)
-    return _band_of_values([answer / reference for answer in answers])
+    reading = reading_with_smallest_errors(results, problem, cell, name, new)
+    answers = _answers_on_three_shifted_meshes(results, problem, cell, name, new, rank, reading)
+    return _widen_range_to_band([answer / reference for answer in answers])
 
 
-def error_band(results: Results, problem: str, cell: str, name: str, new: bool, rank: int) -> Band:
-    """Return the smallest and largest relative error in the band; see `answer_band`."""
-    return _error_band(
-        results, problem, cell, name, answer_band(results, problem, cell, name, new, rank)
+def error_range_of_answer_band(
+    results: Results, problem: str, cell: str, name: str, new: bool, rank: int
+) -> Band:
+    """Return the smallest and largest relative error of the answers in an element's band.
+
+    See `answer_band_of_shifted_meshes` for the arguments.
+    """
+    return _error_range_of_band(
+        results,
+        problem,
+        cell,
+        name,
+        answer_band_of_shifted_meshes(results, problem, cell, name, new, rank),
     )
 
 
-def is_resolved(results: Results, problem: str, cell: str, name: str, rank: int) -> bool:
-    """Return whether the bands of both elements' errors do not overlap."""
+def is_error_ratio_resolved(
+    results: Results, problem: str, cell: str, name: str, rank: int
+) -> bool:
+    """Return whether the error bands of the standard and the new element do not overlap."""
     standard, new = (
-        error_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
+        error_range_of_answer_band(results, problem, cell, name, is_new, rank)
+        for is_new in (False, True)
     )
     return not _bands_overlap(standard, new)
 
 
 def middle_distance(results: Results, problem: str, cell: str, name: str, rank: int) -> float:
-    """Return the distance between the middles of the two elements' bands, over the reference."""
+    """Return the distance between the middles of both elements' bands, over the reference."""
     standard, new = (
-        answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
+        answer_band_of_shifted_meshes(results, problem, cell, name, is_new, rank)
+        for is_new in (False, True)
     )
     return abs(sum(standard) - sum(new)) / 2
 
 
 def answer_changes(results: Results, problem: str, cell: str, name: str, rank: int) -> bool:
-    """Return whether the answer changes on a mesh, as defined in the docstring of this module."""
+    """Return whether the choice of the element changes an answer on a mesh.
+
+    The docstring of this module defines the criterion.
+    """
     standard, new = (
-        answer_band(results, problem, cell, name, is_new, rank) for is_new in (False, True)
+        answer_band_of_shifted_meshes(results, problem, cell, name, is_new, rank)
+        for is_new in (False, True)
     )
     distance = middle_distance(results, problem, cell, name, rank)
     return not _bands_overlap(standard, new) and distance > MIN_RELEVANT_DIFFERENCE
 
 
 def n_changed_answers(results: Results, rank: int, cell: str = "") -> float:
-    """Return how many answers change on the meshes of a rank, for one type of cell or for both."""
+    """Return the number of answers that change on the meshes of a rank.
+
+    `cell` is "T6" or "T10", or empty for both.
+    """
     return float(
         sum(
             answer_changes(results, *answer, rank)
-            for answer in _list_answers_of_cell(results, cell)
+            for answer in _list_answer_keys_of_cell(results, cell)
         )
     )
 
 
-def n_disjoint_bands(results: Results, rank: int, cell: str = "") -> float:
-    """Return how many answers have bands that do not overlap, however close the bands are."""
+def n_answers_with_disjoint_bands(results: Results, rank: int, cell: str = "") -> float:
+    """Return the number of answers for which the bands of the two elements do not overlap.
+
+    Bands count as disjoint even if they are very close.
+    """
     bands = [
-        [answer_band(results, *answer, is_new, rank) for is_new in (False, True)]
-        for answer in _list_answers_of_cell(results, cell)
+        [answer_band_of_shifted_meshes(results, *answer, is_new, rank) for is_new in (False, True)]
+        for answer in _list_answer_keys_of_cell(results, cell)
     ]
     return float(sum(not _bands_overlap(standard, new) for standard, new in bands))
 
 
 def n_resolved_error_ratios(results: Results, rank: int, better: bool) -> float:
-    """Return how many error ratios are resolved in favour of the new element, or against it."""
+    """Return the number of resolved error ratios that favour one of the elements.
+
+    The element is the new one if `better` is true, and the standard one otherwise.
+    """
     count = 0
-    for answer in _list_answers(results):
-        standard, new = (error_band(results, *answer, is_new, rank) for is_new in (False, True))
+    for answer in _list_answer_keys(results):
+        standard, new = (
+            error_range_of_answer_band(results, *answer, is_new, rank) for is_new in (False, True)
+        )
         count += new[1] < standard[0] if better else standard[1] < new[0]
     return float(count)
 
 
-def largest_band_distance(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest distance between the middles of the two elements' bands."""
+def largest_distance_of_band_middles(results: Results, rank: int, cell: str = "") -> float:
+    """Return the largest distance between the middles of the two elements' bands over all answers.
+
+    It is relative to the reference.
+    """
     return max(
-        middle_distance(results, *answer, rank) for answer in _list_answers_of_cell(results, cell)
+        middle_distance(results, *answer, rank)
+        for answer in _list_answer_keys_of_cell(results, cell)
     )
 
 
-def largest_possible_difference(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest possible difference between answers in the two elements' bands."""
+def largest_answer_difference_within_bands(results: Results, rank: int, cell: str = "") -> float:
+    """Return the largest difference between an answer in one element's band and one in the other's.
+
+    The maximum is taken over all answers; the difference is relative to the reference.
+    """
     largest = 0.0
-    for answer in _list_answers_of_cell(results, cell):
-        standard, new = (answer_band(results, *answer, is_new, rank) for is_new in (False, True))
+    for answer in _list_answer_keys_of_cell(results, cell):
+        standard, new = (
+            answer_band_of_shifted_meshes(results, *answer, is_new, rank)
+            for is_new in (False, True)
+        )
         largest = max(largest, standard[1] - new[0], new[1] - standard[0])
     return largest
 
 
-def best_reading(results: Results, problem: str, cell: str, name: str, new: bool) -> str:
-    """Return the reading that minimises the largest error in the band, averaged over the meshes."""
-    meshes = _list_meshes(results, problem, cell)
+def reading_with_smallest_errors(
+    results: Results, problem: str, cell: str, name: str, new: bool
+) -> str:
+    """Return the reading with the smallest sum over all meshes of the largest error in the band."""
+    meshes = _list_mesh_numbers(results, problem, cell)
     element = _element_name(problem, cell, new)
     shifted_results = results.where("W", problem="shifted", application=problem, element=element)
     candidates = sorted({stored.parameters["reading"] for stored in shifted_results})
@@ -145,19 +189,21 @@ def best_reading(results: Results, problem: str, cell: str, name: str, new: bool
         raise MissingResult(f"section W has no shifted {problem} of {element}: run ./run study W")
     reference, _ = reference_answer(results, problem, cell, name)
 
-    def sum_of_largest_errors(reading: str) -> float:
+    def sum_largest_errors_over_meshes(reading: str) -> float:
         bands = [
-            _band_of_values(
+            _widen_range_to_band(
                 [
                     answer / reference
-                    for answer in _shifted_answers(results, problem, cell, name, new, rank, reading)
+                    for answer in _answers_on_three_shifted_meshes(
+                        results, problem, cell, name, new, rank, reading
+                    )
                 ]
             )
             for rank in range(len(meshes))
         ]
-        return sum(_error_band(results, problem, cell, name, band)[1] for band in bands)
+        return sum(_error_range_of_band(results, problem, cell, name, band)[1] for band in bands)
 
-    return min(candidates, key=sum_of_largest_errors)
+    return min(candidates, key=sum_largest_errors_over_meshes)
 
 
 def reference_answer(results: Results, problem: str, cell: str, name: str) -> tuple[float, float]:
@@ -173,20 +219,23 @@ def reference_uncertainty(
     """Return the largest relative uncertainty of the references that match the arguments."""
     return max(
         reference_answer(results, *answer_key)[1]
-        for answer_key in _list_answers(results)
+        for answer_key in _list_answer_keys(results)
         if problem in ("", answer_key[0])
         and cell in ("", answer_key[1])
         and name in (None, answer_key[2])
     )
 
 
-def reading_errors(
+def answer_errors_by_mesh(
     results: Results, problem: str, cell: str, name: str, readings: Sequence[str], new: bool = False
 ) -> list[float]:
-    """Return the relative errors of an element on all meshes with the first available reading."""
+    """Return the relative errors of an answer, from the coarsest to the finest mesh.
+
+    On each mesh, the first available reading is used; meshes without any of them are omitted.
+    """
     errors = []
-    for mesh in _list_meshes(results, problem, cell):
-        stored_results = _find_results(
+    for mesh in _list_mesh_numbers(results, problem, cell):
+        stored_results = _find_results_with_readings(
             results, problem, mesh, _element_name(problem, cell, new), readings
         )
         if stored_results:
@@ -197,25 +246,27 @@ def reading_errors(
 def reading_error(
     results: Results, problem: str, cell: str, name: str, reading: str, rank: int, new: bool = False
 ) -> float:
-    """Return the relative error of an element with a reading on the mesh of the given rank."""
-    return reading_errors(results, problem, cell, name, [reading], new)[rank]
+    """Return the relative error of an element's answer with one reading on the mesh of a rank."""
+    return answer_errors_by_mesh(results, problem, cell, name, [reading], new)[rank]
 
 
-def least_rule_error_ratio(
+def least_standard_to_new_wear_error_ratio(
     results: Results, cell: str, readings: Sequence[str], name: str = ""
 ) -> float:
     """Return the smallest ratio of the standard to the new element's error in the wear problem.
 
-    The minimum is taken over meshes and reading rules of the standard element. The ratio is the
-    error with the rule minus the uncertainty of the reference, divided by the largest error in the
-    new element's band.
+    The minimum is taken over the meshes and the given readings of the standard element. The ratio
+    is the error with the reading minus the uncertainty of the reference, divided by the largest
+    error in the new element's band.
     """
     uncertainty = reference_answer(results, "wear", cell, name)[1]
     error_ratios = []
-    for rank, mesh in enumerate(_list_meshes(results, "wear", cell)):
-        new_error = error_band(results, "wear", cell, name, True, rank)[1]
+    for rank, mesh in enumerate(_list_mesh_numbers(results, "wear", cell)):
+        new_error = error_range_of_answer_band(results, "wear", cell, name, True, rank)[1]
         for reading in readings:
-            (rule_result,) = _find_results(results, "wear", mesh, f"galerkin-{cell}", (reading,))
+            (rule_result,) = _find_results_with_readings(
+                results, "wear", mesh, f"galerkin-{cell}", (reading,)
+            )
             error_ratios.append(
                 (_answer_error(results, rule_result, name) - uncertainty) / new_error
             )
@@ -223,27 +274,37 @@ def least_rule_error_ratio(
 
 
 def least_rule_error(results: Results, problem: str, cell: str, name: str = "") -> float:
-    """Return the standard element's smallest error over all meshes and common reading rules."""
-    return min(_rule_errors(results, problem, cell, name))
+    """Return the smallest relative error of the standard element with common readings.
+
+    The minimum is taken over all meshes and `COMMON_CODE_READINGS`.
+    """
+    return min(_standard_errors_by_common_readings(results, problem, cell, name))
 
 
 def largest_rule_error(results: Results, problem: str, cell: str, name: str = "") -> float:
-    """Return the standard element's largest error over all meshes and common reading rules."""
-    return max(_rule_errors(results, problem, cell, name))
+    """Return the largest relative error of the standard element with common readings.
+
+    The maximum is taken over all meshes and `COMMON_CODE_READINGS`.
+    """
+    return max(_standard_errors_by_common_readings(results, problem, cell, name))
 
 
-def _rule_errors(results: Results, problem: str, cell: str, name: str) -> list[float]:
+def _standard_errors_by_common_readings(
+    results: Results, problem: str, cell: str, name: str
+) -> list[float]:
     # "skip" is not used for conductance: joints with vanishing own weights conduct nothing anyway
     rules = [rule for rule in COMMON_CODE_READINGS if (problem, rule) != ("conductance", "skip")]
     return [
-        error for rule in rules for error in reading_errors(results, problem, cell, name, (rule,))
+        error
+        for rule in rules
+        for error in answer_errors_by_mesh(results, problem, cell, name, (rule,))
     ]
 
 
-def _shifted_answers(
+def _answers_on_three_shifted_meshes(
     results: Results, problem: str, cell: str, name: str, new: bool, rank: int, reading: str
 ) -> list[float]:
-    mesh = _list_meshes(results, problem, cell)[rank]
+    mesh = _list_mesh_numbers(results, problem, cell)[rank]
     key = f"{problem}-{_element_name(problem, cell, new)}-{mesh}-{reading}"
     shifted = results[f"W/shifted-{key}"].scalars
     return [
@@ -252,13 +313,13 @@ def _shifted_answers(
     ]
 
 
-def _band_of_values(values: Sequence[float]) -> Band:
+def _widen_range_to_band(values: Sequence[float]) -> Band:
     """Return the middle of the range of the values, minus and plus the width of the range."""
     low, high = min(values), max(values)
     return (low + high) / 2 - (high - low), (low + high) / 2 + (high - low)
 
 
-def _error_band(results: Results, problem: str, cell: str, name: str, band: Band) -> Band:
+def _error_range_of_band(results: Results, problem: str, cell: str, name: str, band: Band) -> Band:
     uncertainty = reference_answer(results, problem, cell, name)[1]
     low, high = band[0] - 1 - uncertainty, band[1] - 1 + uncertainty
     least_error = 0.0 if low <= 0 <= high else min(abs(low), abs(high))
@@ -279,7 +340,7 @@ def answer_difference_over_error(
     name: str = "",
     readings: Sequence[str] = UNBIASED_READINGS,
 ) -> float:
-    """Return the difference of the two elements' answers, divided by what is significant.
+    """Return the difference of the two elements' answers, divided by the smallest significant one.
 
     The divisor is the smaller of the two errors, but at least `MIN_RELEVANT_DIFFERENCE`. The
     smaller quotient of the two coarser meshes is returned.
@@ -292,8 +353,8 @@ def answer_difference_over_error(
         readings: readings from which the best one of each element is chosen.
     """
     ratios = []
-    for mesh in _list_meshes(results, problem, cell)[:2]:
-        pair = select_best_results(results, problem, cell, mesh, name, readings)
+    for mesh in _list_mesh_numbers(results, problem, cell)[:2]:
+        pair = select_results_with_best_readings(results, problem, cell, mesh, name, readings)
         smaller_error = min(_answer_error(results, stored, name) for stored in pair)
         ratios.append(
             _relative_answer_difference(results, *pair, name)
@@ -302,15 +363,15 @@ def answer_difference_over_error(
     return min(ratios)
 
 
-def answer_differences(
+def answer_differences_by_mesh(
     results: Results, problem: str, cell: str, name: str = ""
 ) -> tuple[float, ...]:
     """Return the relative differences of the two elements' answers, from coarse to fine meshes."""
     return tuple(
         _relative_answer_difference(
-            results, *select_best_results(results, problem, cell, mesh, name), name
+            results, *select_results_with_best_readings(results, problem, cell, mesh, name), name
         )
-        for mesh in _list_meshes(results, problem, cell)
+        for mesh in _list_mesh_numbers(results, problem, cell)
     )
 
 
@@ -320,17 +381,21 @@ def largest_answer_difference(results: Results, finer: bool = True) -> float:
     The second-coarsest mesh is used if `finer` is true, and the coarsest one otherwise.
     """
     return max(
-        answer_differences(results, *answer)[int(finer)] for answer in _list_answers(results)
+        answer_differences_by_mesh(results, *answer)[int(finer)]
+        for answer in _list_answer_keys(results)
     )
 
 
 def n_distinct_answers(results: Results) -> float:
-    """Return how many answers differ by more than both errors on each of the two coarser meshes."""
+    """Return the number of answers that differ between the elements by more than both errors.
+
+    They must do so on each of the two coarser meshes.
+    """
     count = 0
-    for problem, cell, name in _list_answers(results):
+    for problem, cell, name in _list_answer_keys(results):
         pairs = [
-            select_best_results(results, problem, cell, mesh, name)
-            for mesh in _list_meshes(results, problem, cell)[:2]
+            select_results_with_best_readings(results, problem, cell, mesh, name)
+            for mesh in _list_mesh_numbers(results, problem, cell)[:2]
         ]
         count += all(
             _relative_answer_difference(results, *pair, name)
@@ -340,7 +405,7 @@ def n_distinct_answers(results: Results) -> float:
     return float(count)
 
 
-def select_best_results(
+def select_results_with_best_readings(
     results: Results,
     problem: str,
     cell: str,
@@ -348,9 +413,9 @@ def select_best_results(
     name: str = "",
     readings: Sequence[str] = UNBIASED_READINGS,
 ) -> tuple[StoredResult, StoredResult]:
-    """Return the results of the standard and the new element with their best readings.
+    """Return the results of the standard and the new element, each with its most accurate reading.
 
-    In dynamics, the sibling replaces the new element.
+    In dynamics, the sibling (symmetric element with transferred weights) replaces the new element.
 
     Raises:
         MissingResult: if either result is missing.
@@ -358,7 +423,11 @@ def select_best_results(
     best_results = [
         min(candidates, key=lambda stored: _answer_error(results, stored, name))
         for element in ELEMENT_PREFIXES
-        if (candidates := _find_results(results, problem, mesh, f"{element}-{cell}", readings))
+        if (
+            candidates := _find_results_with_readings(
+                results, problem, mesh, f"{element}-{cell}", readings
+            )
+        )
     ]
     if len(best_results) != 2:
         raise MissingResult(f"section W has no two elements' {problem} on {cell}, mesh {mesh}")
@@ -381,7 +450,7 @@ def _relative_answer_difference(
     return abs((standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]) / reference)
 
 
-def _list_answers(results: Results) -> list[tuple[str, str, str]]:
+def _list_answer_keys(results: Results) -> list[tuple[str, str, str]]:
     """Return the problem, cell type and name prefix of every answer."""
     answer_keys = {
         (
@@ -398,22 +467,22 @@ def _list_answers(results: Results) -> list[tuple[str, str, str]]:
     return sorted(answer_keys)
 
 
-def _list_answers_of_cell(results: Results, cell: str) -> list[tuple[str, str, str]]:
-    return [answer for answer in _list_answers(results) if cell in ("", answer[1])]
+def _list_answer_keys_of_cell(results: Results, cell: str) -> list[tuple[str, str, str]]:
+    return [answer for answer in _list_answer_keys(results) if cell in ("", answer[1])]
 
 
 def _element_name(problem: str, cell: str, new: bool) -> str:
     return f"{('sibling' if problem == 'impact' else 'pw') if new else 'galerkin'}-{cell}"
 
 
-def _find_results(
+def _find_results_with_readings(
     results: Results, problem: str, mesh: int, element: str, readings: Sequence[str]
 ) -> list[StoredResult]:
     parameters = {"problem": problem, "mesh": mesh, "reading": list(readings)}
     return results.where("W", **parameters, element=element)
 
 
-def _list_meshes(results: Results, problem: str, cell: str) -> list[int]:
+def _list_mesh_numbers(results: Results, problem: str, cell: str) -> list[int]:
     """Return the numbers of the meshes, from the coarsest to the finest."""
     elements = [f"{element}-{cell}" for element in ELEMENT_PREFIXES]
     stored_results = results.where("W", problem=problem, element=elements)

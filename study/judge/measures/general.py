@@ -19,12 +19,12 @@ def scalar(results: Results, key: str, name: str) -> float:
 
 def largest(results: Results, section: str, cases: Selection, name: str) -> float:
     """Return the largest absolute value of a scalar over matching cases; see `Selection`."""
-    return max(_magnitudes(results, section, cases, name))
+    return max(_absolute_values_of_scalar(results, section, cases, name))
 
 
 def smallest(results: Results, section: str, cases: Selection, name: str) -> float:
     """Return the smallest absolute value of a scalar over matching cases."""
-    return min(_magnitudes(results, section, cases, name))
+    return min(_absolute_values_of_scalar(results, section, cases, name))
 
 
 def minimum(results: Results, section: str, cases: Selection, name: str) -> float:
@@ -38,13 +38,24 @@ def ratio(results: Results, key: str, other: str, name: str) -> float:
 
 
 def growth_exponent(results: Results, key: str, other: str, name: str, over: str) -> float:
-    """Return the exponent p of `name` ~ `over`^p from case `key` to case `other`."""
+    """Return the exponent p of a power law `name` ~ `over`^p through two cases.
+
+    Args:
+        results: Stored results.
+        key: Key of the first case.
+        other: Key of the second case.
+        name: Name of the scalar that grows.
+        over: Name of the scalar on which it depends.
+    """
     ratios = ratio(results, other, key, name), ratio(results, other, key, over)
     return float(np.log(ratios[0]) / np.log(ratios[1]))
 
 
 def excess_ratio(results: Results, fine: CasePair, coarse: CasePair, name: str) -> float:
-    """Return the relative difference of a scalar for a fine pair of cases over a coarse pair's."""
+    """Return how the relative difference of a scalar between two cases changes by refinement.
+
+    The difference between the two cases of `fine` is divided by that between the cases of `coarse`.
+    """
     fine_difference, coarse_difference = (
         ratio(results, *cases, name) - 1 for cases in (fine, coarse)
     )
@@ -52,7 +63,10 @@ def excess_ratio(results: Results, fine: CasePair, coarse: CasePair, name: str) 
 
 
 def change_ratio(results: Results, cases: Sequence[str], name: str) -> float:
-    """Return |change of a scalar from second to third case| / |change from first to second|."""
+    """Return the ratio of successive changes of a scalar, from the first to the third case.
+
+    It is |third - second| / |second - first|.
+    """
     first, second, third = (results.scalar(case, name) for case in cases)
     return abs((third - second) / (second - first))
 
@@ -70,7 +84,7 @@ def scalar_difference(results: Results, key: str, name: str, other: str) -> floa
 def relative_difference(
     results: Results, section: str, cases: Selection, name: str, other: str
 ) -> float:
-    """Return the largest relative difference of two scalars of a case over matching cases."""
+    """Return the largest relative difference between two scalars of a case over matching cases."""
     return max(
         abs(stored.scalars[name] / stored.scalars[other] - 1)
         for stored in select_results(results, section, cases)
@@ -103,7 +117,9 @@ def largest_deviation_from(
     )
 
 
-def _magnitudes(results: Results, section: str, cases: Selection, name: str) -> list[float]:
+def _absolute_values_of_scalar(
+    results: Results, section: str, cases: Selection, name: str
+) -> list[float]:
     return [abs(stored.scalars[name]) for stored in select_results(results, section, cases)]
 
 

@@ -1,12 +1,16 @@
-"""Measures for the T-identity and for sections with known solutions."""
+"""Measures for sections whose problems have known solutions (C, V5, V6 and V8)."""
 
 import re
 
 import numpy as np
 
-from study.judge.measures.stored_cases import Selection, find_variant, select_results
+from study.judge.measures.stored_cases import (
+    Selection,
+    find_result_with_changed_parameters,
+    select_results,
+)
 from study.run.cases import find_page_source
-from study.run.pages import read_constants
+from study.run.pages import read_literal_constants
 from study.run.store import Results, StoredResult
 
 # Standard element with the same nodes as each new element
@@ -16,23 +20,36 @@ _STANDARD_ELEMENTS = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
 def greco_deviation(results: Results, cases: Selection, reference: str) -> float:
     """Return the largest deviation of the GRECO plate from reference displacements, in per cent.
 
-    `reference` is "published" or "prototype".
+    The maximum is taken over matching cases and the reference points; `reference` is "published" or
+    "prototype".
     """
     return max(
         100 * abs(stored.scalars[f"u_{number}"] / displacement - 1)
         for stored in select_results(results, "V6", cases)
-        for number, displacement in enumerate(_greco_reference(reference), start=1)
+        for number, displacement in enumerate(_greco_reference_displacements(reference), start=1)
     )
 
 
 def greco_reference_displacement(results: Results, place: int, reference: str) -> float:
-    """Return a reference displacement of the GRECO plate in m, "published" or "prototype"."""
-    return _greco_reference(reference)[place - 1]
+    """Return the displacement of the GRECO plate in m at a reference point.
+
+    Args:
+        results: Not used.
+        place: Number of the reference point, starting from 1.
+        reference: "published" or "prototype".
+    """
+    return _greco_reference_displacements(reference)[place - 1]
 
 
 def greco_change(results: Results, cases: Selection, other: str) -> float:
-    """Return the largest deviation of displacements from those of another case, in per cent."""
-    names = [f"u_{number}" for number, _ in enumerate(_greco_reference("published"), start=1)]
+    """Return the largest relative change of the GRECO plate's displacements from another case.
+
+    The maximum is taken over matching cases and the reference points, in per cent.
+    """
+    names = [
+        f"u_{number}"
+        for number, _ in enumerate(_greco_reference_displacements("published"), start=1)
+    ]
     return max(
         100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
         for stored in select_results(results, "V6", cases)
@@ -40,15 +57,18 @@ def greco_change(results: Results, cases: Selection, other: str) -> float:
     )
 
 
-def _greco_reference(reference: str) -> tuple[float, ...]:
+def _greco_reference_displacements(reference: str) -> tuple[float, ...]:
     """Return the displacements in m that the page of section V6 lists for a reference."""
-    constants = read_constants(find_page_source("V6"))
+    constants = read_literal_constants(find_page_source("V6"))
     displacements: tuple[float, ...] = constants[f"{reference.upper()}_DISPLACEMENTS"]
     return displacements
 
 
 def zone_end(results: Results, key: str, zone: str) -> float:
-    """Return the position in mm up to which the GRECO plate is open, or from which it sticks."""
+    """Return the position in mm up to which the GRECO plate is open, or from which it sticks.
+
+    `zone` is "open" or "stick".
+    """
     return 1e3 * results.scalar(key, {"open": "open_up_to", "stick": "sticking_from"}[zone])
 
 
@@ -58,7 +78,7 @@ def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
 
 
 def refinement_order(results: Results, element: str, name: str) -> float:
-    """Return the mean observed order of an error of section V5 from coarsest to finest mesh."""
+    """Return the observed order of an error of section V5, from the coarsest to the finest mesh."""
     stored_results = sorted(
         select_results(results, "V5", {"element": element, "far_field": True}),
         key=lambda stored: stored.scalars["element_size"],
@@ -71,22 +91,22 @@ def refinement_order(results: Results, element: str, name: str) -> float:
 
 
 def largest_error_ratio(results: Results, settings: Selection, name: str) -> float:
-    """Return the largest ratio of new to standard T6 or T10 errors on the finest meshes.
+    """Return the largest ratio of new to standard errors on the finest meshes of section C.
 
-    `settings` are parameters, or a regular expression for the part of the case's name after the
-    element.
+    New T6 and T10 are compared with standard ones. `settings` are parameters, or a regular
+    expression for the part of the case's name after the element.
     """
     return max(
         new.scalars[name] / standard.scalars[name]
-        for new, standard in _convergence_pairs(results, settings)
+        for new, standard in _pair_new_and_standard_results(results, settings)
     )
 
 
 def largest_ratio_on_meshes(results: Results, settings: Selection, name: str) -> float:
-    """Return the largest ratio of new to standard T6 or T10 errors over all meshes."""
+    """Return the largest ratio of new to standard errors over all meshes of section C."""
     return max(
         float((new.curves[name] / standard.curves[name]).max())
-        for new, standard in _convergence_pairs(results, settings)
+        for new, standard in _pair_new_and_standard_results(results, settings)
     )
 
 
@@ -96,20 +116,20 @@ def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: floa
     `settings` is a regular expression for the names of the scans.
     """
     ratios = []
-    selection = {"problem": "scan", "setting": _list_scan_settings(results, settings)}
-    for new, standard in _convergence_pairs(results, selection):
+    selection = {"problem": "scan", "setting": _list_matching_scan_settings(results, settings)}
+    for new, standard in _pair_new_and_standard_results(results, selection):
         (index,) = np.flatnonzero(new.curves["nu"] == nu)
         ratios.append(float(new.curves[name][index] / standard.curves[name][index]))
     return max(ratios)
 
 
-def _list_scan_settings(results: Results, settings: str) -> list[str]:
+def _list_matching_scan_settings(results: Results, settings: str) -> list[str]:
     scans = select_results(results, "C", {"problem": "scan", "element": list(_STANDARD_ELEMENTS)})
     names = [stored.parameters["setting"] for stored in scans]
     return [name for name in names if re.fullmatch(settings, name)]
 
 
-def _convergence_pairs(
+def _pair_new_and_standard_results(
     results: Results, settings: Selection
 ) -> list[tuple[StoredResult, StoredResult]]:
     """Return pairs of results of the new and the standard T6 or T10 in the same settings."""
@@ -119,25 +139,38 @@ def _convergence_pairs(
     else:
         cases = {**settings, "element": list(_STANDARD_ELEMENTS)}
     return [
-        (new, find_variant(results, new, element=_STANDARD_ELEMENTS[new.parameters["element"]]))
+        (
+            new,
+            find_result_with_changed_parameters(
+                results, new, element=_STANDARD_ELEMENTS[new.parameters["element"]]
+            ),
+        )
         for new in select_results(results, "C", cases)
     ]
 
 
-def mode_errors(results: Results, key: str) -> np.ndarray:
-    """Return the signed relative errors of the eigenvalues on the finest mesh."""
+def eigenvalue_errors_on_finest_mesh(results: Results, key: str) -> np.ndarray:
+    """Return the signed relative errors (modes,) of the eigenvalues on the finest mesh."""
     errors: np.ndarray = results.curves(key)["errors"][-1]
     return errors
 
 
 def highest_mode_error(results: Results, key: str) -> float:
-    """Return the largest of the `mode_errors`, which is negative if all values are too small."""
-    return float(mode_errors(results, key).max())
+    """Return the largest signed error, negative if all eigenvalues are too small."""
+    return float(eigenvalue_errors_on_finest_mesh(results, key).max())
 
 
 def largest_mode_error_ratio(results: Results, key: str, other: str) -> float:
-    """Return the largest ratio over all modes of the finest-mesh errors of two cases."""
-    return float(np.abs(mode_errors(results, key) / mode_errors(results, other)).max())
+    """Return the largest ratio |error of case `key`| / |error of case `other`| over all modes.
+
+    The errors are those of eigenvalues on the finest mesh.
+    """
+    return float(
+        np.abs(
+            eigenvalue_errors_on_finest_mesh(results, key)
+            / eigenvalue_errors_on_finest_mesh(results, other)
+        ).max()
+    )
 
 
 def finest_imaginary(results: Results, key: str) -> float:

@@ -1,4 +1,4 @@
-"""Measures for statements that the paper makes in passing on cost and the shear of Fig. 10."""
+"""Measures for statements of the paper on cost and on the shear stress of Fig. 10."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from study.model.vocabulary import STICK
-from study.paper.bands import OTHER_DIAGONALS, list_case_family
+from study.paper.bands import OTHER_DIAGONALS, list_keys_of_case_and_variants
 from study.run.store import Results
 
 Array = npt.NDArray[np.float64]
@@ -53,16 +53,16 @@ def shear_deviation_from_fine(
     )
     nodes, standard = case.curves[f"x{suffix}"], case.parameters["element"].startswith("galerkin")
     x = np.linspace(fine_curves[f"x{suffix}"][0], fine_curves[f"x{suffix}"][-1], N_SHEAR_SAMPLES)
-    weights = _test_functions(nodes, x, standard) * (x if surface else 1.0)
+    weights = _evaluate_test_functions_on_line(nodes, x, standard) * (x if surface else 1.0)
 
-    def average_shear(sampled_curves: dict[str, Array]) -> Array:
+    def average_shear_with_test_functions(sampled_curves: dict[str, Array]) -> Array:
         shear = np.interp(x, sampled_curves[f"x{suffix}"], sampled_curves[f"shear{suffix}"])
         with np.errstate(invalid="ignore", divide="ignore"):  # no weight on the axis
             return weights @ shear / weights.sum(axis=1)
 
     deviation = (
-        average_shear(curves) if averaged_on else curves[f"shear{suffix}"]
-    ) - average_shear(fine_curves)
+        average_shear_with_test_functions(curves) if averaged_on else curves[f"shear{suffix}"]
+    ) - average_shear_with_test_functions(fine_curves)
     sticks = case.curves[f"status{suffix}"] == STICK
     deviation = deviation[sticks if within is None else np.abs(nodes) < within]
     deviation_size = (
@@ -71,7 +71,7 @@ def shear_deviation_from_fine(
     return float(100 * deviation_size / np.nanmax(np.abs(fine_curves[f"shear{suffix}"])))
 
 
-def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
+def _evaluate_test_functions_on_line(nodes: Array, x: Array, standard: bool) -> Array:
     """Return the test functions (m, n) of nodes (m,) on a line at positions (n,).
 
     They are quadratic functions if `standard` is true, and otherwise hat functions.
@@ -89,11 +89,11 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
 
 
 def extreme_shear_deviation(results: Results, end: Literal["least", "largest"]) -> float:
-    """Return the smallest or largest `shear_deviation_from_fine` of the new element on the punch.
+    """Return the smallest or largest `shear_deviation_from_fine` of pw-T6 below the punch.
 
-    The extreme is taken over meshes with different diagonals.
+    The extreme is taken over meshes with different diagonals. `end` is "least" or "largest".
     """
-    keys = list_case_family("7.3/pw-T6", OTHER_DIAGONALS)
+    keys = list_keys_of_case_and_variants("7.3/pw-T6", OTHER_DIAGONALS)
     return (min if end == "least" else max)(
         shear_deviation_from_fine(results, key, STICK_HALF_LENGTH) for key in keys
     )

@@ -1,4 +1,4 @@
-"""Measures for the comparison with an independent code, CalculiX."""
+"""Measures for section P, the comparison with an independent code, CalculiX."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,14 @@ CONTACT_PEERS = (
 def largest_peer_difference(
     results: Results, name: str, component: str, cases: Sequence[str] = CONTACT_PEERS
 ) -> float:
-    """Return the largest difference from CalculiX of one kind, in per cent of the mean force."""
+    """Return the largest difference of nodal forces from CalculiX, in per cent of the mean force.
+
+    Args:
+        results: Stored results.
+        name: Kind of the difference, the first part of the scalar's name.
+        component: Component of the forces, the last part of the scalar's name.
+        cases: Names of cases of section P.
+    """
     return 100 * max(
         value
         for case in cases
@@ -27,7 +34,7 @@ def largest_peer_difference(
 
 
 def peer_critical_stress_difference(results: Results, element: str) -> float:
-    """Return the largest relative difference of critical stresses from those of CalculiX."""
+    """Return the largest relative difference of critical stresses of an element from CalculiX."""
     beams = [
         stored
         for stored in load_section_results(results, "P")
@@ -46,7 +53,7 @@ def peer_standard_difference(
         rule: quadrature of the standard elements, "exact" or "reduced" (as in CalculiX).
         name: name of the numbers that are compared.
         cases: names of cases of section P.
-        best: whether the smallest difference of the cases is returned instead of the largest.
+        best: whether the smallest instead of the largest difference over the cases is returned.
     """
     differences = [results.scalar(f"P/{case}", f"{rule}_{name}") for case in cases]
     return min(differences) if best else max(differences)

@@ -1,4 +1,4 @@
-"""Select the stored results that a measure uses."""
+"""Selection of the stored results that a measure uses."""
 
 import re
 from collections.abc import Mapping
@@ -25,17 +25,19 @@ def load_section_results(results: Results, section: str) -> list[StoredResult]:
 def select_results(results: Results, section: str, cases: Selection) -> list[StoredResult]:
     """Return the results of matching cases; raise MissingResult if there are none."""
     stored_results = [
-        stored for stored in load_section_results(results, section) if _is_selected(cases, stored)
+        stored
+        for stored in load_section_results(results, section)
+        if _matches_selection(cases, stored)
     ]
     if not stored_results:
         raise MissingResult(f"no result of section {section} matches {cases}")
     return stored_results
 
 
-def find_variant(
+def find_result_with_changed_parameters(
     results: Results, stored: StoredResult, **changed_parameters: object
 ) -> StoredResult:
-    """Return the result of the same section whose parameters differ only in the given ones."""
+    """Return the result of the same section with the same parameters except for the given ones."""
     parameters = {
         name: value for name, value in stored.parameters.items() if name not in _RECORD_PARAMETERS
     }
@@ -43,7 +45,7 @@ def find_variant(
     return variant
 
 
-def _is_selected(cases: Selection, stored: StoredResult) -> bool:
+def _matches_selection(cases: Selection, stored: StoredResult) -> bool:
     if isinstance(cases, str):
         return re.fullmatch(cases, stored.case) is not None
     return stored.has(**cases)

@@ -1,4 +1,4 @@
-"""Measures for numerical uncertainty: observed orders, and whether the GCI bounds known errors."""
+"""Measures for numerical uncertainty: observed orders, and the GCI compared with known errors."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def observed_order(results: Results, keys: Keys, name: str, refinements: Sequenc
         name: name of the scalar.
         refinements: divisions of a side, divided by those of the coarse mesh, (3,).
     """
-    order = _scalar_convergence(results, keys, name, refinements).order
+    order = _grid_convergence_of_scalar(results, keys, name, refinements).order
     return math.nan if order is None else order
 
 
@@ -39,7 +39,8 @@ def error_over_index(
         refinements: divisions of a side, divided by those of the coarse mesh, (3,).
     """
     convergence, reference_convergence = (
-        _scalar_convergence(results, series, name, refinements) for series in (keys, reference)
+        _grid_convergence_of_scalar(results, series, name, refinements)
+        for series in (keys, reference)
     )
     if convergence.index is None or reference_convergence.extrapolated is None:
         return math.nan
@@ -47,15 +48,15 @@ def error_over_index(
     return abs(error) / convergence.index
 
 
-def _scalar_convergence(
+def _grid_convergence_of_scalar(
     results: Results, keys: Keys, name: str, refinements: Sequence[float]
 ) -> GridConvergence:
     values = [results.scalar(key, name) for key in keys]
     return grid_convergence(values, [1 / refinement for refinement in refinements])
 
 
-def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
-    """Return the convergence of critical stresses under uniform load, each with its exact value.
+def beam_convergence_and_exact_stresses(results: Results) -> list[tuple[GridConvergence, float]]:
+    """Return the convergence of critical stresses under uniform load, and their exact values.
 
     There is a series for each mode, geometric stiffness, element of `BEAM_ELEMENTS` and three
     successive meshes.
@@ -77,15 +78,23 @@ def beam_series(results: Results) -> list[tuple[GridConvergence, float]]:
 
 
 def asymptotic_beam_series(results: Results) -> float:
-    """Return how many of the `beam_series` are asymptotic."""
-    return float(sum(convergence.index is not None for convergence, _ in beam_series(results)))
+    """Return the number of `beam_convergence_and_exact_stresses` in the asymptotic range."""
+    return float(
+        sum(
+            convergence.index is not None
+            for convergence, _ in beam_convergence_and_exact_stresses(results)
+        )
+    )
 
 
 def share_within_index(results: Results) -> float:
-    """Return the fraction of asymptotic `beam_series` in which the GCI bounds the true error."""
-    is_within = [
+    """Return the fraction of the asymptotic series in which the GCI bounds the true error.
+
+    The series are those of `beam_convergence_and_exact_stresses`.
+    """
+    is_error_within_gci = [
         abs(exact / convergence.values[-1] - 1) <= convergence.index
-        for convergence, exact in beam_series(results)
+        for convergence, exact in beam_convergence_and_exact_stresses(results)
         if convergence.index is not None
     ]
-    return sum(is_within) / len(is_within)
+    return sum(is_error_within_gci) / len(is_error_within_gci)

@@ -37,13 +37,13 @@ from study.paper.s7_5_profiles import PROFILES
 from study.paper.table_1.columns import (
     N_RADII,
     Array,
-    Element,
+    MovingMeshElement,
     Shape,
     Supports,
     Topology,
-    standard_eigenvalues,
-    standard_quadrilateral,
-    standard_triangle,
+    compute_standard_element_eigenvalues,
+    make_standard_quadrilateral_element,
+    make_standard_triangle_element,
 )
 from study.run.files import replace_file_atomically
 from study.run.provenance import package_versions
@@ -97,12 +97,15 @@ class Column(NamedTuple):
 class Elements:
     """The standard elements on each topology, made when they are first used."""
 
-    made: dict[Topology, tuple[Element, Element]] = field(default_factory=dict)
+    made: dict[Topology, tuple[MovingMeshElement, MovingMeshElement]] = field(default_factory=dict)
 
-    def on(self, topology: Topology) -> tuple[Element, Element]:
+    def on(self, topology: Topology) -> tuple[MovingMeshElement, MovingMeshElement]:
         """Return the standard triangle and quadrilateral on a topology."""
         if topology not in self.made:
-            self.made[topology] = standard_triangle(topology), standard_quadrilateral(topology)
+            self.made[topology] = (
+                make_standard_triangle_element(topology),
+                make_standard_quadrilateral_element(topology),
+            )
         return self.made[topology]
 
 
@@ -112,7 +115,7 @@ def deviations(values: Array) -> Array:
 
 
 def _fit(
-    elements: tuple[Element, ...],
+    elements: tuple[MovingMeshElement, ...],
     printed: Array,
     start: Shape,
     supports: Supports,
@@ -128,8 +131,10 @@ def _fit(
         steps: their largest number.
     """
 
-    def logarithms(shape: Shape, chosen: tuple[Element, ...]) -> Array:
-        values = [standard_eigenvalues(element, shape, supports) for element in chosen]
+    def logarithms(shape: Shape, chosen: tuple[MovingMeshElement, ...]) -> Array:
+        values = [
+            compute_standard_element_eigenvalues(element, shape, supports) for element in chosen
+        ]
         return 100 * np.log(np.array(values))
 
     scale = np.exp((logarithms(start, elements[-1:])[0] - 100 * np.log(printed[-1])).mean() / 200)
@@ -186,7 +191,7 @@ def page_lengths(name: str) -> Array:
 def scout(supports: Supports) -> tuple[Array, float]:
     """Fit columns to CAX8 on a coarse mesh; return the best's lengths and largest deviation, in %."""
     random = np.random.default_rng([SEED, *supports.surfaces, supports.tangential])
-    element = standard_quadrilateral(COARSE_TOPOLOGY)
+    element = make_standard_quadrilateral_element(COARSE_TOPOLOGY)
     best, least = page_lengths("first"), np.inf
     for k in range(SCOUTS):
         start = page_lengths("first" if k % 2 == 0 else "second")
@@ -215,7 +220,9 @@ def fit_columns(
         pair = elements.on(topology)
         shape, _ = _fit(pair, PRINTED, start, supports, STEPS)
         shape = shape._replace(lengths=shape.lengths.round(7))
-        values = np.array([standard_eigenvalues(element, shape, supports) for element in pair])
+        values = np.array(
+            [compute_standard_element_eigenvalues(element, shape, supports) for element in pair]
+        )
         least = min(least, float(np.abs(deviations(values)).max()))
         if np.abs(deviations(values)).max() <= ACCEPTED_DEVIATION:
             accepted.append(Column(topology, shape, values))

@@ -38,15 +38,15 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 from pw_elements import Spaces
 from study.paper.table_1.columns import (
     Array,
-    Element,
+    FactorisedStiffness,
     Indices,
     MovingMesh,
+    MovingMeshElement,
     Shape,
-    Stiffness,
     Supports,
     Topology,
-    standard_eigenvalues,
-    standard_quadrilateral,
+    compute_standard_element_eigenvalues,
+    make_standard_quadrilateral_element,
 )
 from study.paper.table_1.ensemble import COLUMNS_RECORD
 from study.run.files import replace_file_atomically
@@ -124,21 +124,23 @@ class UserElements:
 
     def __init__(self, topology: Topology) -> None:
         triangles = MovingMesh(topology, "triangle")
-        self.triangle = Element(triangles, Spaces.galerkin(triangles.mesh))
+        self.triangle = MovingMeshElement(triangles, Spaces.galerkin(triangles.mesh))
         degrees = tuple(QUADRATURE_DEGREE.values())
-        self._new = Element(triangles, Spaces.petrov_galerkin(triangles.mesh), degrees)
-        self._quadrilateral = standard_quadrilateral(topology)
+        self._new = MovingMeshElement(triangles, Spaces.petrov_galerkin(triangles.mesh), degrees)
+        self._quadrilateral = make_standard_quadrilateral_element(topology)
         self._quadrilateral_order = _match_nodes(self._new, self._quadrilateral)
 
     def compute_shifts(self, shape: Shape, supports: Supports) -> Shifts:
         """Return the shifts by all treatments on one column."""
         standard = np.array(
             [
-                standard_eigenvalues(element, shape, supports)
+                compute_standard_element_eigenvalues(element, shape, supports)
                 for element in (self.triangle, self._quadrilateral)
             ]
         )
-        open_axis = standard_eigenvalues(self.triangle, shape, supports._replace(axis_open=True))
+        open_axis = compute_standard_element_eigenvalues(
+            self.triangle, shape, supports._replace(axis_open=True)
+        )
         rows: dict[str, Array] = {}
         for reference, (name, treatments) in zip(standard, TREATMENTS.items(), strict=True):
             values = dict.fromkeys(treatments, np.full(reference.shape, np.nan))
@@ -214,7 +216,7 @@ def condensation(K: csr_matrix, inner: Indices) -> tuple[csr_matrix, csr_matrix]
 def _solve(
     K: csr_matrix, masses: dict[str, csr_matrix], free: Indices, symmetrised: bool
 ) -> dict[str, Array]:
-    stiffness = Stiffness(_symmetric_part(K) if symmetrised else K, free)
+    stiffness = FactorisedStiffness(_symmetric_part(K) if symmetrised else K, free)
     return {
         name: stiffness.lowest_eigenvalues(_symmetric_part(M) if symmetrised else M)
         for name, M in masses.items()
@@ -232,7 +234,7 @@ def _row_sums(mass: csr_matrix) -> csr_matrix:
     return diags(np.where(component == 0, *sums)).tocsr()
 
 
-def _match_nodes(triangles: Element, quadrilaterals: Element) -> Indices:
+def _match_nodes(triangles: MovingMeshElement, quadrilaterals: MovingMeshElement) -> Indices:
     """Return where the triangles' outer unknowns are among the quadrilaterals'."""
     x = triangles.node_points
     outer = np.setdiff1d(np.arange(2 * len(x)), triangles.inner_dofs)[::2] // 2

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from study.paper import s7_5_model
 from study.paper.items import TABLE_1
-from study.paper.s7_5_profiles import Profile
+from study.paper.s7_5_profiles import ColumnProfile
 
 ELEMENT_BY_PRINTED_NAME = {
     "CAX6": "galerkin-T6",
@@ -30,44 +30,54 @@ The first column was fitted by hand on coarser meshes. The second is far from it
 as high.
 """
 WEIGHT_OF_CHANGE = 1.0
-"""Weight of changes: doubling a length counts as much as this deviation of an eigenvalue in %."""
+"""Deviation of an eigenvalue, in %, that counts as much as doubling a length."""
 
 
-def make_profile(lengths: npt.ArrayLike) -> Profile:
-    """Return the column of radii and heights (8,), in m."""
+def make_profile_from_lengths(lengths: npt.ArrayLike) -> ColumnProfile:
+    """Return the column with radii (4) and heights (4), given together as lengths (8,) in m."""
     r1, r2, r3, r4, h1, h2, h3, h4 = np.asarray(lengths, dtype=float)
-    return Profile((r1, r2, r3, r4), (h1, h2, h3, h4))
+    return ColumnProfile((r1, r2, r3, r4), (h1, h2, h3, h4))
 
 
-def deviations_from_table_1(profile: Profile) -> npt.NDArray[np.float64]:
-    """Return the deviations (4, 6) from the printed eigenvalues in per cent; rows are elements."""
+def deviations_from_table_1(profile: ColumnProfile) -> npt.NDArray[np.float64]:
+    """Return the relative deviations (4, 6) from the printed eigenvalues, in per cent.
+
+    Rows are elements in the order of `ELEMENT_BY_PRINTED_NAME`, columns are modes.
+    """
     return np.array(
         [
-            100 * (s7_5_model.compute_eigenvalues(element, profile) / TABLE_1[printed] - 1)
+            100 * (s7_5_model.compute_column_eigenvalues(element, profile) / TABLE_1[printed] - 1)
             for printed, element in ELEMENT_BY_PRINTED_NAME.items()
         ]
     )
 
 
 def fit_lengths(start: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return the fitted lengths (8,), rounded to 0.01 mm."""
+    """Return the radii and heights (8,) in m that fit Table 1, rounded to 0.01 mm.
+
+    `start` contains the radii and heights (8,) from which the fit starts.
+    """
     start_lengths = np.asarray(start, dtype=float)
 
-    def residuals(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        deviations = deviations_from_table_1(make_profile(start_lengths * factors)).ravel()
+    def deviations_and_length_changes(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        deviations = deviations_from_table_1(
+            make_profile_from_lengths(start_lengths * factors)
+        ).ravel()
         return np.append(deviations, WEIGHT_OF_CHANGE * (factors - 1))
 
     no_change = np.ones(len(start_lengths))
-    fit = least_squares(residuals, no_change, diff_step=1e-4, xtol=1e-4, ftol=1e-4)
+    fit = least_squares(
+        deviations_and_length_changes, no_change, diff_step=1e-4, xtol=1e-4, ftol=1e-4
+    )
     return np.asarray(np.round(start_lengths * fit.x, 5))
 
 
 def main() -> None:
-    """Print both columns and their deviations from Table 1."""
+    """Fit both columns, and print their lengths and deviations from Table 1."""
     for name, start in STARTS.items():
         lengths = fit_lengths(start)
         print(f"{name}: radii {lengths[:4].tolist()} m, heights {lengths[4:].tolist()} m")
-        deviations = deviations_from_table_1(make_profile(lengths))
+        deviations = deviations_from_table_1(make_profile_from_lengths(lengths))
         for row, printed in enumerate(ELEMENT_BY_PRINTED_NAME):
             print(f"  {printed:20s}", *(f"{value:+7.3f} %" for value in deviations[row]))
 

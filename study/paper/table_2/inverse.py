@@ -31,7 +31,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 from scipy.stats import spearmanr
 
-from study.model.units import units_of
+from study.model.units import assign_units_to_scalars
 from study.paper.items import TABLE_2
 from study.paper.table_2.family import (
     ENDS,
@@ -52,7 +52,7 @@ from study.run.store import Result, StudyError
 
 RANDOM_ROWS, SEED = 10_000, 51
 MIN_ODDS = 20.0
-"""Least odds against chance at which a row is explained."""
+"""Smallest odds against chance at which a row is explained."""
 QUANTILES = (0.16, 0.84)
 """Quantiles that are one standard deviation from the median of a normal distribution."""
 MEDIAN_TO_DEVIATION = 1.4826
@@ -70,64 +70,84 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Models(NamedTuple):
-    """Models of a row, with their deviations (n, k) in per cent from the k printed values.
+    """Models that are compared with a row of Table 2.
 
-    `place` (n, p) is the place of each model in the family: the indices of its mesh, its set-up and
-    its treatment (or two treatments).
+    Args:
+        deviation: Relative deviations (n, k) from the k printed values, in per cent.
+        place: Indices (n, p) of each model's mesh, set-up and treatment (or two treatments) in the
+            family.
     """
 
     deviation: Array
     place: npt.NDArray[np.intp]
 
     def select(self, mask: Mask) -> "Models":
-        """Return the models that a mask (n,) selects."""
+        """Return the models for which a mask (n,) is true."""
         return Models(self.deviation[mask], self.place[mask])
 
     def group(self, name: str) -> "Models":
-        """Return the models of a group: "all", or those with A a "corner" or a "midside" node."""
+        """Return the models of a group.
+
+        `name` is "all", or the type of the node at point A, "corner" or "midside".
+        """
         if name == "all":
             return self
         is_corner = np.isin(self.place[:, 0], _CORNER_MESHES)
         return self.select(is_corner == (name == "corner"))
 
-    def best(self) -> int:
-        """Return the index of the model with the smallest distance from the printed values."""
+    def index_of_nearest_model(self) -> int:
+        """Return the index of the model with the smallest distance from the printed values.
+
+        The distance is the largest absolute deviation.
+        """
         return int(np.abs(self.deviation).max(axis=1).argmin())
 
 
 @dataclass(frozen=True)
-class Chance:
-    """Distribution of the distances between random rows and their nearest models.
+class NearestModelDistances:
+    """Distribution of the distances of random rows from their nearest models, in per cent.
 
     Args:
         distances: Sorted distances of the random rows around the printed values.
-        distances_median: Sorted distances of the random rows around the models' median.
+        distances_around_median: Sorted distances of the random rows around the models' median.
         covariance: Covariance matrix of the random rows.
     """
 
     distances: Array
-    distances_median: Array
+    distances_around_median: Array
     covariance: Array
 
-    def within(self, distance: float) -> float:
-        """Return the fraction of random rows with a model within a distance, the larger of both."""
-        drawn = self.distances, self.distances_median
+    def fraction_of_random_rows_within(self, distance: float) -> float:
+        """Return the fraction of random rows that have a model within a distance.
+
+        The larger fraction of the rows around the printed values and around the median is returned.
+        """
+        drawn = self.distances, self.distances_around_median
         return max(float(np.searchsorted(d, distance, "right")) / len(d) for d in drawn)
 
-    def distance_of(self, share: float) -> float:
-        """Return the distance within which at most this fraction of random rows has a model."""
-        drawn = self.distances, self.distances_median
+    def distance_reached_by_fraction(self, share: float) -> float:
+        """Return the distance within which a fraction of the random rows has a model.
+
+        The smaller distance of the rows around the printed values and around the median is
+        returned.
+        """
+        drawn = self.distances, self.distances_around_median
         return min(float(np.quantile(d, share)) for d in drawn)
 
 
-def collect(stresses: Array, row: str) -> Models:
-    """Return the models of one row that have both critical stresses, from an array of `Family`."""
+def collect_models_of_row(stresses: Array, row: str) -> Models:
+    """Return the models of one row for which both critical stresses exist.
+
+    Args:
+        stresses: Critical stresses of one element, an array of `Family`.
+        row: "cps6" or "user".
+    """
     place = np.argwhere(np.isfinite(stresses).all(axis=-1))
     printed = np.array(TABLE_2[ROWS[row]])
     return Models(100 * (stresses[tuple(place.T)] / printed - 1), place)
 
 
-def collect_pairs(family: Family) -> Models:
+def collect_model_pairs(family: Family) -> Models:
     """Return all pairs of models with the same mesh and set-up, with four deviations each."""
     cps6, user = (
         100 * (family.stresses[ELEMENTS[row]] / np.array(TABLE_2[ROWS[row]]) - 1) for row in ROWS
@@ -141,15 +161,15 @@ def collect_pairs(family: Family) -> Models:
     return Models(pairs[tuple(place.T)], place)
 
 
-def distinct(models: Models) -> Models:
-    """Return the models without duplicates: of models with equal values only the first is kept."""
+def remove_duplicate_models(models: Models) -> Models:
+    """Return the models without duplicates; the first of models with equal deviations is kept."""
     _, first = np.unique(models.deviation.round(6), axis=0, return_index=True)
     first.sort()
     return Models(models.deviation[first], models.place[first])
 
 
-def estimate_chance(models: Models) -> Chance:
-    """Draw random rows with the models' scatter and find their distances from the models."""
+def simulate_nearest_model_distances(models: Models) -> NearestModelDistances:
+    """Draw random rows with the models' scatter and compute distances from the nearest models."""
     low, high = np.quantile(models.deviation, QUANTILES, axis=0)
     scatter = (high - low) / 2
     rank = np.atleast_2d(spearmanr(models.deviation).statistic)
@@ -166,11 +186,18 @@ def estimate_chance(models: Models) -> Chance:
         np.sort(tree.query(centre + offsets, p=np.inf)[0])
         for centre in (np.zeros(len(scatter)), np.median(models.deviation, axis=0))
     ]
-    return Chance(distances[0], distances[1], covariance)
+    return NearestModelDistances(distances[0], distances[1], covariance)
 
 
-def model_uncertainty(stresses: Array, row: str) -> Array:
-    """Return the typical changes (2,) of the values between adjacent meshes, in per cent."""
+def stress_change_between_adjacent_meshes(stresses: Array, row: str) -> Array:
+    """Return typical changes (2,) of both critical stresses between adjacent meshes, in per cent.
+
+    Adjacent meshes differ by one square along the beam or by the pattern of the diagonals.
+
+    Args:
+        stresses: Critical stresses of one element, an array of `Family`.
+        row: "cps6" or "user"; changes are relative to its printed values.
+    """
     neighbours = [
         (i, k)
         for (i, one), (k, other) in combinations(enumerate(MESHES), 2)
@@ -182,26 +209,38 @@ def model_uncertainty(stresses: Array, row: str) -> Array:
     return MEDIAN_TO_DEVIATION * np.nanmedian(np.abs(change), axis=(0, 1, 2))
 
 
-def rounding(row: str) -> Array:
+def half_printed_digit_in_percent(row: str) -> Array:
     """Return half a unit of the last printed digit, (2,), in per cent of the printed values."""
     return 100 * PRINTED_DIGIT / 2 / np.array(TABLE_2[ROWS[row]])
 
 
 def likelihood_shares(models: Models, uncertainty: Array, half_digit: Array) -> Array:
-    """Return each model's share (n,) of the total likelihood."""
+    """Return the likelihood of each model, divided by the sum for all models, (n,).
+
+    Args:
+        models: Distinct models.
+        uncertainty: Standard deviation (k,) due to the mesh, in per cent.
+        half_digit: Half a unit of the last printed digit (k,), in per cent.
+    """
     deviation = np.sqrt(uncertainty**2 + half_digit**2 / 3)
     exponent = -((models.deviation / deviation) ** 2).sum(axis=1) / 2
     likelihood = np.exp(exponent - exponent.max())
     return likelihood / likelihood.sum()
 
 
-def judge_row(
+def compare_row_with_models(
     models: Models, uncertainty: Array, half_digit: Array
-) -> tuple[dict[str, float], Chance]:
-    """Return the scalars of one row for a set of distinct models, and its chance."""
-    best, chance = models.best(), estimate_chance(models)
+) -> tuple[dict[str, float], NearestModelDistances]:
+    """Compare distinct models with a row, and return the scalars to store and the chance.
+
+    Args:
+        models: Distinct models of the row.
+        uncertainty: Standard deviation (k,) due to the mesh, in per cent.
+        half_digit: Half a unit of the last printed digit (k,), in per cent.
+    """
+    best, chance = models.index_of_nearest_model(), simulate_nearest_model_distances(models)
     distance = float(np.abs(models.deviation[best]).max())
-    share = chance.within(distance)
+    share = chance.fraction_of_random_rows_within(distance)
     shares = likelihood_shares(models, uncertainty, half_digit)
     mesh_shares = np.bincount(models.place[:, 0], shares)
     scalars = {
@@ -209,7 +248,7 @@ def judge_row(
         "distance": distance,
         "chance": share,
         "odds": (1 - share) / max(share, 1 / RANDOM_ROWS),
-        "critical_distance": chance.distance_of(1 / (1 + MIN_ODDS)),
+        "critical_distance": chance.distance_reached_by_fraction(1 / (1 + MIN_ODDS)),
         "largest_share": float(shares.max()),
         "largest_mesh_share": float(mesh_shares.max()),
         "within_rounding": float((np.abs(models.deviation) <= half_digit).all(axis=1).sum()),
@@ -219,11 +258,13 @@ def judge_row(
 
 
 def inverse_problem(record: str) -> Result:
-    """Judge each row and all four values by all models and by each group, and the near hit.
+    """Compare either row and all four values of Table 2 with all models and with groups of models.
 
-    Scalars are named by row (cps6, user, or both) and group. Curves: `<row>_deviation` (n, 2) and
+    Names of scalars begin with the row ("cps6", "user" or "both") and the group; see
+    `_compare_near_hit_models` and `_stress_changes_by_weight_functions` for others. Curves: `<row>_deviation` (n, 2) and
     `<row>_corner` (n) of the distinct models of a row; `<row>_covariance` of its random rows;
-    `<row>_nearest` (m) quantiles `share` (m) of the random rows' distances from their nearest model.
+    `<row>_nearest` (m) quantiles `share` (m) of the random rows' distances from their nearest
+    model.
 
     Args:
         record: Digest of the record of the models. It is a parameter in order that stored results
@@ -232,26 +273,34 @@ def inverse_problem(record: str) -> Result:
     Raises:
         StudyError: If the record has another digest.
     """
-    tracked = ModelsRecord()
-    if tracked.digest != record:
-        raise StudyError(f"{tracked.path.name} has the digest {tracked.digest}, not {record}")
-    family = tracked.family()
+    models_record = ModelsRecord()
+    if models_record.digest != record:
+        raise StudyError(
+            f"{models_record.path.name} has the digest {models_record.digest}, not {record}"
+        )
+    family = models_record.family()
     uncertainty = {
-        row: model_uncertainty(family.stresses[element], row) for row, element in ELEMENTS.items()
+        row: stress_change_between_adjacent_meshes(family.stresses[element], row)
+        for row, element in ELEMENTS.items()
     }
-    half_digit = {row: rounding(row) for row in ROWS}
-    models = {row: collect(family.stresses[element], row) for row, element in ELEMENTS.items()}
-    models["both"] = collect_pairs(family)
-    for known in (uncertainty, half_digit):
-        known["both"] = np.concatenate([known[row] for row in ROWS])
+    half_digit = {row: half_printed_digit_in_percent(row) for row in ROWS}
+    models = {
+        row: collect_models_of_row(family.stresses[element], row)
+        for row, element in ELEMENTS.items()
+    }
+    models["both"] = collect_model_pairs(family)
+    for error_by_row in (uncertainty, half_digit):
+        error_by_row["both"] = np.concatenate([error_by_row[row] for row in ROWS])
 
     scalars: dict[str, float] = {}
     curves: dict[str, np.ndarray] = {"share": np.linspace(0, 1, 501)}
     for row, all_models in models.items():
         for group in GROUPS:
-            chosen = distinct(all_models.group(group))
-            numbers, chance = judge_row(chosen, uncertainty[row], half_digit[row])
-            numbers |= _describe(chosen.place[chosen.best()])
+            chosen = remove_duplicate_models(all_models.group(group))
+            numbers, chance = compare_row_with_models(chosen, uncertainty[row], half_digit[row])
+            numbers |= _encode_mesh_set_up_and_treatment(
+                chosen.place[chosen.index_of_nearest_model()]
+            )
             scalars |= {f"{row}_{group}_{name}": value for name, value in numbers.items()}
             if group == "all":
                 curves[f"{row}_nearest"] = np.quantile(chance.distances, curves["share"])
@@ -265,23 +314,28 @@ def inverse_problem(record: str) -> Result:
         for mode, (change, digit) in enumerate(values, start=1):
             scalars |= {f"{row}_uncertainty_{mode}": change, f"{row}_rounding_{mode}": digit}
         stresses = family.stresses[ELEMENTS[row]]
-        best = tuple(models[row].place[models[row].best()])
+        best = tuple(models[row].place[models[row].index_of_nearest_model()])
         scalars |= {f"sigma_cr_{row}_{mode}": stresses[best][mode - 1] for mode in (1, 2)}
         scalars[f"{row}_none"] = float(np.isnan(stresses).any(axis=-1).sum())
-    scalars |= _judge_near_hit(family, models["user"], uncertainty["user"], half_digit["user"])
-    scalars |= _ranges_of_weights(family)
+    scalars |= _compare_near_hit_models(
+        family, models["user"], uncertainty["user"], half_digit["user"]
+    )
+    scalars |= _stress_changes_by_weight_functions(family)
     kinds = dict.fromkeys(("sigma_cr_*", "near_lowest_?", "near_highest_?"), "Pa")
     percent = ("*_distance", "*_best_?", "*_rounding_?", "*_uncertainty_?", "weights_*")
     kinds |= dict.fromkeys(percent, "%")
-    units = units_of(scalars, {**kinds, "*": "1"})
+    units = assign_units_to_scalars(scalars, {**kinds, "*": "1"})
     return Result(scalars, units, curves)
 
 
 _CORNER_MESHES = [i for i, mesh in enumerate(MESHES) if mesh.ny % 2 == 0]
 
 
-def _describe(place: npt.NDArray[np.intp]) -> dict[str, float]:
-    """Return a model's mesh, set-up and treatment as numbers: indices in the family's lists."""
+def _encode_mesh_set_up_and_treatment(place: npt.NDArray[np.intp]) -> dict[str, float]:
+    """Return a model's mesh, set-up and treatment as numbers.
+
+    Words are replaced by their indices in the lists of `study.paper.table_2.family`.
+    """
     mesh, set_up = MESHES[place[0]], SET_UPS[place[1]]
     return {
         "nx": mesh.nx,
@@ -295,17 +349,18 @@ def _describe(place: npt.NDArray[np.intp]) -> dict[str, float]:
     }
 
 
-def _judge_near_hit(
+def _compare_near_hit_models(
     family: Family, models: Models, uncertainty: Array, half_digit: Array
 ) -> dict[str, float]:
-    """Return scalars of those models of the user element in which only mesh and mid-section vary.
+    """Return scalars of the models of the user element that follow the paper most closely.
 
-    These models have matrices as derived, exact integration, form G, the point load, and v = 0 at A
-    only. `near_*` are the scalars of `judge_row` for these models, and `near_midside_*` for those
-    with A at a mid-side node; `near_chance_in_family` is the chance of a distance as small in the
-    whole family. `near_lowest_*` and `near_highest_*` are extreme critical stresses over all
-    patterns with the squares and supports of the best model, and `near_cps6_distance` is the
-    distance of the nearest model of CPS6's row with these squares and supports.
+    Only their mesh and the supports of the mid-section vary. Matrices are as derived and exactly
+    integrated, with form G, the point load, and v = 0 only at A. `near_*` are the scalars of
+    `compare_row_with_models` for these models, and `near_midside_*` for those with A at a mid-side node;
+    `near_chance_in_family` is the chance of a distance as small in the whole family.
+    `near_lowest_*` and `near_highest_*` are extreme critical stresses over all patterns with the
+    squares and supports of the best model, and `near_cps6_distance` is the distance of the nearest
+    model of CPS6's row with these squares and supports.
     """
     treatment = TREATMENTS["new"].index(NEAR_HIT_TREATMENT)
     set_ups = [
@@ -314,29 +369,33 @@ def _judge_near_hit(
         if (set_up.load, set_up.end, set_up.prestress) == ("point", "centre", "antisymmetric")
     ]
     is_near = (models.place[:, 2] == treatment) & np.isin(models.place[:, 1], set_ups)
-    chosen = distinct(models.select(is_near))
-    numbers, _ = judge_row(chosen, uncertainty, half_digit)
-    midside, _ = judge_row(chosen.group("midside"), uncertainty, half_digit)
+    chosen = remove_duplicate_models(models.select(is_near))
+    numbers, _ = compare_row_with_models(chosen, uncertainty, half_digit)
+    midside, _ = compare_row_with_models(chosen.group("midside"), uncertainty, half_digit)
     numbers |= {f"midside_{name}": midside[name] for name in ("models", "chance", "odds")}
-    place = chosen.place[chosen.best()]
-    numbers |= _describe(place)
-    chance_in_family = estimate_chance(distinct(models))
-    numbers["chance_in_family"] = chance_in_family.within(numbers["distance"])
+    place = chosen.place[chosen.index_of_nearest_model()]
+    numbers |= _encode_mesh_set_up_and_treatment(place)
+    chance_in_family = simulate_nearest_model_distances(remove_duplicate_models(models))
+    numbers["chance_in_family"] = chance_in_family.fraction_of_random_rows_within(
+        numbers["distance"]
+    )
     squares = MESHES[place[0]][1:]
     meshes = [i for i, mesh in enumerate(MESHES) if mesh[1:] == squares]
     for mode in (1, 2):
         patterns = family.stresses["new"][meshes, place[1], treatment, mode - 1]
         numbers |= {f"lowest_{mode}": patterns.min(), f"highest_{mode}": patterns.max()}
     same_mesh = family.stresses["standard"][meshes][:, [place[1]]]
-    numbers["cps6_distance"] = float(np.abs(collect(same_mesh, "cps6").deviation).max(axis=1).min())
+    numbers["cps6_distance"] = float(
+        np.abs(collect_models_of_row(same_mesh, "cps6").deviation).max(axis=1).min()
+    )
     return {f"near_{name}": value for name, value in numbers.items()}
 
 
-def _ranges_of_weights(family: Family) -> dict[str, float]:
-    """Return by how much the weight functions alone change critical stresses, in per cent.
+def _stress_changes_by_weight_functions(family: Family) -> dict[str, float]:
+    """Return the changes of critical stresses due to the weight functions alone, in per cent.
 
     The new element is compared with the standard one, both exactly integrated with the stress at
-    each point, under the point load. The least, largest and median changes over meshes, supports
+    each point, under the point load. The smallest, largest and median changes over meshes, supports
     and forms are given for A at a corner and for A at a mid-side node.
     """
     pairs = [

@@ -24,7 +24,10 @@ PAGE_WIDTH = 7.0
 """Width in inches of a figure that spans the page."""
 
 MAX_VECTOR_ITEMS = 50
-"""Largest number of cells or points drawn as vectors; more are rasterised to keep pages fast."""
+"""Largest number of cells or points that are drawn as vector graphics.
+
+If there are more, they are drawn as pixels, which browsers display faster.
+"""
 
 LABEL_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
 """Box behind labels of lines, which prevents the grid from crossing the letters."""
@@ -39,7 +42,10 @@ METHOD_LOOK: dict[str, dict[str, Any]] = {
     key: {"color": way.colour, "marker": way.marker, "label": way.name}
     for key, way in TWO_BODY_METHODS.items()
 }
-"""Colour, marker and label of each method for two bodies; these figures show no other elements."""
+"""Colour, marker and label of each method for contact between two bodies.
+
+Figures that compare these methods show no elements of `ELEMENT_LOOK`.
+"""
 
 RC_PARAMETERS = {
     "font.family": "sans-serif",
@@ -70,45 +76,47 @@ RC_PARAMETERS = {
 
 @contextmanager
 def study_style() -> Iterator[None]:
-    """Apply the study's style to everything that is drawn within the context."""
+    """Context manager that applies the style of the study to Matplotlib figures drawn within it."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC_PARAMETERS)
         yield
 
 
-def set_plain_ticks(ax: Axes) -> None:
-    """Label a logarithmic vertical axis at 1, 2 and 5 of each decade with plain numbers."""
+def label_log_y_axis_with_plain_numbers(ax: Axes) -> None:
+    """Place ticks at 1, 2 and 5 of each decade of a logarithmic y axis, without powers of ten."""
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def plot_mesh(
+def draw_quadratic_mesh_with_nodes(
     ax: Axes,
-    x: np.ndarray,
+    node_coordinates: np.ndarray,
     cells: np.ndarray,
     linewidth: float = 0.6,
 ) -> None:
-    """Draw a mesh of quadratic cells with its corner and mid-side nodes, to scale.
+    """Draw a mesh of quadratic cells with curved sides, corner nodes and mid-side nodes, to scale.
 
-    Nodes of cells may be in any order in which the corners come first. The corners are sorted
-    around the centre, and each side is assigned the node closest to its middle.
+    The corners must come first in each cell, and otherwise the order of the nodes is arbitrary:
+    corners are sorted by angle around their centre, and each side takes the mid-side node nearest
+    to it.
 
     Args:
         ax: Axes in which to draw.
-        x: Coordinates of the nodes, shape (nodes, 2 or 3).
-        cells: Nodes of each cell, shape (cells, 3 or 6) for triangles, (cells, 4, 8 or 9) for
-            quadrilaterals. Without mid-side nodes, the middles of the sides are drawn instead.
+        node_coordinates: Coordinates of the nodes, shape (nodes, 2 or 3); only the first two are
+            used.
+        cells: Node indices of each cell, shape (cells, 3 or 6) for triangles and (cells, 4, 8 or 9)
+            for quadrilaterals. Without mid-side nodes, the middles of straight sides are drawn.
         linewidth: Width of the lines in points.
     """
-    x = np.asarray(x)[:, :2]
+    node_coordinates = np.asarray(node_coordinates)[:, :2]
     cells = np.asarray(cells)
     n_corners = 3 if cells.shape[1] in (3, 6) else 4
     sides, corner_points, middle_points = [], [], []
     for cell in cells:
         ordered_corners, ordered_middles = _order_corners_and_middles(
-            x[cell[:n_corners]], x[cell[n_corners:]]
+            node_coordinates[cell[:n_corners]], node_coordinates[cell[n_corners:]]
         )
         next_corners = np.roll(ordered_corners, -1, axis=0)
         t = np.linspace(0, 1, 9)[:, None]
@@ -137,7 +145,17 @@ def plot_mesh(
 def _order_corners_and_middles(
     corners: np.ndarray, midside_nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners in cyclic order, and the mid-side node after each corner."""
+    """Sort the corners of a cell counter-clockwise, and the mid-side nodes accordingly.
+
+    Args:
+        corners: Coordinates of the corners, shape (n, 2).
+        midside_nodes: Coordinates of the mid-side nodes, shape (n, 2), or (n + 1, 2) with a centre
+            node; for cells without them, shape (0, 2).
+
+    Returns:
+        Sorted corners (n, 2), and mid-side nodes (n, 2), of which entry i lies between corners i
+        and i + 1.
+    """
     offsets = corners - corners.mean(axis=0)
     corners = corners[np.argsort(np.arctan2(offsets[:, 1], offsets[:, 0]))]
     middles = (corners + np.roll(corners, -1, axis=0)) / 2

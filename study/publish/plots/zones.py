@@ -1,4 +1,4 @@
-"""Coloured strips that show where a contact is open, sticks or slips, with their legend."""
+"""Draw coloured strips that show where a contact is open, sticks or slips, and create a legend."""
 
 from collections.abc import Mapping
 from itertools import groupby
@@ -18,29 +18,30 @@ ZONE_NAMES_AND_COLOURS = {
 }
 """Name and colour of each contact status."""
 FRICTIONLESS_ZONE = ("frictionless", "#C9C9C9")
-"""Name and colour of nodes that slip without friction."""
+"""Name and colour of zones that are closed and have the friction coefficient zero."""
 STRIP_OFFSET, STRIP_HEIGHT = 8.5, 3.5
-"""Distance of the lower edge of a strip of zones from its axes, and its height, in points."""
+"""Distance from the axes to the lower edge of the strip, and height of the strip, in points."""
 
 Curves: TypeAlias = Mapping[str, np.ndarray]
 
 
-def draw_zone_strip(ax: Axes, curves: Curves) -> None:
-    """Draw contact zones as a coloured strip between the axes and the tick labels.
+def draw_contact_zone_strip(ax: Axes, curves: Curves) -> None:
+    """Draw the contact zones as a coloured strip between the horizontal axis and the tick labels.
 
-    The vertical position is in points; the strip therefore never overlaps the labels, regardless
-    of the height of the axes.
+    Each node colours the axis up to the midpoints between it and its neighbours; open nodes remain
+    blank. Vertical distances are in points, so the strip never overlaps the labels.
 
     Args:
-        ax: axes of curves with abscissa `x`.
-        curves: positions `x`, `status` and friction coefficients `friction` of the contact nodes.
+        ax: Axes of curves over the position x along the contact surface.
+        curves: Arrays (n,) for the n contact nodes: positions `x` in ascending order, contact
+            status `status` and friction coefficients `friction`.
     """
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
     colours = [
         FRICTIONLESS_ZONE[1] if frictionless else ZONE_NAMES_AND_COLOURS[int(status)][1]
         for status, frictionless in zip(
-            curves["status"], _slips_without_friction(curves), strict=True
+            curves["status"], _mask_nodes_slipping_without_friction(curves), strict=True
         )
     ]
     points = Affine2D().scale(1 / 72) + ax.figure.dpi_scale_trans
@@ -60,9 +61,9 @@ def draw_zone_strip(ax: Axes, curves: Curves) -> None:
     ax.tick_params(axis="x", pad=STRIP_OFFSET)
 
 
-def zone_legend_handles(curves: Curves) -> list[Patch]:
-    """Return legend handles for the types of zones that occur."""
-    frictionless = _slips_without_friction(curves)
+def contact_zone_legend_handles(curves: Curves) -> list[Patch]:
+    """Return one legend handle for each type of contact zone that occurs in `curves`."""
+    frictionless = _mask_nodes_slipping_without_friction(curves)
     entries = [
         ZONE_NAMES_AND_COLOURS[int(status)] for status in np.unique(curves["status"][~frictionless])
     ]
@@ -72,6 +73,6 @@ def zone_legend_handles(curves: Curves) -> list[Patch]:
     ]
 
 
-def _slips_without_friction(curves: Curves) -> np.ndarray:
+def _mask_nodes_slipping_without_friction(curves: Curves) -> np.ndarray:
     is_frictionless_slip: np.ndarray = (curves["friction"] == 0) & (curves["status"] == SLIP)
     return is_frictionless_slip

@@ -1,4 +1,4 @@
-"""The report: an article of some twenty pages, one self-contained HTML page and a PDF of it."""
+"""Write the report: an article of about twenty pages as one self-contained HTML page and as PDF."""
 
 import gc
 import re
@@ -46,14 +46,28 @@ NON_BREAKING_SPACE = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where 
 
 
 class RenderedReport(NamedTuple):
-    """The page, and what it lacks for want of results or figures, a line for each."""
+    """HTML page of the report.
+
+    Attributes:
+        html: The page.
+        missing_content: One message for each part that is incomplete because results or figures are
+            missing.
+    """
 
     html: str
     missing_content: list[str]
 
 
-class Part(NamedTuple):
-    """A part of the report: its anchor, whether chapter or section, number, title and text."""
+class ReportPart(NamedTuple):
+    """Chapter or section of the report.
+
+    Attributes:
+        id: Anchor of the part in the page.
+        kind: "chapter" or "section"; empty for the summary at the beginning.
+        number: Number of the chapter or section, such as "3.1".
+        title: Heading.
+        body: Text in HTML.
+    """
 
     id: str
     kind: str
@@ -65,36 +79,43 @@ class Part(NamedTuple):
 def build_report(results: Results, out: Path) -> list[str]:
     """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures.
 
-    The PDF comes first: a page on disk says that the PDF of the same source is there, too, and
-    is not laid out again.
+    The PDF is written before the page. Therefore, if an identical page exists, the PDF is up to
+    date and is not laid out again, which takes long.
+
+    Args:
+        results: Stored results; their folder also contains the claims and figures.
+        out: Folder of both files.
 
     Returns:
-        What the report lacks for want of results or figures.
+        One message for each part that is incomplete because results or figures are missing.
     """
-    html, missing_content = render_report(results)
+    html, missing_content = render_report_page(results)
     page_path, pdf_path = Path(out) / "report.html", Path(out) / "report.pdf"
     if pdf_path.is_file() and page_path.is_file() and page_path.read_bytes() == html.encode():
         return missing_content
-    write_atomically(pdf_path, lay_out_pages(html).write_pdf(pdf_variant="pdf/ua-1"))
+    write_atomically(pdf_path, lay_out_pdf_pages(html).write_pdf(pdf_variant="pdf/ua-1"))
     write_atomically(page_path, html.encode())
     return missing_content
 
 
-def render_report(results: Results, templates: Path = TEXTS_FOLDER) -> RenderedReport:
-    """Return the page.
+def render_report_page(results: Results, template_folder: Path = TEXTS_FOLDER) -> RenderedReport:
+    """Render the HTML page of the report from stored results, claims and figures.
 
     Args:
-        results: What to report; its folder has the claims and the figures, too.
-        templates: Folder of the texts.
+        results: Stored results; their folder also contains the claims and figures.
+        template_folder: Folder of the texts.
+
+    Raises:
+        CorruptResult: If results or claims were written by an incompatible version of the study.
     """
     try:
-        report_renderer = _ReportRenderer(results, templates)
+        report_renderer = _ReportRenderer(results, template_folder)
         report_renderer.render_parts()  # now it is known where figures, tables and sections are
         report_renderer.strict = not report_renderer.missing_content
         parts = report_renderer.render_parts()
         cases = [case for section in SECTIONS for case in results.readable_results(section)]
         provenance_summary = summarize_provenance(cases)
-        html = report_renderer.render(
+        html = report_renderer.render_template(
             "base.html",
             parts=parts,
             version=read_citation()["version"],
@@ -113,10 +134,10 @@ def render_report(results: Results, templates: Path = TEXTS_FOLDER) -> RenderedR
 
 
 class _ReportRenderer(TextRenderer):
-    """The parts' texts, with figures, tables and references numbered as they come.
+    """Renderer of the report, which numbers figures, tables and references consecutively.
 
     Args:
-        results: What is reported.
+        results: Stored results; their folder also contains the claims and figures.
         templates: Folder of the texts.
     """
 
@@ -126,10 +147,13 @@ class _ReportRenderer(TextRenderer):
         self._part_sections: list[str] = []  # whose texts the part has that is being made
         self.environment.globals["sheet"] = False
 
-    def render_parts(self) -> list[Part]:
-        """Return the parts; one that lacks results says so in the place of its text."""
+    def render_parts(self) -> list[ReportPart]:
+        """Render all parts of the report; empty parts are omitted.
+
+        A part whose results are missing or corrupt is replaced by a note that says so.
+        """
         self.item_numbers, self.missing_content = {}, []
-        parts: list[Part] = []
+        parts: list[ReportPart] = []
         chapter_count = section_count = 0
         for name, kind, heading in PARTS:
             self._part_sections = []
@@ -146,17 +170,17 @@ class _ReportRenderer(TextRenderer):
             )
             target = LinkTarget(f"#part-{name}", f"section\N{NO-BREAK SPACE}{number}")
             self.link_targets |= dict.fromkeys(self._part_sections, target)
-            parts.append(Part(f"part-{name}", kind, number, heading, body))
+            parts.append(ReportPart(f"part-{name}", kind, number, heading, body))
         # sections without a part are called by their names, and have a line in a table
         sections_without_part = SECTIONS.keys() - self.link_targets.keys()
         self.link_targets |= {
             section: LinkTarget("#part-verification", section) for section in sections_without_part
         }
-        self.link_targets |= self.list_link_targets()
+        self.link_targets |= self.link_targets_of_figures_and_tables()
         return parts
 
     def render_text(self, name: str) -> Markup:
-        """Return a text, and keep in which part it is."""
+        """Render a text, and note that the current part contains it, for links to its section."""
         self._part_sections.append(name)
         return super().render_text(name)
 
@@ -170,8 +194,11 @@ class _ReportRenderer(TextRenderer):
             return Markup('<p class="note">This part is incomplete: {}.</p>').format(error)
 
 
-def _list_font_faces() -> str:
-    """Return the faces of STIX, which Matplotlib brings: narrower than DejaVu, with italics."""
+def _format_css_font_faces() -> str:
+    """Return CSS font faces for STIX, which is included in Matplotlib.
+
+    STIX is narrower than DejaVu and has italics.
+    """
     import matplotlib
 
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -188,11 +215,13 @@ def _list_font_faces() -> str:
     )
 
 
-def lay_out_pages(html: str) -> "weasyprint.Document":
-    """Return the pages of the PDF, set in STIX."""
+def lay_out_pdf_pages(html: str) -> "weasyprint.Document":
+    """Lay out the pages of the PDF from the HTML of the report, in the font STIX."""
     import weasyprint  # half a second, and its libraries are not needed to read the page's code
 
-    html_with_fonts = html.replace("</head>", f"<style>{_list_font_faces()}</style></head>", 1)
+    html_with_fonts = html.replace(
+        "</head>", f"<style>{_format_css_font_faces()}</style></head>", 1
+    )
     gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
     try:
         return weasyprint.HTML(string=html_with_fonts).render(pdf_variant="pdf/ua-1")

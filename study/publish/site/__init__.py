@@ -1,8 +1,8 @@
-"""Generate the site: guide, gallery and reference of the library, and the study's evidence.
+"""Generate the website: guide, gallery and reference of the library, and evidence from the study.
 
-All pages are static and generated: sheets from stored results, judged claims and drawn figures, the
-reference from docstrings, and the gallery by running the examples. Readers' browsers load nothing
-from other servers.
+All pages are static and generated. The evidence consists of one page (sheet) per section with
+stored results, judged claims and figures. The reference is generated from docstrings, and the
+gallery by running the examples. The pages load nothing from other servers.
 """
 
 import io
@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from study.publish.site import evidence, gallery, reference
-from study.publish.texts import TEXTS_FOLDER, load_figures
+from study.publish.texts import TEXTS_FOLDER, load_index_of_drawn_figures
 from study.run.files import open_folder_replacement
 from study.run.store import Results, StudyError
 
@@ -27,46 +27,60 @@ _GUMSHOE_IMPORT = 'import * as Gumshoe from "./gumshoe-patched.js";'
 
 
 def build_site(results: Results, out: Path, jobs: int = 1) -> list[str]:
-    """Write the site into a folder, replacing an earlier build.
+    """Write the website into a folder, and replace an earlier version there.
+
+    Args:
+        results: Stored results; their folder also contains the claims and figures.
+        out: Folder of the website.
+        jobs: Number of examples of the gallery that run simultaneously.
 
     Returns:
-        Messages on everything that is missing or wrong.
+        Messages on missing content, and warnings of Sphinx.
 
     Raises:
-        ForeignFileOrFolder: If the folder contains anything other than an earlier build.
+        ForeignFileOrFolder: If the folder contains anything other than an earlier version.
         StudyError: If claims or the index of figures are missing, or an example fails.
     """
     results.claims()  # report missing claims before running the gallery
-    load_figures(results)
+    load_index_of_drawn_figures(results)
     out.parent.mkdir(parents=True, exist_ok=True)
     with open_folder_replacement(out, FOLDER_KIND) as replacement:
         source_folder = replacement.scratch / "source"
         problems = write_sources(results, source_folder, jobs)
         problems += _run_sphinx(source_folder, replacement.folder)
-        problems += evidence.copy_data(results, replacement.folder)
+        problems += evidence.copy_report_and_result_files(results, replacement.folder)
     return problems
 
 
 def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[str]:
-    """Write the source files for Sphinx; return messages on missing content."""
-    copy_guide(source_folder)
+    """Write all source files of the website for Sphinx.
+
+    Args:
+        results: Stored results.
+        source_folder: Folder of the source files, which must not exist.
+        jobs: Number of examples of the gallery that run simultaneously.
+
+    Returns:
+        Messages on missing content of the evidence.
+    """
+    copy_guide_without_drafts(source_folder)
     shutil.copytree(STATIC_FOLDER, source_folder / "_static", dirs_exist_ok=True)
     shutil.copy(TEXTS_FOLDER / "formula.css", source_folder / "_static")
     shutil.copy(Path(__file__).with_name("conf.py"), source_folder)
-    _write_about_page(source_folder)
-    examples_by_name = gallery.write_gallery(
+    _write_source_licence_and_citation_page(source_folder)
+    examples_by_name = gallery.run_examples_and_write_gallery(
         results.folder / "gallery", source_folder / "gallery", jobs
     )
-    reference.write_reference(source_folder / "reference", examples_by_name)
-    return evidence.write_evidence(results, source_folder)
+    reference.write_reference_pages(source_folder / "reference", examples_by_name)
+    return evidence.write_evidence_pages(results, source_folder)
 
 
-def copy_guide(source_folder: Path) -> None:
-    """Copy the pages of the guide, except drafts for journals, which have other formats."""
+def copy_guide_without_drafts(source_folder: Path) -> None:
+    """Copy the guide to the folder of sources, except drafts of journal articles."""
     shutil.copytree(GUIDE_FOLDER, source_folder, ignore=shutil.ignore_patterns(DRAFTS_FOLDER_NAME))
 
 
-def _write_about_page(source_folder: Path) -> None:
+def _write_source_licence_and_citation_page(source_folder: Path) -> None:
     """Write the page on source code, licence and citation."""
     commit = os.environ.get("PW_ELEMENTS_COMMIT", "")
     commit_sentence = f" These pages are made of commit `{commit[:10]}`." if commit else ""
@@ -111,7 +125,10 @@ def _run_sphinx(source_folder: Path, pages_folder: Path) -> list[str]:
 
 
 def _inline_script_modules(pages_folder: Path) -> None:
-    """Inline the modules of the theme's script, which pages opened as local files cannot load."""
+    """Merge the JavaScript modules of the theme into one plain script, in place.
+
+    Browsers refuse to load modules if a page is opened as a local file.
+    """
     for page in pages_folder.rglob("*.html"):
         page.write_text(page.read_text("utf-8").replace(*_MODULE_TAG_REPLACEMENT), "utf-8")
     scripts = pages_folder / "_static" / "scripts"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from study.publish.site import build_site
 from study.run.cases import SECTIONS
-from study.run.folder import claim_results_folder
+from study.run.folder import create_or_mark_results_folder
 from study.run.store import EXIT_CORRUPT, CorruptResult, Results, StudyError
-from study.run.supervisor import run_supervised
+from study.run.supervisor import run_supervised_and_exit
 
 USAGE = """\
 exit status: 0; 1 if something is missing; 2 for bad usage or if the site cannot be written;
@@ -18,7 +18,7 @@ exit status: 0; 1 if something is missing; 2 for bad usage or if the site cannot
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; return the exit status, which the help explains."""
+    """Parse the arguments of `./run site`, write the website, and return the exit status."""
     parser = argparse.ArgumentParser(prog="site", description=__doc__, epilog=USAGE)
     parser.add_argument("--results", type=Path, default=Path("results"), metavar="DIR")
     parser.add_argument("--out", type=Path, metavar="DIR", help="default: site, among the results")
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not any(results.cases(section) for section in SECTIONS):
             raise StudyError(f"there are no results in {results.folder}: run ./run study")
-        claim_results_folder(results.folder)  # for the gallery's pictures
+        create_or_mark_results_folder(results.folder)  # for the gallery's pictures
         problems = build_site(results, out.resolve(), options.jobs)
     except (StudyError, OSError) as error:
         print(f"site: {error}", file=sys.stderr)
@@ -38,10 +38,10 @@ def main(arguments: list[str] | None = None) -> int:
     for problem in problems:
         print(f"site: {problem}", file=sys.stderr)
     print(f"site: {out / 'index.html'}")
-    if any(results.corrupt_results(section) for section in SECTIONS):
+    if any(results.error_messages_of_corrupt_results(section) for section in SECTIONS):
         return EXIT_CORRUPT
     return int(bool(problems))
 
 
 if __name__ == "__main__":
-    run_supervised(main, "site")
+    run_supervised_and_exit(main, "site")

@@ -1,4 +1,4 @@
-"""Configuration of Sphinx, which reads this file from the folder of sources."""
+"""Configuration of Sphinx for the website; Sphinx reads a copy of this file among the sources."""
 
 import ast
 import re
@@ -9,7 +9,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import pw_elements
-from study.publish.site.mathematics import typeset
+from study.publish.site.mathematics import typeset_plain_text_mathematics
 
 project = "pw-elements"
 author = "pw-elements developers"
@@ -46,10 +46,14 @@ _SECTION_HEADING = re.compile(r"(Args|Attributes|Raises|Returns|Yields):$")
 _CODE_WITH_SUFFIX = re.compile(r"`([^`]+)`(?=\w)")  # such as `name`s, which requires a separator
 
 
-def convert_docstring(
+def convert_docstring_to_rst(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
-    """Convert a docstring to reStructuredText; indented blocks become code or formulas."""
+    """Convert a docstring to reStructuredText, in place (handler of `autodoc-process-docstring`).
+
+    Indented blocks outside sections such as Args become code if they are Python, otherwise
+    formulas. The arguments are those that Sphinx passes; `lines` contains the docstring.
+    """
     converted_lines: list[str] = []
     block: list[str] = []
     section = previous_line = ""
@@ -58,54 +62,63 @@ def convert_docstring(
             block.append(line)
             continue
         if block and line:
-            converted_lines += _format_block(block)
+            converted_lines += _format_code_or_formula_block(block)
             block = []
         if line and not line.startswith(" "):
             section = line if _SECTION_HEADING.match(line) else ""
         if block:
             block.append(line)
         else:
-            converted_lines.append(_format_prose(line, bool(section)))
+            converted_lines.append(_format_prose_line(line, bool(section)))
         previous_line = line
-    lines[:] = [*converted_lines, *_format_block(block)]
+    lines[:] = [*converted_lines, *_format_code_or_formula_block(block)]
 
 
-def _format_block(block: list[str]) -> list[str]:
-    """Return an indented block as a code block if it is Python, otherwise as formulas."""
+def _format_code_or_formula_block(block: list[str]) -> list[str]:
+    """Format an indented block as code if it is valid Python, otherwise as lines of formulas.
+
+    Args:
+        block: Lines of the block; if there are none, the result is empty.
+    """
     try:
         ast.parse("\n".join(line.removeprefix("    ") for line in block))
     except SyntaxError:
-        formulas = [_typeset_rst(line.replace("|", r"\|")) for line in block if line]
+        formulas = [_typeset_mathematics_as_rst(line.replace("|", r"\|")) for line in block if line]
         return [
             ".. rst-class:: formula",
             "",
-            *(f"| {_separate_formulas(line)}" for line in formulas),
+            *(f"| {_widen_spaces_between_formulas(line)}" for line in formulas),
             "",
         ]
     return [".. code-block:: python", "", *block, ""] if block else []
 
 
-def _separate_formulas(formulas: str) -> str:
+def _widen_spaces_between_formulas(formulas: str) -> str:
     return re.sub(r" {2,}", " \N{EM SPACE} ", formulas.strip())
 
 
-def _format_prose(line: str, in_section: bool) -> str:
-    """Return a line of prose formatted for Sphinx.
+def _format_prose_line(line: str, in_docstring_section: bool) -> str:
+    """Typeset the mathematics in a line of prose, except in code between backticks.
 
-    In a docstring section such as Args, the name before the colon is left unchanged.
+    Args:
+        line: Line of a docstring.
+        in_docstring_section: Whether the line is in a section such as Args, where the name before a
+            colon is left unchanged.
     """
-    name_match = re.match(r"    [\w, ]+: ", line) if in_section else None
+    name_match = re.match(r"    [\w, ]+: ", line) if in_docstring_section else None
     prefix = name_match[0] if name_match else ""
     parts = re.split(r"(`[^`]*`)", line[len(prefix) :].replace("|", r"\|"))
-    text = "".join(part if part.startswith("`") else _typeset_rst(part) for part in parts)
+    text = "".join(
+        part if part.startswith("`") else _typeset_mathematics_as_rst(part) for part in parts
+    )
     return prefix + _CODE_WITH_SUFFIX.sub(r"`\1`\\ ", text)
 
 
-def _typeset_rst(text: str) -> str:
-    return typeset(text, "\\ :sub:`{}`\\ ", "\\ :sup:`{}`\\ ")
+def _typeset_mathematics_as_rst(text: str) -> str:
+    return typeset_plain_text_mathematics(text, "\\ :sub:`{}`\\ ", "\\ :sup:`{}`\\ ")
 
 
-def shorten_types(
+def shorten_array_types(
     app: Sphinx,
     what: str,
     name: str,
@@ -114,9 +127,12 @@ def shorten_types(
     signature: str | None,
     return_annotation: str | None,
 ) -> tuple[str | None, str | None]:
-    """Omit the types of shapes and entries from array types in signatures."""
+    """Shorten array types in a signature to `numpy.ndarray`, as an event handler of Sphinx.
 
-    def shorten(text: str | None) -> str | None:
+    Type parameters for shape and entries are omitted. The arguments are those that Sphinx passes.
+    """
+
+    def shorten_array_types_in_text(text: str | None) -> str | None:
         if text is None:
             return None
         text = re.sub(
@@ -124,16 +140,16 @@ def shorten_types(
         )
         return re.sub(r"(~numpy\.ndarray)(?: \| ~numpy\.ndarray)+", r"\1", text)
 
-    return shorten(signature), shorten(return_annotation)
+    return shorten_array_types_in_text(signature), shorten_array_types_in_text(return_annotation)
 
 
-def _write_inline_formula(translator: HTML5Translator, node: nodes.Element) -> None:
-    """Write a formula as MathML, which browsers display without scripts."""
+def _write_inline_mathml(translator: HTML5Translator, node: nodes.Element) -> None:
+    """Write an inline formula as MathML, which browsers display without scripts."""
     translator.body.append(str(latex2mathml.tex2mathml(node.astext(), as_block=False)))
     raise nodes.SkipNode
 
 
-def _write_display_formula(translator: HTML5Translator, node: nodes.Element) -> None:
+def _write_display_mathml(translator: HTML5Translator, node: nodes.Element) -> None:
     formula = latex2mathml.tex2mathml(node.astext(), as_block=True)
     translator.body.append(f'<div class="formula">{formula}</div>')
     raise nodes.SkipNode
@@ -142,7 +158,11 @@ def _write_display_formula(translator: HTML5Translator, node: nodes.Element) -> 
 def _fix_source_backlinks(
     app: Sphinx, page: str, template: str, context: dict[str, str], tree: object
 ) -> None:
-    """Correct links from source pages to names that are documented under another module."""
+    """Correct links from pages of source code to the reference (handler of `html-page-context`).
+
+    Sphinx links to the module that defines a name, but the name may be documented in another
+    module.
+    """
     if page.startswith("_modules/"):
         link = r"(reference/([\w.]+?)\.(\w+)\.html#)[\w.]+?\.\3(?=[.\"])"
         context["body"] = re.sub(link, r"\1\2.\3", context["body"])
@@ -151,10 +171,10 @@ def _fix_source_backlinks(
 def setup(app: Sphinx) -> None:
     """Register the extensions of Sphinx that this module defines."""
     renderers = {
-        "inline_renderers": (_write_inline_formula, None),
-        "block_renderers": (_write_display_formula, None),
+        "inline_renderers": (_write_inline_mathml, None),
+        "block_renderers": (_write_display_mathml, None),
     }
     app.add_html_math_renderer("mathml", **renderers)
-    app.connect("autodoc-process-docstring", convert_docstring, priority=100)
-    app.connect("autodoc-process-signature", shorten_types)
+    app.connect("autodoc-process-docstring", convert_docstring_to_rst, priority=100)
+    app.connect("autodoc-process-signature", shorten_array_types)
     app.connect("html-page-context", _fix_source_backlinks)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from study.run.sources import digest_code, list_package_sources
+from study.run.sources import digest_code_without_docstrings, list_package_sources
 from study.run.store import StudyError, write_atomically
 
 EXAMPLES_FOLDER = Path(__file__).resolve().parents[3] / "examples"
@@ -41,15 +41,16 @@ GALLERY_ORDER = (
 
 
 @dataclass(frozen=True)
-class Example:
-    """An example of the gallery.
+class GalleryExample:
+    """Example script of the gallery.
 
     Attributes:
-        name: Name of its file, without extension.
-        title: First paragraph of its docstring.
-        description: Remainder of its docstring.
-        library_names: Public names of the library that the example imports.
-        companion_files: Names of further files that the example requires.
+        name: Name of the script without extension.
+        title: First paragraph of the script's docstring.
+        description: Remainder of the docstring.
+        library_names: Full names of the functions and classes of the library that the script
+            imports.
+        companion_files: Names of the mesh files and mesh scripts that the example reads.
     """
 
     name: str
@@ -59,8 +60,8 @@ class Example:
     companion_files: tuple[str, ...]
 
     @classmethod
-    def from_source(cls, path: Path) -> "Example":
-        """Read the example from its source file."""
+    def from_source(cls, path: Path) -> "GalleryExample":
+        """Create an example from the source file of its script, which is parsed but not run."""
         tree = ast.parse(path.read_text(encoding="utf-8"))
         title, _, description = (ast.get_docstring(tree) or "").partition("\n\n")
         library_names = {
@@ -79,32 +80,35 @@ class Example:
         )
 
 
-def load_examples() -> list[Example]:
+def load_examples() -> list[GalleryExample]:
     """Return all examples in the order of the gallery."""
     stems = {path.stem for path in EXAMPLES_FOLDER.glob("*.py") if not path.stem.endswith("_mesh")}
     ordered_names = [name for name in GALLERY_ORDER if name in stems] + sorted(
         stems - {*GALLERY_ORDER}
     )
-    return [Example.from_source(EXAMPLES_FOLDER / f"{name}.py") for name in ordered_names]
+    return [GalleryExample.from_source(EXAMPLES_FOLDER / f"{name}.py") for name in ordered_names]
 
 
-def write_gallery(
+def run_examples_and_write_gallery(
     cache_folder: Path, pages_folder: Path, jobs: int = 1
-) -> dict[str, list[Example]]:
-    """Write the pages of the gallery.
+) -> dict[str, list[GalleryExample]]:
+    """Run outdated examples, and write a page for each example and an index.
 
     Args:
-        cache_folder: Folder of pictures; examples are run if their pictures are missing or
-            outdated.
-        pages_folder: Folder of the pages.
+        cache_folder: Folder of pictures and outputs from earlier runs. An example is run again if
+            it or the library has changed since.
+        pages_folder: Folder of the pages, which must not exist.
         jobs: Number of examples that run simultaneously.
 
     Returns:
-        Examples that use each public name of the library, by name.
+        Examples that import each function or class of the library, by its full name.
+
+    Raises:
+        StudyError: If an example fails.
     """
     examples = load_examples()
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        list(pool.map(lambda example: _run_if_outdated(example, cache_folder), examples))
+        list(pool.map(lambda example: _run_example_if_outdated(example, cache_folder), examples))
     pages_folder.mkdir(parents=True)
     for example in examples:
         shutil.copy(cache_folder / f"{example.name}.png", pages_folder)
@@ -115,22 +119,22 @@ def write_gallery(
         for file in example.companion_files:
             shutil.copy(EXAMPLES_FOLDER / file, pages_folder)
         (pages_folder / f"{example.name}.md").write_text(
-            _format_page(example, cache_folder), encoding="utf-8"
+            _format_example_page(example, cache_folder), encoding="utf-8"
         )
-    (pages_folder / "index.md").write_text(_format_index(examples), encoding="utf-8")
-    examples_by_name: dict[str, list[Example]] = {}
+    (pages_folder / "index.md").write_text(_format_gallery_index(examples), encoding="utf-8")
+    examples_by_name: dict[str, list[GalleryExample]] = {}
     for example in examples:
         for name in sorted(example.library_names):
             examples_by_name.setdefault(name, []).append(example)
     return examples_by_name
 
 
-def example_heading(example: Example) -> str:
-    """Return the title of an example, formatted as a heading."""
+def example_heading(example: GalleryExample) -> str:
+    """Return the name of an example as a heading, such as "Plate with hole"."""
     return example.name.replace("_", " ").capitalize()
 
 
-def _format_page(example: Example, cache_folder: Path) -> str:
+def _format_example_page(example: GalleryExample, cache_folder: Path) -> str:
     output = (cache_folder / f"{example.name}.txt").read_text(encoding="utf-8").strip()
     files = "".join(f", {{download}}`{file} <{file}>`" for file in example.companion_files)
     parts = [
@@ -146,7 +150,7 @@ def _format_page(example: Example, cache_folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _format_index(examples: list[Example]) -> str:
+def _format_gallery_index(examples: list[GalleryExample]) -> str:
     cards = [
         f":::{{grid-item-card}} {example_heading(example)}\n:link: {example.name}\n:link-type: "
         "doc\n"
@@ -163,14 +167,20 @@ def _format_index(examples: list[Example]) -> str:
 
 
 def _save_thumbnail(picture_path: Path, thumbnail_path: Path) -> None:
-    """Save a small version of a picture for the index of the gallery, which shows all pictures."""
+    """Save a picture with at most 560 pixels and 96 colours for the index of the gallery."""
     with Image.open(picture_path) as image:
         image.thumbnail((560, 560))
         image.convert("RGB").quantize(96).save(thumbnail_path, optimize=True)
 
 
-def _run_if_outdated(example: Example, cache_folder: Path) -> None:
-    """Run an example unless its picture was made with the current example and library.
+def _run_example_if_outdated(example: GalleryExample, cache_folder: Path) -> None:
+    """Run an example and store its picture and output, if it or the library has changed.
+
+    Comments and docstrings of the library are disregarded.
+
+    Args:
+        example: The example.
+        cache_folder: Folder of the picture, the output and a digest of the sources.
 
     Raises:
         StudyError: If the example fails.
@@ -179,7 +189,7 @@ def _run_if_outdated(example: Example, cache_folder: Path) -> None:
     for file in (f"{example.name}.py", *example.companion_files):
         digest.update((EXAMPLES_FOLDER / file).read_bytes())
     for path in list_package_sources("pw_elements"):
-        digest.update(f"{path.name} {digest_code(path)}".encode())
+        digest.update(f"{path.name} {digest_code_without_docstrings(path)}".encode())
     digest_path, picture_path, output_path = (
         cache_folder / f"{example.name}.{suffix}" for suffix in ("sha256", "png", "txt")
     )

@@ -1,4 +1,4 @@
-"""Typeset plain-text mathematics of docstrings and claims, e.g. nu <= 1/2, K_r = L^T K R."""
+"""Typeset plain-text formulas of docstrings and claims, e.g. nu <= 1/2 or K_r = L^T K R."""
 
 import re
 
@@ -26,15 +26,15 @@ _SUPERSCRIPT = re.compile(r"\^(-?\w+)|(?<=\b[HL])([12])\b")
 _SUBSCRIPT = re.compile(r"(?<=\b[A-Za-zσω])_(\w+)|(?<=\bp)0\b")
 
 
-def typeset(
+def typeset_plain_text_mathematics(
     text: str, subscript_format: str = "<sub>{}</sub>", superscript_format: str = "<sup>{}</sup>"
 ) -> str:
-    """Replace spelled-out Greek letters, signs, indices and powers by typeset symbols.
+    """Replace spelled-out Greek letters, operators, indices and powers by typeset symbols.
 
     Args:
-        text: plain text, or text escaped for HTML.
-        subscript_format: format of an index.
-        superscript_format: format of a power.
+        text: Plain text, or text escaped for HTML.
+        subscript_format: Format string for an index, whose placeholder is {}.
+        superscript_format: Format string for a power.
     """
     for pattern, sign in _SIGN_OF_PATTERN.items():
         text = re.sub(pattern, sign, text)

@@ -1,11 +1,11 @@
-"""Write the reference, with a page generated from the docstring of each public name."""
+"""Write the reference of the library: one page per public name, made from its docstring."""
 
 import inspect
 from importlib import import_module
 from pathlib import Path
 
-from study.publish.site.gallery import Example, example_heading
-from study.publish.site.mathematics import typeset
+from study.publish.site.gallery import GalleryExample, example_heading
+from study.publish.site.mathematics import typeset_plain_text_mathematics
 
 # Names in each group of pages; names with a submodule are argument or return types of public ones
 NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -138,13 +138,21 @@ CONSTANTS_WITHOUT_PAGE = {
 }  # statuses of contact nodes, which the page of PairState explains
 
 
-def list_public_names() -> list[str]:
-    """Return the full names of all objects that have a page."""
-    return [f"{module}.{name}" for module, names in _complete_groups().values() for name in names]
+def list_names_with_reference_page() -> list[str]:
+    """Return the full names of everything with a page in the reference."""
+    return [
+        f"{module}.{name}"
+        for module, names in _groups_with_ungrouped_names_added().values()
+        for name in names
+    ]
 
 
-def _complete_groups() -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Return all groups, including one for each module with public names outside `NAME_GROUPS`."""
+def _groups_with_ungrouped_names_added() -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return `NAME_GROUPS` with an additional group for each module that has further public names.
+
+    Returns:
+        Module and names of each group, by title of the group.
+    """
     groups = dict(NAME_GROUPS)
     for module in ("pw_elements", "pw_elements.contact", "pw_elements.meshes"):
         grouped_names = {
@@ -160,34 +168,42 @@ def _complete_groups() -> dict[str, tuple[str, tuple[str, ...]]]:
     return groups
 
 
-def _resolve_name(module: str, name: str) -> tuple[str, str]:
-    """Return the module that defines a name of a group, and the name without the submodule."""
+def _move_submodule_from_name_to_module(module: str, name: str) -> tuple[str, str]:
+    """Move the submodule from a name such as "model.Friction" to its module.
+
+    Returns:
+        Module that defines the name, such as "pw_elements.contact.model", and the name alone.
+    """
     submodule, _, plain_name = name.rpartition(".")
     return f"{module}.{submodule}" if submodule else module, plain_name
 
 
-def write_reference(pages_folder: Path, examples_by_name: dict[str, list[Example]]) -> None:
-    """Write the pages of the reference.
+def write_reference_pages(
+    pages_folder: Path, examples_by_name: dict[str, list[GalleryExample]]
+) -> None:
+    """Write a page for each public name of the library, and an index in groups.
 
     Args:
-        pages_folder: Folder of the pages.
-        examples_by_name: Examples that use each public name.
+        pages_folder: Folder of the pages, which must not exist.
+        examples_by_name: Examples that use each name, by its full name.
     """
     pages_folder.mkdir(parents=True)
     parts = ["# Reference", _INTRODUCTION]
     full_names = []
-    for group, (module, names) in _complete_groups().items():
+    for group, (module, names) in _groups_with_ungrouped_names_added().items():
         rows = []
         for qualified_name in names:
-            defining_module, name = _resolve_name(module, qualified_name)
+            defining_module, name = _move_submodule_from_name_to_module(module, qualified_name)
             public_object = getattr(import_module(defining_module), name)
             full_name = f"{defining_module}.{name}"
             (pages_folder / f"{full_name}.rst").write_text(
-                _format_page(defining_module, name, public_object, examples_by_name),
+                _format_reference_page(defining_module, name, public_object, examples_by_name),
                 encoding="utf-8",
             )
             first_paragraph = (inspect.getdoc(public_object) or "").partition("\n\n")[0]
-            summary = typeset(" ".join(first_paragraph.split()), "{{sub}}`{}`", "{{sup}}`{}`")
+            summary = typeset_plain_text_mathematics(
+                " ".join(first_paragraph.split()), "{{sub}}`{}`", "{{sup}}`{}`"
+            )
             rows.append(f"[`{name}`]({full_name}.rst)\n: {summary}")
             full_names.append(full_name)
         parts += [f"## {group}", f"`{module}`", "\n\n".join(rows)]
@@ -201,8 +217,8 @@ arrays, results, errors and sources. Any consistent units will do. "Eq. (n)" ref
 of the paper."""
 
 
-def _format_page(
-    module: str, name: str, public_object: object, examples_by_name: dict[str, list[Example]]
+def _format_reference_page(
+    module: str, name: str, public_object: object, examples_by_name: dict[str, list[GalleryExample]]
 ) -> str:
     directive = "autofunction"
     if inspect.isclass(public_object):

@@ -1,10 +1,11 @@
-"""Render texts that contain numbers from stored results, and arrange them in layouts.
+"""Render the texts of report and website, which contain numbers from stored results.
 
-The text of a section consists of constants of the section's page, see `BLOCK_OF_CONSTANT`. Chapters
-(Markdown) and layouts (HTML) are files in this folder.
+The text of a section consists of Markdown constants of the section's page; each constant fills one
+block of a layout (see `BLOCK_OF_CONSTANT`). Chapters (Markdown) and layouts (HTML) are files in
+this folder.
 
-The report's layout includes the blocks `problem`, `result` and `findings` of a section's text. The
-site's sheets also include `setting`, `method`, `details`, `further` and `limits`.
+The report's layout includes the blocks `problem`, `result` and `findings`. The website's layout
+also includes `setting`, `method`, `details`, `further` and `limits`.
 """
 
 import importlib
@@ -22,7 +23,7 @@ import numpy as np
 from markupsafe import Markup
 
 from study.judge.claims import GRADES, PAPER_KINDS
-from study.judge.mesh_series import estimate_uncertainties
+from study.judge.mesh_series import estimate_convergence_of_quantities
 from study.model.vocabulary import (
     ELEMENTS,
     OWN_FUNCTION_READING,
@@ -31,28 +32,28 @@ from study.model.vocabulary import (
     TWO_BODY_METHODS,
     UNDEFINED_READING_NOTE,
 )
-from study.publish.markdown import render_markdown, render_table_rows
+from study.publish.markdown import render_markdown, render_table_head_and_body
 from study.publish.reproducibility import summarize_reproducibility
 from study.publish.texts import numbers
 from study.publish.texts.computations import (
     NON_POLYNOMIAL_DEGREE,
-    count_computed_and_recorded,
-    describe_computation,
+    count_computed_and_recorded_results,
+    describe_computation_of_section,
 )
 from study.publish.texts.statements import (
     EXAMPLE_SECTIONS,
-    count_claims,
-    count_facts,
+    count_claims_by_grade_and_kind,
+    count_statements_and_facts_by_grade,
+    first_section_named_by_source,
     format_criterion,
     format_measured,
     format_statement,
-    group_by_fact,
-    group_readings,
-    section_of_source,
+    group_claims_by_fact,
+    place_alternative_readings_after_claim,
     source_names_section,
 )
 from study.run.cases import SECTIONS, find_page_source
-from study.run.pages import read_constants
+from study.run.pages import read_literal_constants
 from study.run.store import CorruptResult, MissingResult, Results, StoredResult, StudyError
 
 TEXTS_FOLDER = Path(__file__).parent
@@ -60,7 +61,7 @@ REFERENCES: dict[str, dict[str, str]] = tomllib.loads(
     (TEXTS_FOLDER / "references.toml").read_text("utf-8")
 )
 for _section in SECTIONS:  # a page may define additional references
-    REFERENCES |= read_constants(find_page_source(_section)).get("REFERENCES", {})
+    REFERENCES |= read_literal_constants(find_page_source(_section)).get("REFERENCES", {})
 URI_SAFE_CHARACTERS = "/;:=,+()!*'"  # need no escape in a URI, which makes it shorter than base64
 
 BLOCK_OF_CONSTANT = {
@@ -73,7 +74,7 @@ BLOCK_OF_CONSTANT = {
     "FURTHER_FINDINGS": "further",
     "LIMITS": "limits",
 }
-"""Name of the layout block that each constant of a page (Markdown text) fills."""
+"""Block of the layout that each Markdown constant of a page fills."""
 
 # Single letters in captions that are symbols, excluding units, panel labels such as "(a)" and (in
 # most cases) the word "a"
@@ -87,30 +88,35 @@ PAPER_ITEM_PATTERN = re.compile(r"(fig|tab)0*(\d+)(?:_0*(\d+))?")  # figures of 
 
 
 class LinkTarget(NamedTuple):
-    """Address and label of a figure, a table or a section, for links."""
+    """Target of links to a figure, table or section.
+
+    Attributes:
+        address: URL, which may be relative or a fragment.
+        label: Text of the link, such as "Fig. 3".
+    """
 
     address: str
     label: str
 
 
 class TextRenderer:
-    """Renderer of texts, which provides them with numbers, curves, claims, figures and tables.
+    """Renderer of Jinja templates that can insert numbers, curves, claims, figures and tables.
 
     Figures, tables and references are numbered in the order in which they occur.
 
     Args:
-        results: Results to report, whose folder also contains the claims and figures.
+        results: Stored results; their folder also contains the claims and figures.
         template_folders: Folders that are searched for templates before the folder of this module.
-        layout: Template that arranges the blocks of a section's text.
-        link_targets: Targets of links to figures, tables and sections from a first pass, which
-            allow forward references.
-        strict: Whether a reference to an unknown target is an error.
+        layout: Name of the template that arranges the blocks of a section's text.
+        link_targets: Addresses of figures, tables and sections from a first pass, such that a text
+            can refer to items that follow.
+        strict: Whether a reference to an unknown target is an error; otherwise "?" is inserted.
 
     Attributes:
-        claims: Rows of `claims.json`.
+        claims: Judged claims, read from `claims.json`.
         figures: Entries of the index of figures by name, with drawings as data URIs.
-        item_numbers: Numbers of figures, tables and references on the page, by kind and name.
-        missing_content: Messages on missing content.
+        item_numbers: Numbers of the figures, tables and references on the page, by kind and name.
+        missing_content: Messages on missing results and figures.
     """
 
     def __init__(
@@ -126,13 +132,13 @@ class TextRenderer:
         self.link_targets = link_targets
         self.strict = strict
         self.claims = results.claims()
-        self.figures = load_figures(results)
+        self.figures = load_index_of_drawn_figures(results)
         self.item_numbers: dict[tuple[str, str], int] = {}
         self.missing_content: list[str] = []
         file_loader = jinja2.FileSystemLoader([*template_folders, TEXTS_FOLDER])
         self.environment = jinja2.Environment(
             loader=jinja2.ChoiceLoader(
-                [file_loader, jinja2.FunctionLoader(_load_markdown_template)]
+                [file_loader, jinja2.FunctionLoader(_load_chapter_or_section_template)]
             ),
             undefined=jinja2.StrictUndefined,
             autoescape=True,
@@ -168,22 +174,24 @@ class TextRenderer:
             "ref": self.render_link,
             "cite": self.render_citation,
             "cited": self.list_cited_references,
-            "statements": self.render_statements,
-            "verification_rows": self.render_verification_rows,
-            "counts": count_claims(self.claims),
-            "fact_counts": count_facts(self.claims),
+            "statements": self.render_table_of_paper_statements,
+            "verification_rows": self.render_rows_of_verification_table,
+            "counts": count_claims_by_grade_and_kind(self.claims),
+            "fact_counts": count_statements_and_facts_by_grade(self.claims),
             "graded": self.format_grade_counts,
             "graded_all": self.format_all_grade_counts,
             "heads": {
-                name: short_facts for name in SECTIONS if (short_facts := short_section_facts(name))
+                name: short_facts
+                for name in SECTIONS
+                if (short_facts := read_short_problem_data_of_section(name))
             },
-            "computed": lambda section: describe_computation(results, section),
-            "computed_and_recorded": lambda: count_computed_and_recorded(results),
+            "computed": lambda section: describe_computation_of_section(results, section),
+            "computed_and_recorded": lambda: count_computed_and_recorded_results(results),
             "reproducibility": cache(lambda: summarize_reproducibility(results)),
             "verification_range": _format_range_of_verification_sections(),
             "has_section": lambda section: bool(results.cases(section)),
             "rational_degree": NON_POLYNOMIAL_DEGREE,
-            "uncertainties": lambda: estimate_uncertainties(results),
+            "uncertainties": lambda: estimate_convergence_of_quantities(results),
         }
         self.environment.filters |= {
             "found": format_measured,
@@ -192,8 +200,16 @@ class TextRenderer:
             "markdown": render_markdown,
         }
 
-    def render(self, template: str, **values: object) -> Markup:
-        """Render a template with the given values."""
+    def render_template(self, template: str, **values: object) -> Markup:
+        """Render a template.
+
+        Args:
+            template: Name of the template.
+            values: Variables of the template.
+
+        Raises:
+            StudyError: If the template contains an error.
+        """
         try:
             return Markup(self.environment.get_template(template).render(values))
         except jinja2.TemplateNotFound:
@@ -202,13 +218,16 @@ class TextRenderer:
             raise StudyError(f"{template}: {error}") from error
 
     def render_text(self, name: str) -> Markup:
-        """Render a chapter, or the blocks of a section's text that the layout includes.
+        """Render a chapter, or those blocks of a section's text that the layout includes.
+
+        Args:
+            name: Name of the chapter or section.
 
         Raises:
-            MissingResult: if there is neither a chapter nor a section with texts of this name.
+            MissingResult: If neither a chapter nor a section with texts has this name.
         """
         try:
-            text = self.render(f"{name}.html", layout=self.layout, section=name)
+            text = self.render_template(f"{name}.html", layout=self.layout, section=name)
         except jinja2.TemplateNotFound as error:
             raise MissingResult(f"there is no text {error}") from None
         return _remove_blank_lines(text)
@@ -218,50 +237,67 @@ class TextRenderer:
         return self.results.curves(key)
 
     def evaluate_measure(self, name: str, /, **args: object) -> float:
-        """Return the value of a measure in `study.judge.measures` for the results."""
+        """Evaluate a function of `study.judge.measures` for the stored results.
+
+        Args:
+            name: Name of the function.
+            args: Its keyword arguments.
+        """
         return float(
             getattr(importlib.import_module("study.judge.measures"), name)(self.results, **args)
         )
 
     def claims_of_section(self, section: str) -> list[dict[str, Any]]:
-        """Return the claims whose source names the section."""
+        """Return the judged claims whose source in the paper or study names the section."""
         return [claim for claim in self.claims if source_names_section(claim["source"], section)]
 
     def render_figure(self, name: str) -> Markup:
-        """Return a figure with its number and caption, or a note if it has not been drawn."""
-        label = f"Fig. {self.assign_number('figure', name)}{paper_citation(name)}"
+        """Number a figure and render it with its caption, or a note if it has not been drawn."""
+        number = self.assign_next_item_number("figure", name)
+        label = f"Fig. {number}{format_citation_of_paper_figure(name)}"
         if name not in self.figures:
             self.missing_content.append(f"figure {name} has not been drawn")
-        figure = self.render("figure.html", name=name, figure=self.figure_entry(name), label=label)
+        figure = self.render_template(
+            "figure.html", name=name, figure=self.figure_entry(name), label=label
+        )
         return _remove_blank_lines(figure)
 
     def figure_entry(self, name: str) -> dict[str, Any] | None:
-        """Return a figure's entry with the addresses of its drawings; None if it is missing."""
+        """Return the index entry of a figure, with its address; None if it has not been drawn."""
         return self.figures.get(name)
 
     def render_table(
         self, name: str, caption: str, caller: Callable[[], str], of: str = "", long: bool = False
     ) -> Markup:
-        """Return a table with its number and caption.
+        """Assign a number to a table and render it with its caption, as a call block of Jinja.
 
-        `caller` returns the rows in Markdown or HTML. `of` is the number of the corresponding table
-        of the paper, if any. A `long` table may be split across pages.
+        Args:
+            name: Name of the table, for links.
+            caption: Caption.
+            caller: Function that returns the rows in Markdown or HTML, i.e. the content of the call
+                block.
+            of: Number of the corresponding table of the paper; empty if there is none.
+            long: Whether the table may be split across pages.
         """
         source_note = f" (the paper's Table {of})" if of else ""
-        label = f"Table {self.assign_number('table', name)}{source_note}"
+        label = f"Table {self.assign_next_item_number('table', name)}{source_note}"
         rows = caller()
-        table = self.render(
+        table = self.render_template(
             "table.html",
             name=name,
             label=label,
             caption=italicize_symbols(caption),
-            rows=render_table_rows(rows) if rows.lstrip().startswith("|") else rows,
+            rows=render_table_head_and_body(rows) if rows.lstrip().startswith("|") else rows,
             long=long,
         )
         return _remove_blank_lines(table)
 
     def render_link(self, name: str) -> Markup:
-        """Return a link to a figure, a table or a section, with its number as text."""
+        """Return a link to a figure, table or section, with its number as text.
+
+        Raises:
+            StudyError: If the target is unknown and the renderer is strict.
+        """
         if (target := self.link_targets.get(name)) is not None:
             return Markup('<a href="{}">{}</a>').format(*target)
         if self.strict:
@@ -269,12 +305,16 @@ class TextRenderer:
         return Markup("?")  # in the first pass, or if results are missing
 
     def render_citation(self, *names: str) -> Markup:
-        """Return the numbers of references as links."""
+        """Cite references by their numbers, as in "[1, 3]", with links to the list of references.
+
+        Raises:
+            StudyError: If a name is not among `REFERENCES`.
+        """
         for name in names:
             if name not in REFERENCES:
                 raise StudyError(f"a text cites {name}, which is no reference")
             if ("reference", name) not in self.item_numbers:
-                self.assign_number("reference", name)
+                self.assign_next_item_number("reference", name)
         links = [
             Markup('<a href="#ref-{}">{}</a>').format(name, self.item_numbers["reference", name])
             for name in names
@@ -282,37 +322,43 @@ class TextRenderer:
         return Markup("[{}]").format(Markup(", ").join(links))
 
     def list_cited_references(self) -> list[dict[str, str]]:
-        """Return the key, text and address of each cited reference, in the order of numbers."""
+        """Return the references cited so far, in the order of their numbers.
+
+        Returns:
+            Entries of `REFERENCES` with keys such as "text", "url" and "address", and "key".
+        """
         keys = [name for kind, name in self.item_numbers if kind == "reference"]
         return [{"key": key, "url": "", "address": "", **REFERENCES[key]} for key in keys]
 
-    def render_statements(self, *sections: str) -> Markup:
-        """Return a table of the paper's statements in some sections.
+    def render_table_of_paper_statements(self, *sections: str) -> Markup:
+        """Render a table of the paper's statements, with their verdicts.
 
-        Without sections, the table contains the statements outside `EXAMPLE_SECTIONS`.
+        Args:
+            sections: Sections of the paper. If none is given, the table contains the statements
+                outside `EXAMPLE_SECTIONS`.
         """
-        table = self.render(
-            "statements.html", groups=group_by_fact(self._paper_statements(sections))
+        table = self.render_template(
+            "statements.html", groups=group_claims_by_fact(self._select_paper_statements(sections))
         )
         return _remove_blank_lines(table)
 
-    def render_verification_rows(self) -> Markup:
-        """Return the rows of the verification table.
+    def render_rows_of_verification_table(self) -> Markup:
+        """Render the rows of the table of verification problems, in Markdown.
 
-        The constant `VERIFICATION` of a page contains rows in Markdown with the problem, the
-        reference, the quantity, and its errors with the new and the standard element. For
-        benchmarks without this constant, a row with the reference is generated.
+        The constant `VERIFICATION` of a page contains rows with the problem, the reference
+        solution, the quantity, and its errors with the new and the standard element. For benchmarks
+        without this constant, the row contains the title and the reference only.
         """
         rows = []
         for section in SECTIONS:
             page_path = find_page_source(section)
-            constants = read_constants(page_path)
+            constants = read_literal_constants(page_path)
             if not self.results.cases(section):
                 continue
             if "VERIFICATION" in constants:
                 texts = constants["VERIFICATION"].strip().splitlines()
             elif "benchmarks" in page_path.parts:
-                facts = short_section_facts(section)
+                facts = read_short_problem_data_of_section(section)
                 texts = [f"| {constants['TITLE']} | {facts['reference']} | see its page | | |"]
             else:
                 texts = []
@@ -320,29 +366,56 @@ class TextRenderer:
         return Markup(self.environment.from_string("\n".join(rows)).render())
 
     def format_grade_counts(self, *sections: str) -> Markup:
-        """Return a text with the number of statements of each grade in some sections."""
-        return _count_grades([row["grade"] for row in self._paper_statements(sections)])
+        """Return a text with the number of the paper's statements of each grade.
+
+        Args:
+            sections: Sections of the paper. If none is given, the statements outside
+                `EXAMPLE_SECTIONS` are counted.
+        """
+        return _format_count_of_each_grade(
+            [row["grade"] for row in self._select_paper_statements(sections)]
+        )
 
     def format_all_grade_counts(self) -> Markup:
         """Return a text with the number of all statements of the paper of each grade."""
-        return _count_grades([row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS])
+        return _format_count_of_each_grade(
+            [row["grade"] for row in self.claims if row["kind"] in PAPER_KINDS]
+        )
 
-    def _paper_statements(self, sections: tuple[str, ...]) -> list[dict[str, Any]]:
-        rows = group_readings([row for row in self.claims if row["kind"] in PAPER_KINDS])
+    def _select_paper_statements(self, sections: tuple[str, ...]) -> list[dict[str, Any]]:
+        rows = place_alternative_readings_after_claim(
+            [row for row in self.claims if row["kind"] in PAPER_KINDS]
+        )
         if not sections:
-            return [row for row in rows if section_of_source(row["source"]) not in EXAMPLE_SECTIONS]
-        return [row for row in rows if section_of_source(row["source"]) in sections]
+            return [
+                row
+                for row in rows
+                if first_section_named_by_source(row["source"]) not in EXAMPLE_SECTIONS
+            ]
+        return [row for row in rows if first_section_named_by_source(row["source"]) in sections]
 
-    def assign_number(self, kind: str, name: str) -> int:
-        """Assign the next number to a figure, a table or a reference, and return it."""
+    def assign_next_item_number(self, kind: str, name: str) -> int:
+        """Assign the next number to a figure, table or reference, and return the number.
+
+        Args:
+            kind: "figure", "table" or "reference".
+            name: Name of the item.
+
+        Raises:
+            StudyError: If the item already has a number on this page.
+        """
         if (kind, name) in self.item_numbers:
             raise StudyError(f"a page places {kind} {name} twice")
         number = 1 + sum(other_kind == kind for other_kind, _ in self.item_numbers)
         self.item_numbers[kind, name] = number
         return number
 
-    def list_link_targets(self, page: str = "") -> dict[str, LinkTarget]:
-        """Return the link targets of all figures and tables that have been numbered on a page."""
+    def link_targets_of_figures_and_tables(self, page: str = "") -> dict[str, LinkTarget]:
+        """Return the link targets of all figures and tables numbered so far.
+
+        Args:
+            page: Address of the page that contains them; empty for the current page.
+        """
         labels = {"figure": "Fig.", "table": "Table"}
         return {
             name: LinkTarget(f"{page}#{name}", f"{labels[kind]}\N{NO-BREAK SPACE}{number}")
@@ -351,11 +424,14 @@ class TextRenderer:
         }
 
 
-def _load_markdown_template(name: str) -> str | None:
-    """Return the template of a chapter or section, or None if there is no text of this name.
+def _load_chapter_or_section_template(name: str) -> str | None:
+    """Return the Jinja template of a chapter or section, or None if there is no text of this name.
 
-    Chapters are Markdown files in the folder of this module. Texts of a section are constants of
-    its page.
+    Chapters are Markdown files in the folder of this module. The text of a section consists of
+    constants of its page.
+
+    Args:
+        name: Name of the chapter or section with the extension ".html".
     """
     section = name.removesuffix(".html")
     chapter_path = TEXTS_FOLDER / f"{section}.md"
@@ -363,7 +439,7 @@ def _load_markdown_template(name: str) -> str | None:
         return f"{{% filter markdown %}}{chapter_path.read_text('utf-8')}{{% endfilter %}}"
     if section not in SECTIONS:
         return None
-    texts = read_constants(find_page_source(section))
+    texts = read_literal_constants(find_page_source(section))
     blocks = [
         f"{{% block {block} %}}{{% filter markdown %}}{texts[constant]}{{% endfilter %}}"
         "{% endblock %}"
@@ -375,8 +451,8 @@ def _load_markdown_template(name: str) -> str | None:
     return "\n".join(["{% extends layout %}", texts.get("MACROS", ""), *blocks])
 
 
-def _count_grades(grades: list[str]) -> Markup:
-    """Return how many of the grades there are of each kind, as "24 reproduced, 3 contradicted"."""
+def _format_count_of_each_grade(grades: list[str]) -> Markup:
+    """Return the number of statements of each grade as text: "24 reproduced, 3 contradicted"."""
     return Markup(", ").join(
         f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades
     )
@@ -387,20 +463,35 @@ def _remove_blank_lines(html: Markup) -> Markup:
     return Markup("\n").join(line for line in html.splitlines() if line.strip()) + "\n"
 
 
-def section_facts(section: str) -> dict[str, str]:
-    """Return the geometry, mesh, material etc. that the page of a section states."""
-    facts: dict[str, str] = read_constants(find_page_source(section)).get("FACTS", {})
+def read_problem_data_of_section(section: str) -> dict[str, str]:
+    """Read the data of a section's problem, which its page states in the constant `FACTS`.
+
+    Returns:
+        Texts by name: "geometry", "mesh", "material", "supports", "load", "reference" and
+        "uncertainty", if stated.
+    """
+    facts: dict[str, str] = read_literal_constants(find_page_source(section)).get("FACTS", {})
     return facts
 
 
-def short_section_facts(section: str) -> dict[str, str]:
-    """Return the `section_facts`, abbreviated for tables where the page does so."""
-    short_facts: dict[str, str] = read_constants(find_page_source(section)).get("SHORT_FACTS", {})
-    return section_facts(section) | short_facts
+def read_short_problem_data_of_section(section: str) -> dict[str, str]:
+    """Read the problem data of a section, with shorter texts for tables."""
+    short_facts: dict[str, str] = read_literal_constants(find_page_source(section)).get(
+        "SHORT_FACTS", {}
+    )
+    return read_problem_data_of_section(section) | short_facts
 
 
-def load_figures(results: Results) -> dict[str, dict[str, Any]]:
-    """Return the entries of the index of figures by name, with drawings as data URIs."""
+def load_index_of_drawn_figures(results: Results) -> dict[str, dict[str, Any]]:
+    """Read the index of the drawn figures.
+
+    Returns:
+        Entries by name of figure, with the drawings as data URIs.
+
+    Raises:
+        MissingResult: If the index or a drawing is missing.
+        CorruptResult: If the index cannot be read.
+    """
     folder = results.folder / "figures"
     remedy = "draw them again with ./run study report"
     try:
@@ -417,13 +508,17 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
 
 
 def italicize_symbols(text: str) -> Markup:
-    """Set the symbols of a plain text such as a caption in italics, and matrices also in bold."""
+    """Convert plain text to HTML with symbols in italics and matrices in bold."""
     escaped_text = MATRIX_PATTERN.sub(r"<b><i>\1</i></b>", str(Markup.escape(text)))
     return Markup(SYMBOL_PATTERN.sub(r"<i>\1</i>", escaped_text))
 
 
-def paper_citation(name: str) -> str:
-    """Return e.g. " (the paper's Figs 7 and 8)" for fig07_08, or "" for figures of this study."""
+def format_citation_of_paper_figure(name: str) -> str:
+    """Return the note that names the paper's figures to which a figure of the study corresponds.
+
+    For "fig07_08", it is " (the paper's Figs 7 and 8)"; for a figure without counterpart, it is
+    empty.
+    """
     if not (match := PAPER_ITEM_PATTERN.fullmatch(name)):
         return ""
     if match[1] == "tab":
@@ -435,7 +530,12 @@ def paper_citation(name: str) -> str:
 
 
 def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
-    """Return the provenance of cases, and the distinct sets of versions, labelled by letters."""
+    """Collect the provenance of results and the different sets of package versions among them.
+
+    Returns:
+        "cases": provenance of each result, with its key and the letter of its set of versions;
+        "versions": package versions of each set, by letter.
+    """
     version_sets: list[dict[str, str]] = []
     rows = []
     for case in cases:
@@ -444,19 +544,23 @@ def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
         if versions not in version_sets:
             version_sets.append(versions)
         rows.append(
-            {"key": case.key, "letter": _letter(version_sets.index(versions)), **case_provenance}
+            {
+                "key": case.key,
+                "letter": _capital_letter(version_sets.index(versions)),
+                **case_provenance,
+            }
         )
     return {
         "cases": rows,
-        "versions": {_letter(i): version_set for i, version_set in enumerate(version_sets)},
+        "versions": {_capital_letter(i): version_set for i, version_set in enumerate(version_sets)},
     }
 
 
 def _format_range_of_verification_sections() -> str:
-    """Return a text with the first and last of the sections V1, V2 etc."""
+    """Return the first and last of the sections V1, V2 etc., as "V1 to V20"."""
     sections = [section for section in SECTIONS if section.startswith("V")]
     return " to ".join([*sections[:1], *sections[-1:]])
 
 
-def _letter(index: int) -> str:
+def _capital_letter(index: int) -> str:
     return chr(ord("A") + index)

@@ -1,4 +1,4 @@
-"""Describe how sections were computed: unknowns, meshes and quadrature."""
+"""Summarise the computations of a section: numbers of unknowns, mesh sizes, quadrature degrees."""
 
 import ast
 from typing import Any, NamedTuple
@@ -25,18 +25,21 @@ MESH_SIZE_NAMES = (
 
 
 NON_POLYNOMIAL_DEGREE = 8
-"""Quadrature degree of the library for non-polynomial integrands (checked by a test)."""
+"""Quadrature degree that the library uses for non-polynomial integrands.
+
+A test checks that it equals the library's value.
+"""
 
 
 class SectionComputation(NamedTuple):
-    """Numbers of results and unknowns, mesh sizes and quadrature degrees of a section.
+    """Summary of the computations of a section.
 
     Attributes:
         n_results: Number of results.
-        n_recorded: Number of results that are read from tracked records.
+        n_recorded: Number of results that are read from the records in version control.
         unknowns_range: Smallest and largest number of unknowns.
-        mesh_sizes: Mesh sizes that the parameters specify, from coarse to fine.
-        quadrature_degrees: Quadrature degrees that the section's own code sets.
+        mesh_sizes: Mesh sizes, such as "16 × 4" divisions, from coarse to fine.
+        quadrature_degrees: Quadrature degrees that the modules of the section set.
     """
 
     n_results: int
@@ -46,23 +49,32 @@ class SectionComputation(NamedTuple):
     quadrature_degrees: list[int]
 
 
-def describe_computation(results: Results, section: str) -> SectionComputation:
-    """Return the description of a section's computation from its results and code."""
+def describe_computation_of_section(results: Results, section: str) -> SectionComputation:
+    """Summarise the computations of a section from its stored results and its source code.
+
+    Args:
+        results: Stored results.
+        section: Name of the section.
+    """
     cases = results.section(section)
     unknowns = [n for case in cases if (n := _count_unknowns(case))]
-    sizes = {size for case in cases for size in _mesh_sizes(case)}
+    sizes = {size for case in cases for size in _list_mesh_sizes_of_result(case)}
     sorted_sizes = sorted(sizes, key=np.prod)
     return SectionComputation(
         len(cases),
         sum(bool(case.record) for case in cases),
         (min(unknowns), max(unknowns)),
         [" × ".join(f"{n:.3g}" if n < 1000 else f"{n:.0f}" for n in size) for size in sorted_sizes],
-        sorted(_quadrature_degrees(SECTIONS[section])),
+        sorted(_find_quadrature_degrees_set_by_section(SECTIONS[section])),
     )
 
 
-def count_computed_and_recorded(results: Results) -> tuple[int, int]:
-    """Return the numbers of results that were computed and that were read from records."""
+def count_computed_and_recorded_results(results: Results) -> tuple[int, int]:
+    """Count the readable results of all sections.
+
+    Returns:
+        Number of computed results, and number of results read from the records in version control.
+    """
     cases = [case for section in SECTIONS for case in results.readable_results(section)]
     n_recorded = sum(bool(case.record) for case in cases)
     return len(cases) - n_recorded, n_recorded
@@ -72,8 +84,12 @@ def _count_unknowns(case: StoredResult) -> int:
     return int(case.provenance.get("dofs") or case.parameters.get("dofs") or 0)
 
 
-def _mesh_sizes(case: StoredResult) -> list[tuple[float, ...]]:
-    """Return the sizes of a case's meshes as tuples, with two entries for divisions in x and y."""
+def _list_mesh_sizes_of_result(case: StoredResult) -> list[tuple[float, ...]]:
+    """Return the mesh sizes of a result, from its parameters or from the curves of a mesh series.
+
+    Returns:
+        One tuple per mesh: (number,), or (divisions in x, divisions in y).
+    """
     sizes: list[Any] = []
     for name in MESH_SIZE_NAMES:
         value = case.parameters.get(name)
@@ -89,11 +105,15 @@ def _mesh_sizes(case: StoredResult) -> list[tuple[float, ...]]:
     return [tuple(size) if isinstance(size, list) else (size,) for size in sizes]
 
 
-def _quadrature_degrees(module: str) -> set[int]:
-    """Return all quadrature degrees that modules of a section assign to DEGREE.
+def _find_quadrature_degrees_set_by_section(module: str) -> set[int]:
+    """Return all quadrature degrees that modules of a section assign to the constant `DEGREE`.
 
-    DEGREE is a number or a mapping from dimensions to numbers. The modules of a section are those
-    in the folder of its page, or those with the same prefix.
+    `DEGREE` is a number, or a mapping from spatial dimensions to numbers. The modules of a section
+    are those in the folder of its page or, for a page outside such a folder, those with the same
+    prefix.
+
+    Args:
+        module: Module of the section's page.
     """
     folder, _, name = module.rpartition(".")
     section_prefix = f"{folder}." if name == "page" else f"{folder}.{name.partition('_')[0]}_"

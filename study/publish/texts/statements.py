@@ -16,7 +16,12 @@ ROUND_OFF_TOLERANCE = 1e-9  # smaller values and deviations from integers are no
 
 
 def source_names_section(source: str, section: str) -> bool:
-    """Return whether a source such as "Sec. 7.1" names a section; "Eq. 3" names no section."""
+    """Return whether the source of a claim names a section.
+
+    Args:
+        source: Source such as "Sec. 7.1, Fig. 5"; "Eq. 3" names no section.
+        section: Name of the section, such as "7.1" or "V3".
+    """
     section = re.escape(section)
     section_pattern = (
         section if r"\." in section else rf"(?:^|(?:§|\b[Ss]ec(?:tions?|\.)?)\s*){section}"
@@ -24,44 +29,71 @@ def source_names_section(source: str, section: str) -> bool:
     return re.search(rf"(?<![\w.]){section_pattern}(?!\.?\w)", source) is not None
 
 
-def group_readings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return claims in their order, but with other readings of a claim directly after it."""
-    ids = [row["id"] for row in rows]
-    primary_rows = [row for row in rows if row["reading_of"] not in ids]
+def place_alternative_readings_after_claim(claims: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return claims in their order, with alternative interpretations directly after a claim.
+
+    Args:
+        claims: Judged claims; "reading_of" is the id of the claim of which a claim is an
+            alternative interpretation, or None.
+    """
+    ids = [row["id"] for row in claims]
+    primary_rows = [row for row in claims if row["reading_of"] not in ids]
     return [
         listed_row
         for row in primary_rows
         for listed_row in (
             row,
-            *(reading for reading in rows if reading["reading_of"] == row["id"]),
+            *(reading for reading in claims if reading["reading_of"] == row["id"]),
         )
     ]
 
 
-def count_claims(rows: list[dict[str, Any]]) -> dict[str, int]:
-    """Return the numbers of claims by grade and by kind, and of unexpected outcomes."""
-    counts_by_name = {grade: sum(row["grade"] == grade for row in rows) for grade in GRADES}
+def count_claims_by_grade_and_kind(claims: list[dict[str, Any]]) -> dict[str, int]:
+    """Count claims by grade, by kind, and by outcome.
+
+    Args:
+        claims: Judged claims.
+
+    Returns:
+        Numbers of claims by grade and by kind; "<kind>_holds": those of a kind that hold;
+        "not judged"; "differing": claims whose verdict or number differs from the expected one.
+    """
+    counts_by_name = {grade: sum(row["grade"] == grade for row in claims) for grade in GRADES}
     for kind in (*PAPER_KINDS, "finding", "pin"):
-        verdicts = [row["verdict"] for row in rows if row["kind"] == kind]
+        verdicts = [row["verdict"] for row in claims if row["kind"] == kind]
         counts_by_name |= {kind: len(verdicts), f"{kind}_holds": verdicts.count("holds")}
-    n_not_judged = sum(row["verdict"] == "not judged" for row in rows)
-    n_differing = sum(row["differs"] for row in rows if row["verdict"] != "not judged")
+    n_not_judged = sum(row["verdict"] == "not judged" for row in claims)
+    n_differing = sum(row["differs"] for row in claims if row["verdict"] != "not judged")
     return {**counts_by_name, "not judged": n_not_judged, "differing": n_differing}
 
 
-def group_by_fact(rows: list[dict[str, Any]]) -> list[tuple[Fact | None, list[dict[str, Any]]]]:
-    """Group statements by the facts on which they rest, in the order of first occurrence."""
+def group_claims_by_fact(
+    claims: list[dict[str, Any]],
+) -> list[tuple[Fact | None, list[dict[str, Any]]]]:
+    """Group claims by the independent fact on which they rest, in the order of first occurrence.
+
+    Args:
+        claims: Judged claims.
+
+    Returns:
+        Pairs of a fact and its claims; for a claim without an assigned fact, the fact is None.
+    """
     facts = {fact.id: fact for fact in load_facts()}
     groups: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
+    for row in claims:
         groups.setdefault(row["fact"] or row["id"], []).append(row)
     return [(facts.get(name), fact_rows) for name, fact_rows in groups.items()]
 
 
-def count_facts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return, for each grade, the numbers of statements by kind, and of the underlying facts.
+def count_statements_and_facts_by_grade(claims: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Count, for each grade, the paper's statements and the independent facts behind them.
 
-    The last entry contains the totals for all grades.
+    Args:
+        claims: Judged claims.
+
+    Returns:
+        One entry per grade, and a last entry with the totals. For each kind and for "every" kind,
+        an entry contains the numbers of "statements" and of "facts".
     """
     lines = []
     for grade in (*GRADES, None):
@@ -69,7 +101,7 @@ def count_facts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         for kind in (*PAPER_KINDS, None):
             matching_rows = [
                 row
-                for row in rows
+                for row in claims
                 if row["kind"] in ((kind,) if kind else PAPER_KINDS)
                 and grade in (None, row["grade"])
             ]
@@ -79,55 +111,67 @@ def count_facts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return lines
 
 
-def section_of_source(source: str) -> str:
-    """Return the section in which a statement occurs, i.e. the first that its source names.
+def first_section_named_by_source(source: str) -> str:
+    """Return the first section that the source of a statement names.
 
-    The result is "" if the source does not begin with a section, e.g. for the abstract.
+    Args:
+        source: Source such as "Sec. 7.1, Fig. 5".
+
+    Returns:
+        Section such as "7.1"; empty if the source does not begin with a section, e.g. for the
+        abstract.
     """
     match = re.match(r"[Ss]ec(?:tion|\.) (\d(?:\.\d)?)", source)
     return match[1] if match else ""
 
 
-def format_measured(row: dict[str, Any]) -> Markup:
-    """Format the measured number of a statement with its unit."""
-    x, unit = row["measured"], row["unit"]
+def format_measured(claim: dict[str, Any]) -> Markup:
+    """Format the measured number of a claim with its unit.
+
+    Numbers below `ROUND_OFF_TOLERANCE` whose expected value is zero are written as "round-off".
+    """
+    x, unit = claim["measured"], claim["unit"]
     if x is None:
         return Markup(numbers.DASH)
-    if row["value"] == 0 and abs(x) < ROUND_OFF_TOLERANCE:
+    if claim["value"] == 0 and abs(x) < ROUND_OFF_TOLERANCE:
         return Markup("round-off")
     return _format_quantity(x, unit)
 
 
-def format_criterion(row: dict[str, Any]) -> Markup:
-    """Format the criterion of a statement, i.e. relation, value and tolerance."""
-    if row["relation"] is None:
+def format_criterion(claim: dict[str, Any]) -> Markup:
+    """Format the criterion of a claim: relation, value, tolerance, unit, as in "= 1 ± 0.01 m"."""
+    if claim["relation"] is None:
         return Markup(numbers.DASH)
-    relation = {"<=": "≤", ">=": "≥"}.get(row["relation"], row["relation"])
-    scale, unit = _scale_and_unit(row["unit"])
-    value = numbers.format_short_number(row["value"] / scale, 5)
-    if row["tol"] > ROUND_OFF_TOLERANCE:
-        value += Markup(" ± {}").format(numbers.format_short_number(row["tol"] / scale, 3))
+    relation = {"<=": "≤", ">=": "≥"}.get(claim["relation"], claim["relation"])
+    scale, unit = _display_divisor_and_unit(claim["unit"])
+    value = numbers.format_short_number(claim["value"] / scale, 5)
+    if claim["tol"] > ROUND_OFF_TOLERANCE:
+        value += Markup(" ± {}").format(numbers.format_short_number(claim["tol"] / scale, 3))
     return Markup("{} {}{}").format(relation, value, unit)
 
 
 def _format_quantity(x: float, unit: str) -> Markup:
-    scale, unit = _scale_and_unit(unit)
+    scale, unit = _display_divisor_and_unit(unit)
     x /= scale
     is_whole = abs(x - round(x)) < ROUND_OFF_TOLERANCE * max(1.0, abs(x))
     digits = 3 if scale == 1.0 else 5
     return (numbers.format_decimals(x, 0) if is_whole else numbers.format_number(x, digits)) + unit
 
 
-def _scale_and_unit(unit: str) -> tuple[float, str]:
-    """Return the divisor for display, and the displayed unit with a preceding space."""
+def _display_divisor_and_unit(unit: str) -> tuple[float, str]:
+    """Return the divisor and the unit with which a quantity is displayed; Pa are displayed as MPa.
+
+    Returns:
+        Divisor, and displayed unit with a preceding space, or an empty text.
+    """
     scale, unit = (1e6, "MPa") if unit == "Pa" else (1.0, unit)
     return scale, f"{numbers.THIN_SPACE}{unit}" if unit else ""
 
 
 def format_statement(statement: str) -> Markup:
-    """Format a statement with names instead of keys of elements, and with typeset mathematics.
+    """Convert the statement of a claim to HTML, with names instead of keys of elements.
 
-    Ids of findings, which are listed elsewhere, are omitted.
+    Ids of findings in parentheses are omitted, because the table does not list these findings.
     """
     statement = re.sub(r" \((?:[A-Z]\d*|\d\.?\d?)-[\w-]+\)", "", statement)
     text = re.sub(

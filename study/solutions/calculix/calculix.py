@@ -1,8 +1,8 @@
-"""Run CalculiX on the study's problems, and read its recorded answers.
+"""Run CalculiX on the study's problems, and read recorded results of earlier runs.
 
-`python3 -m study.publish.renew_records 'calculix/*'` runs it on all problems and writes the record;
-with `--check` it compares the answers with the record instead. This needs Python, NumPy and `ccx`,
-but no DOLFINx.
+`python3 -m study.publish.renew_records 'calculix/*'` runs CalculiX on all problems and writes the
+record; with `--check` it compares the results with the record instead. This requires Python, NumPy
+and `ccx`, but not DOLFINx.
 """
 
 import os
@@ -20,18 +20,20 @@ from study.solutions.calculix.output import Array, CalculixError
 from study.solutions.calculix.problems import PROBLEMS
 
 TOLERANCE = 1e-5
-"""Largest relative difference from a recorded answer. CalculiX prints seven digits; other
-processors and versions may round differently, and iterations then end at slightly other answers."""
+"""Largest accepted relative difference of a new result from the recorded one.
+
+CalculiX prints seven digits; on other processors and versions, iterations may end at slightly
+different results because of round-off."""
 
 
 @dataclass(frozen=True)
-class CalculixAnswer:
-    """Numbers that CalculiX has computed.
+class CalculixResult:
+    """Result of CalculiX for one problem.
 
     Attributes:
         version: Version of CalculiX.
-        deck_sha256: Digest of the deck.
-        numbers: Arrays by name, as the problem's `read_numbers` returns them.
+        deck_sha256: SHA-256 digest of the input deck.
+        numbers: Arrays by name, which the problem's `read_numbers` extracts from the output.
     """
 
     version: str
@@ -42,61 +44,67 @@ class CalculixAnswer:
 # Recorded answers
 
 
-def load_answer(case: str) -> CalculixAnswer:
-    """Return the recorded answer of a problem."""
-    return answer_of_row(_recorded_row(case))
+def load_recorded_result(case: str) -> CalculixResult:
+    """Read the recorded CalculiX result of a problem."""
+    return result_from_record_row(_read_record_row(case))
 
 
-def load_unchanged_answer(case: str, digest: str) -> CalculixAnswer:
-    """Return the recorded answer of a problem after checking its digest.
+def load_recorded_result_if_unchanged(case: str, expected_digest: str) -> CalculixResult:
+    """Read the recorded CalculiX result of a problem after checking its digest.
+
+    Args:
+        case: Name of the problem in `PROBLEMS`.
+        expected_digest: Digest that the recorded result must have.
 
     Raises:
-        ValueError: If the recorded answer has another digest.
+        ValueError: If the digest of the recorded result differs.
     """
-    if digest != answer_digest(case):
+    if expected_digest != digest_recorded_result(case):
         raise ValueError(f"the record of {case} has changed since the study was started")
-    return load_answer(case)
+    return load_recorded_result(case)
 
 
-def answer_digest(case: str) -> str:
-    """Return the digest of a recorded answer, which marks results of older answers as outdated."""
-    return records.digest_answer(_recorded_row(case))
+def digest_recorded_result(case: str) -> str:
+    """Return the digest of a recorded result, by which outdated study results are recognised."""
+    return records.digest_row_without_date(_read_record_row(case))
 
 
-def answer_of_row(row: records.Row) -> CalculixAnswer:
-    """Return the answer that a row of the record contains."""
+def result_from_record_row(row: records.RecordRow) -> CalculixResult:
+    """Return the CalculiX result that a row of the record contains."""
     numbers = {name: np.array(values) for name, values in row.content["numbers"].items()}
-    return CalculixAnswer(row.versions["calculix"], row.input_sha256, numbers)
+    return CalculixResult(row.versions["calculix"], row.input_sha256, numbers)
 
 
-def create_row(case: str, answer: CalculixAnswer) -> records.Row:
-    """Return the record's row for an answer computed today; numbers have nine digits."""
+def make_record_row(case: str, result: CalculixResult) -> records.RecordRow:
+    """Create a row of the record, dated today, from a result, with numbers of nine digits."""
     numbers = {
-        name: [float(f"{value:.9g}") for value in values] for name, values in answer.numbers.items()
+        name: [float(f"{value:.9g}") for value in values] for name, values in result.numbers.items()
     }
-    versions = {"calculix": answer.version}
-    return records.create_row(row_key(case), answer.deck_sha256, {"numbers": numbers}, versions)
+    versions = {"calculix": result.version}
+    return records.create_row_with_current_date(
+        record_row_key(case), result.deck_sha256, {"numbers": numbers}, versions
+    )
 
 
-def row_key(case: str) -> str:
-    """Return the key of a problem's row in the record."""
+def record_row_key(case: str) -> str:
+    """Return the key "calculix/<case>" of a problem's row in the record."""
     return f"calculix/{case}"
 
 
-def _recorded_row(case: str) -> records.Row:
-    return records.read_rows(records.CALCULIX)[row_key(case)]
+def _read_record_row(case: str) -> records.RecordRow:
+    return records.read_rows(records.CALCULIX)[record_row_key(case)]
 
 
 # Runs of CalculiX
 
 
 def find_calculix() -> str | None:
-    """Return the path of CalculiX, or None where it is not installed."""
+    """Return the path of the executable `ccx`, or None if CalculiX is not installed."""
     return shutil.which("ccx")
 
 
-def read_version(calculix: str) -> str:
-    """Return the version that CalculiX prints."""
+def ask_calculix_for_its_version(calculix: str) -> str:
+    """Run `ccx -v` and return the version that it prints."""
     output = subprocess.run([calculix, "-v"], capture_output=True, text=True, check=False).stdout
     match = re.search(r"Version (\S+)", output)
     if match is None:
@@ -104,11 +112,15 @@ def read_version(calculix: str) -> str:
     return match[1]
 
 
-def compute_answer(case: str, calculix: str) -> CalculixAnswer:
-    """Run CalculiX on a problem, with one thread, in a temporary folder.
+def run_calculix_on_problem(case: str, calculix: str) -> CalculixResult:
+    """Run CalculiX on a problem with one thread, in a temporary folder.
+
+    Args:
+        case: Name of the problem in `PROBLEMS`.
+        calculix: Path of CalculiX.
 
     Raises:
-        CalculixError: If CalculiX fails, or prints other tables than expected.
+        CalculixError: If CalculiX fails, or if its output lacks expected tables.
     """
     problem = PROBLEMS[case]
     deck = problem.deck()
@@ -124,22 +136,24 @@ def compute_answer(case: str, calculix: str) -> CalculixAnswer:
             text=True,
             check=False,
         )
-        check_finished(run.returncode, f"{run.stdout}{run.stderr}", case)
+        check_calculix_finished(run.returncode, f"{run.stdout}{run.stderr}", case)
         output = job.with_suffix(getattr(problem, "output_suffix", ".dat")).read_text()
     numbers = problem.read_numbers(output)
-    return CalculixAnswer(read_version(calculix), records.digest_input(deck), numbers)
+    return CalculixResult(
+        ask_calculix_for_its_version(calculix), records.digest_input(deck), numbers
+    )
 
 
-def check_finished(status: int, output: str, case: str = "block") -> None:
-    """Raise a `CalculixError` if CalculiX has reported an error or has not finished its job."""
-    if status or "Job finished" not in output or "*ERROR" in output:
+def check_calculix_finished(exit_status: int, output: str, case: str = "block") -> None:
+    """Raise a `CalculixError` if CalculiX reported an error or did not finish its job."""
+    if exit_status or "Job finished" not in output or "*ERROR" in output:
         raise CalculixError(f"{case}: CalculiX failed:\n{output[-1000:]}")
 
 
-def largest_difference(new: CalculixAnswer, old: CalculixAnswer) -> float:
-    """Return the largest difference of two answers, relative to the largest entry of each array.
+def largest_relative_difference(new: CalculixResult, old: CalculixResult) -> float:
+    """Return the largest difference of two results, relative to the largest entry of each array.
 
-    It is infinite if names or shapes of the arrays differ.
+    The difference is infinite if names or shapes of the arrays differ.
     """
     new_shapes, old_shapes = (
         {name: values.shape for name, values in answer.numbers.items()} for answer in (new, old)

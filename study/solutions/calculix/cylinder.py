@@ -1,8 +1,8 @@
 """CalculiX deck of a neo-Hookean block below a rigid cylinder, as in section V16.
 
-Needs no DOLFINx. CalculiX' energy is C10 (J^(-2/3) I1 - 3) + (J - 1)^2 / D1; it differs from that
-of section V16 but has the same moduli at small strains. Contact is surface-to-surface, by a
-penalty; the cylinder is a fine polygon.
+This module does not need DOLFINx. CalculiX' strain energy C10 (J^(-2/3) I1 - 3) + (J - 1)^2 / D1
+differs from that of section V16 but has the same moduli at small strains. Contact is
+surface-to-surface with a penalty; the cylinder is approximated by a fine polygon.
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from study.meshes.mesh_lines import growing_lines
-from study.solutions.calculix.decks import join_lines, join_numbers, round_to_12_digits
+from study.meshes.mesh_lines import geometrically_growing_lines
+from study.solutions.calculix.decks import (
+    join_lines_to_text,
+    join_with_commas,
+    round_to_12_significant_digits,
+)
 from study.solutions.calculix.grids import Grid
-from study.solutions.calculix.output import Array, read_tables
+from study.solutions.calculix.output import Array, read_tables_below_heading
 
 # Lengths are relative to the tool's radius, stresses to the shear modulus.
 # Half width and height of the block, half width with uniform elements, and growth ratio beyond it
@@ -24,28 +28,39 @@ INDENTATION, SLIDING_DISTANCE = 0.25, 0.1
 N_TOOL_FACES, TOOL_HALF_ANGLE, TOOL_INNER_RADIUS = 240, np.pi / 3, 0.5  # of the tool
 
 
-def block_mesh_lines(elements: int) -> tuple[Array, Array]:
-    """Return the mesh lines of the block: x, and y from the bottom up.
+def block_mesh_line_positions(elements_along_tool_radius: int) -> tuple[Array, Array]:
+    """Return the coordinates of the block's mesh lines: x, and y from bottom to top.
 
     Args:
-        elements: Number of elements along the tool's radius.
+        elements_along_tool_radius: Number of elements along the tool's radius.
     """
-    size = 1 / elements
-    near = np.linspace(-FINE_HALF_WIDTH, FINE_HALF_WIDTH, round(2 * FINE_HALF_WIDTH * elements) + 1)
-    far = FINE_HALF_WIDTH + growing_lines(size, HALF_WIDTH - FINE_HALF_WIDTH, SIZE_RATIO)[1:]
-    down: Array = size * np.arange(round(FINE_DEPTH * elements) + 1, dtype=np.float64)
-    down = np.concatenate([down, down[-1] + growing_lines(size, HEIGHT - down[-1], SIZE_RATIO)[1:]])
+    size = 1 / elements_along_tool_radius
+    near = np.linspace(
+        -FINE_HALF_WIDTH,
+        FINE_HALF_WIDTH,
+        round(2 * FINE_HALF_WIDTH * elements_along_tool_radius) + 1,
+    )
+    far = (
+        FINE_HALF_WIDTH
+        + geometrically_growing_lines(size, HALF_WIDTH - FINE_HALF_WIDTH, SIZE_RATIO)[1:]
+    )
+    down: Array = size * np.arange(
+        round(FINE_DEPTH * elements_along_tool_radius) + 1, dtype=np.float64
+    )
+    down = np.concatenate(
+        [down, down[-1] + geometrically_growing_lines(size, HEIGHT - down[-1], SIZE_RATIO)[1:]]
+    )
     return np.concatenate([-far[::-1], near, far]), -down[::-1]
 
 
 @dataclass(frozen=True)
-class CylinderOnRubber:
-    """Cylinder pressed into the block of CPE6 elements and, with friction, then moved sideways.
+class CylinderOnRubberBlock:
+    """Rigid cylinder that is pressed into a block of CPE6 elements and, with friction, then slides.
 
     Args:
         elements: Number of elements along the tool's radius.
         friction: Coulomb's coefficient.
-        penalty: Pressure over penetration, in shear moduli over radii.
+        penalty: Pressure over penetration, in units of shear modulus / tool radius.
     """
 
     elements: int
@@ -56,35 +71,38 @@ class CylinderOnRubber:
 
     @cached_property
     def grid(self) -> Grid:
-        """Mesh of the block, in steps of mesh lines."""
-        x, y = (len(lines) - 1 for lines in block_mesh_lines(self.elements))
+        """Mesh of the block in index coordinates, where the distance of mesh lines is 1."""
+        x, y = (len(lines) - 1 for lines in block_mesh_line_positions(self.elements))
         return Grid("T6", (0.0, 0.0), (float(x), float(y)), (x, y))
 
     @property
     def nodes(self) -> list[tuple[float, float]]:
-        """Coordinates of the block's nodes."""
-        across, below = block_mesh_lines(self.elements)
+        """Coordinates of the block's nodes in the undeformed body."""
+        across, below = block_mesh_line_positions(self.elements)
         i, j = np.arange(len(across)), np.arange(len(below))
         return [
             (float(np.interp(p[0], i, across)), float(np.interp(p[1], j, below)))
-            for p in self.grid.straight_nodes
+            for p in self.grid.nodes_without_bulge
         ]
 
     @property
-    def tool_translations(self) -> list[tuple[float, float]]:
-        """Translations of the tool at the times at which forces are printed."""
+    def tool_translations_at_output_times(self) -> list[tuple[float, float]]:
+        """Translations (x, y) of the tool at the times at which forces are printed."""
         down = [(0.0, -INDENTATION * k / 5) for k in range(1, 6)]
         return down + (
             [(SLIDING_DISTANCE * k / 5, -INDENTATION) for k in range(1, 6)] if self.friction else []
         )
 
     def deck(self) -> str:
-        """Return the input file."""
-        top, x_lines = self.grid.upper[1], block_mesh_lines(self.elements)[0]
+        """Return the text of CalculiX' input file."""
+        top, x_lines = self.grid.upper[1], block_mesh_line_positions(self.elements)[0]
         low, high = np.flatnonzero(np.isclose(np.abs(x_lines), FINE_HALF_WIDTH))
-        sides = self.grid.find_faces(lambda p: p[1] == top and low <= p[0] <= high)
+        sides = self.grid.find_marked_faces(lambda p: p[1] == top and low <= p[0] <= high)
         base = self.grid.find_nodes(lambda p: p[1] == 0)
-        first_tool_node, end = len(self.grid.straight_nodes) + 1, len(self.tool_translations) / 5
+        first_tool_node, end = (
+            len(self.grid.nodes_without_bulge) + 1,
+            len(self.tool_translations_at_output_times) / 5,
+        )
         first_brick = len(self.grid.elements) + 1
         angles = np.linspace(-TOOL_HALF_ANGLE, TOOL_HALF_ANGLE, N_TOOL_FACES + 1)
         tool = [
@@ -99,24 +117,30 @@ class CylinderOnRubber:
         ]
         brick = np.array([0, 1, 5, 4, 2, 3, 7, 6]) + first_tool_node
         friction_law = f"*FRICTION\n{self.friction},{self.stick_slope}"
-        return join_lines(
+        return join_lines_to_text(
             [
                 "*NODE,NSET=ALL",
                 *(
-                    join_numbers([k, *map(round_to_12_digits, (*p, 0.0))])
+                    join_with_commas([k, *map(round_to_12_significant_digits, (*p, 0.0))])
                     for k, p in enumerate(self.nodes, start=1)
                 ),
                 "*NODE,NSET=TOOL",
                 *(
-                    join_numbers([k, *map(round_to_12_digits, p)])
+                    join_with_commas([k, *map(round_to_12_significant_digits, p)])
                     for k, p in enumerate(tool, start=first_tool_node)
                 ),
                 "*ELEMENT,TYPE=CPE6,ELSET=BODY",
-                *(join_numbers([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
+                *(
+                    join_with_commas([k, *cell])
+                    for k, cell in enumerate(self.grid.elements, start=1)
+                ),
                 "*ELEMENT,TYPE=C3D8,ELSET=BRICKS",
-                *(join_numbers([first_brick + k, *(brick + 4 * k)]) for k in range(N_TOOL_FACES)),
+                *(
+                    join_with_commas([first_brick + k, *(brick + 4 * k)])
+                    for k in range(N_TOOL_FACES)
+                ),
                 "*MATERIAL,NAME=RUBBER\n*HYPERELASTIC,NEO HOOKE",
-                f".5,{round_to_12_digits(2 / BULK_MODULUS)}",
+                f".5,{round_to_12_significant_digits(2 / BULK_MODULUS)}",
                 "*MATERIAL,NAME=STEEL\n*ELASTIC\n1000.,.3",
                 "*SOLID SECTION,ELSET=BODY,MATERIAL=RUBBER\n1.",
                 "*SOLID SECTION,ELSET=BRICKS,MATERIAL=STEEL",
@@ -134,7 +158,7 @@ class CylinderOnRubber:
                 f"*AMPLITUDE,NAME=DOWN\n0.,0.,1.,{-INDENTATION},2.,{-INDENTATION}",
                 f"*AMPLITUDE,NAME=ASIDE\n0.,0.,1.,0.,2.,{SLIDING_DISTANCE}",
                 "*TIME POINTS,NAME=PRINTED",
-                *(str(k / 5) for k in range(1, len(self.tool_translations) + 1)),
+                *(str(k / 5) for k in range(1, len(self.tool_translations_at_output_times) + 1)),
                 f"*STEP,NLGEOM,INC=1000\n*STATIC\n.05,{end},1e-6,.05",
                 "*BOUNDARY\nBASE,1,2\nTOOL,3,3",
                 "*BOUNDARY,AMPLITUDE=DOWN\nTOOL,2,2,1.",
@@ -144,11 +168,16 @@ class CylinderOnRubber:
         )
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return the tool's translations, and its forces N and T of section V16."""
-        forces = np.concatenate(read_tables(output, "total force"))
-        x, y = np.array(self.tool_translations).T
+        """Read the normal force N and, with friction, the tangential force T on the tool.
+
+        The tool's translations "down" and "aside" at the output times are returned as well.
+        """
+        forces = np.concatenate(read_tables_below_heading(output, "total force"))
+        x, y = np.array(self.tool_translations_at_output_times).T
         normal = {"down": -y, "N": -forces[:, 1]}
         return normal | ({"aside": x, "T": forces[:, 0]} if self.friction else {})
 
 
-CYLINDERS = {f"cylinder-8-{friction}": CylinderOnRubber(8, friction) for friction in (0.0, 0.3)}
+CYLINDERS = {
+    f"cylinder-8-{friction}": CylinderOnRubberBlock(8, friction) for friction in (0.0, 0.3)
+}

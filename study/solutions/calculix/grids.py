@@ -1,4 +1,4 @@
-"""Structured meshes of standard elements in CalculiX's numbering; needs no DOLFINx."""
+"""Structured meshes of standard elements, numbered as in CalculiX; they do not need DOLFINx."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ _FACES: dict[str, list[tuple[int, ...]]] = {
 }
 
 
-def _split_unit_cube() -> list[list[LatticeIndex]]:
-    """Return six tetrahedra around the main diagonal, all with positive volume."""
+def _split_unit_cube_into_tetrahedra() -> list[list[LatticeIndex]]:
+    """Return the corners of six tetrahedra of positive volume around a unit cube's diagonal."""
     tetrahedra = []
     for axes in permutations(range(3)):
         corner = [0, 0, 0]
@@ -40,7 +40,7 @@ def _split_unit_cube() -> list[list[LatticeIndex]]:
 _UNIT_CELLS: dict[str, list[list[LatticeIndex]]] = {
     "T6": [[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]],
     "Q8": [[(0, 0), (1, 0), (1, 1), (0, 1)]],
-    "T10": _split_unit_cube(),
+    "T10": _split_unit_cube_into_tetrahedra(),
 }
 
 
@@ -52,11 +52,11 @@ class Grid:
 
     Args:
         cell: "T6", "Q8" or "T10".
-        lower: Lowest coordinates.
-        upper: Highest coordinates.
+        lower: Corner with the lowest coordinates.
+        upper: Corner with the highest coordinates.
         divisions: Numbers of squares or cubes along each axis.
-        bulge: Relative increase of the width in the middle of the length (along x). Sides are then
-            curved, as mid-side nodes are moved, too.
+        bulge: Relative increase of the dimensions across x in the middle of the length. Element
+            sides are then curved, because mid-side nodes are moved as well.
     """
 
     cell: str
@@ -66,8 +66,8 @@ class Grid:
     bulge: float = 0.0
 
     @cached_property
-    def straight_nodes(self) -> list[Point]:
-        """Coordinates of the nodes without the bulge; node k is entry k - 1."""
+    def nodes_without_bulge(self) -> list[Point]:
+        """Coordinates of the nodes before the bulge is applied; node k is entry k - 1."""
         axes = list(zip(self.lower, self.upper, self.divisions, strict=True))
         return [
             tuple(a + (b - a) * i / (2 * n) for i, (a, b, n) in zip(index, axes, strict=True))
@@ -77,15 +77,18 @@ class Grid:
     @cached_property
     def nodes(self) -> list[Point]:
         """Coordinates of the nodes; node k is entry k - 1."""
-        return [self.bulged_point(point) for point in self.straight_nodes]
+        return [self.move_point_by_bulge(point) for point in self.nodes_without_bulge]
 
     @cached_property
     def elements(self) -> list[list[int]]:
-        """Nodes of the elements: corners, then mid-side nodes."""
-        return [[self._node_numbers[index] for index in cell] for cell in self._element_indices]
+        """Node numbers of the elements: corners, then mid-side nodes."""
+        return [
+            [self._node_numbers[index] for index in cell]
+            for cell in self._lattice_indices_of_element_nodes
+        ]
 
-    def bulged_point(self, point: Point) -> Point:
-        """Return the position to which the bulge moves a point of the box."""
+    def move_point_by_bulge(self, point: Point) -> Point:
+        """Return the position to which the bulge moves a point of the straight rectangle or box."""
         start, length = self.lower[0], self.upper[0] - self.lower[0]
         s = (point[0] - start) / length
         widening = 1 + 4 * self.bulge * s * (1 - s)
@@ -94,12 +97,12 @@ class Grid:
         return (point[0], *across)
 
     def find_nodes(self, is_marked: PointMarker) -> list[int]:
-        """Return the nodes whose positions without the bulge are marked."""
-        return [k for k, point in enumerate(self.straight_nodes, start=1) if is_marked(point)]
+        """Return the numbers of the nodes whose positions without the bulge are marked."""
+        return [k for k, point in enumerate(self.nodes_without_bulge, start=1) if is_marked(point)]
 
-    def find_faces(self, is_marked: PointMarker) -> list[tuple[int, int]]:
+    def find_marked_faces(self, is_marked: PointMarker) -> list[tuple[int, int]]:
         """Return the element and face number of each face whose corners are all marked."""
-        is_marked_node = [is_marked(point) for point in self.straight_nodes]
+        is_marked_node = [is_marked(point) for point in self.nodes_without_bulge]
         return [
             (k, number)
             for k, cell in enumerate(self.elements, start=1)
@@ -107,22 +110,27 @@ class Grid:
             if all(is_marked_node[cell[corner] - 1] for corner in face)
         ]
 
-    def face_nodes(self, element: int, number: int) -> list[int]:
-        """Return the nodes of a face: its corners, then its mid-side nodes."""
-        cell, corners = self.elements[element - 1], set(_FACES[self.cell][number - 1])
+    def nodes_of_face(self, element: int, face_number: int) -> list[int]:
+        """Return the node numbers of a face of an element: corners, then mid-side nodes.
+
+        Args:
+            element: Number of the element, from 1.
+            face_number: CalculiX' number of the face, from 1.
+        """
+        cell, corners = self.elements[element - 1], set(_FACES[self.cell][face_number - 1])
         start = len(cell) - len(_EDGES[self.cell])
         middles = [start + k for k, e in enumerate(_EDGES[self.cell]) if corners.issuperset(e)]
-        return [cell[k] for k in [*_FACES[self.cell][number - 1], *middles]]
+        return [cell[k] for k in [*_FACES[self.cell][face_number - 1], *middles]]
 
     @property
     def corner_nodes(self) -> list[int]:
-        """Nodes at corners of elements, sorted."""
+        """Sorted numbers of the nodes at corners of elements."""
         start = len(self.elements[0]) - len(_EDGES[self.cell])
         return sorted({node for cell in self.elements for node in cell[:start]})
 
     @cached_property
-    def _element_indices(self) -> list[list[LatticeIndex]]:
-        """Lattice indices of the nodes of each element."""
+    def _lattice_indices_of_element_nodes(self) -> list[list[LatticeIndex]]:
+        """Lattice indices (in half divisions along each axis) of the nodes of each element."""
         cells = []
         for origin in product(*(range(n) for n in reversed(self.divisions))):
             for steps in _UNIT_CELLS[self.cell]:
@@ -131,16 +139,16 @@ class Grid:
                     for step in steps
                 ]
                 edges = [(corners[a], corners[b]) for a, b in _EDGES[self.cell]]
-                cells.append(corners + [_midpoint(*edge) for edge in edges])
+                cells.append(corners + [_lattice_midpoint(*edge) for edge in edges])
         return cells
 
     @cached_property
     def _node_numbers(self) -> dict[LatticeIndex, int]:
-        """Numbers of the nodes by their lattice indices."""
-        used = {index for cell in self._element_indices for index in cell}
+        """Node numbers by lattice index (in half divisions along each axis)."""
+        used = {index for cell in self._lattice_indices_of_element_nodes for index in cell}
         ordered = sorted(used, key=lambda index: index[::-1])
         return {index: k for k, index in enumerate(ordered, start=1)}
 
 
-def _midpoint(a: LatticeIndex, b: LatticeIndex) -> LatticeIndex:
+def _lattice_midpoint(a: LatticeIndex, b: LatticeIndex) -> LatticeIndex:
     return tuple((p + q) // 2 for p, q in zip(a, b, strict=True))

@@ -12,14 +12,14 @@ class CalculixError(Exception):
     """Raised if CalculiX is missing, fails, or prints unexpected output."""
 
 
-def read_tables(output: str, heading: str) -> list[Array]:
-    """Return the tables (rows, columns) below all headings that begin with a text."""
+def read_tables_below_heading(output: str, heading_start: str) -> list[Array]:
+    """Read the tables (rows, columns) below each heading line that begins with `heading_start`."""
     tables: list[list[list[float]]] = []
     is_in_table = False
     for line in output.splitlines():
         words = line.split()
         if words and not re.fullmatch(r"[-+.\dEe]+", words[0]):
-            is_in_table = line.strip().startswith(heading)
+            is_in_table = line.strip().startswith(heading_start)
             if is_in_table:
                 tables.append([])
         elif words and is_in_table:
@@ -27,8 +27,8 @@ def read_tables(output: str, heading: str) -> list[Array]:
     return [np.array(table) for table in tables]
 
 
-def read_node_values(output: str) -> dict[str, dict[int, list[float]]]:
-    """Return the nodal values in a results file (.frd), by name of block and node number."""
+def read_nodal_values_by_block(output: str) -> dict[str, dict[int, list[float]]]:
+    """Read nodal values of a results file (.frd), by block name ("DISP", ...) and node number."""
     blocks: dict[str, dict[int, list[float]]] = {}
     block: dict[int, list[float]] | None = None
     for line in output.splitlines():

@@ -1,41 +1,47 @@
 """All problems that CalculiX solves for the study."""
 
-from study.solutions.calculix.cylinder import CYLINDERS, CylinderOnRubber
+from study.solutions.calculix.cylinder import CYLINDERS, CylinderOnRubberBlock
 from study.solutions.calculix.decks import (
-    Block,
     BlockWithPrintedContactPressure,
-    HalfBeam,
-    TwoTriangles,
+    BucklingHalfBeam,
+    PressedAndPulledBlock,
+    PressedSquareOfTwoTriangles,
 )
-from study.solutions.calculix.die import DIES, DieOnBlock
-from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineProblem
+from study.solutions.calculix.die import DIES, DieSlidingOnBlock
+from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineContact
 from study.solutions.calculix.standard_decks import SPECIMENS, AnySpecimen
-from study.solutions.calculix.two_bodies import PAIRS, StackedBlocks, TouchingSpheres
+from study.solutions.calculix.two_bodies import (
+    PAIRS,
+    QuarterOfTouchingSpheres,
+    StackedBlocksPatchTest,
+)
 
 Problem = (
-    TwoTriangles
-    | Block
-    | HalfBeam
+    PressedSquareOfTwoTriangles
+    | PressedAndPulledBlock
+    | BucklingHalfBeam
     | AnySpecimen
-    | StackedBlocks
-    | TouchingSpheres
-    | HertzLineProblem
-    | CylinderOnRubber
-    | DieOnBlock
+    | StackedBlocksPatchTest
+    | QuarterOfTouchingSpheres
+    | HertzLineContact
+    | CylinderOnRubberBlock
+    | DieSlidingOnBlock
 )
 
 PROBLEMS: dict[str, Problem] = {
-    "two-triangles": TwoTriangles(),
-    "block-even": Block(),
-    "block-part": Block(pressed=(1.0, 3.0)),
-    "block-lifting": Block(pressed=(1.2, 2.0)),
-    "block-friction-0.15": Block(friction=0.3, pull=0.15),
-    "block-friction-0.30": Block(friction=0.3, pull=0.3),
-    "block-part-CPS6": Block(pressed=(1.0, 3.0), element="CPS6"),
-    "block-part-CPS6-thin": Block(pressed=(1.0, 3.0), element="CPS6", thickness=0.01),
+    "two-triangles": PressedSquareOfTwoTriangles(),
+    "block-even": PressedAndPulledBlock(),
+    "block-part": PressedAndPulledBlock(pressed=(1.0, 3.0)),
+    "block-lifting": PressedAndPulledBlock(pressed=(1.2, 2.0)),
+    "block-friction-0.15": PressedAndPulledBlock(friction=0.3, pull=0.15),
+    "block-friction-0.30": PressedAndPulledBlock(friction=0.3, pull=0.3),
+    "block-part-CPS6": PressedAndPulledBlock(pressed=(1.0, 3.0), element="CPS6"),
+    "block-part-CPS6-thin": PressedAndPulledBlock(
+        pressed=(1.0, 3.0), element="CPS6", thickness=0.01
+    ),
     "block-native": BlockWithPrintedContactPressure(),
     **{
-        f"beam-{nx}x{ny}-mode{mode}": HalfBeam((nx, ny), mode)
+        f"beam-{nx}x{ny}-mode{mode}": BucklingHalfBeam((nx, ny), mode)
         for nx, ny in ((8, 2), (16, 4))
         for mode in (1, 2)
     },

@@ -1,9 +1,9 @@
 """CalculiX decks of two elastic bodies on the meshes of section V11.
 
-Needs no DOLFINx. Contact is either "SURFACE TO SURFACE", with a penalty at points of the slave's
-faces, or "MORTAR", with dual multipliers. With the latter, slave nodes must not be supported, as
-the matrix would be singular: no plane of symmetry may cut the contact. Keywords: G. Dhondt,
-"CalculiX CrunchiX User's Manual", version 2.20.
+This module does not need DOLFINx. Contact is either "SURFACE TO SURFACE", with a penalty at points
+of the slave's faces, or "MORTAR", with dual multipliers. With the latter, slave nodes must not be
+supported, because the matrix would be singular: no plane of symmetry may cut the contact surface.
+Keywords: G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20.
 """
 
 from abc import ABC, abstractmethod
@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from study.meshes.mesh_lines import BODY_SIZE, graded_body_lines
-from study.solutions.calculix.decks import join_lines, join_numbers
+from study.meshes.mesh_lines import BODY_SIZE, mesh_lines_of_body_under_sphere
+from study.solutions.calculix.decks import join_lines_to_text, join_with_commas
 from study.solutions.calculix.grids import Grid, Point
-from study.solutions.calculix.output import Array, read_node_values
+from study.solutions.calculix.output import Array, read_nodal_values_by_block
 from study.solutions.half_space import ElasticHalfSpace, HertzSphere
 
 SURFACE_TO_SURFACE, MORTAR = "SURFACE TO SURFACE", "MORTAR"
@@ -28,15 +28,15 @@ Support = tuple[int, int, float]  # node, axis, displacement
 
 
 @dataclass(frozen=True)
-class TwoBodies(ABC):
-    """A lower body, whose upper side is the slave, and an upper body.
+class TwoBodyContact(ABC):
+    """Contact of two elastic bodies: a lower one, whose upper side is the slave, and an upper one.
 
     Args:
-        contact: Contact formulation, by its name in CalculiX.
+        contact_formulation: CalculiX' name of the contact formulation.
         penalty: Pressure over penetration.
     """
 
-    contact: str
+    contact_formulation: str
     penalty: float = 1e6
 
     output_suffix = ".frd"  # of the file from which numbers are read
@@ -46,18 +46,23 @@ class TwoBodies(ABC):
     @property
     @abstractmethod
     def grids(self) -> tuple[Grid, Grid]:
-        """Meshes of the lower and the upper body, before `place_nodes`."""
+        """Meshes of the lower and the upper body, whose nodes `place_nodes` maps to the bodies."""
 
     @abstractmethod
     def place_nodes(self, x: Array, upper: bool) -> Array:
-        """Return the positions (n, 3) of the nodes (n, 3) of a mesh in `grids`."""
+        """Map nodes (n, 3) of a mesh in `grids` to their positions (n, 3) in the body.
+
+        Args:
+            x: Nodes of the mesh.
+            upper: Whether the body is the upper one.
+        """
 
     @abstractmethod
     def supports(self) -> Iterator[Support]:
-        """Yield node, axis and value of prescribed displacements."""
+        """Yield the node number, axis and value of each prescribed displacement."""
 
     def load_lines(self) -> list[str]:
-        """Return the lines of loads."""
+        """Return the deck's lines of loads; without loads none."""
         return []
 
     @cached_property
@@ -65,74 +70,81 @@ class TwoBodies(ABC):
         """Coordinates (n, 3) of all nodes; node k is row k - 1."""
         grids = zip(self.grids, (False, True), strict=True)
         return np.concatenate(
-            [self.place_nodes(np.array(grid.straight_nodes), upper) for grid, upper in grids]
+            [self.place_nodes(np.array(grid.nodes_without_bulge), upper) for grid, upper in grids]
         )
 
     @property
     def node_points(self) -> list[Point]:
-        """Coordinates of all nodes as tuples of numbers."""
+        """Coordinates of all nodes as tuples of Python floats."""
         return [tuple(float(part) for part in x) for x in self.nodes]
 
     @cached_property
     def elements(self) -> Indices:
-        """Nodes (e, 10) of all elements; element k is row k - 1."""
+        """Node numbers (n_elements, 10) of all elements; element k is row k - 1."""
         lower, upper = (np.array(grid.elements) for grid in self.grids)
-        return np.concatenate([lower, upper + len(self.grids[0].straight_nodes)])
+        return np.concatenate([lower, upper + len(self.grids[0].nodes_without_bulge)])
 
     @property
-    def contact_faces(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-        """Elements and numbers of their faces, on the slave and on the master."""
+    def slave_and_master_faces(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+        """Pairs (element, face number) of the slave's faces, and those of the master's faces."""
         lower, upper = self.grids
         top, bottom = lower.upper[_Z], upper.lower[_Z]
-        master = upper.find_faces(lambda x: abs(x[_Z] - bottom) < 1e-9)
+        master = upper.find_marked_faces(lambda x: abs(x[_Z] - bottom) < 1e-9)
         return (
-            lower.find_faces(lambda x: abs(x[_Z] - top) < 1e-9),
+            lower.find_marked_faces(lambda x: abs(x[_Z] - top) < 1e-9),
             [(k + len(lower.elements), face) for k, face in master],
         )
 
     @cached_property
     def slave_nodes(self) -> Indices:
-        """Nodes of the slave's faces, sorted."""
+        """Sorted node numbers of the slave's faces."""
         lower = self.grids[0]
         return np.unique(
-            [node for k, face in self.contact_faces[0] for node in lower.face_nodes(k, face)]
+            [
+                node
+                for k, face in self.slave_and_master_faces[0]
+                for node in lower.nodes_of_face(k, face)
+            ]
         )
 
     @cached_property
     def master_nodes(self) -> Indices:
-        """Nodes of the master's faces, sorted."""
+        """Sorted node numbers of the master's faces."""
         lower, upper = self.grids
         first = len(lower.elements)
-        faces = [upper.face_nodes(k - first, face) for k, face in self.contact_faces[1]]
-        return np.unique(faces) + len(lower.straight_nodes)
+        faces = [upper.nodes_of_face(k - first, face) for k, face in self.slave_and_master_faces[1]]
+        return np.unique(faces) + len(lower.nodes_without_bulge)
 
     @cached_property
-    def nodes_around_contact(self) -> Indices:
-        """Nodes of all elements with a node in contact, which determine the contact forces."""
+    def nodes_of_elements_at_contact(self) -> Indices:
+        """Node numbers of all elements that have a node on a contact surface.
+
+        Displacements of these nodes determine the contact forces.
+        """
         faces = np.concatenate([self.slave_nodes, self.master_nodes])
         return np.unique(self.elements[np.isin(self.elements, faces).any(axis=1)])
 
     def deck(self) -> str:
-        """Return the input file."""
+        """Return the text of CalculiX' input file."""
         lower = len(self.grids[0].elements)
         cells: list[list[int]] = [[int(node) for node in cell] for cell in self.elements]
         numbered = list(enumerate(cells, start=1))
-        slave, master = self.contact_faces
+        slave, master = self.slave_and_master_faces
         body: list[str] = []
         for name, elements, modulus in zip(
             ("LOWER", "UPPER"), (numbered[:lower], numbered[lower:]), self.moduli, strict=True
         ):
             body += [
                 f"*ELEMENT,TYPE=C3D10,ELSET={name}",
-                *(join_numbers([k, *cell]) for k, cell in elements),
+                *(join_with_commas([k, *cell]) for k, cell in elements),
                 f"*MATERIAL,NAME=OF_{name}\n*ELASTIC\n{modulus!r},{self.ratio!r}",
                 f"*SOLID SECTION,ELSET={name},MATERIAL=OF_{name}",
             ]
-        return join_lines(
+        return join_lines_to_text(
             [
                 "*NODE,NSET=ALL",
                 *(
-                    join_numbers([k, *map(_round_to_9_digits, x)])
+                    join_with_commas([k, *map(_round_to_9_significant_digits, x)])
                     for k, x in enumerate(self.node_points, start=1)
                 ),
                 *body,
@@ -142,10 +154,10 @@ class TwoBodies(ABC):
                 *(f"{k},S{face}" for k, face in master),
                 "*SURFACE INTERACTION,NAME=TOUCH",
                 f"*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n{self.penalty!r},1e-12",
-                f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact}\nSLAVE,MASTER",
+                f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact_formulation}\nSLAVE,MASTER",
                 "*STEP\n*STATIC\n1.,1.\n*BOUNDARY",
                 *(
-                    join_numbers([k, axis + 1, axis + 1, _round_to_9_digits(u)])
+                    join_with_commas([k, axis + 1, axis + 1, _round_to_9_significant_digits(u)])
                     for k, axis, u in self.supports()
                 ),
                 *self.load_lines(),
@@ -154,22 +166,26 @@ class TwoBodies(ABC):
         )
 
     def read_numbers(self, output: str) -> dict[str, Array]:
-        """Return displacements of `nodes_around_contact`, and pressures of `slave_nodes`."""
-        blocks = read_node_values(output)
+        """Read nodal displacements and contact pressures.
+
+        The displacements (3 m,) are those of `nodes_of_elements_at_contact`, the pressures those of
+        `slave_nodes`.
+        """
+        blocks = read_nodal_values_by_block(output)
         displacement, contact = blocks["DISP"], blocks["CONTACT"]
         return {
             "displacement": np.concatenate(
-                [displacement[k][:3] for k in self.nodes_around_contact]
+                [displacement[k][:3] for k in self.nodes_of_elements_at_contact]
             ),
             "pressure": np.array([contact[k][3] for k in self.slave_nodes]),
         }
 
 
 @dataclass(frozen=True)
-class StackedBlocks(TwoBodies):
-    """Patch test: a block on another one, pressed from above and held by contact alone.
+class StackedBlocksPatchTest(TwoBodyContact):
+    """Contact patch test: a block on another one, pressed from above and held by contact alone.
 
-    Lateral supports of the blocks are far from the contact and have no reactions.
+    Lateral supports of the blocks are far from the contact surface; their reactions are zero.
     """
 
     pressure = 1e-6  # small, because CalculiX takes changes of geometry into account
@@ -179,11 +195,11 @@ class StackedBlocks(TwoBodies):
     )
 
     def place_nodes(self, x: Array, upper: bool) -> Array:  # noqa: ARG002
-        """Return the nodes unchanged."""
+        """Return the positions unchanged."""
         return x
 
     def supports(self) -> Iterator[Support]:
-        """Yield the supports of the base, and of the planes of symmetry near base and top."""
+        """Yield the supports of the base and, near base and top, of the planes of symmetry."""
         for k, x in enumerate(self.node_points, start=1):
             for axis in range(_Z):
                 if x[axis] == 0 and abs(x[_Z] - 1) > 0.8:
@@ -192,20 +208,22 @@ class StackedBlocks(TwoBodies):
                 yield k, _Z, 0.0
 
     def load_lines(self) -> list[str]:
-        """Return the lines of the pressure from above."""
+        """Return the deck's lines of the pressure on top of the upper block."""
         lower, upper = self.grids
-        top = upper.find_faces(lambda x: abs(x[_Z] - upper.upper[_Z]) < 1e-9)
+        top = upper.find_marked_faces(lambda x: abs(x[_Z] - upper.upper[_Z]) < 1e-9)
         n_lower, pressure = len(lower.elements), self.pressure
         return ["*DLOAD", *(f"{k + n_lower},P{face},{pressure!r}" for k, face in top)]
 
 
 @dataclass(frozen=True)
-class TouchingSpheres(TwoBodies):
-    """Quarter of two spheres with unequal moduli, with Hertz' displacements on the outer sides.
+class QuarterOfTouchingSpheres(TwoBodyContact):
+    """Quarter of two spheres of unequal moduli in contact.
+
+    Hertz' exact displacements are prescribed on the outer sides of both bodies.
 
     Args:
-        edges: Number of edges of the slave along the radius of the contact.
-        size_ratio: Number of the master's edges over that of the slave's edges.
+        edges: Number of the slave's element edges along the radius of the contact.
+        size_ratio: Number of the master's edges along the radius, divided by the slave's number.
     """
 
     edges: int = 3
@@ -216,25 +234,27 @@ class TouchingSpheres(TwoBodies):
 
     @property
     def grids(self) -> tuple[Grid, Grid]:
-        """Meshes of unit cubes."""
+        """Meshes of both bodies in index coordinates, where the distance of mesh lines is 1."""
         divisions = [
             (len(x) - 1, len(x) - 1, len(z) - 1)
-            for (x, z) in (self._mesh_lines(0), self._mesh_lines(1))
+            for (x, z) in (self._mesh_line_positions(0), self._mesh_line_positions(1))
         ]
         lower, upper = (Grid("T10", (0.0,) * 3, tuple(map(float, n)), n) for n in divisions)
         return lower, upper
 
     @property
-    def exact_solutions(self) -> tuple[HertzSphere, HertzSphere]:
-        """Hertz' solutions for the lower and the upper body."""
+    def hertz_solutions_of_both_bodies(self) -> tuple[HertzSphere, HertzSphere]:
+        """Hertz' solutions for the lower and the upper body, each against a rigid sphere."""
         bodies = [ElasticHalfSpace(E, self.ratio) for E in self.moduli]
-        force = 4 / 3 / self.radius / sum(1 / b.plane_modulus for b in bodies)
-        first, second = (HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies)
+        force = 4 / 3 / self.radius / sum(1 / b.plane_strain_modulus for b in bodies)
+        first, second = (
+            HertzSphere(b, 4 * b.plane_strain_modulus / (3 * force), force) for b in bodies
+        )
         return first, second
 
     def place_nodes(self, x: Array, upper: bool) -> Array:
-        """Return the nodes' positions on mesh lines; the upper body's lower side is curved."""
-        across, along = self._mesh_lines(upper)
+        """Map index coordinates to positions; make the upper body's lower side a paraboloid."""
+        across, along = self._mesh_line_positions(upper)
         lines = (across, across, along)
         y = [np.interp(x[:, i], np.arange(len(line)), line) for i, line in enumerate(lines)]
         if upper:
@@ -242,16 +262,18 @@ class TouchingSpheres(TwoBodies):
         return np.column_stack(y)
 
     def supports(self) -> Iterator[Support]:
-        """Yield the supports of planes of symmetry, and Hertz' displacements of outer sides."""
-        is_lower = np.arange(len(self.nodes)) < len(self.grids[0].straight_nodes)
-        approach = sum(exact.approach for exact in self.exact_solutions)
+        """Yield Hertz' displacements of the outer sides, and the supports of planes of symmetry."""
+        is_lower = np.arange(len(self.nodes)) < len(self.grids[0].nodes_without_bulge)
+        approach = sum(exact.approach for exact in self.hertz_solutions_of_both_bodies)
         x = self.nodes
         is_outer = (np.abs(x[:, _Z]) > BODY_SIZE - 1e-9) | np.isclose(
             x[:, :_Z].max(axis=1), BODY_SIZE
         )
         for k in np.flatnonzero(is_outer):
             exact, sign = (
-                (self.exact_solutions[0], 1.0) if is_lower[k] else (self.exact_solutions[1], -1.0)
+                (self.hertz_solutions_of_both_bodies[0], 1.0)
+                if is_lower[k]
+                else (self.hertz_solutions_of_both_bodies[1], -1.0)
             )
             r = float(np.hypot(*x[k, :_Z]))
             ((radial, up),) = exact.displacement(np.array([[r, sign * x[k, _Z]]]))
@@ -262,25 +284,27 @@ class TouchingSpheres(TwoBodies):
             for k in np.flatnonzero((np.abs(x[:, axis]) < 1e-12) & ~is_outer):
                 yield k + 1, axis, 0.0
 
-    def _mesh_lines(self, upper: bool | int) -> tuple[Array, Array]:
-        """Return the mesh lines across the axis and along it."""
-        lines = graded_body_lines(self.edges * self.size_ratio if upper else self.edges)
+    def _mesh_line_positions(self, upper: bool | int) -> tuple[Array, Array]:
+        """Return the coordinates of a body's mesh lines across the axis of contact and along it."""
+        lines = mesh_lines_of_body_under_sphere(
+            self.edges * self.size_ratio if upper else self.edges
+        )
         return lines.horizontal, -lines.vertical[::-1] if upper else lines.vertical
 
 
-def _round_to_9_digits(value: float) -> float:
-    """Round a number to nine digits, which do not depend on the processor or version of NumPy."""
+def _round_to_9_significant_digits(value: float) -> float:
+    """Round to nine significant digits, so that processor and NumPy version do not matter."""
     return float(f"{value:.9g}")
 
 
-PAIRS: dict[str, StackedBlocks | TouchingSpheres] = {
-    "two-blocks-surface": StackedBlocks(SURFACE_TO_SURFACE),
-    "two-blocks-mortar": StackedBlocks(MORTAR),
-    "two-spheres-surface": TouchingSpheres(SURFACE_TO_SURFACE, 1e2),
-    "two-spheres-surface-stiff": TouchingSpheres(SURFACE_TO_SURFACE, 1e3),
+PAIRS: dict[str, StackedBlocksPatchTest | QuarterOfTouchingSpheres] = {
+    "two-blocks-surface": StackedBlocksPatchTest(SURFACE_TO_SURFACE),
+    "two-blocks-mortar": StackedBlocksPatchTest(MORTAR),
+    "two-spheres-surface": QuarterOfTouchingSpheres(SURFACE_TO_SURFACE, 1e2),
+    "two-spheres-surface-stiff": QuarterOfTouchingSpheres(SURFACE_TO_SURFACE, 1e3),
 }
-"""Problems by their names.
+"""Problems by name.
 
-A penalty on faces of quadratic elements acts at more points than the faces have nodes: the stiffer
-it is, the worse are the pressures between spheres.
+A surface penalty acts at more points of quadratic faces than these have nodes; the larger the
+penalty, the less accurate are the pressures between the spheres.
 """

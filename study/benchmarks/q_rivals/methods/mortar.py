@@ -8,7 +8,7 @@ from study.solutions.hertz_problem import MAX_SOLVES, Mask, NoSolution, Problem,
 
 
 def solve(problem: Problem, degree: int = 1) -> Solution:
-    """Solve by a primal-dual active-set method, with multipliers of the given degree."""
+    """Solve by a primal-dual active-set method, with pressure multipliers of the given degree."""
     W = problem.make_space(multiplier_degree=degree)
     (u, p), (v, m), y = ufl.TrialFunctions(W), ufl.TestFunctions(W), problem.normal_axis
     form = problem.virtual_work(u, v) + (p * v[y] + u[y] * m) * problem.contact_measure

@@ -11,8 +11,8 @@ STEP_GROWTH = 4.0  # ratio of successive proximal steps: the second parameter
 MAX_STEPS = 30
 
 
-def solve(problem: Problem, parameter: float, degree: int = 1) -> Solution:
-    """Solve with a gap that is the exponential of a latent variable of the given degree."""
+def solve(problem: Problem, scaled_first_step: float, degree: int = 1) -> Solution:
+    """Solve with gap exp(latent variable); `parameter` is first step times peak pressure."""
     W = problem.make_space(multiplier_degree=degree)
     w, previous, (v, m), y = (
         fem.Function(W),
@@ -21,7 +21,7 @@ def solve(problem: Problem, parameter: float, degree: int = 1) -> Solution:
         problem.normal_axis,
     )
     (u, latent), (_, previous_latent) = ufl.split(w), ufl.split(previous)
-    step = fem.Constant(problem.mesh, parameter / problem.exact.peak_pressure)
+    step = fem.Constant(problem.mesh, scaled_first_step / problem.exact.peak_pressure)
     pressure, gap = (previous_latent - latent) / step, problem.exact.approach * ufl.exp(latent)
     law = pressure * v[y] + (problem.gap - u[y] - gap) * m
     supports = [*problem.far_field_supports(W.sub(0)), problem.zero_multipliers_outside(W.sub(1))]

@@ -1,17 +1,17 @@
-"""The standard element by SNES, with forces projected to linear functions on the surface."""
+"""Standard element by PETSc's SNES, with nodal forces projected to linear pressures."""
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
 
-from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements
+from study.benchmarks.q_rivals.methods.snes_vi import solve_displacements_below_gap
 from study.solutions.hertz_problem import Problem, Solution, make_function, solve_lu
 
 
 def solve(problem: Problem) -> Solution:
-    """Solve for the linear pressure with the same work as the forces on all linear functions."""
-    u, count = solve_displacements(problem)
+    """Solve; find the linear pressure that does the nodal forces' work on all linear fields."""
+    u, count = solve_displacements_below_gap(problem)
     Q1, Q2 = (fem.functionspace(problem.mesh, ("Lagrange", degree)) for degree in (1, 2))
     forces = make_function(Q2, problem.nodal_forces(u, u.function_space)[:, problem.normal_axis])
     nodes = fem.locate_dofs_geometrical(Q1, problem.may_touch)
