@@ -1,6 +1,9 @@
 """Contact points, and the operators that couple their motions and forces to the unknowns."""
 
-from pw_elements.contact.interface.build import build_interface
+from pw_elements.contact.interface.build import (
+    build_interface,
+    build_interface_with_other_friction,
+)
 from pw_elements.contact.interface.facing import (
     MortarMatrices,
     measure_gap_and_slip,

@@ -25,6 +25,7 @@ from pw_elements.checks import (
 )
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (
+    FACED_INDEX_OF_RIGID_SURFACE,
     BodyNodes,
     gather_points_and_local_slice,
     make_contact_points_at_nodes,
@@ -117,12 +118,8 @@ def build_interface(
     ]
     for name, node in zip(names, nodes, strict=True):
         _warn_of_nodes_without_facet(name, node, body)
-    cones, comm = [], space.mesh.comm
-    for name, pair, node in zip(names, pairs, nodes, strict=True):
-        parameter = _evaluate_user_function_at_gathered_points(
-            comm, f"the friction of {name}", pair.law.parameter_at, body.x[node]
-        )
-        cones.append(FrictionCone([pair.law], [parameter]))
+    comm = space.mesh.comm
+    cones = _evaluate_friction_of_each_pair(comm, pairs, [body.x[node] for node in nodes])
     body.mark_axis_nodes(assembly)
     points, opposite_nodes = [], []
     mortars: dict[int, SlidingMortar] = {}
@@ -156,6 +153,53 @@ def build_interface(
     check_pairs_are_equal_on_all_processes(interface, pairs, shapes)
     _warn_of_large_finite_difference_steps(interface)
     return interface
+
+
+def build_interface_with_other_friction(
+    interface: ContactInterface, pairs: Sequence[ContactPair]
+) -> ContactInterface | None:
+    """Return an interface with the friction of other pairs that shares all else; collective.
+
+    The result is None if points get or lose friction between two bodies, where friction also
+    determines which supports are allowed: the interface then has to be built anew.
+
+    Args:
+        interface: interface that `build_interface` has returned.
+        pairs: pairs that differ from those of the interface in their friction only.
+
+    Raises:
+        ValueError: for an invalid law, or laws that differ between processes.
+    """
+    positions = [interface.position[interface.pair == k] for k in range(interface.pairs)]
+    changed = interface.with_friction(
+        _evaluate_friction_of_each_pair(interface.comm, pairs, positions)
+    )
+    faces_body = interface.faced != FACED_INDEX_OF_RIGID_SURFACE
+    differs = (changed.cone.has_friction != interface.cone.has_friction) & faces_body
+    if interface.mortars or interface.comm.allreduce(bool(differs.any()), MPI.LOR):
+        return None
+    check_pairs_are_equal_on_all_processes(changed, pairs, changed.surfaces)
+    return changed
+
+
+def _evaluate_friction_of_each_pair(
+    comm: MPI.Comm, pairs: Sequence[ContactPair], positions: Sequence[Array]
+) -> list[FrictionCone]:
+    """Return the friction law of each pair with its parameters at the pair's points; collective.
+
+    Args:
+        comm: communicator of the processes.
+        pairs: contact pairs.
+        positions: positions (k, dim) of this process' points of each pair.
+    """
+    cones = []
+    for k, (pair, x) in enumerate(zip(pairs, positions, strict=True)):
+        name = f"the friction of contact pair {k}"
+        parameter = _evaluate_user_function_at_gathered_points(
+            comm, name, pair.law.parameter_at, x
+        )
+        cones.append(FrictionCone([pair.law], [parameter]))
+    return cones
 
 
 def _warn_of_large_finite_difference_steps(interface: ContactInterface) -> None:

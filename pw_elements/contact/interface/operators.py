@@ -16,6 +16,7 @@ length per force, since the factor c of the contact law is a force per length.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -129,8 +130,6 @@ class ContactInterface:
         )
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
-        cones = [part.cone for part in points]
-        self.cone = FrictionCone([c.laws[0] for c in cones], [c.parameters[0] for c in cones], [])
 
         def concatenate_over_pairs(attribute_name: str) -> npt.NDArray:
             return np.concatenate([getattr(part, attribute_name) for part in points])
@@ -151,21 +150,42 @@ class ContactInterface:
             sp.vstack([part.force_columns for part in points], "csr")
         ).transpose(PETSc.Mat())
         self._sibling_inverse = sibling_inverse
+        self._on_axis: Mask = concatenate_over_pairs("on_axis")
+        self._counterpart = concatenate_over_pairs("counterpart")
+        self._allows_interference = np.array(allows_interference)[self.pair]
+        self._set_friction([part.cone for part in points])
+
+    def _set_friction(self, cone_of_each_pair: Sequence[FrictionCone]) -> None:
+        """Set the friction laws, and the components at which supports prescribe the slip."""
+        self.cone = FrictionCone(
+            [cone.laws[0] for cone in cone_of_each_pair],
+            [cone.parameters[0] for cone in cone_of_each_pair],
+            [],
+        )
         # there is no friction on the axis of revolution, where it has no direction, nor between two
         # bodies along supports that prescribe the same motion of both
-        stated = (self.equation >= 0) | (self.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)[:, None]
-        self.held_components: Mask = (
-            ~stated & ~concatenate_over_pairs("on_axis") & self.cone.has_friction[:, None]
-        )
-        self._counterpart = concatenate_over_pairs("counterpart")
-        between = (
-            (self.equation < 0)
-            & (self.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)[:, None]
-            & ~concatenate_over_pairs("on_axis")
-        )
-        self._held_between_bodies = between & self.cone.has_friction[:, None]
+        faces_body = (self.faced == FACED_INDEX_OF_DEFORMABLE_SURFACE)[:, None]
+        prescribed = (self.equation < 0) & ~self._on_axis & self.cone.has_friction[:, None]
+        self.held_components: Mask = prescribed & ~faces_body
+        self._held_between_bodies = prescribed & faces_body
         self.holds_friction: bool = self.comm.allreduce(bool(self.held_components.any()), MPI.LOR)
-        self._allows_interference = np.array(allows_interference)[self.pair]
+
+    def with_friction(self, cone_of_each_pair: Sequence[FrictionCone]) -> "ContactInterface":
+        """Return the same interface with other friction laws, which are checked; collective.
+
+        All else is shared with this interface. The points that have friction must stay the same in
+        pairs of two bodies.
+
+        Args:
+            cone_of_each_pair: laws and parameters at the points of each pair.
+
+        Raises:
+            ValueError: if a law is invalid.
+        """
+        changed = copy(self)
+        changed._set_friction(cone_of_each_pair)
+        changed._check_friction_laws()
+        return changed
 
     def check_laws_supports_and_initial_gaps(self, body_diagonal: float) -> None:
         """Check pairs, friction laws, supports, normals and initial gaps; collective.
@@ -179,19 +199,7 @@ class ContactInterface:
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
-        with np.errstate(invalid="ignore"):  # the coefficient may be infinite
-            limit_at_zero, slope = self.cone.friction_limits_and_slopes(np.zeros(len(self.pair)))
-        rises = self.cone.find_coefficients_rising_with_force()
-        self.raise_law_errors_and_check_slopes()
-        is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
-        self.raise_error_for_invalid_points(
-            is_invalid, "have a friction coefficient that is negative or not finite"
-        )
-        self.raise_error_for_invalid_points(
-            rises,
-            "have a law of friction whose coefficient, the limit over the normal force, rises with "
-            "the force: it must not rise, so that the slope of the limit at zero bounds it",
-        )
+        self._check_friction_laws()
         self.check_gaps_normals_and_supports(*self.evaluate_undeformed_gaps_and_normals(None))
         (gap,) = self._evaluate_surfaces_at_undeformed_points(None, "gap")
         cut = (
@@ -208,6 +216,22 @@ class ContactInterface:
             cut & ~rigid, f"lie inside the body that they face before any motion: {remedy}"
         )
         self._check_surface_normals_point_into_body()
+
+    def _check_friction_laws(self) -> None:
+        """Raise ValueError if a law or its coefficients are invalid; collective."""
+        with np.errstate(invalid="ignore"):  # the coefficient may be infinite
+            limit_at_zero, slope = self.cone.friction_limits_and_slopes(np.zeros(len(self.pair)))
+        rises = self.cone.find_coefficients_rising_with_force()
+        self.raise_law_errors_and_check_slopes()
+        is_invalid = ~(np.isfinite(slope) & (slope >= 0) & (limit_at_zero == 0))
+        self.raise_error_for_invalid_points(
+            is_invalid, "have a friction coefficient that is negative or not finite"
+        )
+        self.raise_error_for_invalid_points(
+            rises,
+            "have a law of friction whose coefficient, the limit over the normal force, rises with "
+            "the force: it must not rise, so that the slope of the limit at zero bounds it",
+        )
 
     def raise_law_errors_and_check_slopes(self, normal_force: Array | None = None) -> None:
         """Raise the collected errors of users' friction laws on all processes; collective.

@@ -186,6 +186,8 @@ class FrictionCone:
 
     def find_coefficients_rising_with_force(self) -> Mask:
         """Return a mask (m,) of the points at which the coefficient rises with the normal force."""
+        if not self.has_user_law:  # Coulomb's coefficient is constant
+            return np.zeros(len(self.max_coefficient), dtype=bool)
         with np.errstate(all="ignore"):  # forces may be far outside the range of a law
             coefficients = [
                 self.friction_limits_and_slopes(np.full(len(self.max_coefficient), force))[0]

@@ -7,6 +7,7 @@ processes.
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 from mpi4py import MPI
@@ -26,6 +27,7 @@ from pw_elements.contact.model import (
     ContactState,
     Coulomb,
     DeformableSurface,
+    Friction,
     MatchingNodes,
     Motion,
 )
@@ -50,6 +52,8 @@ from pw_elements.spaces import is_hybrid
 RemedyNamesOrCostRatios: TypeAlias = Collection[RemedyName] | Mapping[RemedyName, float]
 # Function that returns the translation (dim,) of a surface at a given time
 SurfacePathInTime: TypeAlias = Callable[[float], Sequence[float]]
+# Friction of a contact pair: a coefficient, a function of positions, or a law
+FrictionOfPair: TypeAlias = float | Callable[[Array], Array] | Friction
 
 # Largest difference between positions of identical nodes, relative to the largest coordinate
 _MAX_SAME_NODE_DISTANCE_PER_LARGEST_COORDINATE = 1e-9
@@ -210,6 +214,57 @@ def as_list_of_type(values: Any, expected_type: type, label: str) -> list:  # no
     for item in items:
         arguments.check_type(label, item, expected_type, f"it has to be a {expected_type.__name__}")
     return items
+
+
+def list_pairs_with_friction(
+    pairs: Sequence[ContactPair],
+    friction: FrictionOfPair | Sequence[FrictionOfPair | None] | None,
+    comm: MPI.Comm,
+) -> tuple[ContactPair, ...]:
+    """Return pairs with other friction, where the friction of a pair is not None; collective.
+
+    Raises:
+        ValueError: for a number of values other than the number of pairs, or invalid friction.
+    """
+    with raise_errors_on_all_processes(comm) as same:
+        values = as_list_per_pair(
+            "values of friction", () if friction is None else friction, len(pairs)
+        )
+        changed = tuple(
+            pair if value is None else replace(pair, friction=value)
+            for pair, value in zip(pairs, values, strict=True)
+        )
+        same["the friction"] = changed  # its comparison raises deferred errors of the pairs
+    return changed
+
+
+def check_stiffness_of_changed_problem(
+    stiffness: PETSc.Mat,
+    K: PETSc.Mat,
+    reduction: Reduction,
+    space: fem.FunctionSpace,
+    has_residual: bool,
+) -> None:
+    """Raise an error unless a problem may get another stiffness.
+
+    Args:
+        stiffness: stiffness that the user has passed.
+        K: stiffness (n, n) of the problem.
+        reduction: reduction of the problem.
+        space: space of the problem.
+        has_residual: whether the problem is defined by a residual.
+    """
+    if has_residual:
+        raise ValueError(
+            "a problem with a residual has no stiffness: change constants of the residual instead, "
+            "before the steps"
+        )
+    check_problem({"the stiffness": stiffness}, reductions=(reduction,), space=space)
+    if stiffness.getSizes() != K.getSizes():
+        raise ValueError(
+            f"the stiffness has the sizes {stiffness.getSizes()}, but the problem's has "
+            f"{K.getSizes()}: give a stiffness of the same body"
+        )
 
 
 def as_list_per_pair(label: str, values: Any, n_pairs: int) -> list:  # noqa: ANN401

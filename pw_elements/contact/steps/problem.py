@@ -5,6 +5,7 @@ changed, and that an error on one process is raised on all processes.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from pw_elements.contact.output import (
 )
 from pw_elements.contact.rescue import LoadFractionSetter
 from pw_elements.contact.steps.checks import (
+    FrictionOfPair,
     RemedyNamesOrCostRatios,
     check_and_list_history_functions,
     check_and_list_loads_and_motions,
@@ -47,6 +49,8 @@ from pw_elements.contact.steps.checks import (
     check_outputs,
     check_start_state,
     check_state_fits_problem,
+    check_stiffness_of_changed_problem,
+    list_pairs_with_friction,
     list_remedy_max_cost_ratios,
 )
 from pw_elements.contact.steps.finite import LargeStrainStepping
@@ -127,20 +131,14 @@ class ContactProblem:
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
         self._requested_solver, self._supports = solver, reduction.supports
-        cost_ratios = list_remedy_max_cost_ratios(remedies)
-        self._make_small_strain_stepping = partial(
-            SmallStrainStepping,
-            K,
-            reduction,
-            self.pairs,
-            space,
-            max_iterations=max_iterations,
-            callback=callback,
-            remedies=cost_ratios,
-        )
+        self._stepping_options: dict[str, Any] = {
+            "max_iterations": max_iterations,
+            "callback": callback,
+            "remedies": list_remedy_max_cost_ratios(remedies),
+        }
         self._stiffness_state = K.stateGet()
-        self._small_strain_stepping: SmallStrainStepping = self._make_small_strain_stepping(
-            solver=choose_solver(solver, self._supports, contact_stiffness=K)
+        self._small_strain_stepping = self._make_small_strain_stepping(
+            choose_solver(solver, self._supports, contact_stiffness=K)
         )
         self.undeformed: ContactState = make_undeformed_state(
             self._small_strain_stepping.interface, K.createVecRight()
@@ -213,6 +211,59 @@ class ContactProblem:
         )
 
     @check_same_arguments_on_all_processes
+    def with_changes(
+        self,
+        friction: FrictionOfPair | Sequence[FrictionOfPair | None] | None = None,
+        stiffness: PETSc.Mat | None = None,
+    ) -> "ContactProblem":
+        """Return the same problem with other friction or another stiffness.
+
+            rough = problem.with_changes(friction=0.5)
+            pressed = rough.step(rough.undeformed, load, motions)
+            soft = problem.with_changes(stiffness=K * 0.1)  # 0.1 times the modulus
+
+        This problem is not changed. Spaces, contact geometry and compiled forms are shared. A
+        problem with other friction also shares the factors of the stiffness. Solve each problem
+        from its own `undeformed` state: friction depends on the load path.
+
+        Args:
+            friction: friction of each pair, as in `ContactPair`. A single value needs no list if
+                there is one pair. None keeps the pair's friction.
+            stiffness: another stiffness (n, n) of the same body. A problem with a residual has
+                constants instead, whose values may change before any step.
+
+        Raises:
+            TypeError, ValueError: for arguments that do not define a contact problem, such as
+                negative friction, or a stiffness of a problem with a residual.
+        """
+        pairs = list_pairs_with_friction(self.pairs, friction, self._space.mesh.comm)
+        if stiffness is None:
+            self._rebuild_if_stiffness_changed()
+        else:
+            check_stiffness_of_changed_problem(
+                stiffness, self._K, self._reduction, self._space, self._has_residual
+            )
+        changed = copy(self)
+        changed.pairs = pairs
+        changed._change_stepping(stiffness, has_other_friction=friction is not None)
+        return changed
+
+    def _change_stepping(self, stiffness: PETSc.Mat | None, has_other_friction: bool) -> None:
+        """Change the solver of the increments to the pairs of this problem and a stiffness."""
+        stepping: SmallStrainStepping | None = self._small_strain_stepping
+        solver = self._small_strain_stepping.solver
+        if stiffness is not None:
+            self._K, self._stiffness_state = stiffness, stiffness.stateGet()
+            stepping = self._small_strain_stepping.with_stiffness(stiffness)
+        if stepping is not None and has_other_friction:
+            stepping = stepping.with_friction(self.pairs)
+        self._small_strain_stepping = stepping or self._make_small_strain_stepping(solver)
+        if has_other_friction:
+            self.undeformed = make_undeformed_state(
+                self._small_strain_stepping.interface, self._K.createVecRight()
+            )
+
+    @check_same_arguments_on_all_processes
     def step(
         self,
         state: ContactState,
@@ -272,11 +323,21 @@ class ContactProblem:
         def step_with(solver: LinearSolver) -> ContactState:
             if solver is not self._small_strain_stepping.solver:
                 self.release()
-                self._small_strain_stepping = self._make_small_strain_stepping(solver=solver)
+                self._small_strain_stepping = self._make_small_strain_stepping(solver)
             return self._small_strain_stepping.step(state, load, motions)
 
         return compute_with_direct_fallback(
             self._small_strain_stepping.solver, self._requested_solver, self._supports, step_with
+        )
+
+    def _make_small_strain_stepping(self, solver: LinearSolver) -> SmallStrainStepping:
+        return SmallStrainStepping(
+            self._K,
+            self._reduction,
+            self.pairs,
+            self._space,
+            solver=solver,
+            **self._stepping_options,
         )
 
     def _rebuild_if_stiffness_changed(self) -> None:
@@ -284,7 +345,7 @@ class ContactProblem:
         if self._K.stateGet() != self._stiffness_state:
             self.release()
             self._small_strain_stepping, self._stiffness_state = (
-                self._make_small_strain_stepping(solver=self._small_strain_stepping.solver),
+                self._make_small_strain_stepping(self._small_strain_stepping.solver),
                 self._K.stateGet(),
             )
 
@@ -509,22 +570,35 @@ class _ResidualProblem(ContactProblem):
         )
         check_large_strain_surfaces(self.pairs, space)
         check_mesh(space.mesh)
-        self._space = space
+        self._space, self._K, self._reduction = space, K, reduction
         self._history_spaces = [function.function_space for function in functions]
-        self._large_strain_stepping = LargeStrainStepping(
+        self._residual_problem = problem
+        self._make_large_strain_stepping = partial(
+            LargeStrainStepping,
             problem,
             conditions,
             reduction,
-            self.pairs,
             max_iterations=max_iterations,
             callback=callback,
             solver=chosen_solver,
             history=functions,
             update=update,
         )
+        self._large_strain_stepping = self._make_large_strain_stepping(self.pairs)
         start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
+
+    def _change_stepping(self, stiffness: PETSc.Mat | None, has_other_friction: bool) -> None:
+        if not has_other_friction:
+            return
+        self._residual_problem.u.x.array[:] = 0.0
+        self._residual_problem.system.assemble_tangent()
+        self._large_strain_stepping = self._make_large_strain_stepping(self.pairs)
+        start = make_undeformed_state(
+            self._large_strain_stepping.interface, self._K.createVecRight()
+        )
+        self.undeformed = replace(start, history=self.undeformed.history, smallness=None)
 
     def _check_load_and_solve_step(
         self,

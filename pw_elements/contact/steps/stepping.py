@@ -14,7 +14,8 @@ verified. It assumes arguments that have been checked by `steps.checks`.
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from time import perf_counter
 from typing import Literal, TypeAlias
@@ -31,7 +32,7 @@ from pw_elements.algebra import (
     scale_pressures_to_displacements,
 )
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import build_interface
+from pw_elements.contact.interface import build_interface, build_interface_with_other_friction
 from pw_elements.contact.iteration import (
     RELATIVE_DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
@@ -117,6 +118,22 @@ _MIN_SOLVES_COUNTED_FOR_FIRST_ATTEMPT, _MAX_DOFS_OF_SMALL_PROBLEM = 50, 2000
 # Number of iterations after which a proof is attempted that there is no equilibrium. Most
 # increments take fewer iterations
 _ITERATIONS_BEFORE_NO_EQUILIBRIUM_PROOF = 12
+_WRONG_STIFFNESS_SIGN_REMEDY = "give -K, by which forces oppose displacements"
+
+
+@dataclass
+class _CachedSystems:
+    """Last contact systems with their factors, shared by problems that differ in friction only.
+
+    Args:
+        system: contact system, for one choice of free motions.
+        rigid: rigid motions of the same system.
+        with_springs: contact system with springs at the contact points.
+    """
+
+    system: ContactSystem | None = None
+    rigid: RigidMotions | None = None
+    with_springs: ContactSystem | None = None
 
 
 class SmallStrainStepping:
@@ -157,12 +174,49 @@ class SmallStrainStepping:
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
         self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
-        check_stiffness_sign(K, self.interface, "give -K, by which forces oppose displacements")
+        check_stiffness_sign(K, self.interface, _WRONG_STIFFNESS_SIGN_REMEDY)
         self.space = self.interface.field.space
         self._smallness_check = SmallDisplacementAndSurfacePassingCheck(self.interface, self.space)
         self._pairs_with_slip_warning: set[int] = set()
-        self._system: tuple[ContactSystem, RigidMotions] | None = None
-        self._system_with_springs: ContactSystem | None = None
+        self._systems = _CachedSystems()
+
+    def with_friction(self, pairs: Sequence[ContactPair]) -> "SmallStrainStepping | None":
+        """Return a solver with other friction that shares systems and factors; collective.
+
+        The result is None if the interface of two bodies has to be built anew.
+
+        Args:
+            pairs: pairs that differ from those of this solver in their friction only.
+        """
+        interface = build_interface_with_other_friction(self.interface, pairs)
+        if interface is None:
+            return None
+        changed = copy(self)
+        changed.interface = interface
+        changed._pairs_with_slip_warning = set()
+        return changed
+
+    def with_stiffness(self, K: PETSc.Mat) -> "SmallStrainStepping | None":
+        """Return a solver with another stiffness that shares the interface; collective.
+
+        The result is None if the interface has to be built anew, because it depends on scaled
+        pressures, or because the stiffness has been assembled in another way.
+
+        Args:
+            K: stiffness (n, n) with the rows and columns of this solver's stiffness.
+        """
+        record, own_record = read_record(K), read_record(self._K)
+        is_assembled_alike = record.form is None or (
+            record.stress_states == own_record.stress_states
+            and record.sibling is own_record.sibling
+        )
+        if not (self.interface.field.is_whole_space and is_assembled_alike):
+            return None
+        changed = copy(self)
+        changed._K, changed._systems = K, _CachedSystems()
+        changed._pairs_with_slip_warning = set()
+        check_stiffness_sign(K, self.interface, _WRONG_STIFFNESS_SIGN_REMEDY)
+        return changed
 
     def step(
         self, state: ContactState, load: PETSc.Vec, motions: Sequence[Motion | None]
@@ -490,9 +544,12 @@ class SmallStrainStepping:
         springs.assemble()
         K = to_aij(self._K).copy()
         add_scaled(K, 1.0, springs)
-        if self._system_with_springs is None:
-            self._system_with_springs = self._make_contact_system(K, free_motions)
-        system = self._system_with_springs
+        systems = self._systems
+        if systems.with_springs is None:
+            systems.with_springs = self._make_contact_system(K, free_motions)
+        elif systems.with_springs.interface is not interface:
+            systems.with_springs = systems.with_springs.with_interface(interface)
+        system = systems.with_springs
         system.update_stiffness_and_free_motion_springs(
             K, np.array([pair_stiffness[pair] for pair, _ in free_motions])
         )
@@ -584,15 +641,16 @@ class SmallStrainStepping:
     ) -> SolveCountAndReport:
         """Return the total cost since `cost_before` of the systems with and without springs."""
         system, _ = self._cached_system_and_rigid_motions(free_motions)
-        with_springs = self._system_with_springs
+        with_springs = self._systems.with_springs
         systems = [system] if with_springs is None else [system, with_springs]
         return measure_cost(systems, cost_before)
 
     def release(self) -> None:
         """Free the memory of the solver."""
-        if self._system is not None:
-            self._system[0].tangent.release()
-            self._system = self._system_with_springs = None
+        systems = self._systems
+        if systems.system is not None:
+            systems.system.tangent.release()
+            systems.system = systems.rigid = systems.with_springs = None
 
     def _cached_system_and_rigid_motions(
         self, free_motions: FreeMotionIndices
@@ -601,11 +659,16 @@ class SmallStrainStepping:
 
         Only the last result is cached, for calls with the same free motions.
         """
-        if self._system is None or self._system[0].free_motions != free_motions:
+        systems = self._systems
+        system, rigid = systems.system, systems.rigid
+        if system is None or rigid is None or system.free_motions != free_motions:
             self.release()
             system = self._make_contact_system(self._K, free_motions)
-            self._system = system, RigidMotions(system, self._K, self.space)
-        return self._system
+            rigid = RigidMotions(system, self._K, self.space)
+        elif system.interface is not self.interface:
+            system = system.with_interface(self.interface)
+        systems.system, systems.rigid = system, rigid
+        return system, rigid
 
     def _make_contact_system(self, K: PETSc.Mat, free_motions: FreeMotionIndices) -> ContactSystem:
         interface = self.interface

@@ -9,6 +9,7 @@ equation contains the force of at most one component of one contact point.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
 from typing import Protocol, TypeAlias
 
@@ -232,6 +233,15 @@ class ContactSystem:
         self.tangent = AssembledTangent(
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
         )
+
+    def with_interface(self, interface: ContactInterface) -> "ContactSystem":
+        """Return the system with an interface that differs in friction only.
+
+        Matrices, factors and tangent are shared.
+        """
+        changed = copy(self)
+        changed.interface = interface
+        return changed
 
     def _assemble_contact_force_rows_contact_rows_and_matrix(
         self,
