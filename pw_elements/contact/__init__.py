@@ -46,7 +46,12 @@ from pw_elements.contact.model import (
 from pw_elements.contact.model.friction import Coulomb
 from pw_elements.contact.nodes import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.output import ContactFields, plot, write
-from pw_elements.contact.steps import ContactProblem, solve_contact, solve_impact
+from pw_elements.contact.steps import (
+    ContactProblem,
+    solve_contact,
+    solve_for_values,
+    solve_impact,
+)
 
 __all__ = [
     "HELD",
@@ -72,6 +77,7 @@ __all__ = [
     "SurfacePassed",
     "plot",
     "solve_contact",
+    "solve_for_values",
     "solve_impact",
     "write",
 ]

@@ -11,5 +11,5 @@ from pw_elements.contact.output.identity import (
 )
 from pw_elements.contact.output.pictures import plot
 from pw_elements.contact.output.progress import Progress, ProgressCallback, ProgressReporter
-from pw_elements.contact.output.storage import read_state, write_state
+from pw_elements.contact.output.storage import check_and_convert_path, read_state, write_state
 from pw_elements.contact.output.time_series import write

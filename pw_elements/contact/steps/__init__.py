@@ -2,3 +2,4 @@
 
 from pw_elements.contact.steps.impact import Energies, ImpactHistory, PairHistory, solve_impact
 from pw_elements.contact.steps.problem import ContactProblem, solve_contact
+from pw_elements.contact.steps.series import solve_for_values
