@@ -195,9 +195,7 @@ def _evaluate_friction_of_each_pair(
     cones = []
     for k, (pair, x) in enumerate(zip(pairs, positions, strict=True)):
         name = f"the friction of contact pair {k}"
-        parameter = _evaluate_user_function_at_gathered_points(
-            comm, name, pair.law.parameter_at, x
-        )
+        parameter = _evaluate_user_function_at_gathered_points(comm, name, pair.law.parameter_at, x)
         cones.append(FrictionCone([pair.law], [parameter]))
     return cones
 

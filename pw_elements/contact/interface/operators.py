@@ -375,7 +375,7 @@ class ContactInterface:
 
     def gather_values(self, values: npt.NDArray) -> npt.NDArray:
         """Return the concatenated values (k, ...) of all processes in rank order; collective."""
-        return np.concatenate(self.comm.allgather(values))
+        return np.concatenate([values] if self.comm.size == 1 else self.comm.allgather(values))
 
     def gather_pair_in_position_order(self, pair_index: int, values: npt.NDArray) -> npt.NDArray:
         """Gather the values at the points of one pair from all processes; collective.
@@ -402,7 +402,8 @@ class ContactInterface:
         Returns:
             For each pair, arrays (k, ...) at its points of all processes, by name.
         """
-        of_ranks = self.comm.allgather((self.pair, dict(values)))
+        own_part = self.pair, dict(values)
+        of_ranks = [own_part] if self.comm.size == 1 else self.comm.allgather(own_part)
         return [
             {
                 name: np.concatenate([part[name][pair == k] for pair, part in of_ranks])[order]

@@ -19,6 +19,7 @@ slopes of limits are also compared with finite differences. Only
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -130,12 +131,11 @@ class FrictionCone:
         error and `errors` is a list, the error is added to `errors`, and all limits are NaN.
         """
         try:
-            parts = np.split(
-                normal_force, np.cumsum([len(parameter) for parameter in self.parameters])[:-1]
-            )
-            pairs = zip(self.laws, self.parameters, parts, strict=True)
             limits_and_slopes = [
-                self._evaluate_law(law, parameter, part) for law, parameter, part in pairs
+                self._evaluate_law(law, parameter, normal_force[rows])
+                for law, parameter, rows in zip(
+                    self.laws, self.parameters, self._rows_of_each_law, strict=True
+                )
             ]
         except BaseException as error:
             if self.errors is None:
@@ -144,6 +144,11 @@ class FrictionCone:
             return np.full(len(normal_force), np.nan), np.zeros(len(normal_force))
         limits, slopes = zip(*limits_and_slopes, strict=True)
         return np.concatenate(limits), np.concatenate(slopes)
+
+    @cached_property
+    def _rows_of_each_law(self) -> list[slice]:
+        ends = np.cumsum([0, *(len(parameter) for parameter in self.parameters)])
+        return [slice(*pair_rows) for pair_rows in pairwise(ends)]
 
     @staticmethod
     def _evaluate_law(law: Friction, parameter: Array, normal_force: Array) -> tuple[Array, Array]:

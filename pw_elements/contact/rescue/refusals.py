@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from petsc4py import PETSc
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
@@ -248,7 +248,7 @@ def find_unresisted_motion_of_most_work(
     rows = [nodes.friction_cone_cut_rows(np.tile(d, (len(nodes.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_MAX_CUTTING_PLANE_ROUNDS):
         cuts = np.unique(np.vstack(rows), axis=0)
-        best = linprog(
+        best = scipy.optimize.linprog(
             costs,
             A_ub=np.hstack([-cuts, cuts]),
             b_ub=np.zeros(len(cuts)),

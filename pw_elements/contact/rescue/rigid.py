@@ -8,15 +8,16 @@ strains: rotations are linearised about the undeformed positions.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from dolfinx import fem
 from scipy.linalg import qr
-from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
@@ -266,10 +267,16 @@ class RigidMotions:
         that touches a surface without force stops only motions into this surface. The list is empty
         if all motions of loose pieces are stopped.
         """
+        if self._supports_hold_all_motions:
+            return []
         comm, (m, dim, _) = self._system.comm, nodes.frame.shape
         is_pressed = nodes.force[:, 0] > force_tolerance
-        at_pressed = sp.diags_array(np.repeat(is_pressed.astype(float), dim)) @ abs(
-            self._relative_motions
+        # rows of nodes without force become zero
+        is_pressed_row = np.repeat(is_pressed.astype(float), dim)
+        at_pressed = (
+            is_pressed_row[:, None] * np.abs(self._relative_motions)
+            if isinstance(self._relative_motions, np.ndarray)
+            else sp.diags_array(is_pressed_row) @ abs(self._relative_motions)
         )
         is_held = comm.allreduce(np.asarray(at_pressed.sum(axis=0)).ravel(), MPI.SUM) > 0
         is_held[self.modes.n_piece_modes :] = True
@@ -344,6 +351,8 @@ class RigidMotions:
 
         `frame` (m, dim, dim) are the frames of the contact nodes.
         """
+        if self._supports_hold_all_motions:
+            return np.zeros((0, self.modes.n_modes))
         m, dim = frame.shape[:2]
         constraints, motions = (
             assemble_active_set_equations(active, np.ones(m))[1] @ frame,
@@ -359,6 +368,12 @@ class RigidMotions:
         return null_space_basis(
             [self._support_rows, contact_rows], _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION
         )
+
+    @cached_property
+    def _supports_hold_all_motions(self) -> bool:
+        """Whether no motion is free even without contact; contact leaves no others free."""
+        free = null_space_basis([self._support_rows], _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION)
+        return len(free) == 0
 
     def _reduced_columns_of_displacements(self) -> Indices:
         """Return the index of the reduced unknown that equals each displacement of this process.
@@ -438,7 +453,7 @@ def find_motion_closing_no_gap(opening_rates: Array) -> Array | None:
     """
     k = opening_rates.shape[1]
     for direction in (*np.eye(k), *-np.eye(k)):
-        best = linprog(
+        best = scipy.optimize.linprog(
             -direction, A_ub=-opening_rates, b_ub=np.zeros(len(opening_rates)), bounds=(-1, 1)
         )
         if best.success and best.x @ direction > NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO:

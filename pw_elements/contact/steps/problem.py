@@ -589,7 +589,11 @@ class _ResidualProblem(ContactProblem):
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
 
-    def _change_stepping(self, stiffness: PETSc.Mat | None, has_other_friction: bool) -> None:
+    def _change_stepping(
+        self,
+        stiffness: PETSc.Mat | None,  # noqa: ARG002
+        has_other_friction: bool,
+    ) -> None:
         if not has_other_friction:
             return
         self._residual_problem.u.x.array[:] = 0.0

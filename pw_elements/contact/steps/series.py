@@ -106,7 +106,10 @@ def solve_for_values(
             outcome = f"{perf_counter() - start_time:.2f} s"
             level = logging.INFO
             if failure is not None:
-                outcome, level = f"no solution, {type(failure).__name__}: {failure}", logging.WARNING
+                outcome, level = (
+                    f"no solution, {type(failure).__name__}: {failure}",
+                    logging.WARNING,
+                )
             message = f"{label} ({len(rows)} of {len(value_list)}): {outcome}"
             log_on_root(comm, level, message, ".contact")
     except BaseException:
@@ -164,9 +167,7 @@ def _solve_for_value(
         return None, failure
     result_names[:] = list(results)
     row: Array = np.array(list(results.values()), dtype=float)
-    check_same_values(
-        comm, {f"the result at {label}": row}, MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS
-    )
+    check_same_values(comm, {f"the result at {label}": row}, MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS)
     return comm.bcast(row), None
 
 
@@ -227,10 +228,10 @@ def _write_table(
     writer.writerow([name, *result_names, _FAILURE_COLUMN])
     for value, row, failure in zip(values, rows, failures, strict=False):
         numbers = [float("nan")] * len(result_names) if row is None else row.tolist()
-        writer.writerow([value, *numbers, "" if failure is None else " ".join(str(failure).split())])
-    replace_file_atomically(
-        path, text.getvalue().encode(), partial(_is_table_of_parameter, name)
-    )
+        writer.writerow(
+            [value, *numbers, "" if failure is None else " ".join(str(failure).split())]
+        )
+    replace_file_atomically(path, text.getvalue().encode(), partial(_is_table_of_parameter, name))
 
 
 def _is_table_of_parameter(name: str, path: Path) -> bool:

@@ -383,7 +383,7 @@ def measure_residuals_and_allowances(
     )
     values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / scales.force)
     force_round_off = float(comm.allreduce(allowances["tension"].max(initial=0.0), MPI.MAX))
-    transfer_round_off = _max_over_ranks_or_inf_if_nan(
+    (transfer_round_off,) = _max_over_ranks_or_inf_if_nan(
         comm, kinematics.transfer_error * np.linalg.norm(force, axis=1)
     )
     allowances["equilibrium"] = np.atleast_1d(
@@ -398,14 +398,13 @@ def measure_residuals_and_allowances(
         compute_torques=compute_torques,
         force_round_off=force_round_off,
     )
+    names = list(vars(Residuals()))
+    largest = _max_over_ranks_or_inf_if_nan(
+        comm, *(by_name[name] for by_name in (values, allowances) for name in names)
+    )
     residuals, allowance = (
-        Residuals(
-            **{
-                name: _max_over_ranks_or_inf_if_nan(comm, by_name[name])
-                for name in vars(Residuals())
-            }
-        )
-        for by_name in (values, allowances)
+        Residuals(**dict(zip(names, numbers, strict=True)))
+        for numbers in (largest[: len(names)], largest[len(names) :])
     )
     return residuals, allowance
 
@@ -451,7 +450,7 @@ def _measure_law_residuals_and_allowances(
     force_size = np.linalg.norm(force, axis=1)
     force_round_off = c * length_round_off + kinematics.noise * force_size
     force_round_off = (
-        np.full(len(c), _max_over_ranks_or_inf_if_nan(interface.comm, force_round_off)) / F
+        np.full(len(c), _max_over_ranks_or_inf_if_nan(interface.comm, force_round_off)[0]) / F
     )
     # forces are exact to the tolerance; lengths, to the tolerance of forces divided by stiffness
     length_round_off = length_round_off / L + np.divide(
@@ -502,7 +501,7 @@ def _measure_balance_residuals_and_allowances(
             ]
             arms = np.linalg.norm(unit_torques, axis=0)
         sum_of_forces = comm.allreduce(float(forces.sum()), MPI.SUM)
-        arm = max(_max_over_ranks_or_inf_if_nan(comm, arms), np.finfo(float).tiny)
+        arm = max(*_max_over_ranks_or_inf_if_nan(comm, arms), np.finfo(float).tiny)
         n_nodes = comm.allreduce(int(np.sum(in_pair)), MPI.SUM)
         values[number] = abs(sum_of_forces - total) / (scales.force * arm)
         allowances[number] = force_round_off * np.sqrt(n_nodes)
@@ -542,6 +541,9 @@ def _contact_node_motions(interface: ContactInterface, unknowns: PETSc.Vec) -> A
     return np.array((interface.motion * unknowns).array_r.reshape(interface.position.shape))
 
 
-def _max_over_ranks_or_inf_if_nan(comm: MPI.Comm, values: Array) -> float:
-    values = np.where(np.isnan(values), np.inf, values)
-    return float(comm.allreduce(values.max(initial=0.0), MPI.MAX))
+def _max_over_ranks_or_inf_if_nan(comm: MPI.Comm, *arrays: Array) -> list[float]:
+    """Return the largest value of each array on all processes, at least 0, or infinity for NaN."""
+    largest = np.array([values.max(initial=0.0) for values in arrays])  # NaN if a value is NaN
+    largest[np.isnan(largest)] = np.inf
+    comm.Allreduce(MPI.IN_PLACE, largest, MPI.MAX)
+    return [float(value) for value in largest]
