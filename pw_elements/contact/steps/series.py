@@ -83,7 +83,7 @@ def solve_for_values(
     """
     with raise_errors_on_all_processes(comm):
         arguments.check_type("the name of the parameter", name, str, "it has to be a text")
-        value_list = arguments.check_vector(f"the values of {name}", values).tolist()
+        value_list = [float(v) for v in arguments.check_vector(f"the values of {name}", values)]
         if not arguments.is_user_function(solve):
             raise TypeError(
                 f"solve is {arguments.describe_value_or_type(solve)}: it has to be a function that "
@@ -227,7 +227,7 @@ def _write_table(
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([name, *result_names, _FAILURE_COLUMN])
     for value, row, failure in zip(values, rows, failures, strict=False):
-        numbers = [float("nan")] * len(result_names) if row is None else row.tolist()
+        numbers = [np.nan] * len(result_names) if row is None else [float(x) for x in row]
         writer.writerow(
             [value, *numbers, "" if failure is None else " ".join(str(failure).split())]
         )
