@@ -142,6 +142,10 @@ def make_valid_collective_calls(comm):
             {"states": [problem.undeformed, state], "outputs": [("force", 0, 1)]}
             | {"parameters": [(w.load, [0.0, 1.0])], "loads": [w.load], "weights": [[1.0]]},
         ),
+        "ContactProblem.with_changes": (
+            problem.with_changes,
+            {"friction": 0.2, "stiffness": w.K},
+        ),
         "ContactProblem.save": (problem.save, {"state": state, "path": "/nowhere/state.npz"}),
         "ContactProblem.load": (problem.load, {"path": "/nowhere/state.npz"}),
         "ContactProblem.release": (problem.release, {}),
@@ -263,6 +267,11 @@ def make_valid_collective_calls(comm):
         "solve_contact": (
             pw_elements.contact.solve_contact,
             contact_arguments | option_arguments | {"loads": [w.load], "callback": None},
+        ),
+        "solve_for_values": (
+            pw_elements.contact.solve_for_values,
+            {"name": "mu", "values": [0.1, 0.2], "solve": lambda mu: {"result": 2 * mu}}
+            | {"path": "/nowhere/table.csv", "comm": comm},
         ),
         "solve_impact": (
             pw_elements.contact.solve_impact,
