@@ -21,8 +21,8 @@ from pw_elements.contact import (
     SurfacePassed,
 )
 from pw_elements.contact.interface import BoundaryFacets, SlidingMortar
+from pw_elements.contact.rescue.smallness import warn_if_slip_and_path_slip_differ
 from pw_elements.contact.steps import finite
-from pw_elements.contact.steps.smallness import warn_if_slip_and_path_slip_differ
 from tests.contact.cases import on_plane, rotation_matrix
 from tests.contact.sliding import (
     DIE_TOP_TRANSLATIONS,

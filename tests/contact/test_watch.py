@@ -23,7 +23,7 @@ from pw_elements.contact import (
     SurfacePassed,
 )
 from pw_elements.contact.model import SmallDisplacementMeasures
-from pw_elements.contact.steps.smallness import (
+from pw_elements.contact.rescue.smallness import (
     gradient_at_vertices,
     measure_max_strain_and_rotation,
 )

@@ -1,4 +1,4 @@
-"""Alternative methods after a failed iteration, and proofs that there is no solution."""
+"""Alternative methods after a failed iteration, proofs and checks of what has no solution."""
 
 from pw_elements.contact.rescue.passing import (
     interpolate_placements_and_path,
@@ -17,6 +17,13 @@ from pw_elements.contact.rescue.refusals import (
     solve_with_softening_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions
+from pw_elements.contact.rescue.smallness import (
+    SmallDisplacementAndSurfacePassingCheck,
+    gradient_at_vertices,
+    measure_max_strain_and_rotation,
+    warn_if_no_longer_small,
+    warn_if_slip_and_path_slip_differ,
+)
 from pw_elements.contact.rescue.substeps import (
     combine_substeps_with_summed_slip,
     count_equal_nearly_straight_segments,

@@ -87,9 +87,9 @@ from pw_elements.contact.rescue import (
     raise_if_tools_reach_or_pass_supports,
     round_up_to_power_of_two,
     solve_in_substeps,
+    warn_if_slip_and_path_slip_differ,
 )
 from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
-from pw_elements.contact.steps.smallness import warn_if_slip_and_path_slip_differ
 from pw_elements.contact.steps.verification import (
     VerificationScales,
     check_stiffness_sign,

@@ -35,7 +35,9 @@ from pw_elements.contact.interface import (
     build_interface,
     find_reduced_column_of_each_unknown,
 )
-from pw_elements.contact.iteration import make_pair_states
+from pw_elements.contact.iteration import (
+    make_pair_states,
+)
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,
@@ -44,16 +46,16 @@ from pw_elements.contact.model import (
     SmallDisplacementMeasures,
 )
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
-from pw_elements.contact.steps.checks import (
-    SurfacePathInTime,
-    check_contact_arguments,
-    check_impact_and_list_surface_paths,
-)
-from pw_elements.contact.steps.smallness import (
+from pw_elements.contact.rescue import (
     SmallDisplacementAndSurfacePassingCheck,
     gradient_at_vertices,
     measure_max_strain_and_rotation,
     warn_if_no_longer_small,
+)
+from pw_elements.contact.steps.checks import (
+    SurfacePathInTime,
+    check_contact_arguments,
+    check_impact_and_list_surface_paths,
 )
 from pw_elements.progress import report_activity
 from pw_elements.solvers import is_stored_in_blocks

@@ -69,18 +69,16 @@ from pw_elements.contact.nodes import (
 from pw_elements.contact.output import ProgressCallback, ProgressReporter
 from pw_elements.contact.rescue import (
     RigidMotions,
+    SmallDisplacementAndSurfacePassingCheck,
     combine_substeps_with_summed_slip,
     prove_no_equilibrium,
     raise_if_body_is_loose,
     rescue_increment,
     solve_in_substeps,
     solve_with_softening_springs,
-)
-from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
-from pw_elements.contact.steps.smallness import (
-    SmallDisplacementAndSurfacePassingCheck,
     warn_if_slip_and_path_slip_differ,
 )
+from pw_elements.contact.steps.sensitivity import EquationsLinearisedAtEnd, IncrementOrSubstep
 from pw_elements.contact.steps.verification import (
     VerificationScales,
     check_stiffness_sign,
