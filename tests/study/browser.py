@@ -22,12 +22,17 @@ BROWSER_FLAGS = (
 PAGE_STATE_SCRIPT = """return (async () => {
   const images = [...document.images]
   images.forEach(image => image.loading = 'eager')
+  const scrolls = element => element !== null
+    && (['auto', 'scroll'].includes(getComputedStyle(element).overflowX)
+      || scrolls(element.parentElement))
   await Promise.allSettled(images.map(image => image.decode()))
   return {
     images: images.length,
     broken: images.filter(image => !image.complete || image.naturalWidth == 0).map(i => i.alt),
     width: innerWidth,
     scrollWidth: document.scrollingElement.scrollWidth,
+    cutTables: [...document.querySelectorAll('table')].filter(table =>
+      table.getBoundingClientRect().right > innerWidth && !scrolls(table)).length,
     unknown: [...document.links].filter(link => link.hash.length > 1
       && link.origin + link.pathname == location.origin + location.pathname
       && !document.getElementById(decodeURIComponent(link.hash.slice(1)))).map(link => link.hash)
@@ -38,6 +43,7 @@ PAGE_BODIES_BY_FAULT = {
     "image does not load": '<img src="data:image/png;base64,AAAA" alt="x">',
     "console-api: ": "<script>console.error('failed')</script>",
     "javascript: ": "<script>nothing.at.all</script>",
+    "table cannot be scrolled": '<div style="overflow: hidden"><table style="width: 2000px">',
     "wider than the window": '<div style="width: 2000px">x</div>',
     "link to nowhere": '<a href="#nowhere">x</a>',
 }
@@ -78,6 +84,8 @@ def find_page_faults(browser, url, width):
         messages.append(f"the window is {page_state['width']} wide, not {width}")
     if page_state["scrollWidth"] > page_state["width"]:
         messages.append(f"wider than the window: {page_state['scrollWidth']} pixels")
+    if page_state["cutTables"]:
+        messages.append(f"table cannot be scrolled: {page_state['cutTables']} of the page")
     error_entries = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
     return messages + [f"{entry['source']}: {entry['message']}" for entry in error_entries]
 

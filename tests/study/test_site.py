@@ -199,6 +199,16 @@ def test_evidence_pages_render_without_missing_content_and_have_verdicts():
         pytest.skip(f"results are incomplete: {sheets.missing_content[0]}")
     assert all("\n## Verdicts\n" in page for page in pages[:-1])
     assert "What to use, by purpose" in sheets.render_table_of_recommended_methods()
+    home_findings = sheets.render_findings()
+    assert "24 are reproduced" in home_findings
+    links = set(re.findall(r'href="([^"]+)"', home_findings))
+    assert {"evidence/claims.html", "evidence/facts.html", "evidence/7.6.html"} <= links
+    assert all(link.startswith("evidence/") for link in links)
+
+
+def test_home_page_has_one_place_for_the_findings():
+    home_page = (ROOT / "docs" / "index.md").read_text("utf-8")
+    assert len(evidence._FINDINGS_MARK.findall(home_page)) == 1
 
 
 def test_mathematics_of_statements_is_typeset():

@@ -47,6 +47,9 @@ SECTION_GROUPS = {
 }
 
 
+# Comment on the home page that the findings replace
+_FINDINGS_MARK = re.compile(r"<!-- findings\b.*?-->", re.DOTALL)
+
 # Sections of the paper whose statements a sheet judges, if they differ from its own section
 JUDGED_PAPER_SECTIONS = {"I": ("1",), "3": ("3", "4", "6")}
 # Texts of the report that summarise the study, with their headings
@@ -98,6 +101,13 @@ def write_evidence_pages(results: Results, source_folder: Path) -> list[str]:
     (pages_folder / "index.md").write_text(
         sheet_renderer.render_index_of_sheets(sections), encoding="utf-8"
     )
+    home_page = source_folder / "index.md"
+    home_text, n_marks = _FINDINGS_MARK.subn(
+        lambda _: sheet_renderer.render_findings(), home_page.read_text("utf-8")
+    )
+    if n_marks != 1:
+        raise StudyError(f"docs/index.md has {n_marks} comments <!-- findings ... -->, not one")
+    home_page.write_text(home_text, encoding="utf-8")
     which_way_page = source_folder / "which-way.md"
     which_way_page.write_text(
         which_way_page.read_text("utf-8")
@@ -326,6 +336,10 @@ class _SitePageRenderer(TextRenderer):
         toctree = "\n".join(["paper", "claims", "facts", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{toctree}\n```")
         return "\n\n".join(parts) + "\n"
+
+    def render_findings(self) -> str:
+        """Render the summary of findings, for a page outside the folder of the evidence."""
+        return self._render_body("index", "findings").replace('href="', 'href="evidence/')
 
     def render_table_of_recommended_methods(self) -> str:
         """Render the table that recommends a method for each type of problem.
